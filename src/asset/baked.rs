@@ -1,0 +1,89 @@
+//! A baked scene in memory: plain arrays in the layout that the kernels read.
+//!
+//! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the first
+//! `sender_levels` levels are the senders: sender j is point j.
+
+use crate::basis::Weights;
+use crate::samples::{HashedGrid, Point};
+use crate::scene::Bvh;
+use crate::transport::{BounceOperator, Operator};
+use bytemuck::{Pod, Zeroable};
+
+/// The material at a point, and how much of the sky it sees. 48 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PointSurface {
+    /// Diffuse reflectance, linear RGB.
+    pub albedo: [f32; 3],
+    /// Not used.
+    pub pad0: f32,
+    /// Emitted radiosity M, W/m².
+    pub emission: [f32; 3],
+    /// Not used.
+    pub pad1: f32,
+    /// (1/π) ∫ ω dω over the directions that meet nothing: the irradiance of a uniform sky is π L (v·n).
+    pub sky: [f32; 3],
+    /// Not used.
+    pub pad2: f32,
+}
+
+/// The flat display basis ([L08] §4.1 "Flattening"): the same points, one level, one radius.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Display {
+    /// Radius of every function, metres (each point's `radius` says the same).
+    pub radius: f32,
+    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes` points here.
+    pub planes: Vec<[f32; 4]>,
+    /// Which functions may cover a place.
+    pub grid: HashedGrid,
+}
+
+/// Everything that a frame reads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakedScene {
+    /// All points, level after level, coarse first. `radius` and `planes` are those of the display basis.
+    pub points: Vec<Point>,
+    /// One surface a point.
+    pub surfaces: Vec<PointSurface>,
+    /// Where each level starts, and the end of the last.
+    pub level_starts: Vec<u32>,
+    /// How many of the levels, from the coarsest, are senders.
+    pub sender_levels: u32,
+    /// Row k (a sender): which points of the next level its value is the mean of, with weights that sum to one. An
+    /// empty row (and a sender on the finest level of all) keeps its own sample. One row a sender.
+    pub pull: Weights,
+    /// Row i (a point): the coarser functions that cover it. For [`SenderForm::Averages`](crate::transport::SenderForm)
+    /// those of the nearest coarser level that covers it, weights that sum to one; for `Differences` those of all coarser
+    /// levels, weights that sum to one per level ([L08] Eq. (17) "all-parents"). Empty on the coarsest level.
+    pub parents: Weights,
+    /// The one-bounce operator.
+    pub operator: Operator,
+    /// Baked further bounces, where the recipe asked for them.
+    pub bounces: Option<BounceOperator>,
+    /// The display basis.
+    pub display: Display,
+    /// What casts shadows.
+    pub bvh: Bvh,
+    /// What it was made from, how, and how wrong it is.
+    pub info: super::BakeInfo,
+}
+
+impl BakedScene {
+    /// How many levels.
+    #[must_use]
+    pub fn levels(&self) -> usize {
+        self.level_starts.len() - 1
+    }
+
+    /// The points of level `l`.
+    #[must_use]
+    pub fn level(&self, l: usize) -> std::ops::Range<usize> {
+        self.level_starts[l] as usize..self.level_starts[l + 1] as usize
+    }
+
+    /// How many senders, the sky not counted.
+    #[must_use]
+    pub fn senders(&self) -> usize {
+        self.level_starts[self.sender_levels as usize] as usize
+    }
+}

@@ -1,0 +1,31 @@
+//! What a bake was made from and how wrong it is: everything here is the same for the same input on any machine.
+
+use serde::{Deserialize, Serialize};
+
+/// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal bytes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BakeInfo {
+    /// Version of this crate that baked it.
+    pub version: String,
+    /// BLAKE3, as hex, of everything the bake depended on: geometry, recipe and version. A different one means that the
+    /// bake is stale.
+    pub fingerprint: String,
+    /// The recipe with every default filled in, as RON.
+    pub recipe: String,
+    /// Triangles (or other primitives) of the source.
+    pub triangles: u64,
+    /// Rays cast by the bake.
+    pub rays: u64,
+    /// Box around the geometry, metres: smallest and largest corner.
+    pub bounds: [[f32; 3]; 2],
+    /// Where the importance particles started, metres.
+    pub viewpoints: Vec<[f32; 3]>,
+    /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface points for random lights.
+    pub estimated_nrmse: f32,
+    /// Largest error that packing put on a link, relative to the largest link of its row.
+    pub link_error: f32,
+    /// Share of the gathered light that met a surface which no sender covers.
+    pub uncovered: f32,
+    /// Largest row sum of |F·n| over all points: below 1 the bounces cannot gain energy.
+    pub largest_row_sum: f32,
+}

@@ -1,0 +1,55 @@
+//! Sparse interpolation weights: rows of (index, weight). Parents and pull both are such rows.
+
+use bytemuck::{Pod, Zeroable};
+
+/// One weight of a row. 8 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct WeightEntry {
+    /// Which point.
+    pub index: u32,
+    /// Its normalised weight, dimensionless.
+    pub weight: f32,
+}
+
+/// Compressed sparse rows of weights. Row `i` is `entries[starts[i]..starts[i + 1]]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Weights {
+    /// Where each row starts, and the end of the last: one more than there are rows.
+    pub starts: Vec<u32>,
+    /// All rows behind one another.
+    pub entries: Vec<WeightEntry>,
+}
+
+impl Weights {
+    /// Rows from lists, in order.
+    pub fn from_rows<R: IntoIterator<Item = WeightEntry>>(rows: impl IntoIterator<Item = R>) -> Self {
+        let mut out = Self {
+            starts: vec![0],
+            entries: Vec::new(),
+        };
+        for row in rows {
+            out.entries.extend(row);
+            out.starts.push(out.entries.len() as u32);
+        }
+        out
+    }
+
+    /// How many rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    /// True without rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Row `i`.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[WeightEntry] {
+        &self.entries[self.starts[i] as usize..self.starts[i + 1] as usize]
+    }
+}

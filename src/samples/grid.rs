@@ -1,0 +1,175 @@
+//! A flat hashed grid: which functions cover a place. One look-up is one hash and one contiguous list; the arrays are
+//! the GPU's own layout, so that a kernel and its CPU twin walk the same bytes (design: no R-tree, [L08] §2.1
+//! "Efficient Reconstruction" replaced).
+//!
+//! Built from boxes: each box is entered in every cell that it touches. An entry list starts with its length.
+
+use crate::scene::Bounds;
+use bytemuck::{Pod, Zeroable};
+use glam::{IVec3, Vec3};
+
+/// One slot of the hash table: the cell it holds and where the cell's list starts. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct GridSlot {
+    /// Integer coordinates of the cell.
+    pub cell: [i32; 3],
+    /// Index into `entries` of the list's length, which the list follows; [`GridSlot::EMPTY`] for a free slot.
+    pub start: u32,
+}
+
+impl GridSlot {
+    /// `start` of a slot that holds no cell.
+    pub const EMPTY: u32 = u32::MAX;
+}
+
+/// A hashed grid over boxes. Cells are cubes of `cell_size` metres; cell = floor(p / cell_size).
+#[derive(Clone, Debug, PartialEq)]
+pub struct HashedGrid {
+    /// Edge of a cell, metres.
+    pub cell_size: f32,
+    /// Hash table, a power of two long, at most half full, linear probing.
+    pub slots: Vec<GridSlot>,
+    /// The lists: length, then indices in ascending order.
+    pub entries: Vec<u32>,
+}
+
+impl HashedGrid {
+    /// The hash of a cell. The shader has the same function.
+    #[must_use]
+    pub fn hash(cell: IVec3) -> u32 {
+        let mut h = (cell.x as u32)
+            .wrapping_mul(0x8da6_b343)
+            .wrapping_add((cell.y as u32).wrapping_mul(0xd816_3841))
+            .wrapping_add((cell.z as u32).wrapping_mul(0xcb1a_b31f));
+        h ^= h >> 16;
+        h = h.wrapping_mul(0x7feb_352d);
+        h ^= h >> 15;
+        h
+    }
+
+    /// The cell that holds `p` for cells of `cell_size`. Coordinates beyond 2³⁰ cells saturate.
+    #[must_use]
+    pub fn cell(p: Vec3, cell_size: f32) -> IVec3 {
+        const LIMIT: f32 = 1_073_741_824.0;
+        (p / cell_size).floor().clamp(Vec3::splat(-LIMIT), Vec3::splat(LIMIT)).as_ivec3()
+    }
+
+    /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it touches. Empty or
+    /// non-finite boxes are left out. `cell_size` should be about the size of a box.
+    #[must_use]
+    pub fn build(count: usize, cell_size: f32, bounds: impl Fn(usize) -> Bounds) -> Self {
+        let cells_of = |i: usize| {
+            let b = bounds(i);
+            let ok = b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
+            let (lo, hi) = if ok {
+                (Self::cell(b.min, cell_size), Self::cell(b.max, cell_size))
+            } else {
+                (IVec3::ONE, IVec3::ZERO)
+            };
+            (lo.z..=hi.z).flat_map(move |z| {
+                (lo.y..=hi.y).flat_map(move |y| (lo.x..=hi.x).map(move |x| IVec3::new(x, y, z)))
+            })
+        };
+        let mut pairs: Vec<([i32; 3], u32)> = (0..count)
+            .flat_map(|i| cells_of(i).map(move |c| (c.to_array(), i as u32)))
+            .collect();
+        pairs.sort_unstable();
+        let cells = pairs.chunk_by(|a, b| a.0 == b.0).count();
+        let table = (2 * cells).next_power_of_two().max(2);
+        let mut slots = vec![
+            GridSlot {
+                cell: [0; 3],
+                start: GridSlot::EMPTY
+            };
+            table
+        ];
+        let mut entries = Vec::with_capacity(pairs.len() + cells);
+        for list in pairs.chunk_by(|a, b| a.0 == b.0) {
+            let mut at = Self::hash(list[0].0.into()) as usize & (table - 1);
+            while slots[at].start != GridSlot::EMPTY {
+                at = (at + 1) & (table - 1);
+            }
+            slots[at] = GridSlot {
+                cell: list[0].0,
+                start: entries.len() as u32,
+            };
+            entries.push(list.len() as u32);
+            entries.extend(list.iter().map(|&(_, i)| i));
+        }
+        Self {
+            cell_size,
+            slots,
+            entries,
+        }
+    }
+
+    /// The indices whose boxes touch the cell of `p`, ascending.
+    #[must_use]
+    pub fn near(&self, p: Vec3) -> &[u32] {
+        let cell = Self::cell(p, self.cell_size);
+        let mask = self.slots.len() - 1;
+        let mut at = Self::hash(cell) as usize & mask;
+        loop {
+            let slot = &self.slots[at];
+            if slot.start == GridSlot::EMPTY {
+                return &[];
+            }
+            if slot.cell == cell.to_array() {
+                let start = slot.start as usize;
+                let len = self.entries[start] as usize;
+                return &self.entries[start + 1..start + 1 + len];
+            }
+            at = (at + 1) & mask;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small deterministic cloud; the oracle below is the O(n²) search.
+    fn cloud(n: u32) -> Vec<Vec3> {
+        let unit = |h: u32| (HashedGrid::hash(IVec3::splat(h as i32)) >> 8) as f32 / (1 << 24) as f32;
+        (0..n)
+            .map(|i| Vec3::new(unit(3 * i), unit(3 * i + 1), unit(3 * i + 2)) * 10.0 - 5.0)
+            .collect()
+    }
+
+    #[test]
+    fn near_holds_every_box_that_covers_the_place() {
+        for (n, r, cell) in [(0, 0.5, 0.5), (1, 0.3, 1.0), (300, 0.7, 0.5), (300, 0.2, 1.0)] {
+            let points = cloud(n);
+            let grid = HashedGrid::build(points.len(), cell, |i| Bounds {
+                min: points[i] - r,
+                max: points[i] + r,
+            });
+            for q in cloud(997) {
+                let found = grid.near(q);
+                for (i, p) in points.iter().enumerate() {
+                    let covers = (q - *p).abs().max_element() <= r;
+                    assert!(!covers || found.contains(&(i as u32)), "{i} covers {q} but was not found");
+                }
+                assert!(found.is_sorted());
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_that_are_no_boxes_are_left_out() {
+        let grid = HashedGrid::build(3, 1.0, |i| match i {
+            0 => Bounds::EMPTY,
+            1 => Bounds {
+                min: Vec3::NAN,
+                max: Vec3::ONE,
+            },
+            _ => Bounds {
+                min: Vec3::ZERO,
+                max: Vec3::splat(0.5),
+            },
+        });
+        assert_eq!(grid.near(Vec3::splat(0.25)), &[2]);
+        assert_eq!(grid.near(Vec3::splat(-7.0)), &[] as &[u32]);
+    }
+}

@@ -1,0 +1,127 @@
+//! The one interface between light transport and geometry ([L08] §5.1): cast, occlusion, surface.
+
+use glam::Vec3;
+
+/// An axis-aligned box, in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub min: Vec3,
+    /// Largest corner.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// A box that holds nothing; joining it with anything gives that thing.
+    pub const EMPTY: Self = Self {
+        min: Vec3::INFINITY,
+        max: Vec3::NEG_INFINITY,
+    };
+
+    /// The smallest box that holds `self` and `p`.
+    #[must_use]
+    pub fn join(self, p: Vec3) -> Self {
+        Self {
+            min: self.min.min(p),
+            max: self.max.max(p),
+        }
+    }
+
+    /// Edge lengths in metres; zero where the box is empty.
+    #[must_use]
+    pub fn size(self) -> Vec3 {
+        (self.max - self.min).max(Vec3::ZERO)
+    }
+
+    /// The centre, in metres.
+    #[must_use]
+    pub fn center(self) -> Vec3 {
+        0.5 * (self.min + self.max)
+    }
+}
+
+/// A ray. [`Ray::new`] is the only way to make one: it removes negative zeros from the direction, which the
+/// wide BVH would miss.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, in metres.
+    pub origin: Vec3,
+    /// Unit direction; no component is -0.0.
+    pub direction: Vec3,
+    /// Hits farther than this (metres) do not count.
+    pub max_t: f32,
+}
+
+impl Ray {
+    /// A ray without an end. `direction` must be of unit length.
+    #[must_use]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self::segment(origin, direction, f32::INFINITY)
+    }
+
+    /// A ray that ends after `max_t` metres.
+    #[must_use]
+    pub fn segment(origin: Vec3, direction: Vec3, max_t: f32) -> Self {
+        Self {
+            origin,
+            // Adding +0.0 turns -0.0 into +0.0 and leaves every other value as it is.
+            direction: direction + Vec3::ZERO,
+            max_t,
+        }
+    }
+
+    /// The point at distance `t`.
+    #[must_use]
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.direction * t
+    }
+}
+
+/// Where a ray met a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance along the ray, in metres.
+    pub t: f32,
+    /// Which primitive of the geometry (a triangle's index, a shape's index).
+    pub primitive: u32,
+    /// Barycentric weights of the second and third vertex, or any two surface parameters.
+    pub uv: [f32; 2],
+}
+
+/// The surface at a hit, seen from the side the ray came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Position in metres, as near to the true surface as the representation can say.
+    pub position: Vec3,
+    /// Unit geometric normal on the side the ray came from.
+    pub normal: Vec3,
+    /// Diffuse reflectance, linear RGB, each in [0, 1]. Black on the back of a single-sided material.
+    pub albedo: Vec3,
+    /// Emitted radiosity M = π · radiance, W/m². Black on the back of a single-sided material.
+    pub emission: Vec3,
+    /// True where the ray met the front (the winding's side) of the surface.
+    pub front: bool,
+}
+
+/// What light transport asks of a scene, and all that it asks.
+///
+/// Implementations are pure: the same ray gives the same answer on any thread.
+pub trait Geometry: Sync {
+    /// A box around everything. [`Bounds::EMPTY`] when there is nothing.
+    fn bounds(&self) -> Bounds;
+
+    /// The closest hit with `t` in (0, `ray.max_t`). Cut-out texels are passed through.
+    fn cast(&self, ray: &Ray) -> Option<Hit>;
+
+    /// True when anything lies strictly between `from` and `to`. Callers keep both ends off the surfaces.
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool;
+
+    /// The surface where `ray` met `hit`.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;
+
+    /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
+    fn lift(&self, p: Vec3) -> f32 {
+        let size = self.bounds().size().max_element();
+        (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
+    }
+}
