@@ -23,7 +23,9 @@ pub struct Weights {
 
 impl Weights {
     /// Rows from lists, in order.
-    pub fn from_rows<R: IntoIterator<Item = WeightEntry>>(rows: impl IntoIterator<Item = R>) -> Self {
+    pub fn from_rows<R: IntoIterator<Item = WeightEntry>>(
+        rows: impl IntoIterator<Item = R>,
+    ) -> Self {
         let mut out = Self {
             starts: vec![0],
             entries: Vec::new(),

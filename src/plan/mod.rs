@@ -1,1 +1,27 @@
-//! To come in the next commits.
+//! What this frame's scene calls for: which passes run, for which scene and view, and why (design D9).
+//!
+//! Where it stands: after `bake`, before `gpu` and `plugin`. It knows neither an engine nor a device: a caller describes
+//! the frame in plain words ([`FrameState`]), gets a [`Plan`], and records exactly the passes that the plan lists.
+//!
+//! Rules, and each has a test:
+//!
+//! | the frame | what runs |
+//! |---|---|
+//! | no camera asks, or no baked scene is in view, or its asset is not there | nothing: no buffer, no pipeline |
+//! | a scene is in view for the first time, or was baked again | upload, project every lit slot, transport, display |
+//! | one of eight lights moved | its slots are projected, transport, display |
+//! | a light changed its colour, or the sky or the emission changed | transport, display; nothing is projected |
+//! | all lights at rest | display alone |
+//! | a scene has been out of view for a while | its buffers go |
+//!
+//! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
+
+mod effect;
+mod lights;
+mod pass;
+mod state;
+
+pub use effect::{EFFECTS, Effect, Plan};
+pub use lights::{LightGeometry, SlotLight, SlotTable, Slots};
+pub use pass::{Pass, Reason, Skip, Stage};
+pub use state::{FrameState, SceneId, SceneState, SlotChange, ViewId, ViewState};

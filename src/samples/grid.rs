@@ -52,7 +52,10 @@ impl HashedGrid {
     #[must_use]
     pub fn cell(p: Vec3, cell_size: f32) -> IVec3 {
         const LIMIT: f32 = 1_073_741_824.0;
-        (p / cell_size).floor().clamp(Vec3::splat(-LIMIT), Vec3::splat(LIMIT)).as_ivec3()
+        (p / cell_size)
+            .floor()
+            .clamp(Vec3::splat(-LIMIT), Vec3::splat(LIMIT))
+            .as_ivec3()
     }
 
     /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it touches. Empty or
@@ -131,7 +134,8 @@ mod tests {
 
     /// A small deterministic cloud; the oracle below is the O(n²) search.
     fn cloud(n: u32) -> Vec<Vec3> {
-        let unit = |h: u32| (HashedGrid::hash(IVec3::splat(h as i32)) >> 8) as f32 / (1 << 24) as f32;
+        let unit =
+            |h: u32| (HashedGrid::hash(IVec3::splat(h as i32)) >> 8) as f32 / (1 << 24) as f32;
         (0..n)
             .map(|i| Vec3::new(unit(3 * i), unit(3 * i + 1), unit(3 * i + 2)) * 10.0 - 5.0)
             .collect()
@@ -139,7 +143,12 @@ mod tests {
 
     #[test]
     fn near_holds_every_box_that_covers_the_place() {
-        for (n, r, cell) in [(0, 0.5, 0.5), (1, 0.3, 1.0), (300, 0.7, 0.5), (300, 0.2, 1.0)] {
+        for (n, r, cell) in [
+            (0, 0.5, 0.5),
+            (1, 0.3, 1.0),
+            (300, 0.7, 0.5),
+            (300, 0.2, 1.0),
+        ] {
             let points = cloud(n);
             let grid = HashedGrid::build(points.len(), cell, |i| Bounds {
                 min: points[i] - r,
@@ -149,7 +158,10 @@ mod tests {
                 let found = grid.near(q);
                 for (i, p) in points.iter().enumerate() {
                     let covers = (q - *p).abs().max_element() <= r;
-                    assert!(!covers || found.contains(&(i as u32)), "{i} covers {q} but was not found");
+                    assert!(
+                        !covers || found.contains(&(i as u32)),
+                        "{i} covers {q} but was not found"
+                    );
                 }
                 assert!(found.is_sorted());
             }

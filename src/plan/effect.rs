@@ -1,0 +1,451 @@
+//! The table of effects, and the plan that they make together.
+//!
+//! An effect is a part of the simulation that a scene may or may not call for. It looks at the frame's state and appends
+//! the passes that it needs, each with a reason. Effects run in the order of [`EFFECTS`], so a later one may look at what
+//! the earlier ones decided. To add one (multiresolution splatting, shadows of area lights, point models, dynamic
+//! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
+
+use super::{FrameState, Pass, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewId};
+use std::fmt;
+
+/// A row of the table.
+pub struct Effect {
+    /// Its name, as it appears in [`Pass::effect`].
+    pub name: &'static str,
+    /// What it does, in one sentence.
+    pub summary: &'static str,
+    /// Appends the passes that this frame calls for.
+    pub schedule: fn(&FrameState, &mut Plan),
+}
+
+impl fmt::Debug for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Effect")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Every effect, in the order in which they are asked. The one place where effects register.
+pub const EFFECTS: &[Effect] = &[
+    Effect {
+        name: "residency",
+        summary: "brings a bake that came into view to the device",
+        schedule: residency,
+    },
+    Effect {
+        name: "lights",
+        summary: "projects the light slots that are new or moved",
+        schedule: lights,
+    },
+    Effect {
+        name: "transport",
+        summary: "carries the light on by the operator when anything that feeds it changed",
+        schedule: transport,
+    },
+    Effect {
+        name: "display",
+        summary: "lays the indirect light over the pixels of each view",
+        schedule: display,
+    },
+    Effect {
+        name: "inspection",
+        summary: "brings coefficients back to the CPU for the gizmos",
+        schedule: inspection,
+    },
+];
+
+/// The passes of one frame, in order, and why the rest does not run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// What runs, in order.
+    pub passes: Vec<Pass>,
+    /// What does not, and why. A view is named where the view is the cause.
+    pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
+    /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
+    pub release: Vec<SceneId>,
+}
+
+impl Plan {
+    /// Asks every effect of [`EFFECTS`].
+    #[must_use]
+    pub fn new(state: &FrameState) -> Self {
+        let mut plan = Self::default();
+        for effect in EFFECTS {
+            (effect.schedule)(state, &mut plan);
+        }
+        plan
+    }
+
+    /// True when nothing runs.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.passes.is_empty()
+    }
+
+    /// The pass of this stage for this scene that all views share, if there is one.
+    #[must_use]
+    pub fn find(&self, stage: Stage, scene: SceneId) -> Option<&Pass> {
+        self.passes
+            .iter()
+            .find(|p| p.stage == stage && p.scene == scene)
+    }
+
+    /// How many passes of this stage.
+    #[must_use]
+    pub fn count(&self, stage: Stage) -> usize {
+        self.passes.iter().filter(|p| p.stage == stage).count()
+    }
+
+    /// How many light slots are projected, over all scenes.
+    #[must_use]
+    pub fn projected_slots(&self) -> usize {
+        self.passes.iter().map(|p| p.slots.len()).sum()
+    }
+
+    /// The scenes that any pass touches, ascending.
+    #[must_use]
+    pub fn active_scenes(&self) -> Vec<SceneId> {
+        let mut ids: Vec<_> = self.passes.iter().map(|p| p.scene).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+
+    fn push(
+        &mut self,
+        effect: &'static str,
+        stage: Stage,
+        scene: SceneId,
+        reason: Reason,
+    ) -> &mut Pass {
+        self.passes.push(Pass {
+            effect,
+            stage,
+            scene,
+            view: None,
+            slots: Vec::new(),
+            reason,
+        });
+        self.passes.last_mut().expect("just pushed")
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for pass in &self.passes {
+            writeln!(f, "run  {pass}")?;
+        }
+        for (scene, view, why) in &self.skipped {
+            write!(f, "skip scene {:x}", scene.0)?;
+            if let Some(view) = view {
+                write!(f, " in view {:x}", view.0)?;
+            }
+            writeln!(f, ": {why}")?;
+        }
+        for scene in &self.release {
+            writeln!(f, "free scene {:x}", scene.0)?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether a scene takes part in the frame at all. Every effect asks this first.
+fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
+    if !state.device_able {
+        Err(Skip::DeviceUnable)
+    } else if !scene.loaded {
+        Err(Skip::AssetMissing)
+    } else if scene.largest_buffer > state.largest_binding {
+        Err(Skip::TooLarge {
+            needs: scene.largest_buffer,
+            has: state.largest_binding,
+        })
+    } else if !scene.shown {
+        Err(Skip::Hidden)
+    } else if !state
+        .views
+        .iter()
+        .any(|v| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id))
+    {
+        Err(Skip::NotInView)
+    } else {
+        Ok(())
+    }
+}
+
+/// The active scenes; without a note about the others.
+fn active_scenes(state: &FrameState) -> impl Iterator<Item = &SceneState> {
+    state.scenes.iter().filter(|s| active(state, s).is_ok())
+}
+
+fn residency(state: &FrameState, plan: &mut Plan) {
+    for scene in &state.scenes {
+        match active(state, scene) {
+            Ok(()) if !scene.resident => {
+                plan.push("residency", Stage::Upload, scene.id, Reason::NewBake);
+            }
+            Ok(()) => {}
+            Err(why) => {
+                plan.skipped.push((scene.id, None, why));
+                if !scene.loaded || scene.idle_frames >= state.keep_frames {
+                    plan.release.push(scene.id);
+                }
+            }
+        }
+    }
+}
+
+fn lights(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state) {
+        let slots: Vec<u32> = (0..scene.slots.len())
+            .filter(|&i| !scene.resident || scene.slots[i] == SlotChange::Geometry)
+            .map(|i| i as u32)
+            .collect();
+        if !slots.is_empty() {
+            let reason = Reason::LightsMoved(slots.len());
+            plan.push("lights", Stage::Project, scene.id, reason).slots = slots;
+        }
+    }
+}
+
+fn transport(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state) {
+        let of = |change| scene.slots.iter().filter(|s| **s == change).count();
+        let reason = if !scene.resident {
+            Reason::NewBake
+        } else if of(SlotChange::Geometry) > 0 {
+            Reason::LightsMoved(of(SlotChange::Geometry))
+        } else if of(SlotChange::Colour) > 0 {
+            Reason::LightsRecoloured(of(SlotChange::Colour))
+        } else if scene.settings_changed {
+            Reason::SettingsChanged
+        } else if scene.stale {
+            Reason::LightRemoved
+        } else {
+            plan.skipped.push((scene.id, None, Skip::AtRest));
+            continue;
+        };
+        for stage in [Stage::PullPush, Stage::Apply, Stage::Flatten] {
+            plan.push("transport", stage, scene.id, reason.clone());
+        }
+    }
+}
+
+fn display(state: &FrameState, plan: &mut Plan) {
+    for view in &state.views {
+        for scene in active_scenes(state).filter(|s| view.sees.contains(&s.id)) {
+            if !view.enabled {
+                plan.skipped
+                    .push((scene.id, Some(view.id), Skip::ViewDisabled));
+            } else if !view.has_gbuffer {
+                plan.skipped
+                    .push((scene.id, Some(view.id), Skip::NoGbuffer));
+            } else {
+                plan.push("display", Stage::Composite, scene.id, Reason::InView)
+                    .view = Some(view.id);
+            }
+        }
+    }
+}
+
+fn inspection(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state).filter(|s| s.read_back) {
+        plan.push("inspection", Stage::ReadBack, scene.id, Reason::Asked);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::ViewState;
+
+    const A: SceneId = SceneId(1);
+    const B: SceneId = SceneId(2);
+
+    fn view(id: u64, sees: &[SceneId]) -> ViewState {
+        ViewState {
+            id: ViewId(id),
+            enabled: true,
+            has_gbuffer: true,
+            sees: sees.to_vec(),
+        }
+    }
+
+    /// A scene on the device with eight slots at rest, and a view of it.
+    fn at_rest() -> FrameState {
+        FrameState {
+            scenes: vec![SceneState {
+                resident: true,
+                slots: vec![SlotChange::None; 8],
+                ..SceneState::new(A)
+            }],
+            views: vec![view(7, &[A])],
+            ..FrameState::default()
+        }
+    }
+
+    fn stages(plan: &Plan) -> Vec<Stage> {
+        plan.passes.iter().map(|p| p.stage).collect()
+    }
+
+    #[test]
+    fn lights_at_rest_leave_only_the_display() {
+        let plan = Plan::new(&at_rest());
+        assert_eq!(stages(&plan), [Stage::Composite]);
+        assert!(plan.skipped.contains(&(A, None, Skip::AtRest)));
+    }
+
+    #[test]
+    fn one_of_eight_lights_moves_and_only_its_slot_is_projected() {
+        let mut state = at_rest();
+        state.scenes[0].slots[5] = SlotChange::Geometry;
+        let plan = Plan::new(&state);
+        assert_eq!(plan.find(Stage::Project, A).unwrap().slots, [5]);
+        assert_eq!(plan.projected_slots(), 1);
+        use Stage::*;
+        assert_eq!(
+            stages(&plan),
+            [Project, PullPush, Apply, Flatten, Composite]
+        );
+    }
+
+    #[test]
+    fn a_colour_projects_nothing() {
+        let mut state = at_rest();
+        state.scenes[0].slots[2] = SlotChange::Colour;
+        let plan = Plan::new(&state);
+        assert_eq!(plan.count(Stage::Project), 0);
+        assert_eq!(
+            plan.find(Stage::Apply, A).unwrap().reason,
+            Reason::LightsRecoloured(1)
+        );
+    }
+
+    #[test]
+    fn settings_and_a_lost_light_run_the_transport() {
+        for (set, reason) in [
+            (
+                (|s| s.settings_changed = true) as fn(&mut SceneState),
+                Reason::SettingsChanged,
+            ),
+            (|s| s.stale = true, Reason::LightRemoved),
+        ] {
+            let mut state = at_rest();
+            set(&mut state.scenes[0]);
+            let plan = Plan::new(&state);
+            assert_eq!(plan.count(Stage::Project), 0);
+            assert_eq!(plan.find(Stage::PullPush, A).unwrap().reason, reason);
+        }
+    }
+
+    #[test]
+    fn nothing_runs_where_nothing_is_called_for() {
+        type Change = fn(&mut FrameState);
+        let cases: [(Change, Skip); 6] = [
+            (|s| s.device_able = false, Skip::DeviceUnable),
+            (|s| s.scenes[0].loaded = false, Skip::AssetMissing),
+            (|s| s.scenes[0].shown = false, Skip::Hidden),
+            (|s| s.views.clear(), Skip::NotInView),
+            (|s| s.views[0].sees.clear(), Skip::NotInView),
+            (
+                |s| s.scenes[0].largest_buffer = 1 << 40,
+                Skip::TooLarge {
+                    needs: 1 << 40,
+                    has: 128 << 20,
+                },
+            ),
+        ];
+        for (change, why) in cases {
+            // Neither for a scene on the device with a light that moved, nor for one that was never uploaded.
+            for resident in [true, false] {
+                let mut state = at_rest();
+                state.scenes[0].resident = resident;
+                state.scenes[0].slots[0] = SlotChange::Geometry;
+                change(&mut state);
+                let plan = Plan::new(&state);
+                assert!(plan.is_empty(), "{why}: {plan}");
+                assert_eq!(plan.skipped, [(A, None, why)]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_disabled_view_and_a_view_without_gbuffer_call_for_nothing() {
+        for change in [
+            |v: &mut ViewState| v.enabled = false,
+            |v: &mut ViewState| v.has_gbuffer = false,
+        ] {
+            let mut state = at_rest();
+            change(&mut state.views[0]);
+            assert!(Plan::new(&state).is_empty());
+        }
+        // Beside a view that shows the scene the disabled one is named.
+        let mut state = at_rest();
+        state.views.push(ViewState {
+            enabled: false,
+            ..view(8, &[A])
+        });
+        let plan = Plan::new(&state);
+        assert_eq!(plan.count(Stage::Composite), 1);
+        assert!(
+            plan.skipped
+                .contains(&(A, Some(ViewId(8)), Skip::ViewDisabled))
+        );
+    }
+
+    #[test]
+    fn a_new_bake_runs_everything_once_and_each_view_composites_what_it_sees() {
+        let mut state = at_rest();
+        state.scenes[0].resident = false;
+        state.scenes.push(SceneState {
+            resident: true,
+            ..SceneState::new(B)
+        });
+        state.views = vec![view(7, &[A, B]), view(8, &[A])];
+        let plan = Plan::new(&state);
+        assert_eq!(plan.find(Stage::Upload, A).unwrap().reason, Reason::NewBake);
+        assert_eq!(
+            plan.find(Stage::Project, A).unwrap().slots,
+            (0..8).collect::<Vec<_>>()
+        );
+        assert_eq!(plan.count(Stage::Apply), 1, "B is at rest");
+        assert_eq!(plan.count(Stage::Composite), 3);
+        assert_eq!(plan.active_scenes(), [A, B]);
+        assert!(
+            plan.to_string()
+                .contains("upload of scene 1 (residency): the device does not hold this bake")
+        );
+    }
+
+    #[test]
+    fn buffers_go_after_a_while_out_of_view_or_at_once_with_the_asset() {
+        let mut state = at_rest();
+        state.views.clear();
+        assert!(Plan::new(&state).release.is_empty());
+        state.scenes[0].idle_frames = state.keep_frames;
+        assert_eq!(Plan::new(&state).release, [A]);
+        state.scenes[0].idle_frames = 0;
+        state.scenes[0].loaded = false;
+        assert_eq!(Plan::new(&state).release, [A]);
+    }
+
+    #[test]
+    fn coefficients_come_back_only_when_asked_for() {
+        let mut state = at_rest();
+        assert_eq!(Plan::new(&state).count(Stage::ReadBack), 0);
+        state.scenes[0].read_back = true;
+        assert_eq!(
+            Plan::new(&state).find(Stage::ReadBack, A).unwrap().effect,
+            "inspection"
+        );
+    }
+
+    #[test]
+    fn every_effect_has_a_name_of_its_own() {
+        let mut names: Vec<_> = EFFECTS.iter().map(|e| e.name).collect();
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names.len(), EFFECTS.len());
+    }
+}

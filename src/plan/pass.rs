@@ -1,0 +1,158 @@
+//! What a plan is made of: passes, and the reasons why they run or do not.
+
+use super::{SceneId, ViewId};
+use std::fmt;
+
+/// A stage of the frame, in the order of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    /// The bake goes to the device.
+    Upload,
+    /// Lights onto the points, slot by slot.
+    Project,
+    /// Radiosity of the lit points, pull-push to the senders, and the live bounces between them.
+    PullPush,
+    /// The operator times the senders' coefficients.
+    Apply,
+    /// Every point gets its value: inactive ones from their parents.
+    Flatten,
+    /// The flat basis over the pixels of a view, times their base colour.
+    Composite,
+    /// Coefficients back to the CPU.
+    ReadBack,
+}
+
+impl Stage {
+    /// All stages, in order.
+    pub const ALL: [Self; 7] = [
+        Self::Upload,
+        Self::Project,
+        Self::PullPush,
+        Self::Apply,
+        Self::Flatten,
+        Self::Composite,
+        Self::ReadBack,
+    ];
+
+    /// The name that diagnostics and logs use.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Upload => "upload",
+            Self::Project => "project",
+            Self::PullPush => "pull_push",
+            Self::Apply => "apply",
+            Self::Flatten => "flatten",
+            Self::Composite => "composite",
+            Self::ReadBack => "read_back",
+        }
+    }
+}
+
+/// Why a pass runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Reason {
+    /// The device does not hold this bake yet, or holds an older one.
+    NewBake,
+    /// These many light slots are new or have moved.
+    LightsMoved(usize),
+    /// These many light slots changed their colour, and none moved.
+    LightsRecoloured(usize),
+    /// Sky, emission or bounces changed.
+    SettingsChanged,
+    /// A light went away.
+    LightRemoved,
+    /// The scene is in this view.
+    InView,
+    /// Somebody asked for the coefficients.
+    Asked,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NewBake => f.write_str("the device does not hold this bake"),
+            Self::LightsMoved(n) => write!(f, "{n} light slot(s) new or moved"),
+            Self::LightsRecoloured(n) => write!(f, "{n} light slot(s) changed colour"),
+            Self::SettingsChanged => f.write_str("sky, emission or bounces changed"),
+            Self::LightRemoved => f.write_str("a light went away"),
+            Self::InView => f.write_str("the scene is in the view"),
+            Self::Asked => f.write_str("the coefficients were asked for"),
+        }
+    }
+}
+
+/// Why something does not run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Skip {
+    /// The device lacks compute shaders or large enough limits.
+    DeviceUnable,
+    /// The asset is not loaded (yet).
+    AssetMissing,
+    /// The scene is hidden.
+    Hidden,
+    /// The scene needs a larger buffer than the device binds.
+    TooLarge {
+        /// Bytes that the scene needs in one buffer.
+        needs: u64,
+        /// Bytes that the device binds.
+        has: u64,
+    },
+    /// No camera asks for indirect light and sees the scene.
+    NotInView,
+    /// The view's settings turn indirect light off.
+    ViewDisabled,
+    /// The view draws no G-buffer to composite over.
+    NoGbuffer,
+    /// Nothing changed since the last time.
+    AtRest,
+}
+
+impl fmt::Display for Skip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DeviceUnable => f.write_str("the device cannot run the kernels"),
+            Self::AssetMissing => f.write_str("the baked asset is not loaded"),
+            Self::Hidden => f.write_str("the scene is hidden"),
+            Self::TooLarge { needs, has } => {
+                write!(
+                    f,
+                    "the scene needs a buffer of {needs} bytes, the device binds {has}"
+                )
+            }
+            Self::NotInView => f.write_str("no camera that asks for indirect light sees the scene"),
+            Self::ViewDisabled => f.write_str("indirect light is off in the view's settings"),
+            Self::NoGbuffer => f.write_str("the view draws no G-buffer"),
+            Self::AtRest => f.write_str("nothing changed"),
+        }
+    }
+}
+
+/// One pass of the frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pass {
+    /// The effect that asked for it (its name in [`EFFECTS`](super::EFFECTS)).
+    pub effect: &'static str,
+    /// What runs.
+    pub stage: Stage,
+    /// For which scene.
+    pub scene: SceneId,
+    /// For which view; `None` for work that all views share.
+    pub view: Option<ViewId>,
+    /// Which light slots ([`Stage::Project`] only).
+    pub slots: Vec<u32>,
+    /// Why.
+    pub reason: Reason,
+}
+
+impl fmt::Display for Pass {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of scene {:x}", self.stage.name(), self.scene.0)?;
+        if let Some(view) = self.view {
+            write!(f, " in view {:x}", view.0)?;
+        }
+        write!(f, " ({}): {}", self.effect, self.reason)
+    }
+}

@@ -1,0 +1,106 @@
+//! The frame as the plan sees it: a plain description, without an engine and without a device.
+
+/// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SceneId(pub u64);
+
+/// Names a view (a camera that asks for indirect light).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ViewId(pub u64);
+
+/// How a light slot differs from what the device last computed for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SlotChange {
+    /// Not at all.
+    #[default]
+    None,
+    /// Its colour or strength: its projection stays valid.
+    Colour,
+    /// Where it is, where it points or how far it reaches, or it is new: it must be projected again.
+    Geometry,
+}
+
+/// One baked scene in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneState {
+    /// Which one.
+    pub id: SceneId,
+    /// The baked asset is loaded.
+    pub loaded: bool,
+    /// The device holds this very bake (not an older one).
+    pub resident: bool,
+    /// The world shows the scene (it is not hidden).
+    pub shown: bool,
+    /// Bytes of the largest buffer that the scene needs on the device.
+    pub largest_buffer: u64,
+    /// One entry a light slot.
+    pub slots: Vec<SlotChange>,
+    /// The sky's radiance, the emission or the number of bounces differ from what the device last computed.
+    pub settings_changed: bool,
+    /// The scene's transport is not what the lights say for another reason (a slot was freed).
+    pub stale: bool,
+    /// Frames since the scene was last in a view.
+    pub idle_frames: u32,
+    /// Somebody wants the coefficients back on the CPU (the gizmos).
+    pub read_back: bool,
+}
+
+impl SceneState {
+    /// A scene that is loaded and shown, holds nothing on the device and has no lights.
+    #[must_use]
+    pub fn new(id: SceneId) -> Self {
+        Self {
+            id,
+            loaded: true,
+            resident: false,
+            shown: true,
+            largest_buffer: 0,
+            slots: Vec::new(),
+            settings_changed: false,
+            stale: false,
+            idle_frames: 0,
+            read_back: false,
+        }
+    }
+}
+
+/// One camera that carries the display settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewState {
+    /// Which one.
+    pub id: ViewId,
+    /// Its settings say that indirect light is on.
+    pub enabled: bool,
+    /// It draws a G-buffer (deferred, high dynamic range, one sample a pixel).
+    pub has_gbuffer: bool,
+    /// The scenes whose box meets its frustum.
+    pub sees: Vec<SceneId>,
+}
+
+/// The whole frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameState {
+    /// The device has what the kernels need.
+    pub device_able: bool,
+    /// The largest buffer, in bytes, that the device binds.
+    pub largest_binding: u64,
+    /// A scene that no view has seen for this many frames gives its buffers back.
+    pub keep_frames: u32,
+    /// Every baked scene of the world.
+    pub scenes: Vec<SceneState>,
+    /// Every camera with display settings.
+    pub views: Vec<ViewState>,
+}
+
+impl Default for FrameState {
+    /// An able device with WebGPU's default binding size and an empty world.
+    fn default() -> Self {
+        Self {
+            device_able: true,
+            largest_binding: 128 << 20,
+            keep_frames: 120,
+            scenes: Vec::new(),
+            views: Vec::new(),
+        }
+    }
+}
