@@ -22,6 +22,10 @@ pub struct BakeInfo {
     pub viewpoints: Vec<[f32; 3]>,
     /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface points for random lights.
     pub estimated_nrmse: f32,
+    /// Half width of the 95 % confidence interval of `estimated_nrmse`.
+    pub estimated_nrmse_interval: f32,
+    /// Diffuse reflections that the recipe asks a frame to simulate.
+    pub bounces: u32,
     /// Largest error that packing put on a link, relative to the largest link of its row.
     pub link_error: f32,
     /// Share of the gathered light that met a surface which no sender covers.

@@ -1,1 +1,349 @@
-//! To come in the next commits.
+//! The whole bake as one call: from geometry and a recipe to a [`BakedScene`].
+//!
+//! Viewpoints → points → clip planes, parents, pull rows → training lights → operator → baked bounces → packing → the error, measured.
+//! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
+//! counted. Threads are those of the rayon pool that the call runs in.
+
+mod estimate;
+mod progress;
+mod recipe;
+mod signals;
+mod stats;
+
+pub use progress::{Progress, Stage};
+pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
+pub use stats::{BakeStats, StageSeconds};
+
+use crate::asset::{BakeInfo, BakedScene, Display, PointSurface};
+use crate::basis::{Hierarchy, HierarchySettings, Weights};
+use crate::samples::{find_viewpoints, trace_particles};
+use crate::scene::{Bvh, Geometry};
+use crate::transport::{
+    BounceScene, BoundedSettings, Deposit, GatherScene, RawRow, Refined, SenderForm, bounce_operator, bounded::SenderTree,
+    l08, pack, refine_bounded,
+};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// What is baked.
+pub struct BakeSource<'a> {
+    /// What rays meet.
+    pub geometry: &'a dyn Geometry,
+    /// The same geometry as triangles, for the frame's shadow rays.
+    pub bvh: Bvh,
+    /// Triangles (or other primitives), for the statistics.
+    pub primitives: u64,
+    /// Hash of the geometry and its materials, for the fingerprint.
+    pub content_hash: [u8; 32],
+}
+
+/// A finished bake.
+#[derive(Debug)]
+pub struct Baked {
+    /// What a frame needs.
+    pub scene: BakedScene,
+    /// Where the time went.
+    pub stats: BakeStats,
+}
+
+/// Why there is no bake.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeError {
+    /// The recipe makes no sense.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// No surface was found that light can reach.
+    #[error("no surface was reached by light from {viewpoints} viewpoints: the level is empty, or the viewpoints lie outside of it")]
+    NothingReached {
+        /// How many were tried.
+        viewpoints: usize,
+    },
+    /// Somebody asked it to stop.
+    #[error("the bake was cancelled")]
+    Cancelled,
+}
+
+/// Bakes `source` as `recipe` says.
+///
+/// # Errors
+/// See [`BakeError`]. No input makes it panic.
+pub fn bake(source: &BakeSource<'_>, recipe: &Recipe, progress: &Progress) -> Result<Baked, BakeError> {
+    recipe.check()?;
+    let mut finer = 1.0;
+    loop {
+        let baked = bake_once(source, recipe, finer, progress)?;
+        // Four times the points halve the spacing; three tries are a factor of 64 in points, more than any level is worth.
+        match recipe.max_error {
+            Some(most) if baked.scene.info.estimated_nrmse > most && finer < 64.0 => finer *= 4.0,
+            _ => return Ok(baked),
+        }
+    }
+}
+
+fn bake_once(source: &BakeSource<'_>, recipe: &Recipe, finer: f32, progress: &Progress) -> Result<Baked, BakeError> {
+    let began = Instant::now();
+    let geometry = source.geometry;
+    let go_on = |stage, done| if progress.set(stage, done) { Ok(()) } else { Err(BakeError::Cancelled) };
+    let mut stats = BakeStats {
+        triangles: source.primitives,
+        threads: rayon::current_num_threads() as u64,
+        ..BakeStats::default()
+    };
+
+    // Viewpoints and the size of things.
+    go_on(Stage::Points, 0.0)?;
+    let (viewpoints, rays) = if recipe.viewpoints.is_empty() {
+        find_viewpoints(geometry, recipe.seed)
+    } else {
+        (recipe.viewpoints.iter().map(|&v| v.into()).collect(), 0)
+    };
+    stats.rays += rays;
+    let pilot = trace_particles(geometry, &viewpoints, 0..512, recipe.seed ^ 0x70_69, false);
+    stats.rays += pilot.rays;
+    if pilot.candidates.is_empty() {
+        return Err(BakeError::NothingReached {
+            viewpoints: viewpoints.len(),
+        });
+    }
+    // Where particles rarely live past their dropped bounces, drop none ([L08] drops three of thirty).
+    let drop_first = pilot.candidates.len() >= 512 * 8;
+    let (area, rays) = reached_area(geometry, &viewpoints, drop_first, recipe.seed);
+    stats.rays += rays;
+    let settings = recipe.settings(area, finer)?;
+
+    // Points, levels, parents, pull.
+    let hierarchy = Hierarchy::build(
+        geometry,
+        &viewpoints,
+        &HierarchySettings {
+            coarse_radius: settings.coarse_radius,
+            levels: settings.levels as usize,
+            sender_levels: settings.sender_levels as usize,
+            most: settings.most_points(),
+            seed: settings.seed,
+            clip: settings.walls,
+            drop_first,
+        },
+        &|done| progress.set(Stage::Points, 0.9 * done),
+    )
+    .ok_or(BakeError::Cancelled)?;
+    stats.rays += hierarchy.rays;
+    if hierarchy.is_empty() {
+        return Err(BakeError::NothingReached {
+            viewpoints: viewpoints.len(),
+        });
+    }
+    let sender_levels = settings.sender_levels as usize;
+    let senders = hierarchy.level_starts[sender_levels] as usize;
+    let pull = hierarchy.pull(sender_levels);
+    let parents = hierarchy.parents(settings.rule == Rule::L08);
+    let (flat, rays) = hierarchy.flat(geometry, settings.walls);
+    stats.rays += rays;
+    stats.seconds.points = began.elapsed().as_secs_f64();
+
+    // The operator.
+    let transport_began = Instant::now();
+    go_on(Stage::Transport, 0.0)?;
+    let scene = GatherScene {
+        geometry,
+        hierarchy: &hierarchy,
+        sender_levels,
+        rays: settings.rays,
+        seed: settings.seed,
+        deposit: match settings.rule {
+            Rule::Bounded => Deposit::Finest,
+            Rule::L08 => Deposit::All,
+        },
+    };
+    let told = |done| progress.set(Stage::Transport, done);
+    let (refined, form) = match settings.rule {
+        Rule::Bounded => {
+            let signals = signals::training_signals(&hierarchy, geometry, &viewpoints, &pull, senders, settings.seed, drop_first);
+            stats.rays += signals.rays;
+            let tree = SenderTree::new(&parents, &hierarchy.level_starts[..=sender_levels]);
+            let bounded = BoundedSettings {
+                epsilon: settings.epsilon,
+                tolerance: settings.tolerance,
+                always: sender_levels.max(1),
+            };
+            (
+                refine_bounded(&scene, &parents, &tree, &signals.values, &bounded, &told),
+                SenderForm::Averages,
+            )
+        }
+        Rule::L08 => {
+            let neighbours = l08::neighbours(&hierarchy, sender_levels);
+            (
+                l08::refine_l08(&scene, &parents, &neighbours, settings.epsilon, &told),
+                SenderForm::Differences,
+            )
+        }
+    };
+    let refined = refined.ok_or(BakeError::Cancelled)?;
+    let transport_seconds = transport_began.elapsed().as_secs_f64();
+    stats.seconds.gather = transport_seconds * refined.gather_share;
+    stats.seconds.refine = transport_seconds - stats.seconds.gather;
+
+    let baked = assemble(source, recipe, &settings, viewpoints, hierarchy, flat, pull, parents, refined, form, stats, progress)?;
+    finish(source, recipe, baked, began, progress)
+}
+
+/// Puts the pieces into the frame's arrays.
+#[expect(clippy::too_many_arguments, reason = "the pieces of one bake, each made by one stage and used up here")]
+fn assemble(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    settings: &Settings,
+    viewpoints: Vec<Vec3>,
+    hierarchy: Hierarchy,
+    flat: crate::basis::LevelBasis,
+    pull: Weights,
+    parents: Weights,
+    refined: Refined,
+    form: SenderForm,
+    mut stats: BakeStats,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
+    let sender_levels = settings.sender_levels as usize;
+    let senders = hierarchy.level_starts[sender_levels] as usize;
+    stats.rays += refined.rays;
+    stats.gather_rays = refined.rays;
+    stats.gathered = refined.gathered;
+    stats.senders = senders as u64;
+    stats.points_per_level = hierarchy
+        .level_starts
+        .windows(2)
+        .map(|w| u64::from(w[1] - w[0]))
+        .collect();
+    stats.truncated_levels = hierarchy.truncated.iter().map(|&l| l as u64).collect();
+
+    let mut surfaces: Vec<PointSurface> = hierarchy
+        .surfaces
+        .iter()
+        .zip(&refined.sky)
+        .map(|(s, sky)| PointSurface {
+            albedo: s.albedo.to_array(),
+            emission: s.emission.to_array(),
+            sky: sky.to_array(),
+            ..PointSurface::default()
+        })
+        .collect();
+    // A sender reflects with the mean albedo of what it stands for, not with the texel under its centre.
+    for level in (0..sender_levels).rev() {
+        for k in hierarchy.level(level) {
+            let row = pull.row(k);
+            if !row.is_empty() {
+                let mean: Vec3 = row
+                    .iter()
+                    .map(|w| w.weight * Vec3::from_array(surfaces[w.index as usize].albedo))
+                    .sum();
+                surfaces[k].albedo = mean.min(Vec3::ONE).to_array();
+            }
+        }
+    }
+
+    let bounces_began = Instant::now();
+    let bounces = (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
+        progress.set(Stage::Bounces, 0.0);
+        let coarsest = hierarchy.level(0);
+        bounce_operator(
+            &BounceScene {
+                rows: &refined.rows,
+                normals: &hierarchy.surfaces[coarsest.clone()].iter().map(|s| s.normal).collect::<Vec<_>>(),
+                albedo: &surfaces[coarsest].iter().map(|s| s.albedo.into()).collect::<Vec<_>>(),
+                parents: &parents,
+                senders,
+            },
+            settings.bounces - 1,
+            0.02 * settings.epsilon,
+        )
+    });
+    stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
+    if progress.is_cancelled() {
+        return Err(BakeError::Cancelled);
+    }
+
+    let packed = pack(&refined.rows, &refined.sky, senders, form);
+    let size = source.geometry.bounds();
+    let mut fingerprint = blake3::Hasher::new();
+    fingerprint.update(&source.content_hash);
+    let settings_text = ron::to_string(settings).unwrap_or_default();
+    fingerprint.update(settings_text.as_bytes());
+    fingerprint.update(format!("{:?}", recipe.viewpoints).as_bytes());
+    fingerprint.update(env!("CARGO_PKG_VERSION").as_bytes());
+    stats.links = packed.operator.links.len() as u64;
+    stats.active_rows = refined.rows.iter().filter(|r: &&RawRow| r.active).count() as u64;
+    stats.uncovered = refined.uncovered;
+    stats.largest_row_sum = f64::from(refined.largest_row_sum);
+    stats.link_error = f64::from(packed.error);
+    stats.clip_planes = flat.planes.len() as u64;
+    let scene = BakedScene {
+        surfaces,
+        level_starts: hierarchy.level_starts,
+        sender_levels: settings.sender_levels,
+        pull,
+        parents,
+        operator: packed.operator,
+        bounces,
+        display: Display {
+            radius: flat.points.first().map_or(0.0, |p| p.radius),
+            planes: flat.planes,
+            grid: flat.grid,
+        },
+        points: flat.points,
+        bvh: source.bvh.clone(),
+        info: BakeInfo {
+            version: env!("CARGO_PKG_VERSION").into(),
+            fingerprint: fingerprint.finalize().to_hex().to_string(),
+            recipe: settings_text,
+            triangles: source.primitives,
+            rays: stats.rays,
+            bounces: settings.bounces,
+            bounds: [size.min.to_array(), size.max.to_array()],
+            viewpoints: viewpoints.iter().map(|v| v.to_array()).collect(),
+            estimated_nrmse: 0.0,
+            estimated_nrmse_interval: 0.0,
+            link_error: packed.error,
+            uncovered: refined.uncovered as f32,
+            largest_row_sum: refined.largest_row_sum,
+        },
+    };
+    Ok(Baked { scene, stats })
+}
+
+/// Measures the error and closes the statistics.
+fn finish(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    mut baked: Baked,
+    began: Instant,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
+    let estimate_began = Instant::now();
+    let estimate = estimate::estimate_error(&baked.scene, source.geometry, recipe.seed, progress).ok_or(BakeError::Cancelled)?;
+    baked.scene.info.estimated_nrmse = estimate.nrmse;
+    baked.scene.info.estimated_nrmse_interval = estimate.interval;
+    baked.stats.rays += estimate.rays;
+    baked.scene.info.rays = baked.stats.rays;
+    baked.stats.estimated_nrmse = f64::from(estimate.nrmse);
+    baked.stats.estimated_nrmse_interval = f64::from(estimate.interval);
+    baked.stats.seconds.estimate = estimate_began.elapsed().as_secs_f64();
+    baked.stats.seconds.total = began.elapsed().as_secs_f64();
+    Ok(baked)
+}
+
+/// Casts the rays of the operator's gather and does nothing else with them: the yardstick for the cost of everything else. Returns how many rays
+/// hit something.
+#[must_use]
+pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, rays: u32, seed: u64) -> u64 {
+    scene
+        .points
+        .par_iter()
+        .zip(&scene.operator.rows)
+        .enumerate()
+        .filter(|(_, (_, row))| row.active != 0)
+        .map(|(i, (point, _))| crate::transport::cast_only(geometry, point.x(), point.n(), i, rays, seed))
+        .sum()
+}

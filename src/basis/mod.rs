@@ -1,5 +1,16 @@
 //! How light is written down: the multilevel Shepard basis of [L08] §2.
 
+mod clip;
+mod hierarchy;
+mod kernel;
+mod shepard;
 mod weights;
 
+pub use clip::clip_planes;
+pub use hierarchy::{Hierarchy, HierarchySettings};
+pub use kernel::{kernel, weight};
+pub use shepard::{LevelBasis, support_bounds};
 pub use weights::{WeightEntry, Weights};
+
+/// Sum of weights below which a place counts as not covered: a Shepard quotient of less would be 0/0 or noise.
+pub const NO_COVER: f32 = 1e-6;

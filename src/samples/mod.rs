@@ -1,7 +1,21 @@
-//! Where light is known: surface points, how far apart they are, and how to find the ones near a place.
+//! Where light is known: surface points that light can reach, spread as Poisson disks, and how to find the ones near a place.
 
+mod direction;
+mod distance;
 mod grid;
+mod openness;
+mod particles;
 mod point;
+mod poisson;
+mod random;
+mod viewpoints;
 
+pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
+pub use distance::{F_SQUASH, dist, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
+pub use openness::{OPENNESS_RAYS, openness};
+pub use particles::{Candidate, Traced, trace_particles};
 pub use point::Point;
+pub use poisson::{DiskSettings, Disks, fill_level};
+pub use random::{Random, mix};
+pub use viewpoints::find_viewpoints;

@@ -1,5 +1,15 @@
-//! How light travels: the sparse operator from sender coefficients to vector irradiance.
+//! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse operator that comes out.
 
+pub mod bounded;
+mod gather;
+pub mod l08;
+mod neumann;
 mod operator;
+mod pack;
+mod refine;
 
+pub use gather::{Deposit, GatherScene, Gathered, cast_only, gather};
+pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+pub use pack::{Packed, pack};
+pub use refine::{BoundedSettings, RawRow, Refined, SIGNALS, Signals, refine_bounded};

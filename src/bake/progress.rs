@@ -1,0 +1,70 @@
+//! How far a bake is, and how to stop it.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+/// What a bake is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Building the tree that rays walk.
+    Bvh,
+    /// Scattering points.
+    Points,
+    /// Gathering and refining the operator.
+    Transport,
+    /// Baking later bounces.
+    Bounces,
+    /// Measuring the error.
+    Estimate,
+}
+
+impl Stage {
+    const ALL: [Self; 5] = [Self::Bvh, Self::Points, Self::Transport, Self::Bounces, Self::Estimate];
+
+    /// A word for people.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bvh => "building the BVH",
+            Self::Points => "scattering points",
+            Self::Transport => "gathering light",
+            Self::Bounces => "baking bounces",
+            Self::Estimate => "measuring the error",
+        }
+    }
+}
+
+/// Shared between a bake and whoever watches it, on any thread.
+#[derive(Debug, Default)]
+pub struct Progress {
+    stage: AtomicU32,
+    permille: AtomicU32,
+    cancelled: AtomicBool,
+}
+
+impl Progress {
+    /// The stage, and how much of it is done, 0 to 1.
+    #[must_use]
+    pub fn get(&self) -> (Stage, f32) {
+        let stage = Stage::ALL[(self.stage.load(Ordering::Relaxed) as usize).min(Stage::ALL.len() - 1)];
+        (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
+    }
+
+    /// Asks the bake to stop; it answers with [`BakeError::Cancelled`](super::BakeError) soon after.
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
+    }
+
+    /// True once somebody asked the bake to stop.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+
+    /// Tells how much of `stage` is done; false when the bake should stop.
+    pub(crate) fn set(&self, stage: Stage, done: f32) -> bool {
+        let index = Stage::ALL.iter().position(|&s| s == stage).unwrap_or(0);
+        self.stage.store(index as u32, Ordering::Relaxed);
+        self.permille.store((done.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
+        !self.is_cancelled()
+    }
+}

@@ -1,0 +1,306 @@
+//! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
+//! scene's size.
+
+use crate::scene::Geometry;
+use crate::transport::Link;
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// How much care a bake takes; what is left out of a recipe follows from it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Preset {
+    /// To look at while building a level.
+    Draft,
+    /// To ship.
+    #[default]
+    Medium,
+    /// When the error must halve.
+    High,
+}
+
+/// Which links are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Rule {
+    /// Rows keep their mass, with a bound on what they blur, see [`crate::transport::bounded`].
+    #[default]
+    Bounded,
+    /// [L08] Figure 5 as published, see [`crate::transport::l08`].
+    L08,
+}
+
+/// Where the second and later bounces are computed (design D2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum BounceMode {
+    /// In the frame, by sweeps over the senders: materials may change.
+    #[default]
+    Live,
+    /// In the bake, by the Neumann series on the coarsest points: fewest steps a frame. Needs [`Rule::Bounded`].
+    Baked,
+}
+
+/// A recipe. Everything has a default; `Recipe::default()` bakes any level.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Recipe {
+    /// The level, relative to the recipe's own file. Needed in a `.gi.ron` file, not used by a library call.
+    pub scene: Option<String>,
+    /// How much care to take.
+    pub preset: Preset,
+    /// Places in free space from which light can be seen, metres; found by itself where empty ([L08] §2.3).
+    pub viewpoints: Vec<[f32; 3]>,
+    /// Disk radius of the coarsest level, metres.
+    pub coarse_radius: Option<f32>,
+    /// Levels of the hierarchy, 1 to 12.
+    pub levels: Option<u32>,
+    /// How many of them, from the coarsest, are senders.
+    pub sender_levels: Option<u32>,
+    /// Rays a gather, 16 to 65536.
+    pub rays: Option<u32>,
+    /// Diffuse reflections, 1 to 64.
+    pub bounces: Option<u32>,
+    /// Where the later bounces are computed.
+    pub bounce_mode: BounceMode,
+    /// Which links are kept.
+    pub rule: Rule,
+    /// Threshold of the rule: the bound on what a row blurs (`Bounded`), or ε of [L08] Figure 5.
+    pub epsilon: Option<f32>,
+    /// Difference to the parents' value below which a receiver needs no row (`Bounded`).
+    pub tolerance: Option<f32>,
+    /// Bake again, finer, until the estimated NRMSE is at most this.
+    pub max_error: Option<f32>,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
+    pub walls: Option<bool>,
+}
+
+/// A recipe that cannot be followed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RecipeError {
+    /// A value outside of what it may be.
+    #[error("`{field}` is {value}, but must be {allowed}")]
+    OutOfRange {
+        /// The field.
+        field: &'static str,
+        /// What it said.
+        value: String,
+        /// What it may say.
+        allowed: &'static str,
+    },
+    /// Text that is no recipe.
+    #[error("the recipe cannot be read: {0}")]
+    Syntax(String),
+}
+
+/// A recipe with everything filled in: what a bake does. Equal settings on equal geometry give equal bytes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// See [`Recipe::coarse_radius`].
+    pub coarse_radius: f32,
+    /// See [`Recipe::levels`].
+    pub levels: u32,
+    /// See [`Recipe::sender_levels`].
+    pub sender_levels: u32,
+    /// See [`Recipe::rays`].
+    pub rays: u32,
+    /// See [`Recipe::bounces`].
+    pub bounces: u32,
+    /// See [`Recipe::bounce_mode`].
+    pub bounce_mode: BounceMode,
+    /// See [`Recipe::rule`].
+    pub rule: Rule,
+    /// See [`Recipe::epsilon`].
+    pub epsilon: f32,
+    /// See [`Recipe::tolerance`].
+    pub tolerance: f32,
+    /// See [`Recipe::seed`].
+    pub seed: u64,
+    /// See [`Recipe::walls`].
+    pub walls: bool,
+}
+
+/// What a preset stands for.
+struct Care {
+    /// Points wanted on the finest level.
+    points: f32,
+    rays: u32,
+    epsilon: f32,
+    tolerance: f32,
+}
+
+impl Preset {
+    fn care(self) -> Care {
+        match self {
+            Self::Draft => Care {
+                points: 8_000.0,
+                rays: 256,
+                epsilon: 0.06,
+                tolerance: 0.03,
+            },
+            Self::Medium => Care {
+                points: 32_000.0,
+                rays: 1024,
+                epsilon: 0.03,
+                tolerance: 0.01,
+            },
+            Self::High => Care {
+                points: 120_000.0,
+                rays: 2048,
+                epsilon: 0.015,
+                tolerance: 0.005,
+            },
+        }
+    }
+}
+
+/// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
+const FILL: f32 = 0.7;
+
+impl Recipe {
+    /// Reads a recipe from RON.
+    ///
+    /// # Errors
+    /// [`RecipeError::Syntax`] with the place, [`RecipeError::OutOfRange`] for a value that makes no sense.
+    pub fn from_ron(text: &str) -> Result<Self, RecipeError> {
+        let recipe: Self = ron::Options::default()
+            .with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME)
+            .from_str(text)
+            .map_err(|e| RecipeError::Syntax(e.to_string()))?;
+        recipe.check()?;
+        Ok(recipe)
+    }
+
+    /// Checks every value on its own.
+    ///
+    /// # Errors
+    /// [`RecipeError::OutOfRange`].
+    pub fn check(&self) -> Result<(), RecipeError> {
+        fn within<T: PartialOrd + Copy + ToString>(
+            field: &'static str,
+            value: Option<T>,
+            low: T,
+            high: T,
+            allowed: &'static str,
+        ) -> Result<(), RecipeError> {
+            match value {
+                Some(v) if !(v >= low && v <= high) => Err(RecipeError::OutOfRange {
+                    field,
+                    value: v.to_string(),
+                    allowed,
+                }),
+                _ => Ok(()),
+            }
+        }
+        within("coarse_radius", self.coarse_radius, 1e-9, 1e9, "a length from 1e-9 to 1e9 metres")?;
+        within("levels", self.levels, 1, 12, "1 to 12")?;
+        within("sender_levels", self.sender_levels, 1, 12, "1 to 12 and at most `levels`")?;
+        within("rays", self.rays, 16, 65_536, "16 to 65536")?;
+        within("bounces", self.bounces, 1, 64, "1 to 64")?;
+        within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
+        within("tolerance", self.tolerance, 0.0, 1.0, "0 to 1")?;
+        within("max_error", self.max_error, 1e-4, 1.0, "0.0001 to 1")?;
+        if let Some(v) = self.viewpoints.iter().find(|v| !v.iter().all(|c| c.is_finite())) {
+            return Err(RecipeError::OutOfRange {
+                field: "viewpoints",
+                value: format!("{v:?}"),
+                allowed: "finite coordinates",
+            });
+        }
+        if self.bounce_mode == BounceMode::Baked && self.rule == Rule::L08 {
+            return Err(RecipeError::OutOfRange {
+                field: "bounce_mode",
+                value: "Baked".into(),
+                allowed: "Live with rule L08, whose rows are differences",
+            });
+        }
+        Ok(())
+    }
+
+    /// Fills in what is left out, for a surface of `area` m² reached by light. `finer` scales the number of points (1 as the preset has it).
+    ///
+    /// # Errors
+    /// [`RecipeError::OutOfRange`] where values do not go together.
+    pub fn settings(&self, area: f32, finer: f32) -> Result<Settings, RecipeError> {
+        self.check()?;
+        let care = self.preset.care();
+        let levels = self.levels.unwrap_or(5);
+        let sender_levels = self.sender_levels.unwrap_or(4).min(if self.sender_levels.is_none() { levels } else { 12 });
+        if sender_levels > levels {
+            return Err(RecipeError::OutOfRange {
+                field: "sender_levels",
+                value: sender_levels.to_string(),
+                allowed: "at most `levels`",
+            });
+        }
+        let fine = (FILL * area / (care.points * finer)).sqrt();
+        let coarse_radius = self.coarse_radius.unwrap_or(fine * (1u32 << (levels - 1)) as f32);
+        if !(coarse_radius.is_finite() && coarse_radius > 0.0) {
+            return Err(RecipeError::OutOfRange {
+                field: "coarse_radius",
+                value: coarse_radius.to_string(),
+                allowed: "a length above 0; the scene seems to have no surface that light reaches",
+            });
+        }
+        Ok(Settings {
+            coarse_radius,
+            levels,
+            sender_levels,
+            rays: self.rays.unwrap_or((care.rays as f32 * finer.sqrt()) as u32),
+            bounces: self.bounces.unwrap_or(4),
+            bounce_mode: self.bounce_mode,
+            rule: self.rule,
+            epsilon: self.epsilon.unwrap_or(match self.rule {
+                Rule::Bounded => care.epsilon,
+                // [L08] §4.2: 0.025 in all tests.
+                Rule::L08 => 0.025,
+            }),
+            tolerance: self.tolerance.unwrap_or(care.tolerance),
+            seed: self.seed,
+            walls: self.walls.unwrap_or(true),
+        })
+    }
+}
+
+impl Settings {
+    /// Most points of each level: senders must fit the operator's 16-bit index, all of them memory.
+    #[must_use]
+    pub fn most_points(&self) -> Vec<usize> {
+        // Levels grow by four, so level l of s sender levels may have this share of all senders.
+        let senders = (Link::MAX_SENDERS - 1) as f64;
+        let total: f64 = (0..self.sender_levels).map(|l| 4f64.powi(l as i32)).sum();
+        (0..self.levels)
+            .map(|l| {
+                if l < self.sender_levels {
+                    ((senders * 4f64.powi(l as i32) / total) as usize).max(1)
+                } else {
+                    1 << 22
+                }
+            })
+            .collect()
+    }
+}
+
+/// Area, in m², of the surfaces that light reaches, from a pilot level of coarse disks. Also says how many rays it took.
+#[must_use]
+pub fn reached_area(geometry: &dyn Geometry, viewpoints: &[Vec3], drop_first: bool, seed: u64) -> (f32, u64) {
+    let size = geometry.bounds().size();
+    // About a thousand disks on a box of this size.
+    let box_area = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
+    let radius = (FILL * box_area / 1000.0).sqrt();
+    if radius <= 0.0 || !radius.is_finite() {
+        return (0.0, 0);
+    }
+    let disks = crate::samples::fill_level(
+        geometry,
+        viewpoints,
+        &crate::samples::DiskSettings {
+            radius,
+            open_only: false,
+            most: 1 << 18,
+            seed: seed ^ 0x61_72_65_61,
+            drop_first,
+        },
+    );
+    (disks.points.len() as f32 * radius * radius / FILL, disks.rays)
+}

@@ -1,0 +1,92 @@
+//! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that this mends).
+//!
+//! A function's support is a ball-like region that knows nothing of walls. Places in it that the function's centre cannot see must
+//! not get light from it, nor give any. Exact visibility per place would cost a ray per weight; instead the bake looks, once, from
+//! each centre at the surface places around it. Where the view is blocked, the plane of the blocker, turned towards the centre, is a
+//! candidate; the planes that cut off most blocked places and no visible one are kept, four at most.
+
+use super::kernel::kernel;
+use crate::samples::{Point, dist};
+use crate::scene::{Geometry, Ray};
+use glam::{Vec3, Vec4};
+
+/// Planes a function may have at most: what the display can afford to test.
+const MOST_PLANES: usize = 4;
+/// A plane may cut off this share of the visible weight for each share of blocked weight.
+const LOSS: f32 = 0.5;
+/// Height above the surface, in radii, from which one looks: over gravel, not over walls.
+const EYE: f32 = 0.1;
+
+/// The clip planes of one function: `around` are surface places (x, n) in and near its support. Returns planes (n, d) with n·x + d ≥ 0
+/// on the function's side, and adds the rays cast to `rays`.
+pub fn clip_planes(
+    geometry: &dyn Geometry,
+    point: &Point,
+    around: impl Iterator<Item = (Vec3, Vec3)>,
+    rays: &mut u64,
+) -> Vec<[f32; 4]> {
+    struct Place {
+        x: Vec3,
+        weight: f32,
+        blocked: bool,
+    }
+    let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
+    let lift = (EYE * radius).max(geometry.lift(x_j));
+    // The eye must not pass a near ceiling: stop half-way to whatever is above.
+    let up = Ray::segment(x_j + n_j * geometry.lift(x_j), n_j, 2.0 * lift);
+    *rays += 1;
+    let height = geometry.cast(&up).map_or(lift, |hit| 0.5 * hit.t);
+    let eye = x_j + n_j * height;
+    let mut places: Vec<Place> = Vec::new();
+    let mut candidates: Vec<Vec4> = Vec::new();
+    for (x, n) in around {
+        let cosine = n.dot(n_j);
+        let r = dist(x - x_j, n_j);
+        if cosine <= 0.0 || r >= radius {
+            continue;
+        }
+        let target = x + n * height.min(lift);
+        let way = target - eye;
+        let length = way.length();
+        if length < 1e-3 * radius {
+            continue;
+        }
+        let ray = Ray::segment(eye, way / length, length);
+        *rays += 1;
+        let hit = geometry.cast(&ray);
+        if let Some(hit) = hit {
+            let surface = geometry.surface(&ray, &hit);
+            let m = surface.normal;
+            candidates.push(m.extend(-m.dot(surface.position)));
+        }
+        places.push(Place {
+            x,
+            weight: kernel(r / radius) * cosine * cosine,
+            blocked: hit.is_some(),
+        });
+    }
+    let mut kept: Vec<[f32; 4]> = Vec::new();
+    // A hair's breadth, so that the wall's own foot is on neither side by rounding.
+    let slack = 1e-3 * radius;
+    while kept.len() < MOST_PLANES {
+        let mut best: Option<(f32, Vec4)> = None;
+        for &plane in &candidates {
+            if plane.dot(x_j.extend(1.0)) < slack {
+                continue;
+            }
+            let mut gain = 0.0;
+            for place in &places {
+                if plane.dot(place.x.extend(1.0)) < -slack {
+                    gain += if place.blocked { place.weight } else { -place.weight / LOSS };
+                }
+            }
+            if gain > best.map_or(1e-3, |(g, _)| g) {
+                best = Some((gain, plane));
+            }
+        }
+        let Some((_, plane)) = best else { break };
+        kept.push(plane.to_array());
+        places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
+    }
+    kept
+}

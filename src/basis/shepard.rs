@@ -1,0 +1,75 @@
+//! One level of the basis: its functions, and their normalised (Shepard) weights at any place, [L08] Eqs. (1)-(3).
+//!
+//! A level's points, clip planes and hashed grid are the layout that the kernels read; see [`HashedGrid`].
+
+use super::{WeightEntry, kernel::weight};
+use crate::samples::{F_SQUASH, HashedGrid, Point};
+use crate::scene::Bounds;
+use glam::Vec3;
+
+/// The functions of one level (or of the flat display basis).
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelBasis {
+    /// The functions, with their radii and plane ranges.
+    pub points: Vec<Point>,
+    /// Their clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0.
+    pub planes: Vec<[f32; 4]>,
+    /// Which functions may cover a place.
+    pub grid: HashedGrid,
+}
+
+/// The box around the support of a function: an ellipsoid squashed along its normal ([L08] Eq. (10)).
+#[must_use]
+pub fn support_bounds(point: &Point) -> Bounds {
+    // Semi-axes r across and r / (1 + F) along n: half extent along axis k is r · sqrt(1 − n_k² + n_k² / (1 + F)²).
+    let n = point.n();
+    let along = 1.0 / ((1.0 + F_SQUASH) * (1.0 + F_SQUASH));
+    let squared = (Vec3::ONE - n * n * (1.0 - along)).max(Vec3::splat(along));
+    let half = point.radius * 1.0001 * Vec3::new(squared.x.sqrt(), squared.y.sqrt(), squared.z.sqrt());
+    Bounds {
+        min: point.x() - half,
+        max: point.x() + half,
+    }
+}
+
+impl LevelBasis {
+    /// A level of functions. `planes` are what the points' plane ranges mean.
+    #[must_use]
+    pub fn new(points: Vec<Point>, planes: Vec<[f32; 4]>) -> Self {
+        let largest = points.iter().fold(0.0f32, |a, p| a.max(p.radius));
+        let cell = if largest > 0.0 { largest } else { 1.0 };
+        let grid = HashedGrid::build(points.len(), cell, |i| support_bounds(&points[i]));
+        Self { points, planes, grid }
+    }
+
+    /// Weights w_j(x, n) of all functions that cover the place ([L08] Eq. (8)), not normalised, appended to `out`. Returns their sum.
+    #[inline]
+    pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
+        let mut sum = 0.0;
+        for &index in self.grid.near(x) {
+            let w = weight(&self.points[index as usize], &self.planes, x, n);
+            if w > 0.0 {
+                sum += w;
+                out.push(WeightEntry { index, weight: w });
+            }
+        }
+        sum
+    }
+
+    /// The basis functions B_j(x, n) that are not zero, [L08] Eq. (2): weights that sum to one. Replaces `out`; false, and `out` empty,
+    /// where no function covers the place.
+    #[inline]
+    pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
+        out.clear();
+        let sum = self.raw_weights(x, n, out);
+        if sum <= super::NO_COVER {
+            out.clear();
+            return false;
+        }
+        let inverse = 1.0 / sum;
+        for w in out.iter_mut() {
+            w.weight *= inverse;
+        }
+        true
+    }
+}

@@ -1,0 +1,27 @@
+//! Openness: the harmonic mean distance to nearby geometry over the hemisphere ([L08] §2.3). Coarse points belong where it is
+//! large; tight corners are left to finer levels.
+
+use super::{Random, gather_direction, tangents};
+use crate::scene::{Geometry, Ray};
+use glam::{Vec2, Vec3};
+
+/// Rays a candidate.
+pub const OPENNESS_RAYS: u32 = 32;
+
+/// Harmonic mean distance in metres over the hemisphere of `n` at `x`, rays of length 3 `radius` ([L08] §2.3). Rays that meet
+/// nothing count with their full length.
+#[must_use]
+pub fn openness(geometry: &dyn Geometry, x: Vec3, n: Vec3, radius: f32, random: &mut Random) -> f32 {
+    let reach = 3.0 * radius;
+    let (t, b) = tangents(n);
+    let start = x + n * geometry.lift(x);
+    let shift = Vec2::new(random.unit(), random.unit());
+    let mut inverse = 0.0;
+    for i in 0..OPENNESS_RAYS {
+        let (d, _) = gather_direction(i, OPENNESS_RAYS, shift);
+        let ray = Ray::segment(start, (t * d.x + b * d.y + n * d.z).normalize(), reach);
+        let distance = geometry.cast(&ray).map_or(reach, |hit| hit.t);
+        inverse += 1.0 / distance.max(1e-6 * reach);
+    }
+    OPENNESS_RAYS as f32 / inverse
+}

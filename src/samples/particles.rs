@@ -1,0 +1,86 @@
+//! Importance particles ([L08] §2.3): surface points that light can reach from a viewpoint. Particles start at the viewpoints and
+//! reflect about; every bounce but the first few leaves a candidate.
+
+use super::{Random, cosine_hemisphere, tangents, uniform_sphere};
+use crate::scene::{Geometry, Ray, Surface};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Bounces a particle makes ([L08]: 30).
+const BOUNCES: u32 = 30;
+/// Bounces that leave no candidate, so that the distribution forgets the start ([L08]: 3).
+const DROPPED: u32 = 3;
+
+/// A place on a surface that light reaches.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// The surface there, on the side that was reached.
+    pub surface: Surface,
+    /// Half-way back along the ray that found it: a place in free space.
+    pub free: Vec3,
+}
+
+/// What tracing particles gave.
+#[derive(Debug, Default)]
+pub struct Traced {
+    /// The candidates, in the order of the particles.
+    pub candidates: Vec<Candidate>,
+    /// Rays that it took.
+    pub rays: u64,
+}
+
+/// Traces the particles numbered `particles` from `viewpoints` (particle k starts at viewpoint k mod their number). `drop_first`
+/// says whether the first bounces are dropped; an open scene, where particles escape at once, cannot afford it.
+///
+/// The result depends on the numbers alone, not on threads.
+pub fn trace_particles(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    particles: std::ops::Range<u64>,
+    seed: u64,
+    drop_first: bool,
+) -> Traced {
+    if viewpoints.is_empty() {
+        return Traced::default();
+    }
+    let per_particle: Vec<(Vec<Candidate>, u64)> = particles
+        .into_par_iter()
+        .map(|k| trace_one(geometry, viewpoints[(k % viewpoints.len() as u64) as usize], k, seed, drop_first))
+        .collect();
+    let mut out = Traced::default();
+    for (candidates, rays) in per_particle {
+        out.candidates.extend(candidates);
+        out.rays += rays;
+    }
+    out
+}
+
+fn trace_one(geometry: &dyn Geometry, from: Vec3, k: u64, seed: u64, drop_first: bool) -> (Vec<Candidate>, u64) {
+    let mut random = Random::new(seed, 0x70_61_72_74, k);
+    let mut out = Vec::new();
+    let mut rays = 0;
+    let mut ray = Ray::new(from, uniform_sphere(Vec2::new(random.unit(), random.unit())));
+    for bounce in 0..BOUNCES {
+        rays += 1;
+        let Some(hit) = geometry.cast(&ray) else { break };
+        let surface = geometry.surface(&ray, &hit);
+        if !surface.position.is_finite() || !surface.normal.is_finite() {
+            break;
+        }
+        // The back of a single-sided surface shows nothing: no light leaves it.
+        if !surface.front && surface.albedo == Vec3::ZERO && surface.emission == Vec3::ZERO {
+            break;
+        }
+        if !drop_first || bounce >= DROPPED {
+            out.push(Candidate {
+                surface,
+                free: ray.at(0.5 * hit.t),
+            });
+        }
+        let (t, b) = tangents(surface.normal);
+        let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
+        let start = surface.position + surface.normal * geometry.lift(surface.position);
+        ray = Ray::new(start, (t * d.x + b * d.y + surface.normal * d.z).normalize());
+    }
+    (out, rays)
+}

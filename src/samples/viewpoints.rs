@@ -1,0 +1,122 @@
+//! Viewpoints for a level that names none: places in free space from which light can be seen.
+//!
+//! [L08] §2.3 asks the user for one valid viewpoint, so that the inside of solid things gets no points. We try places all
+//! over the scene's box and keep those that see mostly the front of surfaces: from within a solid one sees backs. A level whose
+//! winding says nothing (every side counts as back as often as front) is judged by how far one sees instead, and a level that is
+//! open all around (a single object) is looked at from outside.
+
+use super::{Random, uniform_sphere};
+use crate::scene::{Geometry, Ray};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Places tried.
+const TRIED: u64 = 2048;
+/// Rays a place.
+const RAYS: u32 = 32;
+/// Viewpoints kept at most.
+const KEPT: usize = 64;
+
+/// What one place sees.
+struct View {
+    place: Vec3,
+    hits: u32,
+    fronts: u32,
+    /// Harmonic mean distance to what is seen: small inside of thin solids.
+    openness: f32,
+}
+
+/// Viewpoints found, and the rays it took. Empty only when nothing can be hit at all.
+#[must_use]
+pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
+    let bounds = geometry.bounds();
+    let size = bounds.size();
+    if !size.is_finite() || size.max_element() <= 0.0 {
+        return (Vec::new(), 0);
+    }
+    let inside = look_around(geometry, seed, |r| {
+        bounds.min + size * Vec3::new(r.unit(), r.unit(), r.unit())
+    });
+    let mut rays = TRIED * u64::from(RAYS);
+    let seen: u32 = inside.iter().map(|v| v.hits).sum();
+    let fronts: u32 = inside.iter().map(|v| v.fronts).sum();
+    // Winding is trusted when fronts clearly prevail; from free space one sees fronts if winding means anything.
+    let trusted = f64::from(fronts) > 0.6 * f64::from(seen);
+    let enclosed = RAYS / 4;
+    let mut kept: Vec<&View> = inside
+        .iter()
+        .filter(|v| v.hits >= enclosed && (!trusted || 10 * v.fronts >= 9 * v.hits))
+        .collect();
+    kept.sort_by(|a, b| b.openness.total_cmp(&a.openness));
+    if !trusted {
+        // Without winding: keep the half that sees farthest.
+        kept.truncate(kept.len().div_ceil(2));
+    }
+    let mut out = spread(kept.iter().map(|v| v.place), KEPT);
+    if out.is_empty() {
+        // Open all around: look at it from a sphere outside of its box.
+        let radius = 0.75 * size.length();
+        let outside = look_around(geometry, seed ^ 1, |r| {
+            bounds.center() + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
+        });
+        rays += TRIED * u64::from(RAYS);
+        out = spread(outside.iter().filter(|v| v.hits > 0).map(|v| v.place), KEPT);
+        if out.is_empty() {
+            // A thin thing seen from afar: aim is hopeless, so stand around its very surface.
+            out = spread(outside.iter().map(|v| v.place), KEPT);
+        }
+    }
+    (out, rays)
+}
+
+fn look_around(geometry: &dyn Geometry, seed: u64, place: impl Fn(&mut Random) -> Vec3 + Sync) -> Vec<View> {
+    (0..TRIED)
+        .into_par_iter()
+        .map(|k| {
+            let mut random = Random::new(seed, 0x76_69_65_77, k);
+            let place = place(&mut random);
+            let mut view = View {
+                place,
+                hits: 0,
+                fronts: 0,
+                openness: 0.0,
+            };
+            let mut inverse = 0.0;
+            for _ in 0..RAYS {
+                let ray = Ray::new(place, uniform_sphere(Vec2::new(random.unit(), random.unit())));
+                if let Some(hit) = geometry.cast(&ray) {
+                    view.hits += 1;
+                    view.fronts += u32::from(geometry.surface(&ray, &hit).front);
+                    inverse += 1.0 / hit.t.max(1e-6);
+                }
+            }
+            view.openness = if inverse > 0.0 { view.hits as f32 / inverse } else { 0.0 };
+            view
+        })
+        .collect()
+}
+
+/// At most `count` of the places, each as far as possible from those before it (farthest point first).
+fn spread(places: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
+    let mut left: Vec<(Vec3, f32)> = places.map(|p| (p, f32::INFINITY)).collect();
+    let mut out: Vec<Vec3> = Vec::new();
+    while out.len() < count && !left.is_empty() {
+        let next = if out.is_empty() {
+            0
+        } else {
+            let mut best = 0;
+            for (i, p) in left.iter().enumerate() {
+                if p.1 > left[best].1 {
+                    best = i;
+                }
+            }
+            best
+        };
+        let place = left.swap_remove(next).0;
+        for p in &mut left {
+            p.1 = p.1.min(p.0.distance_squared(place));
+        }
+        out.push(place);
+    }
+    out
+}

@@ -1,0 +1,160 @@
+//! The hemispherical gather of [L08] Eq. (16): all links of one receiver from one set of rays.
+//!
+//! Deviation (design D1): reflectance stays out of the link and 1/π goes in, F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, so that links are
+//! geometry only, dimensionless, and |F_ij| ≤ 1.
+//!
+//! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map and no allocation per ray
+//! (design D4). Two half sums, of even and of odd rays, tell real variation from noise.
+
+use crate::basis::{Hierarchy, WeightEntry};
+use crate::samples::{Random, gather_direction, tangents};
+use crate::scene::{Geometry, Ray};
+use glam::{Vec2, Vec3, Vec3A};
+
+/// Which sender levels a hit is written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deposit {
+    /// The finest that covers the hit: the rows keep their mass.
+    Finest,
+    /// Every level, as [L08] Eq. (16) has it.
+    All,
+}
+
+/// What a gather needs to know of the scene.
+#[derive(Clone, Copy)]
+pub struct GatherScene<'a> {
+    /// What rays meet.
+    pub geometry: &'a dyn Geometry,
+    /// The functions.
+    pub hierarchy: &'a Hierarchy,
+    /// How many levels, from the coarsest, are senders.
+    pub sender_levels: usize,
+    /// Rays a receiver.
+    pub rays: u32,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Which sender levels a hit is written to.
+    pub deposit: Deposit,
+}
+
+/// The sums of one gather; one a thread, used again and again.
+pub struct Gathered {
+    /// Per sender: the sums F_ij of even rays and of odd rays. Their total is the link.
+    pub sums: Vec<[Vec3A; 2]>,
+    /// Senders with a sum that may not be zero.
+    pub touched: Vec<u32>,
+    /// (1/π) ∫ ω dω over the directions that met nothing.
+    pub sky: Vec3A,
+    /// The part of the normal component that met a surface which no sender covers.
+    pub uncovered: f32,
+    marks: Vec<bool>,
+    found: Vec<WeightEntry>,
+}
+
+impl Gathered {
+    /// For `senders` senders.
+    #[must_use]
+    pub fn new(senders: usize) -> Self {
+        Self {
+            sums: vec![[Vec3A::ZERO; 2]; senders],
+            touched: Vec::new(),
+            sky: Vec3A::ZERO,
+            uncovered: 0.0,
+            marks: vec![false; senders],
+            found: Vec::new(),
+        }
+    }
+
+    fn clear(&mut self) {
+        for &j in &self.touched {
+            self.sums[j as usize] = [Vec3A::ZERO; 2];
+            self.marks[j as usize] = false;
+        }
+        self.touched.clear();
+        self.sky = Vec3A::ZERO;
+        self.uncovered = 0.0;
+    }
+
+    #[inline]
+    fn add(&mut self, sender: u32, half: usize, value: Vec3A) {
+        let j = sender as usize;
+        if !self.marks[j] {
+            self.marks[j] = true;
+            self.touched.push(sender);
+        }
+        self.sums[j][half] += value;
+    }
+
+    /// The link F_ij so far.
+    #[must_use]
+    pub fn link(&self, sender: u32) -> Vec3A {
+        let [even, odd] = self.sums[sender as usize];
+        even + odd
+    }
+}
+
+/// Gathers all links of point `i` of the hierarchy into `out`.
+pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
+    out.clear();
+    let surface = &scene.hierarchy.surfaces[i];
+    let (x, n) = (surface.position, surface.normal);
+    let (t, b) = tangents(n);
+    let start = x + n * scene.geometry.lift(x);
+    let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy; the ratio mends it, so that a
+    // closed room of unit radiosity gathers exactly 1.
+    let mut total = 0.0;
+    for k in 0..scene.rays {
+        let (d, w) = gather_direction(k, scene.rays, shift);
+        total += w * d.z;
+    }
+    let norm = 1.0 / total;
+    let mut found = std::mem::take(&mut out.found);
+    for k in 0..scene.rays {
+        let (d, w) = gather_direction(k, scene.rays, shift);
+        let w = w * norm;
+        let direction = (t * d.x + b * d.y + n * d.z).normalize();
+        let ray = Ray::new(start, direction);
+        let value = Vec3A::from(direction) * w;
+        let Some(hit) = scene.geometry.cast(&ray) else {
+            out.sky += value;
+            continue;
+        };
+        let seen = scene.geometry.surface(&ray, &hit);
+        let mut covered = false;
+        for l in (0..scene.sender_levels).rev() {
+            if scene.hierarchy.levels[l].weights(seen.position, seen.normal, &mut found) {
+                covered = true;
+                let first = scene.hierarchy.level_starts[l];
+                for entry in &found {
+                    out.add(first + entry.index, (k & 1) as usize, value * entry.weight);
+                }
+                if scene.deposit == Deposit::Finest {
+                    break;
+                }
+            }
+        }
+        // A black back (single-sided) or a hole in the cover sends nothing; only the hole is an error.
+        if !covered && (seen.front || seen.albedo != Vec3::ZERO) {
+            out.uncovered += w * d.z;
+        }
+    }
+    out.found = found;
+}
+
+/// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something: the yardstick for everything else.
+#[must_use]
+pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {
+    let (t, b) = tangents(n);
+    let start = x + n * geometry.lift(x);
+    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    (0..rays)
+        .filter(|&k| {
+            let (d, _) = gather_direction(k, rays, shift);
+            let direction = (t * d.x + b * d.y + n * d.z).normalize();
+            geometry.cast(&Ray::new(start, direction)).is_some()
+        })
+        .count() as u64
+}

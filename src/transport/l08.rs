@@ -1,0 +1,146 @@
+//! Rule `l08`: the adaptive refinement of [L08] Figure 5 as published, the baseline that rule `bounded` is measured against.
+//!
+//! Links are differences on both sides: senders carry differences to coarser levels ([L08] Eq. (7)), receivers encode what their parents do not
+//! already say (Eq. (17)). A link to a coarsest sender is kept when its magnitude exceeds ε; one to a finer sender when also its
+//! variation among the sender's neighbours does; a receiver's children are looked at when any of its links was kept.
+//!
+//! Deviations: reflectance is not in the link (design D1); a level is worked on in parallel, which Figure 5's queue allows because it
+//! holds the levels one after another.
+
+use super::gather::{GatherScene, Gathered, gather};
+use super::refine::{RawRow, Refined, share};
+use crate::basis::Weights;
+use glam::{Vec3, Vec3A};
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// Same-level functions that cover each sender's point: the neighbours of [L08] §2.1 ("B_i(p_n) ≠ 0"), both ways.
+#[must_use]
+pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
+    let count = hierarchy.level_starts[sender_levels] as usize;
+    (0..count)
+        .into_par_iter()
+        .map(|i| {
+            let l = hierarchy.level_of(i);
+            let first = hierarchy.level_starts[l];
+            let mut found = Vec::new();
+            let surface = &hierarchy.surfaces[i];
+            hierarchy.levels[l].raw_weights(surface.position, surface.normal, &mut found);
+            found
+                .iter()
+                .map(|w| w.index + first)
+                .filter(|&k| k as usize != i)
+                .collect()
+        })
+        .collect()
+}
+
+/// The rows of [L08] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
+pub fn refine_l08(
+    scene: &GatherScene<'_>,
+    parents: &Weights,
+    neighbours: &[Vec<u32>],
+    epsilon: f32,
+    progress: &(dyn Fn(f32) -> bool + Sync),
+) -> Option<Refined> {
+    let hierarchy = scene.hierarchy;
+    let points = hierarchy.len();
+    let senders = neighbours.len();
+    let coarsest = hierarchy.level_starts[1];
+    let mut out = Refined {
+        rows: Vec::with_capacity(points),
+        sky: Vec::with_capacity(points),
+        ..Refined::default()
+    };
+    let mut uncovered = 0.0f64;
+    let mut times = [Duration::ZERO; 2];
+    let mut queued = vec![false; points];
+    queued[..coarsest as usize].fill(true);
+    for l in 0..hierarchy.levels.len() {
+        let level = hierarchy.level(l);
+        let mut results: Vec<Option<(RawRow, Vec3A, f32, f32, [Duration; 2])>> = Vec::with_capacity(level.len());
+        for chunk in level.clone().collect::<Vec<_>>().chunks(1024) {
+            let rows = &out.rows;
+            results.par_extend(chunk.par_iter().map_init(
+                || (Gathered::new(senders), vec![Vec3A::ZERO; senders]),
+                |(gathered, links), &i| {
+                    if !queued[i] {
+                        return None;
+                    }
+                    let began = Instant::now();
+                    gather(scene, i, gathered);
+                    let gather_time = began.elapsed();
+                    let mut touched = gathered.touched.clone();
+                    for &j in &touched {
+                        links[j as usize] = gathered.link(j);
+                    }
+                    // The coarsest level partitions what was seen, so its links sum to the row's mass.
+                    let sum: Vec3A = touched.iter().filter(|&&j| j < coarsest).map(|&j| links[j as usize]).sum();
+                    // [L08] Eq. (17): subtract what the parents already say.
+                    for w in parents.row(i) {
+                        for &(j, link) in &rows[w.index as usize].links {
+                            links[j as usize] -= w.weight * link;
+                            touched.push(j);
+                        }
+                    }
+                    touched.sort_unstable();
+                    touched.dedup();
+                    let mut kept = Vec::new();
+                    for &j in &touched {
+                        let link = links[j as usize];
+                        let keep = link.length() > epsilon
+                            && (j < coarsest
+                                || neighbours[j as usize]
+                                    .iter()
+                                    .any(|&k| (link - links[k as usize]).length() > epsilon));
+                        if keep {
+                            kept.push((j, link));
+                        }
+                    }
+                    for &j in &touched {
+                        links[j as usize] = Vec3A::ZERO;
+                    }
+                    let row = RawRow {
+                        active: !kept.is_empty(),
+                        links: kept,
+                    };
+                    let row_sum = sum.dot(hierarchy.surfaces[i].normal.into());
+                    Some((row, gathered.sky, gathered.uncovered, row_sum, [gather_time, began.elapsed() - gather_time]))
+                },
+            ));
+            if !progress((level.start + results.len()) as f32 / points as f32) {
+                return None;
+            }
+        }
+        for (i, result) in level.clone().zip(results) {
+            if let Some((row, sky, missed, row_sum, spent)) = result {
+                times[0] += spent[0];
+                times[1] += spent[1];
+                out.gathered += 1;
+                uncovered += f64::from(missed);
+                out.largest_row_sum = out.largest_row_sum.max(row_sum);
+                out.sky.push(sky.into());
+                out.rows.push(row);
+            } else {
+                // Not looked at: the sky as the parents see it, level weights summing to one over the coarser levels that cover it.
+                let row = parents.row(i);
+                let total: f32 = row.iter().map(|w| w.weight).sum();
+                let sum: Vec3 = row.iter().map(|w| w.weight * out.sky[w.index as usize]).sum();
+                out.sky.push(if total > 0.0 { sum / total } else { Vec3::ZERO });
+                out.rows.push(RawRow::default());
+            }
+        }
+        if l + 1 < hierarchy.levels.len() {
+            for child in hierarchy.level(l + 1) {
+                queued[child] = parents
+                    .row(child)
+                    .iter()
+                    .any(|w| level.contains(&(w.index as usize)) && out.rows[w.index as usize].active);
+            }
+        }
+    }
+    out.rays = out.gathered * u64::from(scene.rays);
+    out.uncovered = uncovered / out.gathered.max(1) as f64;
+    out.gather_share = share(times);
+    Some(out)
+}

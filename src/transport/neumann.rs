@@ -1,0 +1,133 @@
+//! Several bounces, baked: the Neumann series S = T + T² + … of [L08] Eq. (15), with reflectance inside.
+//!
+//! [L08] §3.2 computes "the second and subsequent bounces (T² and onwards) using only the coarsest functions as receivers". Here the series is
+//! taken between the gathers: D = Σ_{m=1}^{k} (ρG)^m, from the senders' direct radiosity to the further radiosity of the coarsest points. The frame
+//! adds D f to the senders, interpolated downwards, and applies G once: every receiver, not only the coarsest, gets the later bounces'
+//! light through its own row.
+
+use super::refine::RawRow;
+use super::{BounceLink, BounceOperator};
+use crate::basis::Weights;
+use glam::{Vec3, Vec3A};
+use rayon::prelude::*;
+
+/// What the series needs to know of the senders.
+pub struct BounceScene<'a> {
+    /// Rows of at least the coarsest points, rule `bounded`.
+    pub rows: &'a [RawRow],
+    /// Normals of the coarsest points.
+    pub normals: &'a [Vec3],
+    /// Albedos of the coarsest points, averaged over their supports.
+    pub albedo: &'a [Vec3],
+    /// Parents of every sender one level up.
+    pub parents: &'a Weights,
+    /// How many senders.
+    pub senders: usize,
+}
+
+/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the largest of their row and colour are handed to the
+/// others of the row in proportion, so that each row keeps its sum.
+#[must_use]
+pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {
+    let coarsest = scene.normals.len();
+    // How much each coarsest point counts in a sender's interpolated value.
+    let mut lift: Vec<Vec<(u32, f32)>> = Vec::with_capacity(scene.senders);
+    for j in 0..scene.senders {
+        if j < coarsest {
+            lift.push(vec![(j as u32, 1.0)]);
+            continue;
+        }
+        let mut sums: Vec<(u32, f32)> = Vec::new();
+        for w in scene.parents.row(j) {
+            for &(k, v) in &lift[w.index as usize] {
+                match sums.binary_search_by_key(&k, |s| s.0) {
+                    Ok(at) => sums[at].1 += w.weight * v,
+                    Err(at) => sums.insert(at, (k, w.weight * v)),
+                }
+            }
+        }
+        lift.push(sums);
+    }
+    // R = ρG of the coarsest rows, without albedo: k ← sender.
+    let gain = |k: usize| {
+        let n = Vec3A::from(scene.normals[k]);
+        scene.rows[k].links.iter().map(move |&(j, f)| (j, f.dot(n)))
+    };
+    // R P: k ← k', over interpolated senders.
+    let coarse: Vec<Vec<f32>> = (0..coarsest)
+        .into_par_iter()
+        .map(|k| {
+            let mut row = vec![0.0; coarsest];
+            for (j, g) in gain(k) {
+                for &(c, w) in &lift[j as usize] {
+                    row[c as usize] += g * w;
+                }
+            }
+            row
+        })
+        .collect();
+    let channels: Vec<Vec<Vec<f32>>> = (0..3)
+        .map(|channel| {
+            let first: Vec<Vec<f32>> = (0..coarsest)
+                .map(|k| {
+                    let mut row = vec![0.0; scene.senders];
+                    for (j, g) in gain(k) {
+                        row[j as usize] = scene.albedo[k][channel] * g;
+                    }
+                    row
+                })
+                .collect();
+            let mut term = first.clone();
+            let mut sum = first;
+            for _ in 1..bounces {
+                term = (0..coarsest)
+                    .into_par_iter()
+                    .map(|k| {
+                        let mut row = vec![0.0; scene.senders];
+                        for (c, &g) in coarse[k].iter().enumerate() {
+                            let g = g * scene.albedo[k][channel];
+                            if g != 0.0 {
+                                for (r, t) in row.iter_mut().zip(&term[c]) {
+                                    *r += g * t;
+                                }
+                            }
+                        }
+                        row
+                    })
+                    .collect();
+                for (s, t) in sum.iter_mut().zip(&term) {
+                    for (s, t) in s.iter_mut().zip(t) {
+                        *s += t;
+                    }
+                }
+            }
+            sum
+        })
+        .collect();
+    let mut out = BounceOperator {
+        starts: vec![0],
+        links: Vec::new(),
+        bounces,
+    };
+    for k in 0..coarsest {
+        let mut keep_scale = Vec3::ZERO;
+        let mut threshold = [0.0f32; 3];
+        for (channel, rows) in channels.iter().enumerate() {
+            threshold[channel] = epsilon * rows[k].iter().fold(0.0f32, |a, g| a.max(g.abs()));
+        }
+        let kept = |j: usize| (0..3).any(|c| channels[c][k][j].abs() > threshold[c]);
+        for (channel, rows) in channels.iter().enumerate() {
+            let all: f32 = rows[k].iter().sum();
+            let some: f32 = (0..scene.senders).filter(|&j| kept(j)).map(|j| rows[k][j]).sum();
+            keep_scale[channel] = if some > 0.0 { all / some } else { 1.0 };
+        }
+        for j in (0..scene.senders).filter(|&j| kept(j)) {
+            out.links.push(BounceLink {
+                gain: [0, 1, 2].map(|c| channels[c][k][j] * keep_scale[c]),
+                sender: j as u32,
+            });
+        }
+        out.starts.push(out.links.len() as u32);
+    }
+    out
+}
