@@ -86,4 +86,12 @@ impl BakedScene {
     pub fn senders(&self) -> usize {
         self.level_starts[self.sender_levels as usize] as usize
     }
+
+    /// How many points, counted from the first, light is projected onto: the senders' levels and the next finer one, whose means the finest
+    /// senders are.
+    #[must_use]
+    pub fn lit_points(&self) -> usize {
+        let last = (self.sender_levels as usize + 1).min(self.levels());
+        self.level_starts[last] as usize
+    }
 }

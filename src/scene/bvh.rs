@@ -1,6 +1,8 @@
 //! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU alike.
 
+use super::Ray;
 use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
 
 /// A node. 32 bytes.
 #[repr(C)]
@@ -41,4 +43,101 @@ pub struct Bvh {
     pub nodes: Vec<BvhNode>,
     /// Triangles in leaf order.
     pub triangles: Vec<BvhTriangle>,
+}
+
+/// Nodes that a walk may have put aside: a BVH is at most this deep.
+const STACK: usize = 64;
+/// Components of a direction that are smaller are taken for this.
+const SMALLEST: f32 = 1e-18;
+
+impl Bvh {
+    /// True when any triangle meets `ray` with t in (0, `ray.max_t`).
+    #[must_use]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        if self.nodes.is_empty() {
+            return false;
+        }
+        // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts as one that it crosses very late.
+        let guard = |d: f32| if d.abs() < SMALLEST { SMALLEST } else { d };
+        let inverse = Vec3::ONE / Vec3::from_array(ray.direction.to_array().map(guard));
+        let shear = Shear::new(ray.direction);
+        let mut stack = [0u32; STACK];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let node = &self.nodes[stack[top] as usize];
+            let a = (Vec3::from_array(node.min) - ray.origin) * inverse;
+            let b = (Vec3::from_array(node.max) - ray.origin) * inverse;
+            let near = a.min(b).max_element().max(0.0);
+            let far = a.max(b).min_element().min(ray.max_t);
+            if near > far {
+                continue;
+            }
+            if node.count == 0 {
+                if top + 2 <= STACK {
+                    stack[top] = node.first;
+                    stack[top + 1] = node.first + 1;
+                    top += 2;
+                }
+                continue;
+            }
+            let first = node.first as usize;
+            let leaf = &self.triangles[first..first + node.count as usize];
+            if leaf.iter().any(|t| shear.meets(ray, t)) {
+                return true;
+            }
+        }
+        false
+    }
+}
+
+/// A ray's own coordinate system, in which it runs along z: Woop, Benthin & Wald 2013. A ray through a shared edge meets one of its triangles.
+struct Shear {
+    /// Which axis becomes x, y and z.
+    axes: [usize; 3],
+    s: Vec3,
+}
+
+impl Shear {
+    fn new(direction: Vec3) -> Self {
+        let a = direction.abs();
+        let z = if a.x > a.y && a.x > a.z {
+            0
+        } else if a.y > a.z {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if direction[z] < 0.0 {
+            (x, y) = (y, x);
+        }
+        Self {
+            axes: [x, y, z],
+            s: Vec3::new(direction[x], direction[y], 1.0) / direction[z],
+        }
+    }
+
+    fn meets(&self, ray: &Ray, triangle: &BvhTriangle) -> bool {
+        let [x, y, z] = self.axes;
+        let corner = |v: [f32; 3]| {
+            let v = Vec3::from_array(v) - ray.origin;
+            Vec3::new(
+                v[x] - self.s.x * v[z],
+                v[y] - self.s.y * v[z],
+                self.s.z * v[z],
+            )
+        };
+        let (a, b, c) = (corner(triangle.a), corner(triangle.b), corner(triangle.c));
+        let u = c.x * b.y - c.y * b.x;
+        let v = a.x * c.y - a.y * c.x;
+        let w = b.x * a.y - b.y * a.x;
+        let outside = u.min(v).min(w) < 0.0 && u.max(v).max(w) > 0.0;
+        let det = u + v + w;
+        if outside || det == 0.0 {
+            return false;
+        }
+        let t = (u * a.z + v * b.z + w * c.z) / det;
+        t > 0.0 && t < ray.max_t
+    }
 }
