@@ -1,1 +1,36 @@
-//! To come in the next commits.
+//! A frame on the CPU: one file a kernel, in the order of a frame. Each is the twin of the shader of the same name: the oracle of its test, and
+//! what runs where there is no compute.
+//!
+//! | kernel | does |
+//! |---|---|
+//! | [`project`] | light → irradiance at the lit points, shadows included; only for lights that moved |
+//! | [`radiosity`] | all lights and the sky → radiosity at the lit points |
+//! | [`pull`] | → the senders' coefficients, fine to coarse |
+//! | [`push`] | → differences, coarse to fine, where the operator asks for them |
+//! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
+//! | [`bounce`] | → the senders' coefficients after further reflections |
+//! | [`flatten`] | → vector irradiance at all points |
+//! | [`splat`] | → irradiance of a pixel, or at any place |
+//! | [`composite`] | → what a pixel's colour gains |
+//!
+//! [`CpuFrame`] runs them all; a [`FrameSettings`] says how many bounces.
+
+pub mod apply;
+pub mod bounce;
+pub mod composite;
+mod cpu_frame;
+pub mod flatten;
+pub mod gbuffer;
+pub mod layout;
+mod light;
+pub mod project;
+pub mod pull;
+pub mod push;
+pub mod radiosity;
+mod settings;
+pub mod splat;
+
+pub use cpu_frame::{CpuFrame, FrameCounters};
+pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
+pub use light::FrameLight;
+pub use settings::{FrameSettings, SceneShape, Steps};

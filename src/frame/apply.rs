@@ -1,0 +1,49 @@
+//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j ([L08] Eq. (14) with D1's links). The shader gives a row
+//! to [`LANES`] threads, each of which sums every [`LANES`]-th link; the sums differ by rounding only.
+
+use super::layout::VectorIrradiance;
+use crate::transport::{Link, Row};
+use glam::Vec4;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Threads that share a row on the GPU.
+pub const LANES: u32 = 16;
+
+/// E⃗ of one row, W/m². A row without links is black.
+#[must_use]
+#[inline]
+pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> VectorIrradiance {
+    let start = row.start as usize;
+    let (mut x, mut y, mut z) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+    for link in &links[start..start + row.count as usize] {
+        let f = Vec4::from_array(coefficients[link.sender() as usize]);
+        let v = link.vector();
+        x += v.x * f;
+        y += v.y * f;
+        z += v.z * f;
+    }
+    VectorIrradiance {
+        x: (row.scale * x).to_array(),
+        y: (row.scale * y).to_array(),
+        z: (row.scale * z).to_array(),
+    }
+}
+
+/// Fills `out[points]`.
+pub fn apply(
+    rows: &[Row],
+    links: &[Link],
+    points: Range<usize>,
+    coefficients: &[[f32; 4]],
+    out: &mut [VectorIrradiance],
+) {
+    let first = points.start;
+    out[points]
+        .par_iter_mut()
+        .with_min_len(64)
+        .enumerate()
+        .for_each(|(i, e)| {
+            *e = apply_row(&rows[first + i], links, coefficients);
+        });
+}

@@ -1,0 +1,23 @@
+//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion. Blended additively over the lit
+//! picture, before transparency and tonemapping.
+
+use super::gbuffer;
+use super::layout::CompositeParams;
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
+
+/// What the shader adds at a pixel. `irradiance` is the texel that `splat` wrote, `pass` Bevy's deferred lighting pass (0: the pixel is not
+/// deferred, or sky).
+#[must_use]
+pub fn composite_pixel(
+    params: &CompositeParams,
+    irradiance: [f32; 4],
+    texel: [u32; 4],
+    pass: u32,
+) -> [f32; 3] {
+    if pass == 0 || irradiance[3] == 0.0 || gbuffer::is_unlit(texel) {
+        return [0.0; 3];
+    }
+    let e = Vec3::new(irradiance[0], irradiance[1], irradiance[2]);
+    (params.scale * FRAC_1_PI * gbuffer::occlusion(texel) * gbuffer::diffuse(texel) * e).to_array()
+}

@@ -1,0 +1,306 @@
+//! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for any number of threads, for no sum is shared
+//! between threads.
+
+use super::{
+    FrameLight, FrameSettings, SceneShape, SolveParams, Steps, VectorIrradiance, apply, bounce,
+    flatten, project, pull, push, radiosity, splat,
+};
+use crate::asset::BakedScene;
+use glam::Vec3;
+
+/// What a frame has run since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameCounters {
+    /// Light slots projected.
+    pub projected: u64,
+    /// Solves that ran.
+    pub solves: u64,
+    /// Solves that had nothing to do.
+    pub rested: u64,
+    /// Jacobi sweeps within the solves.
+    pub sweeps: u64,
+}
+
+/// The state of a frame on the CPU. Every call takes the scene that it was made for; a scene of another
+/// size starts it anew.
+#[derive(Clone, Debug, Default)]
+pub struct CpuFrame {
+    lights: Vec<FrameLight>,
+    /// What each slot was projected for.
+    projected_for: Vec<FrameLight>,
+    /// Slot after slot, one value a lit point.
+    projected: Vec<f32>,
+    radiosity: Vec<[f32; 4]>,
+    senders: Vec<[f32; 4]>,
+    direct: Vec<[f32; 4]>,
+    further: Vec<[f32; 4]>,
+    differences: Vec<[f32; 4]>,
+    applied: Vec<VectorIrradiance>,
+    values: Vec<VectorIrradiance>,
+    solved: Option<FrameSettings>,
+    /// Points and senders of the scene that the arrays were made for.
+    made_for: (usize, usize),
+    counters: FrameCounters,
+}
+
+impl CpuFrame {
+    /// A frame without lights: everything is black.
+    #[must_use]
+    pub fn new(scene: &BakedScene) -> Self {
+        let (points, senders) = (scene.points.len(), scene.senders());
+        Self {
+            radiosity: vec![[0.0; 4]; scene.lit_points()],
+            senders: vec![[0.0; 4]; senders + 1],
+            direct: vec![[0.0; 4]; senders + 1],
+            further: vec![[0.0; 4]; senders + 1],
+            differences: vec![[0.0; 4]; senders + 1],
+            applied: vec![VectorIrradiance::default(); points],
+            values: vec![VectorIrradiance::default(); points],
+            made_for: (points, senders),
+            ..Self::default()
+        }
+    }
+
+    /// Sets the lights, slot by slot, in the bake's local space, and projects the slots whose geometry is not what they were last projected for.
+    /// Returns how many those were.
+    pub fn set_lights(&mut self, scene: &BakedScene, lights: &[FrameLight]) -> usize {
+        self.check(scene);
+        if self.lights != lights {
+            self.solved = None;
+        }
+        self.lights.clear();
+        self.lights.extend_from_slice(lights);
+        let lit = scene.lit_points();
+        if self.projected_for.len() < lights.len() {
+            self.projected_for
+                .resize(lights.len(), FrameLight::default());
+            self.projected.resize(lights.len() * lit, 0.0);
+        }
+        let extent = project::extent(scene);
+        let mut count = 0;
+        for (slot, light) in lights.iter().enumerate() {
+            if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
+                continue;
+            }
+            let out = &mut self.projected[slot * lit..(slot + 1) * lit];
+            project::project(&scene.bvh, extent, light, &scene.points[..lit], out);
+            self.projected_for[slot] = *light;
+            count += 1;
+        }
+        self.counters.projected += count as u64;
+        count
+    }
+
+    /// Carries the light on to all points, unless lights and settings are those of the last solve. Returns whether anything ran.
+    pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
+        self.check(scene);
+        if self.solved == Some(*settings) {
+            self.counters.rested += 1;
+            return false;
+        }
+        let shape = SceneShape::new(scene);
+        let params = shape.params(settings, self.lights.len());
+        let steps = Steps::new(&shape, settings);
+        let senders = scene.senders();
+        radiosity::radiosity(
+            &params,
+            &self.lights,
+            &self.projected,
+            &scene.points,
+            &scene.surfaces,
+            &mut self.radiosity,
+            &mut self.senders,
+        );
+        for level in &steps.pull {
+            pull::pull(
+                &scene.pull,
+                level.clone(),
+                senders,
+                &self.radiosity,
+                &mut self.senders,
+            );
+        }
+        if let (true, Some(bounces)) = (steps.baked, &scene.bounces) {
+            self.direct.copy_from_slice(&self.senders);
+            bounce::gather(
+                &bounces.starts,
+                &bounces.links,
+                &self.direct,
+                &mut self.further,
+            );
+            for level in steps.senders.iter().skip(1) {
+                bounce::spread(&params, &scene.parents, level.clone(), &mut self.further);
+            }
+            bounce::add(&params, &self.direct, &self.further, &mut self.senders);
+        }
+        if steps.sweeps > 0 {
+            self.direct.copy_from_slice(&self.senders);
+        }
+        for _ in 0..steps.sweeps {
+            self.transport(scene, &steps, 0..senders, &steps.senders);
+            bounce::sweep(
+                &params,
+                &scene.points,
+                &scene.surfaces,
+                &scene.pull,
+                &self.direct,
+                &self.values,
+                &mut self.senders,
+            );
+            for level in &steps.pull_again {
+                pull::pull(
+                    &scene.pull,
+                    level.clone(),
+                    senders,
+                    &self.radiosity,
+                    &mut self.senders,
+                );
+            }
+        }
+        self.transport(scene, &steps, 0..scene.points.len(), &steps.levels);
+        self.solved = Some(*settings);
+        self.counters.solves += 1;
+        self.counters.sweeps += u64::from(steps.sweeps);
+        true
+    }
+
+    /// Push, apply and flatten for the points of `levels`.
+    fn transport(
+        &mut self,
+        scene: &BakedScene,
+        steps: &Steps,
+        points: std::ops::Range<usize>,
+        levels: &[std::ops::Range<usize>],
+    ) {
+        let operator = &scene.operator;
+        if steps.differences {
+            for level in &steps.senders {
+                push::push(
+                    &scene.parents,
+                    level.clone(),
+                    &self.senders,
+                    &mut self.differences,
+                );
+            }
+            // The sky is no function of any level.
+            let sky = scene.senders();
+            self.differences[sky] = self.senders[sky];
+            apply::apply(
+                &operator.rows,
+                &operator.links,
+                points.clone(),
+                &self.differences,
+                &mut self.applied,
+            );
+            flatten::differences(&scene.parents, points, &self.applied, &mut self.values);
+        } else {
+            apply::apply(
+                &operator.rows,
+                &operator.links,
+                points,
+                &self.senders,
+                &mut self.values,
+            );
+            for level in levels {
+                flatten::averages(
+                    &operator.rows,
+                    &scene.parents,
+                    level.clone(),
+                    &mut self.values,
+                );
+            }
+        }
+    }
+
+    /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the sky and emissive surfaces send is in it.
+    #[must_use]
+    pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
+        splat::splat(&scene.points, &scene.display, &self.values, x, n)
+    }
+
+    /// Direct irradiance at (x, n) from the lights set, W/m²: shadows included, the sky and emissive surfaces not.
+    #[must_use]
+    pub fn direct(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
+        let extent = project::extent(scene);
+        let mut e = Vec3::ZERO;
+        for light in &self.lights {
+            e += Vec3::from_array(light.color)
+                * project::project_at(&scene.bvh, extent, light, x, n);
+        }
+        e
+    }
+
+    /// The lights, slot by slot.
+    #[must_use]
+    pub fn lights(&self) -> &[FrameLight] {
+        &self.lights
+    }
+
+    /// Irradiance at the lit points from the light of `slot` with colour one.
+    #[must_use]
+    pub fn projected(&self, slot: usize) -> &[f32] {
+        let lit = self.radiosity.len();
+        &self.projected[slot * lit..(slot + 1) * lit]
+    }
+
+    /// Radiosity at the lit points, W/m².
+    #[must_use]
+    pub fn radiosity(&self) -> &[[f32; 4]] {
+        &self.radiosity
+    }
+
+    /// The senders' coefficients after all bounces, the sky's behind them, W/m².
+    #[must_use]
+    pub fn senders(&self) -> &[[f32; 4]] {
+        &self.senders
+    }
+
+    /// The senders' coefficients of direct light, W/m²; only where there was more than one bounce.
+    #[must_use]
+    pub fn direct_senders(&self) -> &[[f32; 4]] {
+        &self.direct
+    }
+
+    /// The baked bounces' further radiosity at the senders, W/m².
+    #[must_use]
+    pub fn further(&self) -> &[[f32; 4]] {
+        &self.further
+    }
+
+    /// The senders' differences, where the operator is in that form, W/m².
+    #[must_use]
+    pub fn differences(&self) -> &[[f32; 4]] {
+        &self.differences
+    }
+
+    /// What the operator alone gives each point, where it is in the form of differences, W/m².
+    #[must_use]
+    pub fn applied(&self) -> &[VectorIrradiance] {
+        &self.applied
+    }
+
+    /// Vector irradiance at every point, W/m².
+    #[must_use]
+    pub fn values(&self) -> &[VectorIrradiance] {
+        &self.values
+    }
+
+    /// What has run so far.
+    #[must_use]
+    pub fn counters(&self) -> FrameCounters {
+        self.counters
+    }
+
+    /// The parameters of a solve with these settings and the lights set.
+    #[must_use]
+    pub fn params(&self, scene: &BakedScene, settings: &FrameSettings) -> SolveParams {
+        SceneShape::new(scene).params(settings, self.lights.len())
+    }
+
+    /// Starts anew where the scene has another size.
+    fn check(&mut self, scene: &BakedScene) {
+        if self.made_for != (scene.points.len(), scene.senders()) {
+            *self = Self::new(scene);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Kernel `project`: the scalar irradiance at each lit point from one light of colour one, shadows included. Visibility is a ray through the
+//! baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+
+use super::light::FrameLight;
+use crate::asset::BakedScene;
+use crate::samples::Point;
+use crate::scene::{Bvh, Ray};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// How far a directional light's shadow ray goes, metres.
+pub const FAR: f32 = 1e30;
+
+/// Largest edge of the box around the geometry, metres; 0 where there is none.
+#[must_use]
+pub fn extent(scene: &BakedScene) -> f32 {
+    let [min, max] = scene.info.bounds.map(Vec3::from_array);
+    let size = (max - min).max_element();
+    if size.is_finite() { size.max(0.0) } else { 0.0 }
+}
+
+/// How far a shadow ray's start is lifted off the surface at `x`, metres; the rule of [`Geometry::lift`](crate::scene::Geometry::lift).
+#[must_use]
+#[inline]
+pub fn lift(x: Vec3, extent: f32) -> f32 {
+    (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
+}
+
+/// Irradiance at (x, n) from `light` with colour one and without shadows: 1/m² (point, spot, patch) or dimensionless (directional). Finite for
+/// every input that is.
+#[must_use]
+#[inline]
+pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
+    let axis = Vec3::from_array(light.direction);
+    if light.kind == FrameLight::NONE {
+        return 0.0;
+    }
+    if light.kind == FrameLight::DIRECTIONAL {
+        return n.dot(-axis).max(0.0);
+    }
+    let to = Vec3::from_array(light.position) - x;
+    let square = to.dot(to);
+    if square <= 0.0 {
+        return 0.0;
+    }
+    let to = to / square.sqrt();
+    let mut e = n.dot(to).max(0.0) / square.max(1e-4);
+    if light.kind == FrameLight::PATCH {
+        return e * (-to.dot(axis)).max(0.0);
+    }
+    let factor = square * light.inverse_square_range;
+    let window = (1.0 - factor * factor).clamp(0.0, 1.0);
+    e *= window * window;
+    if light.kind == FrameLight::SPOT {
+        let cone = (-to.dot(axis) * light.spot_scale + light.spot_offset).clamp(0.0, 1.0);
+        e *= cone * cone;
+    }
+    e
+}
+
+/// The shadow ray from (x, n) to `light`: it starts and ends a [`lift`] off the surfaces. None where nothing fits between.
+#[must_use]
+#[inline]
+pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<Ray> {
+    let lift = lift(x, extent);
+    let origin = x + n * lift;
+    if light.kind == FrameLight::DIRECTIONAL {
+        return Some(Ray::segment(
+            origin,
+            -Vec3::from_array(light.direction),
+            FAR,
+        ));
+    }
+    let to = Vec3::from_array(light.position) - origin;
+    let distance = to.dot(to).sqrt();
+    let max_t = distance - lift;
+    (max_t > 0.0).then(|| Ray::segment(origin, to / distance, max_t))
+}
+
+/// Irradiance at (x, n) from `light` with colour one.
+#[must_use]
+#[inline]
+pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
+    let e = unshadowed(light, x, n);
+    if e <= 0.0 {
+        return 0.0;
+    }
+    match shadow_ray(light, x, n, extent) {
+        Some(ray) if bvh.occluded(&ray) => 0.0,
+        _ => e,
+    }
+}
+
+/// Fills `out`, one value for each of the first points.
+pub fn project(bvh: &Bvh, extent: f32, light: &FrameLight, points: &[Point], out: &mut [f32]) {
+    out.par_iter_mut()
+        .with_min_len(64)
+        .zip(points)
+        .for_each(|(g, point)| {
+            *g = project_at(bvh, extent, light, point.x(), point.n());
+        });
+}

@@ -1,0 +1,203 @@
+//! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
+
+use super::layout::SolveParams;
+use super::project::extent;
+use crate::asset::BakedScene;
+use crate::transport::SenderForm;
+use glam::Vec3;
+use std::f32::consts::PI;
+use std::ops::Range;
+
+/// What a solve simulates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameSettings {
+    /// Jacobi sweeps: reflections beyond the first. Not used where the bake holds its bounces and `baked_bounces` is on.
+    pub sweeps: u32,
+    /// Use the bake's further bounces, where it has them.
+    pub baked_bounces: bool,
+    /// Radiance of the sky, W/(m² sr).
+    pub sky: Vec3,
+    /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
+    pub emission: f32,
+}
+
+impl Default for FrameSettings {
+    fn default() -> Self {
+        Self {
+            sweeps: 1,
+            baked_bounces: true,
+            sky: Vec3::ZERO,
+            emission: 1.0,
+        }
+    }
+}
+
+impl FrameSettings {
+    /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
+    #[must_use]
+    pub fn bounces(bounces: u32) -> Self {
+        Self {
+            sweeps: bounces.max(1) - 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// What the steps of a solve depend on: the sizes of a baked scene, without its arrays.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneShape {
+    /// Where each level's points start, and the end of the last.
+    pub level_starts: Vec<u32>,
+    /// How many levels send.
+    pub sender_levels: usize,
+    /// Points that light is projected onto.
+    pub lit: usize,
+    /// What the links multiply.
+    pub form: SenderForm,
+    /// The bake holds further bounces.
+    pub bounces: bool,
+    /// Nodes of the BVH.
+    pub nodes: usize,
+    /// Largest edge of the geometry's box, metres.
+    pub extent: f32,
+}
+
+impl SceneShape {
+    /// The shape of `scene`.
+    #[must_use]
+    pub fn new(scene: &BakedScene) -> Self {
+        Self {
+            level_starts: scene.level_starts.clone(),
+            sender_levels: (scene.sender_levels as usize).min(scene.levels()),
+            lit: scene.lit_points(),
+            form: scene.operator.form,
+            bounces: scene.bounces.is_some(),
+            nodes: scene.bvh.nodes.len(),
+            extent: extent(scene),
+        }
+    }
+
+    /// How many points.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.level_starts.last().map_or(0, |&n| n as usize)
+    }
+
+    /// How many senders, the sky not counted.
+    #[must_use]
+    pub fn senders(&self) -> usize {
+        self.level_starts[self.sender_levels] as usize
+    }
+
+    /// How many levels.
+    #[must_use]
+    pub fn levels(&self) -> usize {
+        self.level_starts.len() - 1
+    }
+
+    /// The points of level `l`.
+    #[must_use]
+    pub fn level(&self, l: usize) -> Range<usize> {
+        self.level_starts[l] as usize..self.level_starts[l + 1] as usize
+    }
+
+    /// The numbers that all kernels of a solve know.
+    #[must_use]
+    pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        SolveParams {
+            sky: (settings.sky * PI).to_array().map(finite),
+            emission: finite(settings.emission),
+            points: self.points() as u32,
+            lit: self.lit as u32,
+            senders: self.senders() as u32,
+            finest_sender: self.level_starts[self.sender_levels.saturating_sub(1)],
+            slots: slots as u32,
+            nodes: self.nodes as u32,
+            extent: self.extent,
+            sky_sender: self.senders() as u32,
+            coarsest: self.level_starts.get(1).copied().unwrap_or(0),
+            differences: u32::from(self.form == SenderForm::Differences),
+            ..SolveParams::default()
+        }
+    }
+}
+
+/// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Steps {
+    /// The levels that `pull` fills from the level below, in order (fine to coarse).
+    pub pull: Vec<Range<usize>>,
+    /// The levels that `pull` fills again in a sweep: all but the finest sender level.
+    pub pull_again: Vec<Range<usize>>,
+    /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
+    pub senders: Vec<Range<usize>>,
+    /// All levels, coarse to fine: the last `flatten`.
+    pub levels: Vec<Range<usize>>,
+    /// Jacobi sweeps.
+    pub sweeps: u32,
+    /// The bake's further bounces are used.
+    pub baked: bool,
+    /// Coefficients are differences.
+    pub differences: bool,
+}
+
+impl Steps {
+    /// The steps of a solve.
+    #[must_use]
+    pub fn new(shape: &SceneShape, settings: &FrameSettings) -> Self {
+        let level = |l: usize| shape.level(l);
+        let finer = shape.levels().saturating_sub(1);
+        let baked = settings.baked_bounces && shape.bounces;
+        Self {
+            pull: (0..shape.sender_levels.min(finer))
+                .rev()
+                .map(level)
+                .collect(),
+            pull_again: (0..shape.sender_levels.saturating_sub(1))
+                .rev()
+                .map(level)
+                .collect(),
+            senders: (0..shape.sender_levels).map(level).collect(),
+            levels: (0..shape.levels()).map(level).collect(),
+            sweeps: if baked { 0 } else { settings.sweeps },
+            baked,
+            differences: shape.form == SenderForm::Differences,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(level_starts: &[u32], sender_levels: usize) -> SceneShape {
+        SceneShape {
+            level_starts: level_starts.to_vec(),
+            sender_levels,
+            lit: *level_starts.last().unwrap() as usize,
+            form: SenderForm::Averages,
+            bounces: false,
+            nodes: 0,
+            extent: 1.0,
+        }
+    }
+
+    #[test]
+    fn levels_are_pulled_fine_to_coarse_and_flattened_coarse_to_fine() {
+        let steps = Steps::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
+        assert_eq!(steps.pull, [3..10, 0..3]);
+        assert_eq!(steps.pull_again, [0..3]);
+        assert_eq!(steps.senders, [0..3, 3..10]);
+        assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
+        assert_eq!(steps.sweeps, 2);
+    }
+
+    #[test]
+    fn the_finest_level_of_all_has_nothing_to_be_pulled_from() {
+        let steps = Steps::new(&shape(&[0, 3, 10], 2), &FrameSettings::default());
+        assert_eq!(steps.pull, [0..3]);
+        let empty = Steps::new(&shape(&[0], 0), &FrameSettings::default());
+        assert!(empty.pull.is_empty() && empty.levels.is_empty());
+    }
+}

@@ -1,0 +1,94 @@
+//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of [L08] §4.1, with the
+//! Shepard quotient of Eq. (3) over the weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
+
+use super::gbuffer;
+use super::layout::{SplatParams, VectorIrradiance};
+use crate::asset::{BakedScene, Display};
+use crate::basis::{NO_COVER, weight};
+use crate::samples::Point;
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+/// A half holds no more; what is brighter must not become infinite.
+const LARGEST_HALF: f32 = 65_504.0;
+
+/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no function covers the place.
+#[must_use]
+pub fn splat_vector(
+    points: &[Point],
+    display: &Display,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<VectorIrradiance> {
+    if !x.is_finite() || !n.is_finite() {
+        return None;
+    }
+    let mut numerator = VectorIrradiance::default();
+    let mut denominator = 0.0;
+    for &j in display.grid.near(x) {
+        let w = weight(&points[j as usize], &display.planes, x, n);
+        if w > 0.0 {
+            denominator += w;
+            numerator.add_scaled(w, &values[j as usize]);
+        }
+    }
+    if denominator <= NO_COVER {
+        return None;
+    }
+    let mut out = VectorIrradiance::default();
+    out.add_scaled(1.0 / denominator, &numerator);
+    Some(out)
+}
+
+/// Irradiance at (x, n), W/m².
+#[must_use]
+pub fn splat(
+    points: &[Point],
+    display: &Display,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<Vec3> {
+    splat_vector(points, display, values, x, n).map(|e| e.dot(n).max(Vec3::ZERO))
+}
+
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: irradiance × `scale`; alpha: 1 where covered, else
+/// all is 0.
+#[must_use]
+pub fn splat_pixel(
+    params: &SplatParams,
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> [f32; 4] {
+    // Reversed depth: 0 is infinitely far, where nothing was drawn.
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return [0.0; 4];
+    }
+    let (x, n) = place(params, pixel, depth, texel);
+    match splat(&scene.points, &scene.display, values, x, n) {
+        Some(e) => (e * params.scale)
+            .min(Vec3::splat(LARGEST_HALF))
+            .extend(1.0)
+            .to_array(),
+        None => [0.0; 4],
+    }
+}
+
+/// Place and normal of a pixel in the bake's local space.
+#[must_use]
+pub fn place(params: &SplatParams, pixel: [u32; 2], depth: f32, texel: [u32; 4]) -> (Vec3, Vec3) {
+    let [left, top, width, height] = params.viewport;
+    let uv = Vec2::new(
+        (pixel[0] as f32 + 0.5 - left) / width,
+        (pixel[1] as f32 + 0.5 - top) / height,
+    );
+    let ndc = Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+    let h = Mat4::from_cols_array_2d(&params.local_from_clip) * ndc;
+    let world = gbuffer::normal(texel);
+    let [a, b, c] = params.local_from_world.map(Vec4::from_array);
+    let n = (a * world.x + b * world.y + c * world.z).truncate();
+    (h.truncate() / h.w, n)
+}
