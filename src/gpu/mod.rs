@@ -1,1 +1,29 @@
-//! To come in the next commits.
+//! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](crate::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or
+//! a [`Harness`] without a window, brings device, queue and encoder.
+//!
+//! | type | does |
+//! |---|---|
+//! | [`KERNELS`] | the table of kernels: shader, entry points, bindings |
+//! | [`Kernels`] | pipelines, each made when it is first asked for |
+//! | [`SceneBuffers`] | a baked scene on the device |
+//! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
+//! | [`ViewBuffers`] | the parameters of one scene in one view |
+//! | [`Harness`] | a device without a window |
+//!
+//! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
+//! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
+
+mod error;
+mod frame;
+mod harness;
+mod kernels;
+mod links;
+mod pipelines;
+mod scene_buffers;
+
+pub use error::GpuError;
+pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use harness::Harness;
+pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
+pub use pipelines::{ComputeKernel, Kernels, RenderKernel};
+pub use scene_buffers::{SceneBuffers, ViewBuffers};

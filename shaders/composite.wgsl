@@ -1,0 +1,30 @@
+// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended additively. Twin: src/frame/composite.rs.
+
+@group(0) @binding(0) var<uniform> params: CompositeParams;
+@group(0) @binding(1) var irradiance: texture_2d<f32>;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var lighting_passes: texture_2d<u32>;
+
+const FRAC_1_PI: f32 = 0.318309886;
+
+// Three corners of a triangle that holds the whole screen.
+@vertex
+fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    let corner = vec2f(f32((index << 1u) & 2u), f32(index & 2u));
+    return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
+}
+
+@fragment
+fn composite(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2u(position.xy);
+    // Lighting pass 0: sky, or a pixel that is not deferred.
+    if textureLoad(lighting_passes, pixel, 0).r == 0u {
+        return vec4f(0.0);
+    }
+    let e = textureLoad(irradiance, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
+    if e.a == 0.0 || gbuffer_is_unlit(texel) {
+        return vec4f(0.0);
+    }
+    return vec4f(params.scale * FRAC_1_PI * gbuffer_occlusion(texel) * gbuffer_diffuse(texel) * e.rgb, 0.0);
+}

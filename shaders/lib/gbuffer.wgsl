@@ -1,0 +1,31 @@
+// Bevy's deferred G-buffer texel. Twin: src/frame/gbuffer.rs, which says what is in which bits.
+
+const UNLIT: u32 = 1u;
+const GAMMA: f32 = 2.2;
+
+fn gbuffer_normal(texel: vec4u) -> vec3f {
+    let packed = vec2f(vec2u(texel.a, texel.a >> 12u) & vec2u(0xfffu)) / 4095.0;
+    let v = packed * 2.0 - 1.0;
+    let z = 1.0 - abs(v.x) - abs(v.y);
+    // The lower half is folded over the diagonals.
+    let fold = clamp(-z, 0.0, 1.0);
+    return normalize(vec3f(v + select(vec2f(fold), vec2f(-fold), v >= vec2f(0.0)), z));
+}
+
+fn gbuffer_is_unlit(texel: vec4u) -> bool {
+    return ((texel.a >> 24u) & UNLIT) != 0u;
+}
+
+fn unorm8(bits: u32) -> f32 {
+    return f32(bits & 0xffu) / 255.0;
+}
+
+// Base colour × (1 − metallic), linear.
+fn gbuffer_diffuse(texel: vec4u) -> vec3f {
+    let base = vec3f(unorm8(texel.r), unorm8(texel.r >> 8u), unorm8(texel.r >> 16u));
+    return pow(base, vec3f(GAMMA)) * (1.0 - unorm8(texel.b >> 8u));
+}
+
+fn gbuffer_occlusion(texel: vec4u) -> f32 {
+    return unorm8(texel.b >> 16u);
+}

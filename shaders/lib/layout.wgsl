@@ -1,0 +1,149 @@
+// Structs that kernels share with Rust, byte for byte; `tests/shader_layout.rs` compares them with the types of the same names.
+// SI units: metres, W/m², W/sr.
+
+struct Point {
+    position: vec3f,
+    radius: f32,
+    normal: vec3f,
+    // Clip planes: first index in the low 24 bits, how many in the high 8.
+    planes: u32,
+}
+
+struct PointSurface {
+    albedo: vec3f,
+    pad0: f32,
+    emission: vec3f,
+    pad1: f32,
+    sky: vec3f,
+    pad2: f32,
+}
+
+struct FrameLight {
+    position: vec3f,
+    kind: u32,
+    direction: vec3f,
+    inverse_square_range: f32,
+    color: vec3f,
+    spot_scale: f32,
+    spot_offset: f32,
+    pad0: f32,
+    pad1: f32,
+    pad2: f32,
+}
+
+const LIGHT_NONE: u32 = 0u;
+const LIGHT_POINT: u32 = 1u;
+const LIGHT_SPOT: u32 = 2u;
+const LIGHT_DIRECTIONAL: u32 = 3u;
+const LIGHT_PATCH: u32 = 4u;
+
+struct WeightEntry {
+    index: u32,
+    weight: f32,
+}
+
+struct Row {
+    start: u32,
+    count: u32,
+    scale: f32,
+    is_active: u32,
+}
+
+struct Link {
+    // x in the low half, y in the high half.
+    xy: u32,
+    // z in the low half, the sender's index in the high half.
+    z_sender: u32,
+}
+
+struct BounceLink {
+    gain: vec3f,
+    sender: u32,
+}
+
+struct VectorIrradiance {
+    x: vec4f,
+    y: vec4f,
+    z: vec4f,
+}
+
+struct SolveParams {
+    sky: vec3f,
+    emission: f32,
+    points: u32,
+    lit: u32,
+    senders: u32,
+    finest_sender: u32,
+    slots: u32,
+    nodes: u32,
+    extent: f32,
+    pad0: u32,
+    sky_sender: u32,
+    coarsest: u32,
+    differences: u32,
+    pad1: u32,
+}
+
+struct Span {
+    first: u32,
+    count: u32,
+    base: u32,
+    pad: u32,
+}
+
+struct SplatParams {
+    local_from_clip: mat4x4f,
+    local_from_world: mat3x3f,
+    viewport: vec4f,
+    size: vec2u,
+    slot_mask: u32,
+    cell_size: f32,
+    scale: f32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+struct CompositeParams {
+    scale: f32,
+    pad0: f32,
+    pad1: f32,
+    pad2: f32,
+}
+
+struct GridSlot {
+    cell: vec3i,
+    start: u32,
+}
+
+struct BvhNode {
+    min: vec3f,
+    first: u32,
+    max: vec3f,
+    count: u32,
+}
+
+struct BvhTriangle {
+    a: vec3f,
+    pad0: u32,
+    b: vec3f,
+    pad1: u32,
+    c: vec3f,
+    pad2: u32,
+}
+
+// E·n of the three channels.
+fn irradiance_dot(e: VectorIrradiance, n: vec3f) -> vec3f {
+    return e.x.xyz * n.x + e.y.xyz * n.y + e.z.xyz * n.z;
+}
+
+fn add_scaled(sum: ptr<function, VectorIrradiance>, weight: f32, e: VectorIrradiance) {
+    (*sum).x += weight * e.x;
+    (*sum).y += weight * e.y;
+    (*sum).z += weight * e.z;
+}
+
+// Workgroups are numbered row by row, for one dimension holds no more than 65535 of them.
+fn flat_group(group: vec3u, groups: vec3u) -> u32 {
+    return group.y * groups.x + group.x;
+}

@@ -1,0 +1,78 @@
+// project: the scalar irradiance at each lit point from one light of colour one, shadows included. Twin: src/frame/project.rs.
+// A row of workgroups a light that changed.
+
+@group(0) @binding(0) var<uniform> params: SolveParams;
+@group(0) @binding(2) var<storage, read> lights: array<FrameLight>;
+@group(0) @binding(3) var<storage, read> changed: array<u32>;
+@group(0) @binding(4) var<storage, read> points: array<Point>;
+@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
+@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
+// Slot after slot, `params.lit` values each.
+@group(0) @binding(7) var<storage, read_write> projected: array<f32>;
+
+const FAR: f32 = 1e30;
+const EPSILON: f32 = 1.1920929e-7;
+
+fn lift(x: vec3f, extent: f32) -> f32 {
+    let a = abs(x);
+    return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
+}
+
+fn unshadowed(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
+    let axis = light.direction;
+    if light.kind == LIGHT_NONE {
+        return 0.0;
+    }
+    if light.kind == LIGHT_DIRECTIONAL {
+        return max(dot(n, -axis), 0.0);
+    }
+    let toward = light.position - x;
+    let square = dot(toward, toward);
+    if square <= 0.0 {
+        return 0.0;
+    }
+    let to = toward / sqrt(square);
+    var e = max(dot(n, to), 0.0) / max(square, 1e-4);
+    if light.kind == LIGHT_PATCH {
+        return e * max(-dot(to, axis), 0.0);
+    }
+    let factor = square * light.inverse_square_range;
+    let window = clamp(1.0 - factor * factor, 0.0, 1.0);
+    e *= window * window;
+    if light.kind == LIGHT_SPOT {
+        let cone = clamp(-dot(to, axis) * light.spot_scale + light.spot_offset, 0.0, 1.0);
+        e *= cone * cone;
+    }
+    return e;
+}
+
+fn shadowed(light: FrameLight, x: vec3f, n: vec3f) -> bool {
+    let off = lift(x, params.extent);
+    let origin = x + n * off;
+    if light.kind == LIGHT_DIRECTIONAL {
+        return occluded(origin, -light.direction, FAR);
+    }
+    let to = light.position - origin;
+    let distance = sqrt(dot(to, to));
+    let max_t = distance - off;
+    if max_t <= 0.0 {
+        return false;
+    }
+    return occluded(origin, to / distance, max_t);
+}
+
+@compute @workgroup_size(64)
+fn project(@builtin(global_invocation_id) id: vec3u) {
+    let p = id.x;
+    if p >= params.lit {
+        return;
+    }
+    let slot = changed[id.y];
+    let light = lights[slot];
+    let point = points[p];
+    var e = unshadowed(light, point.position, point.normal);
+    if e > 0.0 && shadowed(light, point.position, point.normal) {
+        e = 0.0;
+    }
+    projected[slot * params.lit + p] = e;
+}

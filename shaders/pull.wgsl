@@ -1,0 +1,37 @@
+// pull: a sender's coefficient is the mean of the next finer level over its support. Twin: src/frame/pull.rs. One dispatch a level, fine to coarse.
+
+@group(0) @binding(0) var<uniform> params: SolveParams;
+@group(0) @binding(1) var<uniform> span: Span;
+@group(0) @binding(2) var<storage, read> starts: array<u32>;
+@group(0) @binding(3) var<storage, read> entries: array<WeightEntry>;
+@group(0) @binding(4) var<storage, read> radiosities: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> senders: array<vec4f>;
+
+@compute @workgroup_size(64)
+fn pull(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = flat_group(group, groups) * 64u + local;
+    if i >= span.count {
+        return;
+    }
+    let k = span.first + i;
+    let start = starts[k];
+    let end = starts[k + 1u];
+    if start == end {
+        return;
+    }
+    var sum = vec4f(0.0);
+    for (var at = start; at < end; at++) {
+        let entry = entries[at];
+        let c = entry.index;
+        if c < params.senders {
+            sum += entry.weight * senders[c];
+        } else {
+            sum += entry.weight * radiosities[c];
+        }
+    }
+    senders[k] = sum;
+}

@@ -1,0 +1,36 @@
+//! What can go wrong with a device, with the numbers.
+
+/// Why the kernels cannot run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GpuError {
+    /// There is no graphics driver that can compute.
+    #[error("no graphics adapter was found: {0}")]
+    NoAdapter(String),
+    /// The driver gave no device.
+    #[error("the graphics adapter gave no device: {0}")]
+    NoDevice(String),
+    /// The device offers less than the kernels need.
+    #[error("the device's {limit} is {have}, the kernels need {need}")]
+    Limit {
+        /// The limit's name in WebGPU.
+        limit: &'static str,
+        /// What the device offers.
+        have: u64,
+        /// What is needed.
+        need: u64,
+    },
+    /// An array of the scene does not fit a binding.
+    #[error("{what} takes {bytes} bytes, but the device binds at most {limit}")]
+    TooLarge {
+        /// Which array.
+        what: &'static str,
+        /// Its size.
+        bytes: u64,
+        /// What a binding may have.
+        limit: u64,
+    },
+    /// The device did not give back what it computed.
+    #[error("reading back from the device failed: {0}")]
+    ReadBack(String),
+}

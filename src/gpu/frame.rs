@@ -1,0 +1,560 @@
+//! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
+
+use super::kernels::{KERNELS, Pass};
+use super::pipelines::Kernels;
+use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
+use super::{GpuError, kernels};
+use crate::asset::BakedScene;
+use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
+use glam::Mat4;
+
+/// What a frame has recorded since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GpuCounters {
+    /// Dispatches of each pass, in the order of [`Pass::ALL`].
+    pub dispatches: [u64; Pass::COUNT],
+    /// Light slots projected.
+    pub projected: u64,
+    /// Solves recorded.
+    pub solves: u64,
+    /// Triangles drawn by `composite`.
+    pub composites: u64,
+}
+
+impl GpuCounters {
+    /// Dispatches of `pass`.
+    #[must_use]
+    pub fn of(&self, pass: Pass) -> u64 {
+        self.dispatches[pass as usize]
+    }
+
+    /// All dispatches.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.dispatches.iter().sum()
+    }
+}
+
+/// The textures that `splat` reads and writes. All have the size of the view's target.
+#[derive(Clone, Copy, Debug)]
+pub struct SplatTargets<'a> {
+    /// Depth, reversed (0 is infinitely far), one sample a pixel.
+    pub depth: &'a wgpu::TextureView,
+    /// Bevy's deferred G-buffer, `Rgba32Uint`.
+    pub gbuffer: &'a wgpu::TextureView,
+    /// What an earlier baked scene of the same view wrote; None for the first.
+    pub earlier: Option<&'a wgpu::TextureView>,
+    /// `Rgba16Float`, another texture than `earlier`.
+    pub output: &'a wgpu::TextureView,
+}
+
+/// A baked scene on the device, and what is recorded of it.
+#[derive(Debug)]
+pub struct GpuFrame {
+    buffers: SceneBuffers,
+    lights: usize,
+    counters: GpuCounters,
+}
+
+impl GpuFrame {
+    /// Uploads `scene`, with room for `slots` light slots.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`SceneBuffers::new`].
+    pub fn new(
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        scene: &BakedScene,
+        slots: u32,
+    ) -> Result<Self, GpuError> {
+        let buffers = SceneBuffers::new(kernels.device(), queue, scene, slots)?;
+        Ok(Self::with_buffers(queue, buffers))
+    }
+
+    /// A frame over buffers that are there.
+    #[must_use]
+    pub fn with_buffers(queue: &wgpu::Queue, buffers: SceneBuffers) -> Self {
+        // What `project` reads of it does not change any more.
+        let params = buffers.shape.params(&FrameSettings::default(), 0);
+        queue.write_buffer(&buffers.params, 0, bytemuck::bytes_of(&params));
+        Self {
+            buffers,
+            lights: 0,
+            counters: GpuCounters::default(),
+        }
+    }
+
+    /// The buffers.
+    #[must_use]
+    pub fn buffers(&self) -> &SceneBuffers {
+        &self.buffers
+    }
+
+    /// What was recorded so far.
+    #[must_use]
+    pub fn counters(&self) -> GpuCounters {
+        self.counters
+    }
+
+    /// Sets the lights, slot by slot, in the bake's local space, for the frame that is submitted next; makes room where there is too little. What was
+    /// projected stays: say which slots are to be projected by [`GpuFrame::project`].
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where so many slots do not fit a binding.
+    pub fn set_lights(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        lights: &[FrameLight],
+    ) -> Result<(), GpuError> {
+        self.buffers
+            .grow(kernels.device(), queue, lights.len() as u32)?;
+        if !lights.is_empty() {
+            queue.write_buffer(&self.buffers.lights, 0, bytemuck::cast_slice(lights));
+        }
+        self.lights = lights.len();
+        Ok(())
+    }
+
+    /// Projects the lights of `slots`, one dispatch for all. At most once a submission. Slots without a light are left out.
+    pub fn project(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        slots: &[u32],
+    ) {
+        let slots: Vec<u32> = slots
+            .iter()
+            .copied()
+            .filter(|&s| (s as usize) < self.lights)
+            .collect();
+        let lit = self.buffers.shape.lit as u32;
+        if slots.is_empty() || lit == 0 {
+            return;
+        }
+        let b = &self.buffers;
+        queue.write_buffer(&b.changed, 0, bytemuck::cast_slice(&slots));
+        let bind = kernels.bind(
+            Pass::Project,
+            &[
+                (0, b.params.as_entire_binding()),
+                (2, b.lights.as_entire_binding()),
+                (3, b.changed.as_entire_binding()),
+                (4, b.points.as_entire_binding()),
+                (5, b.nodes.as_entire_binding()),
+                (6, b.triangles.as_entire_binding()),
+                (7, b.projected.as_entire_binding()),
+            ],
+        );
+        let mut pass = compute(encoder, "meshless_gi project");
+        pass.set_pipeline(&kernels.pass(Pass::Project).pipeline);
+        pass.set_bind_group(0, &bind, &[]);
+        // A binding holds fewer points than the groups of one dimension cover.
+        pass.dispatch_workgroups(lit.div_ceil(64), slots.len() as u32, 1);
+        self.counters.dispatches[Pass::Project as usize] += 1;
+        self.counters.projected += slots.len() as u64;
+    }
+
+    /// Carries the projected light on to all points. At most once a submission.
+    pub fn solve(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        settings: &FrameSettings,
+    ) {
+        let shape = self.buffers.shape.clone();
+        let params = shape.params(settings, self.lights);
+        queue.write_buffer(&self.buffers.params, 0, bytemuck::bytes_of(&params));
+        let steps = Steps::new(&shape, settings);
+        let direct =
+            (steps.baked || steps.sweeps > 0).then(|| self.buffers.ensure_direct(kernels.device()));
+        let mut recorder = Recorder {
+            kernels,
+            b: &self.buffers,
+            counters: &mut self.counters,
+        };
+        {
+            let mut pass = compute(encoder, "meshless_gi pull");
+            recorder.radiosity(&mut pass);
+            let levels = 0..steps.pull.len();
+            recorder.pull(&mut pass, levels);
+        }
+        if let Some(direct) = &direct {
+            encoder.copy_buffer_to_buffer(&self.buffers.senders, 0, direct, 0, direct.size());
+        }
+        let mut pass = compute(encoder, "meshless_gi transport");
+        if let (true, Some(direct)) = (steps.baked, &direct) {
+            recorder.baked(&mut pass, direct, steps.senders.len());
+        }
+        for _ in 0..steps.sweeps {
+            recorder.transport(&mut pass, &steps, true);
+            if let Some(direct) = &direct {
+                recorder.sweep(&mut pass, direct);
+            }
+            recorder.pull(&mut pass, 0..steps.pull_again.len());
+        }
+        recorder.transport(&mut pass, &steps, false);
+        self.counters.solves += 1;
+    }
+
+    /// Parameters of a view of this scene; see [`SplatParams`].
+    #[must_use]
+    pub fn splat_params(
+        &self,
+        world_from_clip: Mat4,
+        local_from_world: Mat4,
+        viewport: [f32; 4],
+        size: [u32; 2],
+        scale: f32,
+    ) -> SplatParams {
+        SplatParams::new(
+            world_from_clip,
+            local_from_world,
+            viewport,
+            size,
+            scale,
+            self.buffers.grid,
+        )
+    }
+
+    /// Writes the irradiance of each pixel of a view.
+    pub fn splat(
+        &mut self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        view: &ViewBuffers,
+        targets: &SplatTargets<'_>,
+    ) {
+        let which = if targets.earlier.is_some() {
+            Pass::SplatOver
+        } else {
+            Pass::Splat
+        };
+        let [width, height] = view.size;
+        if width == 0 || height == 0 {
+            return;
+        }
+        let b = &self.buffers;
+        let texture = wgpu::BindingResource::TextureView;
+        let mut resources = vec![
+            (0, view.splat.as_entire_binding()),
+            (1, texture(targets.depth)),
+            (2, texture(targets.gbuffer)),
+            (3, b.points.as_entire_binding()),
+            (4, b.planes.as_entire_binding()),
+            (5, b.grid_slots.as_entire_binding()),
+            (6, b.grid_entries.as_entire_binding()),
+            (7, b.values.as_entire_binding()),
+            (8, texture(targets.output)),
+        ];
+        if let Some(earlier) = targets.earlier {
+            resources.push((9, texture(earlier)));
+        }
+        let bind = kernels.bind(which, &resources);
+        let mut pass = compute(encoder, "meshless_gi splat");
+        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_bind_group(0, &bind, &[]);
+        pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
+        self.counters.dispatches[which as usize] += 1;
+    }
+
+    /// Draws a view's irradiance onto its picture: `pass` has one target, of `format`. Once a view, after the `splat` of its last scene.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "three textures and what they are drawn with"
+    )]
+    pub fn composite(
+        &mut self,
+        kernels: &Kernels,
+        pass: &mut wgpu::RenderPass<'_>,
+        format: wgpu::TextureFormat,
+        view: &ViewBuffers,
+        irradiance: &wgpu::TextureView,
+        gbuffer: &wgpu::TextureView,
+        lighting_passes: &wgpu::TextureView,
+    ) {
+        let kernel = kernels.composite(format);
+        let bind = kernels
+            .device()
+            .create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(KERNELS[kernels::COMPOSITE].name),
+                layout: &kernel.layout,
+                entries: &[
+                    entry(0, view.composite.as_entire_binding()),
+                    entry(1, wgpu::BindingResource::TextureView(irradiance)),
+                    entry(2, wgpu::BindingResource::TextureView(gbuffer)),
+                    entry(3, wgpu::BindingResource::TextureView(lighting_passes)),
+                ],
+            });
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, &bind, &[]);
+        pass.draw(0..3, 0..1);
+        self.counters.composites += 1;
+    }
+}
+
+impl Kernels {
+    /// A bind group for a pass.
+    pub fn bind(
+        &self,
+        pass: Pass,
+        resources: &[(u32, wgpu::BindingResource<'_>)],
+    ) -> wgpu::BindGroup {
+        let entries: Vec<_> = resources
+            .iter()
+            .map(|(at, r)| entry(*at, r.clone()))
+            .collect();
+        self.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(pass.entry().1.name),
+            layout: &self.pass(pass).layout,
+            entries: &entries,
+        })
+    }
+}
+
+/// Records the steps of a solve. Each dispatch sees what the ones before it in the same pass wrote.
+struct Recorder<'a> {
+    kernels: &'a Kernels,
+    b: &'a SceneBuffers,
+    counters: &'a mut GpuCounters,
+}
+
+impl Recorder<'_> {
+    fn radiosity(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Radiosity,
+            &[
+                (0, b.params.as_entire_binding()),
+                (2, b.lights.as_entire_binding()),
+                (3, b.projected.as_entire_binding()),
+                (4, b.points.as_entire_binding()),
+                (5, b.surfaces.as_entire_binding()),
+                (6, b.radiosity.as_entire_binding()),
+                (7, b.senders.as_entire_binding()),
+            ],
+        );
+        // The sky's coefficient is written even where there are no points.
+        self.dispatch(pass, Pass::Radiosity, &bind, &[], b.shape.lit.max(1) as u32);
+    }
+
+    /// Pulls the levels, the finest of them first.
+    fn pull(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
+        if levels.is_empty() {
+            return;
+        }
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Pull,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.pull_starts.as_entire_binding()),
+                (3, b.pull_entries.as_entire_binding()),
+                (4, b.radiosity.as_entire_binding()),
+                (5, b.senders.as_entire_binding()),
+            ],
+        );
+        for level in levels.rev() {
+            self.spans(pass, Pass::Pull, &bind, &b.levels, level..level + 1);
+        }
+    }
+
+    /// Push, apply and flatten: for the senders in a sweep, for all points at the end.
+    fn transport(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &Steps, sweep: bool) {
+        let b = self.b;
+        let (coefficients, applied) = match &b.differences {
+            Some([senders, receivers]) => (senders, receivers),
+            None => (&b.senders, &b.values),
+        };
+        if steps.differences {
+            self.push(pass, steps.senders.len(), coefficients);
+        }
+        for part in 0..b.links.len() {
+            let bind = self.kernels.bind(
+                Pass::Apply,
+                &[
+                    (1, self.span()),
+                    (2, b.rows.as_entire_binding()),
+                    (3, b.links[part].as_entire_binding()),
+                    (4, coefficients.as_entire_binding()),
+                    (5, applied.as_entire_binding()),
+                ],
+            );
+            self.spans(
+                pass,
+                Pass::Apply,
+                &bind,
+                &b.parts[usize::from(sweep)],
+                part..part + 1,
+            );
+        }
+        if steps.differences {
+            let bind = self.kernels.bind(
+                Pass::Differences,
+                &[
+                    (1, self.span()),
+                    (3, b.parent_starts.as_entire_binding()),
+                    (4, b.parent_entries.as_entire_binding()),
+                    (5, applied.as_entire_binding()),
+                    (6, b.values.as_entire_binding()),
+                ],
+            );
+            let which = usize::from(sweep);
+            self.spans(pass, Pass::Differences, &bind, &b.whole, which..which + 1);
+        } else {
+            let bind = self.kernels.bind(
+                Pass::Averages,
+                &[
+                    (1, self.span()),
+                    (2, b.rows.as_entire_binding()),
+                    (3, b.parent_starts.as_entire_binding()),
+                    (4, b.parent_entries.as_entire_binding()),
+                    (6, b.values.as_entire_binding()),
+                ],
+            );
+            let count = if sweep {
+                steps.senders.len()
+            } else {
+                steps.levels.len()
+            };
+            self.spans(pass, Pass::Averages, &bind, &b.levels, 0..count);
+        }
+    }
+
+    fn push(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        levels: usize,
+        differences: &wgpu::Buffer,
+    ) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Push,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.parent_starts.as_entire_binding()),
+                (3, b.parent_entries.as_entire_binding()),
+                (4, b.senders.as_entire_binding()),
+                (5, differences.as_entire_binding()),
+            ],
+        );
+        self.spans(pass, Pass::Push, &bind, &b.levels, 0..levels);
+    }
+
+    fn sweep(&mut self, pass: &mut wgpu::ComputePass<'_>, direct: &wgpu::Buffer) {
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Sweep,
+            &[
+                (0, b.params.as_entire_binding()),
+                (2, b.points.as_entire_binding()),
+                (3, b.surfaces.as_entire_binding()),
+                (4, b.pull_starts.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (6, b.values.as_entire_binding()),
+                (7, b.senders.as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Sweep, &bind, &[], b.shape.senders() as u32);
+    }
+
+    fn baked(&mut self, pass: &mut wgpu::ComputePass<'_>, direct: &wgpu::Buffer, levels: usize) {
+        let b = self.b;
+        let Some(bounces) = &b.bounces else { return };
+        let further = &bounces.further;
+        let bind = self.kernels.bind(
+            Pass::Gather,
+            &[
+                (0, b.params.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (8, bounces.starts.as_entire_binding()),
+                (9, bounces.links.as_entire_binding()),
+                (10, further.as_entire_binding()),
+            ],
+        );
+        let coarsest = b.levels.at.first().map_or(0, |(_, span)| span.count);
+        self.dispatch(pass, Pass::Gather, &bind, &[], coarsest);
+        if levels > 1 {
+            let bind = self.kernels.bind(
+                Pass::Spread,
+                &[
+                    (0, b.params.as_entire_binding()),
+                    (1, self.span()),
+                    (10, further.as_entire_binding()),
+                    (11, b.parent_starts.as_entire_binding()),
+                    (12, b.parent_entries.as_entire_binding()),
+                ],
+            );
+            self.spans(pass, Pass::Spread, &bind, &b.levels, 1..levels);
+        }
+        let bind = self.kernels.bind(
+            Pass::Add,
+            &[
+                (0, b.params.as_entire_binding()),
+                (5, direct.as_entire_binding()),
+                (7, b.senders.as_entire_binding()),
+                (10, further.as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Add, &bind, &[], b.shape.senders() as u32);
+    }
+
+    /// One dispatch for each of the spans `which` of a list.
+    fn spans(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        kernel: Pass,
+        bind: &wgpu::BindGroup,
+        list: &SpanList,
+        which: std::ops::Range<usize>,
+    ) {
+        for &(offset, span) in &list.at[which] {
+            self.dispatch(pass, kernel, bind, &[offset], span.count);
+        }
+    }
+
+    fn dispatch(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        kernel: Pass,
+        bind: &wgpu::BindGroup,
+        offsets: &[u32],
+        items: u32,
+    ) {
+        if items == 0 {
+            return;
+        }
+        let groups = items.div_ceil(kernel.entry().1.items);
+        pass.set_pipeline(&self.kernels.pass(kernel).pipeline);
+        pass.set_bind_group(0, bind, offsets);
+        let (x, y) = (groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS));
+        pass.dispatch_workgroups(x, y, 1);
+        self.counters.dispatches[kernel as usize] += 1;
+    }
+
+    fn span(&self) -> wgpu::BindingResource<'_> {
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.b.spans,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size_of::<crate::frame::Span>() as u64),
+        })
+    }
+}
+
+/// Workgroups of one dimension: WebGPU's limit.
+const MOST_GROUPS: u32 = 65_535;
+
+fn compute<'e>(encoder: &'e mut wgpu::CommandEncoder, label: &str) -> wgpu::ComputePass<'e> {
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(label),
+        timestamp_writes: None,
+    })
+}
+
+fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource }
+}

@@ -1,0 +1,338 @@
+//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
+//! table with what the shaders declare.
+
+use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
+use crate::asset::PointSurface;
+use crate::basis::WeightEntry;
+use crate::frame::{CompositeParams, FrameLight, SolveParams, SplatParams, VectorIrradiance};
+use crate::samples::{GridSlot, Point};
+use crate::scene::{BvhNode, BvhTriangle};
+use crate::transport::{BounceLink, Link, Row};
+
+/// What is bound.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A uniform buffer of so many bytes.
+    Uniform(usize),
+    /// A [`Span`](crate::frame::Span) at a dynamic offset of a uniform buffer.
+    Span,
+    /// A storage buffer that is read: an array of elements of so many bytes.
+    Read(usize),
+    /// A storage buffer that is read and written.
+    Write(usize),
+    /// A depth texture.
+    Depth,
+    /// A texture of unsigned integers.
+    Uint,
+    /// A texture of floats, not filtered.
+    Float,
+    /// An `Rgba16Float` storage texture that is written.
+    Output,
+}
+
+/// One binding of a shader; all are in group 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Binding {
+    /// Its number.
+    pub index: u32,
+    /// Its name in the shader.
+    pub name: &'static str,
+    /// What it is.
+    pub kind: Kind,
+}
+
+/// A compute entry point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Pass {
+    /// `project`.
+    Project,
+    /// `radiosity`.
+    Radiosity,
+    /// `pull`.
+    Pull,
+    /// `push`.
+    Push,
+    /// `apply`.
+    Apply,
+    /// `bounce`, one live Jacobi step.
+    Sweep,
+    /// `bounce`, baked, the coarsest points.
+    Gather,
+    /// `bounce`, baked, one finer level.
+    Spread,
+    /// `bounce`, baked, the sum.
+    Add,
+    /// `flatten`, one level of averages.
+    Averages,
+    /// `flatten`, differences.
+    Differences,
+    /// `splat`, the first scene of a view.
+    Splat,
+    /// `splat`, a further scene of a view.
+    SplatOver,
+}
+
+impl Pass {
+    /// How many there are.
+    pub const COUNT: usize = 13;
+
+    /// All, in the order of the table.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Project,
+        Self::Radiosity,
+        Self::Pull,
+        Self::Push,
+        Self::Apply,
+        Self::Sweep,
+        Self::Gather,
+        Self::Spread,
+        Self::Add,
+        Self::Averages,
+        Self::Differences,
+        Self::Splat,
+        Self::SplatOver,
+    ];
+
+    /// Its kernel, and its entry point there.
+    #[must_use]
+    pub fn entry(self) -> (usize, &'static Entry) {
+        for (at, kernel) in KERNELS.iter().enumerate() {
+            if let Some(entry) = kernel.entries.iter().find(|e| e.pass == self) {
+                return (at, entry);
+            }
+        }
+        unreachable!("every pass has an entry point; a test counts them")
+    }
+}
+
+/// An entry point of a compute shader.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// Which.
+    pub pass: Pass,
+    /// Its name in the shader.
+    pub name: &'static str,
+    /// Threads of a workgroup.
+    pub workgroup: [u32; 3],
+    /// How many points, rows or pixels a workgroup handles.
+    pub items: u32,
+    /// The bindings that it uses.
+    pub bindings: &'static [u32],
+}
+
+/// A kernel: a shader of this name, and a CPU twin of this name.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel {
+    /// Its name.
+    pub name: &'static str,
+    /// Its shader with the library parts in front.
+    pub source: &'static str,
+    /// Everything that the shader binds.
+    pub bindings: &'static [Binding],
+    /// Its compute entry points; none for `composite`, which draws.
+    pub entries: &'static [Entry],
+}
+
+/// Joins a shader and the parts of the library that it needs.
+macro_rules! shader {
+    ($name:literal $(, $part:literal)*) => {
+        concat!(
+            include_str!("../../shaders/lib/layout.wgsl"),
+            $(include_str!(concat!("../../shaders/lib/", $part, ".wgsl")),)*
+            include_str!(concat!("../../shaders/", $name, ".wgsl"))
+        )
+    };
+}
+
+const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding {
+    Binding { index, name, kind }
+}
+
+/// An entry point with 64 threads, a thread an item.
+const fn each(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
+    Entry {
+        pass,
+        name,
+        workgroup: [64, 1, 1],
+        items: 64,
+        bindings,
+    }
+}
+
+/// An entry point of 8 × 8 pixels.
+const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
+    Entry {
+        pass,
+        name,
+        workgroup: [8, 8, 1],
+        items: 64,
+        bindings,
+    }
+}
+
+const PARAMS: Binding = bind(0, "params", Uniform(size_of::<SolveParams>()));
+const SPAN: Binding = bind(1, "span", Span);
+const VEC4: usize = size_of::<[f32; 4]>();
+const POINT: usize = size_of::<Point>();
+const SURFACE: usize = size_of::<PointSurface>();
+const LIGHT: usize = size_of::<FrameLight>();
+const WEIGHT: usize = size_of::<WeightEntry>();
+const VECTOR: usize = size_of::<VectorIrradiance>();
+
+/// Entry points of `composite`: vertex and fragment.
+pub const COMPOSITE_ENTRIES: [&str; 2] = ["whole_screen", "composite"];
+
+/// All kernels, in the order of a frame.
+pub const KERNELS: [Kernel; 9] = [
+    Kernel {
+        name: "project",
+        source: shader!("project", "bvh"),
+        bindings: &[
+            PARAMS,
+            bind(2, "lights", Read(LIGHT)),
+            bind(3, "changed", Read(4)),
+            bind(4, "points", Read(POINT)),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "projected", Write(4)),
+        ],
+        entries: &[each(Pass::Project, "project", &[0, 2, 3, 4, 5, 6, 7])],
+    },
+    Kernel {
+        name: "radiosity",
+        source: shader!("radiosity"),
+        bindings: &[
+            PARAMS,
+            bind(2, "lights", Read(LIGHT)),
+            bind(3, "projected", Read(4)),
+            bind(4, "points", Read(POINT)),
+            bind(5, "surfaces", Read(SURFACE)),
+            bind(6, "radiosities", Write(VEC4)),
+            bind(7, "senders", Write(VEC4)),
+        ],
+        entries: &[each(Pass::Radiosity, "radiosity", &[0, 2, 3, 4, 5, 6, 7])],
+    },
+    Kernel {
+        name: "pull",
+        source: shader!("pull"),
+        bindings: &[
+            PARAMS,
+            SPAN,
+            bind(2, "starts", Read(4)),
+            bind(3, "entries", Read(WEIGHT)),
+            bind(4, "radiosities", Read(VEC4)),
+            bind(5, "senders", Write(VEC4)),
+        ],
+        entries: &[each(Pass::Pull, "pull", &[0, 1, 2, 3, 4, 5])],
+    },
+    Kernel {
+        name: "push",
+        source: shader!("push"),
+        bindings: &[
+            PARAMS,
+            SPAN,
+            bind(2, "starts", Read(4)),
+            bind(3, "entries", Read(WEIGHT)),
+            bind(4, "senders", Read(VEC4)),
+            bind(5, "differences", Write(VEC4)),
+        ],
+        entries: &[each(Pass::Push, "push", &[0, 1, 2, 3, 4, 5])],
+    },
+    Kernel {
+        name: "apply",
+        source: shader!("apply"),
+        bindings: &[
+            SPAN,
+            bind(2, "rows", Read(size_of::<Row>())),
+            bind(3, "links", Read(size_of::<Link>())),
+            bind(4, "coefficients", Read(VEC4)),
+            bind(5, "applied", Write(VECTOR)),
+        ],
+        entries: &[Entry {
+            pass: Pass::Apply,
+            name: "apply",
+            workgroup: [64, 1, 1],
+            items: 64 / crate::frame::apply::LANES,
+            bindings: &[1, 2, 3, 4, 5],
+        }],
+    },
+    Kernel {
+        name: "bounce",
+        source: shader!("bounce"),
+        bindings: &[
+            PARAMS,
+            SPAN,
+            bind(2, "points", Read(POINT)),
+            bind(3, "surfaces", Read(SURFACE)),
+            bind(4, "pull_starts", Read(4)),
+            bind(5, "direct", Read(VEC4)),
+            bind(6, "irradiance", Read(VECTOR)),
+            bind(7, "senders", Write(VEC4)),
+            bind(8, "bounce_starts", Read(4)),
+            bind(9, "bounce_links", Read(size_of::<BounceLink>())),
+            bind(10, "further", Write(VEC4)),
+            bind(11, "parent_starts", Read(4)),
+            bind(12, "parent_entries", Read(WEIGHT)),
+        ],
+        entries: &[
+            each(Pass::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7]),
+            each(Pass::Gather, "gather", &[0, 5, 8, 9, 10]),
+            each(Pass::Spread, "spread", &[0, 1, 10, 11, 12]),
+            each(Pass::Add, "add", &[0, 5, 7, 10]),
+        ],
+    },
+    Kernel {
+        name: "flatten",
+        source: shader!("flatten"),
+        bindings: &[
+            SPAN,
+            bind(2, "rows", Read(size_of::<Row>())),
+            bind(3, "starts", Read(4)),
+            bind(4, "entries", Read(WEIGHT)),
+            bind(5, "applied", Read(VECTOR)),
+            bind(6, "values", Write(VECTOR)),
+        ],
+        entries: &[
+            each(Pass::Averages, "averages", &[1, 2, 3, 4, 6]),
+            each(Pass::Differences, "differences", &[1, 3, 4, 5, 6]),
+        ],
+    },
+    Kernel {
+        name: "splat",
+        source: shader!("splat", "grid", "weight", "gbuffer"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SplatParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "points", Read(POINT)),
+            bind(4, "planes", Read(VEC4)),
+            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(6, "grid_entries", Read(4)),
+            bind(7, "values", Read(VECTOR)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+        ],
+        entries: &[
+            tile(Pass::Splat, "splat", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+            tile(
+                Pass::SplatOver,
+                "splat_over",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            ),
+        ],
+    },
+    Kernel {
+        name: "composite",
+        source: shader!("composite", "gbuffer"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<CompositeParams>())),
+            bind(1, "irradiance", Float),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lighting_passes", Uint),
+        ],
+        entries: &[],
+    },
+];
+
+/// Where `composite` is in [`KERNELS`].
+pub const COMPOSITE: usize = KERNELS.len() - 1;

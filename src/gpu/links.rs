@@ -1,0 +1,109 @@
+//! The operator's links in parts that a binding can hold (WebGPU: 128 MiB), each for a run of rows.
+
+use super::GpuError;
+use crate::transport::{Link, Row};
+use std::ops::Range;
+
+/// Rows whose links share a buffer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LinkPart {
+    /// The rows.
+    pub rows: Range<u32>,
+    /// Their links.
+    pub links: Range<u32>,
+}
+
+/// Cuts the rows into parts of at most `most` bytes of links.
+///
+/// # Errors
+/// [`GpuError::TooLarge`] where one row alone has more.
+pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkPart>, GpuError> {
+    let size = size_of::<Link>() as u64;
+    let mut parts: Vec<LinkPart> = Vec::new();
+    let mut part = LinkPart {
+        rows: 0..0,
+        links: 0..0,
+    };
+    for (i, row) in rows.iter().enumerate() {
+        let i = i as u32;
+        let row_links = row.start..row.start + row.count;
+        if row.count > 0 && part.links.is_empty() {
+            part.links = row_links;
+        } else if row.count > 0 {
+            let end = part.links.end.max(row_links.end);
+            if row_links.start < part.links.start || u64::from(end - part.links.start) * size > most
+            {
+                parts.push(part);
+                part = LinkPart {
+                    rows: i..i,
+                    links: row_links,
+                };
+            } else {
+                part.links.end = end;
+            }
+        }
+        let bytes = u64::from(row.count) * size;
+        if bytes > most {
+            return Err(GpuError::TooLarge {
+                what: "the links of one row",
+                bytes,
+                limit: most,
+            });
+        }
+        part.rows.end = i + 1;
+    }
+    if !part.rows.is_empty() {
+        parts.push(part);
+    }
+    Ok(parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(counts: &[u32]) -> Vec<Row> {
+        let mut start = 0;
+        counts
+            .iter()
+            .map(|&count| {
+                let row = Row {
+                    start,
+                    count,
+                    scale: 1.0,
+                    active: u32::from(count > 0),
+                };
+                start += count;
+                row
+            })
+            .collect()
+    }
+
+    #[test]
+    fn parts_hold_every_row_once_and_fit() {
+        let rows = rows(&[3, 0, 5, 8, 0, 0, 1, 7, 2]);
+        for most in [64, 80, 1000] {
+            let parts = cut(&rows, most).unwrap();
+            let mut next = 0;
+            for part in &parts {
+                assert_eq!(part.rows.start, next);
+                next = part.rows.end;
+                assert!(part.links.len() as u64 * 8 <= most);
+                for row in &rows[part.rows.start as usize..part.rows.end as usize] {
+                    assert!(
+                        row.count == 0
+                            || part.links.start <= row.start
+                                && row.start + row.count <= part.links.end
+                    );
+                }
+            }
+            assert_eq!(next, 9);
+        }
+        assert_eq!(cut(&rows, 1000).unwrap().len(), 1);
+        assert!(matches!(
+            cut(&rows, 56),
+            Err(GpuError::TooLarge { bytes: 64, .. })
+        ));
+        assert_eq!(cut(&[], 8).unwrap(), []);
+    }
+}

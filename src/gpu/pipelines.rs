@@ -1,0 +1,294 @@
+//! Pipelines, made when they are first asked for: an effect that no scene calls for has none (design D9).
+
+use super::GpuError;
+use super::kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
+use crate::frame::Span;
+use std::num::NonZeroU64;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// A pipeline with the layout of its bind group.
+#[derive(Clone, Debug)]
+pub struct ComputeKernel {
+    /// The pipeline.
+    pub pipeline: wgpu::ComputePipeline,
+    /// The layout of group 0.
+    pub layout: wgpu::BindGroupLayout,
+}
+
+/// As [`ComputeKernel`], for `composite`.
+#[derive(Clone, Debug)]
+pub struct RenderKernel {
+    /// The pipeline.
+    pub pipeline: wgpu::RenderPipeline,
+    /// The layout of group 0.
+    pub layout: wgpu::BindGroupLayout,
+}
+
+/// All pipelines of one device.
+#[derive(Debug)]
+pub struct Kernels {
+    device: wgpu::Device,
+    modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
+    passes: [OnceLock<ComputeKernel>; Pass::COUNT],
+    /// `composite`, a pipeline for each format that it draws to.
+    composites: Mutex<Vec<(wgpu::TextureFormat, RenderKernel)>>,
+    created: AtomicU32,
+}
+
+impl Kernels {
+    /// Kernels for a device. Makes no pipeline yet.
+    ///
+    /// # Errors
+    /// [`GpuError::Limit`] where the device is too small for them.
+    pub fn new(device: &wgpu::Device) -> Result<Self, GpuError> {
+        let limits = device.limits();
+        let storage = |bindings: &[u32], kernel: &Kernel| {
+            let used = kernel
+                .bindings
+                .iter()
+                .filter(|b| bindings.contains(&b.index));
+            used.filter(|b| matches!(b.kind, Kind::Read(_) | Kind::Write(_)))
+                .count()
+        };
+        let entries = KERNELS
+            .iter()
+            .flat_map(|k| k.entries.iter().map(move |e| (k, e)));
+        let most = entries
+            .map(|(k, e)| storage(e.bindings, k))
+            .max()
+            .unwrap_or(0);
+        let need = [
+            (
+                "maxStorageBuffersPerShaderStage",
+                u64::from(limits.max_storage_buffers_per_shader_stage),
+                most as u64,
+            ),
+            (
+                "maxStorageTexturesPerShaderStage",
+                u64::from(limits.max_storage_textures_per_shader_stage),
+                1,
+            ),
+            (
+                "maxComputeInvocationsPerWorkgroup",
+                u64::from(limits.max_compute_invocations_per_workgroup),
+                64,
+            ),
+            (
+                "maxComputeWorkgroupStorageSize",
+                u64::from(limits.max_compute_workgroup_storage_size),
+                3 * 64 * 16,
+            ),
+            (
+                "maxComputeWorkgroupsPerDimension",
+                u64::from(limits.max_compute_workgroups_per_dimension),
+                65_535,
+            ),
+            (
+                "maxBindingsPerBindGroup",
+                u64::from(limits.max_bindings_per_bind_group),
+                13,
+            ),
+            (
+                "maxDynamicUniformBuffersPerPipelineLayout",
+                u64::from(limits.max_dynamic_uniform_buffers_per_pipeline_layout),
+                1,
+            ),
+        ];
+        for (limit, have, need) in need {
+            if have < need {
+                return Err(GpuError::Limit { limit, have, need });
+            }
+        }
+        Ok(Self {
+            device: device.clone(),
+            modules: [const { OnceLock::new() }; KERNELS.len()],
+            passes: [const { OnceLock::new() }; Pass::COUNT],
+            composites: Mutex::default(),
+            created: AtomicU32::new(0),
+        })
+    }
+
+    /// The device.
+    #[must_use]
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// How many pipelines have been made.
+    #[must_use]
+    pub fn created(&self) -> u32 {
+        self.created.load(Ordering::Relaxed)
+    }
+
+    /// True where `pass` has a pipeline.
+    #[must_use]
+    pub fn has(&self, pass: Pass) -> bool {
+        self.passes[pass as usize].get().is_some()
+    }
+
+    /// The pipeline of a pass; made now if this is the first call.
+    pub fn pass(&self, pass: Pass) -> &ComputeKernel {
+        self.passes[pass as usize].get_or_init(|| {
+            let (at, entry) = pass.entry();
+            let kernel = &KERNELS[at];
+            let label = format!("meshless_gi {} {}", kernel.name, entry.name);
+            let used = kernel
+                .bindings
+                .iter()
+                .filter(|b| entry.bindings.contains(&b.index));
+            let layout = self.layout(&label, used, wgpu::ShaderStages::COMPUTE);
+            let pipeline_layout = self.pipeline_layout(&label, &layout);
+            let pipeline = self
+                .device
+                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(&label),
+                    layout: Some(&pipeline_layout),
+                    module: self.module(at),
+                    entry_point: Some(entry.name),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    cache: None,
+                });
+            self.created.fetch_add(1, Ordering::Relaxed);
+            ComputeKernel { pipeline, layout }
+        })
+    }
+
+    /// The pipeline that draws `composite` onto a target of this format.
+    pub fn composite(&self, format: wgpu::TextureFormat) -> RenderKernel {
+        let mut made = self
+            .composites
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, kernel)) = made.iter().find(|(f, _)| *f == format) {
+            return kernel.clone();
+        }
+        let kernel = self.make_composite(format);
+        made.push((format, kernel.clone()));
+        kernel
+    }
+
+    fn make_composite(&self, format: wgpu::TextureFormat) -> RenderKernel {
+        let label = "meshless_gi composite";
+        let layout = self.layout(
+            label,
+            KERNELS[COMPOSITE].bindings.iter(),
+            wgpu::ShaderStages::FRAGMENT,
+        );
+        let pipeline_layout = self.pipeline_layout(label, &layout);
+        let module = self.module(COMPOSITE);
+        let [vertex, fragment] = COMPOSITE_ENTRIES;
+        let add = wgpu::BlendComponent {
+            src_factor: wgpu::BlendFactor::One,
+            dst_factor: wgpu::BlendFactor::One,
+            operation: wgpu::BlendOperation::Add,
+        };
+        let pipeline = self
+            .device
+            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(label),
+                layout: Some(&pipeline_layout),
+                vertex: wgpu::VertexState {
+                    module,
+                    entry_point: Some(vertex),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    buffers: &[],
+                },
+                primitive: wgpu::PrimitiveState::default(),
+                depth_stencil: None,
+                multisample: wgpu::MultisampleState::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module,
+                    entry_point: Some(fragment),
+                    compilation_options: wgpu::PipelineCompilationOptions::default(),
+                    targets: &[Some(wgpu::ColorTargetState {
+                        format,
+                        blend: Some(wgpu::BlendState {
+                            color: add,
+                            alpha: add,
+                        }),
+                        write_mask: wgpu::ColorWrites::COLOR,
+                    })],
+                }),
+                multiview_mask: None,
+                cache: None,
+            });
+        self.created.fetch_add(1, Ordering::Relaxed);
+        RenderKernel { pipeline, layout }
+    }
+
+    fn module(&self, at: usize) -> &wgpu::ShaderModule {
+        self.modules[at].get_or_init(|| {
+            self.device
+                .create_shader_module(wgpu::ShaderModuleDescriptor {
+                    label: Some(KERNELS[at].name),
+                    source: wgpu::ShaderSource::Wgsl(KERNELS[at].source.into()),
+                })
+        })
+    }
+
+    fn pipeline_layout(&self, label: &str, layout: &wgpu::BindGroupLayout) -> wgpu::PipelineLayout {
+        self.device
+            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(label),
+                bind_group_layouts: &[Some(layout)],
+                immediate_size: 0,
+            })
+    }
+
+    fn layout<'a>(
+        &self,
+        label: &str,
+        bindings: impl Iterator<Item = &'a Binding>,
+        visibility: wgpu::ShaderStages,
+    ) -> wgpu::BindGroupLayout {
+        let entries: Vec<_> = bindings
+            .map(|b| wgpu::BindGroupLayoutEntry {
+                binding: b.index,
+                visibility,
+                ty: binding_type(b.kind),
+                count: None,
+            })
+            .collect();
+        self.device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(label),
+                entries: &entries,
+            })
+    }
+}
+
+fn binding_type(kind: Kind) -> wgpu::BindingType {
+    let buffer = |ty, has_dynamic_offset, size: usize| wgpu::BindingType::Buffer {
+        ty,
+        has_dynamic_offset,
+        min_binding_size: NonZeroU64::new(size as u64),
+    };
+    let texture = |sample_type| wgpu::BindingType::Texture {
+        sample_type,
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    };
+    match kind {
+        Kind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
+        Kind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
+        Kind::Read(size) => buffer(
+            wgpu::BufferBindingType::Storage { read_only: true },
+            false,
+            size,
+        ),
+        Kind::Write(size) => buffer(
+            wgpu::BufferBindingType::Storage { read_only: false },
+            false,
+            size,
+        ),
+        Kind::Depth => texture(wgpu::TextureSampleType::Depth),
+        Kind::Uint => texture(wgpu::TextureSampleType::Uint),
+        Kind::Float => texture(wgpu::TextureSampleType::Float { filterable: false }),
+        Kind::Output => wgpu::BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::WriteOnly,
+            format: wgpu::TextureFormat::Rgba16Float,
+            view_dimension: wgpu::TextureViewDimension::D2,
+        },
+    }
+}

@@ -1,0 +1,446 @@
+//! A baked scene on the device: its arrays uploaded once, and the arrays that a solve fills.
+
+use super::GpuError;
+use super::kernels::Pass;
+use super::links::{LinkPart, cut};
+use crate::asset::BakedScene;
+use crate::frame::{
+    CompositeParams, FrameLight, GridShape, SceneShape, SolveParams, Span, SplatParams,
+    VectorIrradiance,
+};
+use crate::transport::SenderForm;
+use bytemuck::Pod;
+use std::ops::Range;
+
+/// Spans of one kind, and where each is in the uniform buffer of spans.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SpanList {
+    /// Offset in bytes, and what is there.
+    pub at: Vec<(u32, Span)>,
+}
+
+/// The baked bounces on the device.
+#[derive(Debug)]
+pub(super) struct BounceBuffers {
+    pub starts: wgpu::Buffer,
+    pub links: wgpu::Buffer,
+    pub further: wgpu::Buffer,
+}
+
+/// The buffers of a baked scene.
+#[derive(Debug)]
+pub struct SceneBuffers {
+    pub(super) shape: SceneShape,
+    pub(super) grid: GridShape,
+    pub(super) params: wgpu::Buffer,
+    pub(super) spans: wgpu::Buffer,
+    /// One span a level.
+    pub(super) levels: SpanList,
+    /// All points; the senders.
+    pub(super) whole: SpanList,
+    /// For each part of the links: the rows of all points, and those of the senders (a count of 0 where there are none).
+    pub(super) parts: [SpanList; 2],
+    pub(super) links: Vec<wgpu::Buffer>,
+    pub(super) points: wgpu::Buffer,
+    pub(super) surfaces: wgpu::Buffer,
+    pub(super) rows: wgpu::Buffer,
+    pub(super) pull_starts: wgpu::Buffer,
+    pub(super) pull_entries: wgpu::Buffer,
+    pub(super) parent_starts: wgpu::Buffer,
+    pub(super) parent_entries: wgpu::Buffer,
+    pub(super) planes: wgpu::Buffer,
+    pub(super) grid_slots: wgpu::Buffer,
+    pub(super) grid_entries: wgpu::Buffer,
+    pub(super) nodes: wgpu::Buffer,
+    pub(super) triangles: wgpu::Buffer,
+    pub(super) bounces: Option<BounceBuffers>,
+    pub(super) lights: wgpu::Buffer,
+    pub(super) changed: wgpu::Buffer,
+    pub(super) projected: wgpu::Buffer,
+    pub(super) radiosity: wgpu::Buffer,
+    pub(super) senders: wgpu::Buffer,
+    /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
+    pub(super) direct: Option<wgpu::Buffer>,
+    /// Differences of the senders and what the operator makes of them, where the operator is in that form.
+    pub(super) differences: Option<[wgpu::Buffer; 2]>,
+    pub(super) values: wgpu::Buffer,
+    pub(super) slots: u32,
+}
+
+/// What a device binds at most, and the means to make buffers within it.
+struct Maker<'a> {
+    device: &'a wgpu::Device,
+    queue: &'a wgpu::Queue,
+    limit: u64,
+}
+
+impl Maker<'_> {
+    /// A storage buffer with `data`, never empty.
+    fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
+        let buffer = self.empty::<T>(what, data.len() as u64)?;
+        if !data.is_empty() {
+            self.queue
+                .write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+        }
+        Ok(buffer)
+    }
+
+    /// A storage buffer for `count` elements (one at least), zero.
+    fn empty<T>(&self, what: &'static str, count: u64) -> Result<wgpu::Buffer, GpuError> {
+        let bytes = (size_of::<T>() as u64).saturating_mul(count.max(1));
+        if bytes > self.limit {
+            return Err(GpuError::TooLarge {
+                what,
+                bytes,
+                limit: self.limit,
+            });
+        }
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(what),
+            size: bytes,
+            usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::COPY_DST
+                | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        }))
+    }
+}
+
+/// What one storage binding may hold, bytes.
+fn binding_limit(device: &wgpu::Device) -> u64 {
+    let limits = device.limits();
+    limits
+        .max_storage_buffer_binding_size
+        .min(limits.max_buffer_size)
+}
+
+impl SceneBuffers {
+    /// Uploads `scene`, with room for `slots` light slots.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        scene: &BakedScene,
+        slots: u32,
+    ) -> Result<Self, GpuError> {
+        Self::with_limit(device, queue, scene, slots, binding_limit(device))
+    }
+
+    /// As [`SceneBuffers::new`], for a device that binds at most `limit` bytes. For tests of the cuts.
+    ///
+    /// # Errors
+    /// As [`SceneBuffers::new`].
+    pub fn with_limit(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        scene: &BakedScene,
+        slots: u32,
+        limit: u64,
+    ) -> Result<Self, GpuError> {
+        let make = Maker {
+            device,
+            queue,
+            limit,
+        };
+        let shape = SceneShape::new(scene);
+        let slots = slots.max(1);
+        let (points, senders) = (shape.points() as u64, shape.senders() as u64);
+
+        let parts = cut(&scene.operator.rows, limit)?;
+        let links = parts
+            .iter()
+            .map(|p| {
+                make.upload(
+                    "links",
+                    &scene.operator.links[p.links.start as usize..p.links.end as usize],
+                )
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut table = SpanTable::new(device);
+        let levels = table.list((0..shape.levels()).map(|l| span(shape.level(l))));
+        let whole = table.list([span(0..shape.points()), span(0..shape.senders())]);
+        let spans_of = |most: u32| {
+            parts
+                .iter()
+                .map(move |p| part_span(p, most))
+                .collect::<Vec<_>>()
+        };
+        let part_lists = [
+            table.list(spans_of(shape.points() as u32)),
+            table.list(spans_of(shape.senders() as u32)),
+        ];
+
+        let coefficients = |what| make.empty::<[f32; 4]>(what, senders + 1);
+        let bounces = match &scene.bounces {
+            Some(b) => Some(BounceBuffers {
+                starts: make.upload("bounce rows", &b.starts)?,
+                links: make.upload("bounce links", &b.links)?,
+                further: coefficients("further radiosity")?,
+            }),
+            None => None,
+        };
+        let differences = match shape.form {
+            SenderForm::Averages => None,
+            SenderForm::Differences => Some([
+                coefficients("sender differences")?,
+                make.empty::<VectorIrradiance>("receiver differences", points)?,
+            ]),
+        };
+        Ok(Self {
+            grid: (&scene.display.grid).into(),
+            params: uniform(device, "solve", size_of::<SolveParams>() as u64),
+            spans: table.upload(queue),
+            levels,
+            whole,
+            parts: part_lists,
+            links,
+            points: make.upload("points", &scene.points)?,
+            surfaces: make.upload("surfaces", &scene.surfaces)?,
+            rows: make.upload("rows", &scene.operator.rows)?,
+            pull_starts: make.upload("pull rows", &scene.pull.starts)?,
+            pull_entries: make.upload("pull weights", &scene.pull.entries)?,
+            parent_starts: make.upload("parent rows", &scene.parents.starts)?,
+            parent_entries: make.upload("parent weights", &scene.parents.entries)?,
+            planes: make.upload("clip planes", &scene.display.planes)?,
+            grid_slots: make.upload("grid slots", &scene.display.grid.slots)?,
+            grid_entries: make.upload("grid entries", &scene.display.grid.entries)?,
+            nodes: make.upload("BVH nodes", &scene.bvh.nodes)?,
+            triangles: make.upload("BVH triangles", &scene.bvh.triangles)?,
+            bounces,
+            lights: make.empty::<FrameLight>("lights", u64::from(slots))?,
+            changed: make.empty::<u32>("changed lights", u64::from(slots))?,
+            projected: make.empty::<f32>("projected light", u64::from(slots) * shape.lit as u64)?,
+            radiosity: make.empty::<[f32; 4]>("radiosity", shape.lit as u64)?,
+            senders: coefficients("senders")?,
+            direct: None,
+            differences,
+            values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
+            slots,
+            shape,
+        })
+    }
+
+    /// How many light slots there is room for.
+    #[must_use]
+    pub fn slots(&self) -> u32 {
+        self.slots
+    }
+
+    /// The scene's sizes.
+    #[must_use]
+    pub fn shape(&self) -> &SceneShape {
+        &self.shape
+    }
+
+    /// Makes room for `slots` light slots; what is projected stays. Not between recording a frame and its submission.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the projections of so many lights do not fit a binding.
+    pub fn grow(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        slots: u32,
+    ) -> Result<(), GpuError> {
+        if slots <= self.slots {
+            return Ok(());
+        }
+        let make = Maker {
+            device,
+            queue,
+            limit: binding_limit(device),
+        };
+        // Half as much again, so that lamps that come one by one do not each copy everything; what is needed where that is too much.
+        let lit = self.shape.lit as u64;
+        let roomy = slots.max(self.slots + self.slots / 2);
+        let (slots, projected) = match make.empty::<f32>("projected light", u64::from(roomy) * lit)
+        {
+            Ok(buffer) => (roomy, buffer),
+            Err(_) => (
+                slots,
+                make.empty::<f32>("projected light", u64::from(slots) * lit)?,
+            ),
+        };
+        let lights = make.empty::<FrameLight>("lights", u64::from(slots))?;
+        let changed = make.empty::<u32>("changed lights", u64::from(slots))?;
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&self.projected, 0, &projected, 0, self.projected.size());
+        encoder.copy_buffer_to_buffer(&self.lights, 0, &lights, 0, self.lights.size());
+        queue.submit([encoder.finish()]);
+        (self.projected, self.lights, self.changed, self.slots) =
+            (projected, lights, changed, slots);
+        Ok(())
+    }
+
+    /// The buffer of direct coefficients, made if it is not there.
+    pub(super) fn ensure_direct(&mut self, device: &wgpu::Device) -> wgpu::Buffer {
+        self.direct
+            .get_or_insert_with(|| {
+                device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("direct senders"),
+                    size: self.senders.size(),
+                    usage: self.senders.usage(),
+                    mapped_at_creation: false,
+                })
+            })
+            .clone()
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.named().map(|(_, b)| b.size()).sum()
+    }
+
+    /// A buffer that a pass fills, for tests and tools.
+    #[must_use]
+    pub fn output(&self, pass: Pass) -> Option<&wgpu::Buffer> {
+        match pass {
+            Pass::Project => Some(&self.projected),
+            Pass::Radiosity => Some(&self.radiosity),
+            Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
+            Pass::Push => self.differences.as_ref().map(|d| &d[0]),
+            Pass::Apply => self
+                .differences
+                .as_ref()
+                .map_or(Some(&self.values), |d| Some(&d[1])),
+            Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
+            Pass::Averages | Pass::Differences => Some(&self.values),
+            Pass::Splat | Pass::SplatOver => None,
+        }
+    }
+
+    /// Every buffer with its name.
+    pub(super) fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+        let own = [
+            ("params", &self.params),
+            ("spans", &self.spans),
+            ("points", &self.points),
+            ("surfaces", &self.surfaces),
+            ("rows", &self.rows),
+            ("pull rows", &self.pull_starts),
+            ("pull weights", &self.pull_entries),
+            ("parent rows", &self.parent_starts),
+            ("parent weights", &self.parent_entries),
+            ("clip planes", &self.planes),
+            ("grid slots", &self.grid_slots),
+            ("grid entries", &self.grid_entries),
+            ("BVH nodes", &self.nodes),
+            ("BVH triangles", &self.triangles),
+            ("lights", &self.lights),
+            ("changed lights", &self.changed),
+            ("projected light", &self.projected),
+            ("radiosity", &self.radiosity),
+            ("senders", &self.senders),
+            ("vector irradiance", &self.values),
+        ];
+        let bounces = self.bounces.iter().flat_map(|b| {
+            [
+                ("bounce rows", &b.starts),
+                ("bounce links", &b.links),
+                ("further radiosity", &b.further),
+            ]
+        });
+        let differences = self
+            .differences
+            .iter()
+            .flat_map(|[s, r]| [("sender differences", s), ("receiver differences", r)]);
+        own.into_iter()
+            .chain(self.links.iter().map(|b| ("links", b)))
+            .chain(bounces)
+            .chain(self.direct.iter().map(|b| ("direct senders", b)))
+            .chain(differences)
+    }
+}
+
+/// The buffers of one baked scene in one view: parameters of `splat` and `composite`.
+#[derive(Debug)]
+pub struct ViewBuffers {
+    pub(super) splat: wgpu::Buffer,
+    pub(super) composite: wgpu::Buffer,
+    pub(super) size: [u32; 2],
+}
+
+impl ViewBuffers {
+    /// Room for the parameters of a view.
+    #[must_use]
+    pub fn new(device: &wgpu::Device) -> Self {
+        Self {
+            splat: uniform(device, "splat", size_of::<SplatParams>() as u64),
+            composite: uniform(device, "composite", size_of::<CompositeParams>() as u64),
+            size: [0; 2],
+        }
+    }
+
+    /// Sets the parameters for the frame that is submitted next.
+    pub fn write(&mut self, queue: &wgpu::Queue, splat: &SplatParams, composite: &CompositeParams) {
+        queue.write_buffer(&self.splat, 0, bytemuck::bytes_of(splat));
+        queue.write_buffer(&self.composite, 0, bytemuck::bytes_of(composite));
+        self.size = splat.size;
+    }
+}
+
+fn uniform(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: wgpu::BufferUsages::UNIFORM
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    })
+}
+
+fn span(range: Range<usize>) -> Span {
+    Span {
+        first: range.start as u32,
+        count: range.len() as u32,
+        ..Span::default()
+    }
+}
+
+/// The rows of a part that lie below `most`.
+fn part_span(part: &LinkPart, most: u32) -> Span {
+    Span {
+        first: part.rows.start,
+        count: part.rows.end.min(most).saturating_sub(part.rows.start),
+        base: part.links.start,
+        pad: 0,
+    }
+}
+
+/// Spans on their way to a uniform buffer, each at an offset that may be bound.
+struct SpanTable<'a> {
+    device: &'a wgpu::Device,
+    stride: usize,
+    bytes: Vec<u8>,
+}
+
+impl<'a> SpanTable<'a> {
+    fn new(device: &'a wgpu::Device) -> Self {
+        let align = device.limits().min_uniform_buffer_offset_alignment as usize;
+        Self {
+            device,
+            stride: size_of::<Span>().next_multiple_of(align.max(1)),
+            bytes: Vec::new(),
+        }
+    }
+
+    fn list(&mut self, spans: impl IntoIterator<Item = Span>) -> SpanList {
+        let at = spans.into_iter().map(|s| {
+            let offset = self.bytes.len();
+            self.bytes.extend_from_slice(bytemuck::bytes_of(&s));
+            self.bytes.resize(offset + self.stride, 0);
+            (offset as u32, s)
+        });
+        SpanList { at: at.collect() }
+    }
+
+    fn upload(self, queue: &wgpu::Queue) -> wgpu::Buffer {
+        let buffer = uniform(self.device, "spans", self.bytes.len() as u64);
+        queue.write_buffer(&buffer, 0, &self.bytes);
+        buffer
+    }
+}
