@@ -26,5 +26,6 @@ fn composite(@builtin(position) position: vec4f) -> @location(0) vec4f {
     if e.a == 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);
     }
-    return vec4f(params.scale * FRAC_1_PI * gbuffer_occlusion(texel) * gbuffer_diffuse(texel) * e.rgb, 0.0);
+    let colour = mix(gbuffer_occlusion(texel) * gbuffer_diffuse(texel), vec3f(1.0), params.white);
+    return vec4f(params.scale * FRAC_1_PI * colour * e.rgb, 0.0);
 }

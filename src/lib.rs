@@ -34,3 +34,6 @@ pub mod plugin;
 pub mod samples;
 pub mod scene;
 pub mod transport;
+
+#[cfg(feature = "bevy")]
+pub use plugin::prelude;

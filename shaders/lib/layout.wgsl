@@ -106,9 +106,9 @@ struct SplatParams {
 
 struct CompositeParams {
     scale: f32,
+    white: f32,
     pad0: f32,
     pad1: f32,
-    pad2: f32,
 }
 
 struct GridSlot {

@@ -19,5 +19,7 @@ pub fn composite_pixel(
         return [0.0; 3];
     }
     let e = Vec3::new(irradiance[0], irradiance[1], irradiance[2]);
-    (params.scale * FRAC_1_PI * gbuffer::occlusion(texel) * gbuffer::diffuse(texel) * e).to_array()
+    let colour =
+        (gbuffer::occlusion(texel) * gbuffer::diffuse(texel)).lerp(Vec3::ONE, params.white);
+    (params.scale * FRAC_1_PI * colour * e).to_array()
 }

@@ -167,6 +167,8 @@ impl SplatParams {
 pub struct CompositeParams {
     /// Exposure (and taste) still to multiply with, over the scale that `splat` already applied.
     pub scale: f32,
+    /// 1 shows the irradiance as a white surface would, 0 the surfaces' own colours.
+    pub white: f32,
     /// Not used.
-    pub pad: [f32; 3],
+    pub pad: [f32; 2],
 }

@@ -260,7 +260,7 @@ impl GpuFrame {
         self.counters.dispatches[which as usize] += 1;
     }
 
-    /// Draws a view's irradiance onto its picture: `pass` has one target, of `format`. Once a view, after the `splat` of its last scene.
+    /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass` has one target, of `format`. Once a view, after the `splat` of its last scene.
     #[expect(
         clippy::too_many_arguments,
         reason = "three textures and what they are drawn with"
@@ -270,12 +270,13 @@ impl GpuFrame {
         kernels: &Kernels,
         pass: &mut wgpu::RenderPass<'_>,
         format: wgpu::TextureFormat,
+        replace: bool,
         view: &ViewBuffers,
         irradiance: &wgpu::TextureView,
         gbuffer: &wgpu::TextureView,
         lighting_passes: &wgpu::TextureView,
     ) {
-        let kernel = kernels.composite(format);
+        let kernel = kernels.composite(format, replace);
         let bind = kernels
             .device()
             .create_bind_group(&wgpu::BindGroupDescriptor {

@@ -31,8 +31,8 @@ pub struct Kernels {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
-    /// `composite`, a pipeline for each format that it draws to.
-    composites: Mutex<Vec<(wgpu::TextureFormat, RenderKernel)>>,
+    /// `composite`, a pipeline for each format that it draws to, and for adding and replacing.
+    composites: Mutex<Vec<((wgpu::TextureFormat, bool), RenderKernel)>>,
     created: AtomicU32,
 }
 
@@ -154,21 +154,21 @@ impl Kernels {
         })
     }
 
-    /// The pipeline that draws `composite` onto a target of this format.
-    pub fn composite(&self, format: wgpu::TextureFormat) -> RenderKernel {
+    /// The pipeline that draws `composite` onto a target of this format: added to what is there, or in its place.
+    pub fn composite(&self, format: wgpu::TextureFormat, replace: bool) -> RenderKernel {
         let mut made = self
             .composites
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, kernel)) = made.iter().find(|(f, _)| *f == format) {
+        if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, replace)) {
             return kernel.clone();
         }
-        let kernel = self.make_composite(format);
-        made.push((format, kernel.clone()));
+        let kernel = self.make_composite(format, replace);
+        made.push(((format, replace), kernel.clone()));
         kernel
     }
 
-    fn make_composite(&self, format: wgpu::TextureFormat) -> RenderKernel {
+    fn make_composite(&self, format: wgpu::TextureFormat, replace: bool) -> RenderKernel {
         let label = "meshless_gi composite";
         let layout = self.layout(
             label,
@@ -203,7 +203,7 @@ impl Kernels {
                     compilation_options: wgpu::PipelineCompilationOptions::default(),
                     targets: &[Some(wgpu::ColorTargetState {
                         format,
-                        blend: Some(wgpu::BlendState {
+                        blend: (!replace).then_some(wgpu::BlendState {
                             color: add,
                             alpha: add,
                         }),

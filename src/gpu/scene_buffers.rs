@@ -288,6 +288,12 @@ impl SceneBuffers {
             .clone()
     }
 
+    /// How many buffers there are on the device.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.named().count()
+    }
+
     /// Bytes on the device.
     #[must_use]
     pub fn bytes(&self) -> u64 {

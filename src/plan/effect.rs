@@ -234,6 +234,7 @@ fn transport(state: &FrameState, plan: &mut Plan) {
 
 fn display(state: &FrameState, plan: &mut Plan) {
     for view in &state.views {
+        let mut first = None;
         for scene in active_scenes(state).filter(|s| view.sees.contains(&s.id)) {
             if !view.enabled {
                 plan.skipped
@@ -242,9 +243,15 @@ fn display(state: &FrameState, plan: &mut Plan) {
                 plan.skipped
                     .push((scene.id, Some(view.id), Skip::NoGbuffer));
             } else {
-                plan.push("display", Stage::Composite, scene.id, Reason::InView)
+                plan.push("display", Stage::Splat, scene.id, Reason::InView)
                     .view = Some(view.id);
+                first = first.or(Some(scene.id));
             }
+        }
+        // All scenes of a view splat into one picture, which is added once.
+        if let Some(scene) = first {
+            plan.push("display", Stage::Composite, scene, Reason::InView)
+                .view = Some(view.id);
         }
     }
 }
@@ -292,7 +299,7 @@ mod tests {
     #[test]
     fn lights_at_rest_leave_only_the_display() {
         let plan = Plan::new(&at_rest());
-        assert_eq!(stages(&plan), [Stage::Composite]);
+        assert_eq!(stages(&plan), [Stage::Splat, Stage::Composite]);
         assert!(plan.skipped.contains(&(A, None, Skip::AtRest)));
     }
 
@@ -306,7 +313,7 @@ mod tests {
         use Stage::*;
         assert_eq!(
             stages(&plan),
-            [Project, PullPush, Apply, Flatten, Composite]
+            [Project, PullPush, Apply, Flatten, Splat, Composite]
         );
     }
 
@@ -410,7 +417,8 @@ mod tests {
             (0..8).collect::<Vec<_>>()
         );
         assert_eq!(plan.count(Stage::Apply), 1, "B is at rest");
-        assert_eq!(plan.count(Stage::Composite), 3);
+        assert_eq!(plan.count(Stage::Splat), 3);
+        assert_eq!(plan.count(Stage::Composite), 2, "one a view");
         assert_eq!(plan.active_scenes(), [A, B]);
         assert!(
             plan.to_string()

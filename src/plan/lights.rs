@@ -6,185 +6,43 @@
 //! counts, and frames in which the scene was out of view are caught up by themselves.
 
 use super::SlotChange;
-use crate::scene::{Bounds, Light};
+use crate::frame::FrameLight;
+use crate::scene::Bounds;
 use glam::Vec3;
 use std::collections::BTreeMap;
 
-/// A light without its colour: everything that its projection depends on. Metres, local space of the bake.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum LightGeometry {
-    /// A point light of 1 W/sr.
-    Point {
-        /// Metres.
-        position: Vec3,
-        /// Metres; infinite for none.
-        range: f32,
-    },
-    /// A spot light of 1 W/sr on its axis.
-    Spot {
-        /// Metres.
-        position: Vec3,
-        /// Unit, where the light goes.
-        direction: Vec3,
-        /// Half angle of the full cone, radians.
-        inner: f32,
-        /// Half angle where it ends, radians.
-        outer: f32,
-        /// Metres; infinite for none.
-        range: f32,
-    },
-    /// A directional light of 1 W/m².
-    Directional {
-        /// Unit, where the light goes.
-        direction: Vec3,
-    },
-    /// A patch of a rectangle, of 1 W/sr along its normal.
-    Patch {
-        /// Metres.
-        position: Vec3,
-        /// Unit, the side that it emits to.
-        normal: Vec3,
-    },
+/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` metres, directions and the numbers of a cone
+/// within 1e-5 of their size. Colours do not matter.
+#[must_use]
+pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
+    let near = |p: [f32; 3], q: [f32; 3], t: f32| {
+        (Vec3::from_array(p) - Vec3::from_array(q))
+            .abs()
+            .max_element()
+            <= t
+    };
+    let like = |x: f32, y: f32| (x - y).abs() <= 1e-5 * x.abs().max(y.abs());
+    // 1/r² changes twice as much as r, relatively.
+    let range = |x: f32, y: f32| x == y || (x.powf(-0.5) - y.powf(-0.5)).abs() <= tolerance;
+    a.kind == b.kind
+        && near(a.position, b.position, tolerance)
+        && near(a.direction, b.direction, 1e-5)
+        && range(a.inverse_square_range, b.inverse_square_range)
+        && like(a.spot_scale, b.spot_scale)
+        && like(a.spot_offset, b.spot_offset)
 }
 
-impl LightGeometry {
-    /// True when the two project alike: lengths within `tolerance` metres, directions and angles within 1e-5.
-    #[must_use]
-    pub fn same(&self, other: &Self, tolerance: f32) -> bool {
-        const ANGLE: f32 = 1e-5;
-        let near = |a: Vec3, b: Vec3, t: f32| (a - b).abs().max_element() <= t;
-        // Equal infinities are alike.
-        let length = |a: f32, b: f32| a == b || (a - b).abs() <= tolerance;
-        let angle = |a: f32, b: f32| (a - b).abs() <= ANGLE;
-        match (*self, *other) {
-            (
-                Self::Point {
-                    position: p,
-                    range: r,
-                },
-                Self::Point {
-                    position: q,
-                    range: s,
-                },
-            ) => near(p, q, tolerance) && length(r, s),
-            (
-                Self::Spot {
-                    position: p,
-                    direction: d,
-                    inner: i,
-                    outer: o,
-                    range: r,
-                },
-                Self::Spot {
-                    position: q,
-                    direction: e,
-                    inner: j,
-                    outer: u,
-                    range: s,
-                },
-            ) => {
-                near(p, q, tolerance)
-                    && near(d, e, ANGLE)
-                    && angle(i, j)
-                    && angle(o, u)
-                    && length(r, s)
-            }
-            (Self::Directional { direction: d }, Self::Directional { direction: e }) => {
-                near(d, e, ANGLE)
-            }
-            (
-                Self::Patch {
-                    position: p,
-                    normal: n,
-                },
-                Self::Patch {
-                    position: q,
-                    normal: m,
-                },
-            ) => near(p, q, tolerance) && near(n, m, ANGLE),
-            _ => false,
+/// False when no light of `light` can arrive in the box: it ends before.
+#[must_use]
+pub fn reaches(light: &FrameLight, bounds: Bounds) -> bool {
+    match light.kind {
+        FrameLight::NONE => false,
+        FrameLight::POINT | FrameLight::SPOT => {
+            let position = Vec3::from_array(light.position);
+            let nearest = position.max(bounds.min).min(bounds.max);
+            nearest.distance_squared(position) * light.inverse_square_range < 1.0
         }
-    }
-
-    /// False when no light can arrive in the box: it ends before.
-    #[must_use]
-    pub fn reaches(&self, bounds: Bounds) -> bool {
-        match *self {
-            Self::Point { position, range }
-            | Self::Spot {
-                position, range, ..
-            } => {
-                let nearest = position.clamp(bounds.min.min(bounds.max), bounds.max);
-                range.is_infinite() || nearest.distance_squared(position) < range * range
-            }
-            _ => true,
-        }
-    }
-}
-
-/// A light as it goes into slots: geometry and the colour that multiplies its projection.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SlotLight {
-    /// What is projected.
-    pub geometry: LightGeometry,
-    /// W/sr (point, spot, patch) or W/m² (directional), linear RGB.
-    pub colour: Vec3,
-}
-
-impl SlotLight {
-    /// The slots of a light; none for the sky, which needs no projection. A rectangle becomes `patches` × `patches`.
-    #[must_use]
-    pub fn of(light: &Light, patches: u32) -> Vec<Self> {
-        let one = |geometry, colour| vec![Self { geometry, colour }];
-        match *light {
-            Light::Point {
-                position,
-                intensity,
-                range,
-            } => one(LightGeometry::Point { position, range }, intensity),
-            Light::Spot {
-                position,
-                direction,
-                intensity,
-                inner,
-                outer,
-                range,
-            } => one(
-                LightGeometry::Spot {
-                    position,
-                    direction,
-                    inner,
-                    outer,
-                    range,
-                },
-                intensity,
-            ),
-            Light::Directional {
-                direction,
-                irradiance,
-            } => one(LightGeometry::Directional { direction }, irradiance),
-            Light::Rect {
-                center,
-                u,
-                v,
-                radiance,
-            } => {
-                let n = patches.max(1);
-                let cross = u.cross(v);
-                let (area, normal) = (4.0 * cross.length(), cross.normalize_or(Vec3::Y));
-                let at = |i: u32| (2 * i + 1) as f32 / n as f32 - 1.0;
-                (0..n * n)
-                    .map(|i| Self {
-                        geometry: LightGeometry::Patch {
-                            position: center + at(i % n) * u + at(i / n) * v,
-                            normal,
-                        },
-                        colour: radiance * area / (n * n) as f32,
-                    })
-                    .collect()
-            }
-            Light::Sky { .. } => Vec::new(),
-        }
+        _ => true,
     }
 }
 
@@ -192,9 +50,11 @@ impl SlotLight {
 #[derive(Clone, Debug)]
 struct Slot {
     /// What the world says now.
-    wanted: SlotLight,
+    wanted: FrameLight,
     /// What the device's projection was made for.
-    projected: Option<LightGeometry>,
+    projected: Option<FrameLight>,
+    /// What the last update found.
+    change: SlotChange,
 }
 
 /// What the table says about a frame.
@@ -212,7 +72,7 @@ pub struct SlotTable {
     /// First come, first slot; a freed slot is taken again.
     slots: Vec<Option<Slot>>,
     /// The colours that the device's transport was computed with, slot by slot.
-    applied: Vec<Vec3>,
+    applied: Vec<[f32; 3]>,
     /// The slots of each light, by the caller's key.
     owners: BTreeMap<u64, Vec<u32>>,
 }
@@ -240,7 +100,7 @@ impl SlotTable {
     /// that is missing has gone. A light that is black or does not reach `bounds` keeps its slots and its projection.
     /// Moves by less than 1e-5 of the box's diagonal do not count (a scene root that moves together with its lights
     /// gives that much rounding).
-    pub fn update(&mut self, lights: &[(u64, Vec<SlotLight>)], bounds: Bounds) -> Slots {
+    pub fn update(&mut self, lights: &[(u64, Vec<FrameLight>)], bounds: Bounds) -> Slots {
         let tolerance = 1e-5 * bounds.size().length();
         let gone: Vec<u64> = self
             .owners
@@ -267,54 +127,59 @@ impl SlotTable {
                     .as_mut()
                     .expect("an owned slot is in use");
                 slot.wanted = part;
-                if !part.geometry.reaches(bounds) {
-                    slot.wanted.colour = Vec3::ZERO;
+                if !reaches(&part, bounds) {
+                    slot.wanted.color = [0.0; 3];
                 }
             }
         }
-        self.applied.resize(self.slots.len(), Vec3::ZERO);
+        self.applied.resize(self.slots.len(), [0.0; 3]);
         let mut stale = false;
         let changes = self
             .slots
-            .iter()
+            .iter_mut()
             .zip(&self.applied)
             .map(|(slot, &applied)| {
                 let Some(slot) = slot else {
-                    stale |= applied != Vec3::ZERO;
+                    stale |= applied != [0.0; 3];
                     return SlotChange::None;
                 };
-                let valid = |p: LightGeometry| p.same(&slot.wanted.geometry, tolerance);
-                if slot.wanted.colour == Vec3::ZERO {
+                let valid = |p: FrameLight| projects_alike(&p, &slot.wanted, tolerance);
+                let colour = slot.wanted.color;
+                slot.change = if colour == [0.0; 3] {
                     // Dark: whatever its projection says is multiplied by zero.
-                    if applied == Vec3::ZERO {
+                    if applied == [0.0; 3] {
                         SlotChange::None
                     } else {
                         SlotChange::Colour
                     }
                 } else if !slot.projected.is_some_and(valid) {
                     SlotChange::Geometry
-                } else if slot.wanted.colour != applied {
+                } else if colour != applied {
                     SlotChange::Colour
                 } else {
                     SlotChange::None
-                }
+                };
+                slot.change
             })
             .collect();
         Slots { changes, stale }
     }
 
-    /// The light that slot `i` should hold now; `None` for a free slot.
+    /// The light of every slot, for the device: one that is to be projected as it is now, one that is not with the geometry that
+    /// its projection was made for and its colour of now. [`FrameLight::NONE`] where there is nothing to multiply.
     #[must_use]
-    pub fn light(&self, i: u32) -> Option<SlotLight> {
-        self.slots.get(i as usize)?.as_ref().map(|s| s.wanted)
-    }
-
-    /// The colour of every slot, black for free ones.
-    #[must_use]
-    pub fn colours(&self) -> Vec<Vec3> {
+    pub fn lights(&self) -> Vec<FrameLight> {
+        let light = |slot: &Slot| match (slot.change, slot.projected) {
+            (SlotChange::Geometry, _) => slot.wanted,
+            (_, Some(projected)) => FrameLight {
+                color: slot.wanted.color,
+                ..projected
+            },
+            (_, None) => FrameLight::default(),
+        };
         self.slots
             .iter()
-            .map(|s| s.as_ref().map_or(Vec3::ZERO, |s| s.wanted.colour))
+            .map(|s| s.as_ref().map_or_else(FrameLight::default, light))
             .collect()
     }
 
@@ -322,14 +187,14 @@ impl SlotTable {
     pub fn mark_projected(&mut self, slots: &[u32]) {
         for &i in slots {
             if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut) {
-                slot.projected = Some(slot.wanted.geometry);
+                slot.projected = Some(slot.wanted);
             }
         }
     }
 
     /// The device has run the transport with the wanted colours.
     pub fn mark_applied(&mut self) {
-        self.applied = self.colours();
+        self.applied = self.lights().iter().map(|l| l.color).collect();
     }
 
     /// The device holds nothing any more.
@@ -337,13 +202,14 @@ impl SlotTable {
         for slot in self.slots.iter_mut().flatten() {
             slot.projected = None;
         }
-        self.applied.fill(Vec3::ZERO);
+        self.applied.fill([0.0; 3]);
     }
 
-    fn take(&mut self, part: SlotLight) -> u32 {
+    fn take(&mut self, part: FrameLight) -> u32 {
         let slot = Some(Slot {
             wanted: part,
             projected: None,
+            change: SlotChange::None,
         });
         match self.slots.iter().position(Option::is_none) {
             Some(free) => {
@@ -367,15 +233,12 @@ mod tests {
         max: Vec3::splat(10.0),
     };
 
-    fn lamp(x: f32, colour: f32) -> Vec<SlotLight> {
-        SlotLight::of(
-            &Light::Point {
-                position: Vec3::new(x, 1.0, 1.0),
-                intensity: Vec3::splat(colour),
-                range: 20.0,
-            },
-            1,
-        )
+    fn lamp(x: f32, colour: f32) -> Vec<FrameLight> {
+        vec![FrameLight::point(
+            Vec3::new(x, 1.0, 1.0),
+            Vec3::splat(colour),
+            20.0,
+        )]
     }
 
     fn settle(table: &mut SlotTable, changes: &[SlotChange]) {
@@ -397,7 +260,7 @@ mod tests {
         // 9 leaves: its slot is free, its light is still in the transport.
         let second = table.update(&[(4, lamp(2.0, 1.0))], BOX);
         assert_eq!((second.changes, second.stale), (vec![None, None], true));
-        assert_eq!(table.colours(), [Vec3::ZERO, Vec3::ONE]);
+        assert_eq!(table.lights(), [FrameLight::default(), lamp(2.0, 1.0)[0]]);
         table.mark_applied();
         // 5 takes the free slot; 4 changes colour in its own.
         let third = table.update(&[(4, lamp(2.0, 3.0)), (5, lamp(3.0, 1.0))], BOX);
@@ -436,6 +299,11 @@ mod tests {
             table.update(&[(1, lamp(4.0, 0.0))], BOX).changes,
             [SlotChange::None]
         );
+        assert_eq!(
+            table.lights(),
+            [lamp(1.0, 0.0)[0]],
+            "the geometry of its projection"
+        );
         // Back where it was: the old projection still holds; elsewhere: it does not.
         assert_eq!(
             table.update(&[(1, lamp(1.0, 1.0))], BOX).changes,
@@ -445,60 +313,47 @@ mod tests {
             table.update(&[(1, lamp(4.0, 1.0))], BOX).changes,
             [SlotChange::Geometry]
         );
-        // Out of reach is dark.
+        // Out of reach is dark, and so is a light that is no light.
         assert_eq!(
             table.update(&[(1, lamp(400.0, 1.0))], BOX).changes,
+            [SlotChange::None]
+        );
+        assert_eq!(
+            table
+                .update(&[(1, vec![FrameLight::default()])], BOX)
+                .changes,
             [SlotChange::None]
         );
     }
 
     #[test]
-    fn a_rectangle_takes_a_slot_a_patch_and_keeps_its_power() {
-        let rect = Light::Rect {
-            center: Vec3::ZERO,
-            u: Vec3::X * 0.5,
-            v: Vec3::Z,
-            radiance: Vec3::splat(3.0),
-        };
-        let parts = SlotLight::of(&rect, 3);
-        assert_eq!(parts.len(), 9);
-        let total: Vec3 = parts.iter().map(|p| p.colour).sum();
-        assert!((total - Vec3::splat(6.0)).abs().max_element() < 1e-5);
-        let LightGeometry::Patch { position, normal } = parts[0].geometry else {
-            panic!("a rectangle becomes patches");
-        };
-        assert!((position - Vec3::new(-1.0 / 3.0, 0.0, -2.0 / 3.0)).length() < 1e-6);
-        assert_eq!(normal, Vec3::X.cross(Vec3::Z));
-        assert!(
-            SlotLight::of(
-                &Light::Sky {
-                    radiance: Vec3::ONE
-                },
-                3
-            )
-            .is_empty()
-        );
-    }
-
-    #[test]
-    fn what_differs_is_not_the_same() {
-        let spot = |direction, inner, range| LightGeometry::Spot {
-            position: Vec3::ONE,
-            direction,
-            inner,
-            outer: 0.5,
-            range,
+    fn what_differs_does_not_project_alike() {
+        let spot = |direction, inner, range| {
+            FrameLight::spot(Vec3::ONE, direction, Vec3::ONE, inner, 0.5, range)
         };
         let base = spot(Vec3::X, 0.2, f32::INFINITY);
-        assert!(base.same(&base, 1e-4));
+        assert!(projects_alike(&base, &base, 1e-4));
+        let mut brighter = base;
+        brighter.color = [7.0; 3];
+        assert!(projects_alike(&base, &brighter, 1e-4));
         for other in [
             spot(Vec3::Y, 0.2, f32::INFINITY),
             spot(Vec3::X, 0.3, f32::INFINITY),
             spot(Vec3::X, 0.2, 5.0),
-            LightGeometry::Directional { direction: Vec3::X },
+            FrameLight::directional(Vec3::X, Vec3::ONE),
         ] {
-            assert!(!base.same(&other, 1e-4));
+            assert!(!projects_alike(&base, &other, 1e-4));
         }
+        assert!(projects_alike(
+            &spot(Vec3::X, 0.2, 5.0),
+            &spot(Vec3::X, 0.2, 5.00005),
+            1e-4
+        ));
+        assert!(!projects_alike(
+            &spot(Vec3::X, 0.2, 5.0),
+            &spot(Vec3::X, 0.2, 5.001),
+            1e-4
+        ));
     }
 
     #[test]

@@ -22,6 +22,6 @@ mod pass;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};
-pub use lights::{LightGeometry, SlotLight, SlotTable, Slots};
+pub use lights::{SlotTable, Slots, projects_alike, reaches};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use state::{FrameState, SceneId, SceneState, SlotChange, ViewId, ViewState};

@@ -16,7 +16,9 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
-    /// The flat basis over the pixels of a view, times their base colour.
+    /// The flat basis over the pixels of a view: their irradiance.
+    Splat,
+    /// Irradiance times base colour, added to the picture.
     Composite,
     /// Coefficients back to the CPU.
     ReadBack,
@@ -24,12 +26,13 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
+        Self::Splat,
         Self::Composite,
         Self::ReadBack,
     ];
@@ -43,6 +46,7 @@ impl Stage {
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
             Self::Flatten => "flatten",
+            Self::Splat => "splat",
             Self::Composite => "composite",
             Self::ReadBack => "read_back",
         }

@@ -1,1 +1,158 @@
-//! To come in the next commits.
+//! [`MeshlessGiPlugin`]: indirect light in a Bevy app.
+//!
+//! ```no_run
+//! use bevy::prelude::*;
+//! use bevy_meshless_gi::prelude::*;
+//!
+//! fn main() {
+//!     App::new()
+//!         .add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
+//!         .insert_resource(GlobalAmbientLight::NONE)
+//!         .add_systems(Startup, setup)
+//!         .run();
+//! }
+//!
+//! fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+//!     // The level, and the light baked for it, on one root.
+//!     commands.spawn((
+//!         WorldAssetRoot(assets.load("level.glb#Scene0")),
+//!         MeshlessGi(assets.load("level.gi.ron")),
+//!     ));
+//!     commands.spawn((PointLight { shadow_maps_enabled: true, ..default() }, Transform::from_xyz(0.0, 2.0, 0.0)));
+//!     commands.spawn((Camera3d::default(), MeshlessGiCamera::default(), Transform::from_xyz(0.0, 1.5, 4.0)));
+//! }
+//! ```
+//!
+//! # The flow of a frame
+//!
+//! | file | world, schedule | does |
+//! |---|---|---|
+//! | `check` | main, `Last` | warns of what would be counted twice |
+//! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
+//! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
+//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
+//! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
+//!
+//! # What it needs and what it does not do
+//!
+//! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
+//!   says so once and stays inert; nothing else of the app changes.
+//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
+//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light.
+//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
+//! - Where two baked scenes overlap, a surface that both cover gets both.
+
+mod asset;
+mod check;
+mod components;
+mod composite;
+mod compute;
+mod diagnostics;
+mod extract;
+mod gizmos;
+pub mod prelude;
+mod readback;
+mod sets;
+mod transform;
+
+pub use asset::MeshlessGiAsset;
+pub use check::{MeshlessGiFinding, MeshlessGiFindings};
+pub use components::{
+    MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
+    MeshlessGiView,
+};
+pub use diagnostics::{
+    MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
+};
+pub use gizmos::MeshlessGiGizmos;
+pub use readback::MeshlessGiCoefficients;
+pub use sets::MeshlessGiSystems;
+pub use transform::Placement;
+
+use bevy::app::{App, Last, Plugin};
+use bevy::asset::AssetApp;
+use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
+use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
+use bevy::ecs::prelude::*;
+use bevy::log::warn;
+use bevy::pbr::{DefaultOpaqueRendererMethod, main_transmissive_pass_3d};
+use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
+use bevy::render::{ExtractSchedule, Render, RenderApp, RenderSystems};
+
+/// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
+#[derive(Clone, Debug)]
+pub struct MeshlessGiPlugin {
+    /// Makes deferred the default for opaque materials, as the composite needs it. Cameras without a deferred prepass still draw
+    /// them forward. Turn it off to choose material by material.
+    pub deferred: bool,
+}
+
+impl Default for MeshlessGiPlugin {
+    fn default() -> Self {
+        Self { deferred: true }
+    }
+}
+
+impl Plugin for MeshlessGiPlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<MeshlessGi>()
+            .register_type::<MeshlessGiCamera>()
+            .register_type::<MeshlessGiLight>()
+            .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiSettings>()
+            .register_type::<MeshlessGiView>()
+            .init_resource::<MeshlessGiSettings>()
+            .init_resource::<MeshlessGiFindings>()
+            .init_resource::<MeshlessGiCoefficients>()
+            .init_asset::<MeshlessGiAsset>()
+            .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
+            .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
+        if self.deferred {
+            app.insert_resource(DefaultOpaqueRendererMethod::deferred());
+        }
+    }
+
+    fn finish(&self, app: &mut App) {
+        let status = app.world().resource::<MeshlessGiStatus>().clone();
+        let coefficients = app.world().resource::<MeshlessGiCoefficients>().clone();
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
+            return;
+        };
+        let world = render_app.world();
+        let Some(device) = world.get_resource::<RenderDevice>() else {
+            warn!("MeshlessGiPlugin: the renderer has no device, indirect light stays off.");
+            return;
+        };
+        if let Err(why) = compute::device_able(device) {
+            warn!("MeshlessGiPlugin: indirect light stays off, because {why}.");
+            return;
+        }
+        render_app
+            .insert_resource(status)
+            .insert_resource(coefficients)
+            .init_resource::<extract::ExtractedGi>()
+            .init_resource::<compute::GiRender>()
+            .add_systems(
+                ExtractSchedule,
+                extract::extract.in_set(MeshlessGiSystems::Extract),
+            )
+            .add_systems(
+                RenderGraph,
+                compute::compute
+                    .in_set(MeshlessGiSystems::Compute)
+                    .in_set(RenderGraphSystems::Render)
+                    .before(camera_driver),
+            )
+            .add_systems(Render, compute::publish.in_set(RenderSystems::Cleanup))
+            .add_systems(
+                Core3d,
+                composite::composite
+                    .in_set(MeshlessGiSystems::Composite)
+                    .in_set(Core3dSystems::MainPass)
+                    .after(main_opaque_pass_3d)
+                    .before(main_transmissive_pass_3d)
+                    .before(main_transparent_pass_3d),
+            );
+    }
+}

@@ -1,0 +1,135 @@
+//! The components and resources that a game sets: which scene has baked light, which camera shows it, how lights take part.
+//!
+//! All are reflected and registered, so that scenes and inspectors see them. Light quantities are Bevy's photometric ones
+//! (lux, cd/m²); the core's W stand for lumens one to one.
+
+use super::asset::MeshlessGiAsset;
+use bevy::asset::Handle;
+use bevy::camera::{Hdr, visibility::Visibility};
+use bevy::color::LinearRgba;
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::ecs::lifecycle::HookContext;
+use bevy::ecs::prelude::*;
+use bevy::ecs::world::DeferredWorld;
+use bevy::reflect::prelude::*;
+use bevy::render::view::Msaa;
+use bevy::transform::components::Transform;
+
+/// Lights a scene indirectly with a bake. Goes on the scene's root: its [`GlobalTransform`](bevy::transform::components::GlobalTransform)
+/// moves, turns and scales the bake. A scale that is not the same along all axes cannot be followed; its mean is taken,
+/// with one warning.
+#[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[require(Transform, Visibility, MeshlessGiLighting)]
+pub struct MeshlessGi(pub Handle<MeshlessGiAsset>);
+
+/// What lights a baked scene beside Bevy's lights. Goes beside [`MeshlessGi`]; every value may change in any frame.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiLighting {
+    /// Radiance of a uniform sky, cd/m²: it comes from every direction that meets nothing. Black for none. This replaces
+    /// Bevy's ambient light, and unlike it knows where the walls are.
+    pub sky: LinearRgba,
+    /// Luminance, in cd/m², that a baked emissive value of 1 stands for. Bevy shows emissive materials as they are, whatever
+    /// the exposure; the default is what looks the same at Bevy's default exposure (EV100 9.7): 1.2 · 2^9.7 ≈ 998. Set 0 to
+    /// let emissive surfaces not light anything.
+    pub emission: f32,
+    /// Diffuse reflections, from 1 (direct light reflected once). A bake with baked bounces ignores it.
+    pub bounces: u32,
+}
+
+impl Default for MeshlessGiLighting {
+    fn default() -> Self {
+        Self {
+            sky: LinearRgba::BLACK,
+            emission: 998.0,
+            bounces: 4,
+        }
+    }
+}
+
+/// Shows indirect light in a camera, and how. Brings the prepasses that the composite reads: it works on deferred,
+/// high-dynamic-range cameras with one sample a pixel.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off)]
+#[component(on_insert = one_sample_a_pixel)]
+pub struct MeshlessGiCamera {
+    /// Off costs nothing.
+    pub enabled: bool,
+    /// Multiplies the indirect light. 1 is what physics says.
+    pub intensity: f32,
+    /// What to draw.
+    pub view: MeshlessGiView,
+}
+
+/// A camera brings Bevy's default of four samples a pixel before ours is asked; deferred drawing has one.
+fn one_sample_a_pixel(mut world: DeferredWorld, context: HookContext) {
+    if let Some(mut msaa) = world.get_mut::<Msaa>(context.entity) {
+        msaa.set_if_neq(Msaa::Off);
+    }
+}
+
+impl Default for MeshlessGiCamera {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            intensity: 1.0,
+            view: MeshlessGiView::Lit,
+        }
+    }
+}
+
+/// What a camera draws of the indirect light.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, Debug, PartialEq, Hash)]
+pub enum MeshlessGiView {
+    /// Direct and indirect light together: the picture.
+    #[default]
+    Lit,
+    /// Indirect light alone.
+    Indirect,
+    /// Indirect irradiance without the surfaces' colours, as a white surface would show it.
+    Irradiance,
+}
+
+/// How a light takes part in indirect light. Optional, on any of Bevy's lights; a light without it takes part fully.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiLight {
+    /// False: the light gives direct light only.
+    pub enabled: bool,
+    /// Multiplies the light's indirect share. 1 is what physics says.
+    pub intensity: f32,
+    /// Samples of a [`RectLight`](bevy::light::RectLight), about; each costs as much as a point light when the light moves.
+    pub patches: u32,
+}
+
+impl Default for MeshlessGiLight {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            intensity: 1.0,
+            patches: 16,
+        }
+    }
+}
+
+/// Settings of the plugin as a whole.
+#[derive(Resource, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Resource, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiSettings {
+    /// A scene that no camera has seen for this many frames gives its GPU memory back.
+    pub keep_frames: u32,
+    /// Warn when Bevy's own ambient light or a light probe would be counted beside ours.
+    pub warn_double_counting: bool,
+}
+
+impl Default for MeshlessGiSettings {
+    fn default() -> Self {
+        Self {
+            keep_frames: 120,
+            warn_double_counting: true,
+        }
+    }
+}

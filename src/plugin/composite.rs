@@ -1,0 +1,224 @@
+//! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance to its picture.
+
+use super::components::MeshlessGiView;
+use super::compute::GiRender;
+use super::extract::ExtractedGi;
+use crate::frame::{CompositeParams, SplatParams};
+use crate::gpu::{SplatTargets, ViewBuffers};
+use crate::plan::{SceneId, Stage, ViewId};
+use bevy::core_pipeline::prepass::ViewPrepassTextures;
+use bevy::ecs::prelude::*;
+use bevy::log::warn_once;
+use bevy::math::Mat4;
+use bevy::render::camera::{ExtractedCamera, TemporalJitter};
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::RenderPassDescriptor;
+use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
+use bevy::render::view::{ExtractedView, ViewTarget};
+use std::collections::BTreeMap;
+
+/// What a view holds on the device: the irradiance of its pixels (twice, where it sees several scenes), and parameters.
+pub(crate) struct ViewRuntime {
+    size: [u32; 2],
+    irradiance: [Option<wgpu::TextureView>; 2],
+    buffers: BTreeMap<SceneId, ViewBuffers>,
+}
+
+impl ViewRuntime {
+    fn new(size: [u32; 2]) -> Self {
+        Self {
+            size,
+            irradiance: [None, None],
+            buffers: BTreeMap::new(),
+        }
+    }
+
+    /// Two parameter buffers a scene.
+    pub fn buffer_count(&self) -> u32 {
+        2 * self.buffers.len() as u32
+    }
+
+    /// Bytes of parameters and textures.
+    pub fn bytes(&self) -> u64 {
+        let textures = self.irradiance.iter().flatten().count() as u64
+            * u64::from(self.size[0])
+            * u64::from(self.size[1])
+            * 8;
+        let parameters = size_of::<SplatParams>() + size_of::<CompositeParams>();
+        textures + (self.buffers.len() * parameters) as u64
+    }
+
+    fn irradiance(&mut self, which: usize, device: &wgpu::Device) -> wgpu::TextureView {
+        let [width, height] = self.size;
+        self.irradiance[which]
+            .get_or_insert_with(|| {
+                device
+                    .create_texture(&wgpu::TextureDescriptor {
+                        label: Some("meshless_gi irradiance"),
+                        size: wgpu::Extent3d {
+                            width,
+                            height,
+                            depth_or_array_layers: 1,
+                        },
+                        mip_level_count: 1,
+                        sample_count: 1,
+                        dimension: wgpu::TextureDimension::D2,
+                        format: wgpu::TextureFormat::Rgba16Float,
+                        usage: wgpu::TextureUsages::STORAGE_BINDING
+                            | wgpu::TextureUsages::TEXTURE_BINDING,
+                        view_formats: &[],
+                    })
+                    .create_view(&wgpu::TextureViewDescriptor::default())
+            })
+            .clone()
+    }
+}
+
+type View = (
+    &'static ExtractedView,
+    &'static ExtractedCamera,
+    &'static ViewTarget,
+    &'static ViewPrepassTextures,
+    Option<&'static TemporalJitter>,
+);
+
+/// Runs in [`MeshlessGiSystems::Composite`](super::MeshlessGiSystems::Composite).
+pub(crate) fn composite(
+    view: ViewQuery<View>,
+    world: Res<ExtractedGi>,
+    mut render: ResMut<GiRender>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    mut ctx: RenderContext,
+) {
+    let (view, camera, target, prepass, jitter) = view.into_inner();
+    let id = ViewId(view.retained_view_entity.main_entity.to_bits());
+    let render = &mut *render;
+    let scenes: Vec<SceneId> = render
+        .plan
+        .passes
+        .iter()
+        .filter(|p| p.stage == Stage::Splat && p.view == Some(id))
+        .map(|p| p.scene)
+        .collect();
+    let Some(settings) = world.views.iter().find(|v| v.id == id).map(|v| &v.settings) else {
+        return;
+    };
+    let (Some(kernels), false) = (&render.kernels, scenes.is_empty()) else {
+        return;
+    };
+    let (Some(depth), Some(gbuffer), Some(passes)) = (
+        prepass.depth_view(),
+        prepass.deferred_view(),
+        prepass.deferred_lighting_pass_id.as_ref(),
+    ) else {
+        warn_once!(
+            "a camera asks for indirect light but drew no G-buffer: it has no deferred materials in view, or not all prepasses"
+        );
+        return;
+    };
+    let size = [prepass.size.width, prepass.size.height];
+    let runtime = render
+        .views
+        .entry(id)
+        .or_insert_with(|| ViewRuntime::new(size));
+    if runtime.size != size {
+        *runtime = ViewRuntime::new(size);
+    }
+
+    // From clip space to the world; jittered where the depth was.
+    let mut clip_from_view = view.clip_from_view;
+    if let (Some(jitter), Some(size)) = (jitter, camera.physical_viewport_size) {
+        jitter.jitter_projection(&mut clip_from_view, size.as_vec2());
+    }
+    let world_from_view: Mat4 = view.world_from_view.to_matrix();
+    let viewport = view.viewport.as_vec4().to_array();
+
+    let recorder = ctx.diagnostic_recorder();
+    let recorder = recorder.as_deref();
+    let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_composite");
+    // The texture that the scene before wrote, which of the two it is, and the scene.
+    let mut last: Option<(usize, wgpu::TextureView, SceneId)> = None;
+    for &scene in &scenes {
+        let placement = world
+            .scenes
+            .iter()
+            .find(|s| s.id == scene)
+            .and_then(|s| s.placement);
+        let (Some(placement), Some(frame)) = (
+            placement,
+            render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut()),
+        ) else {
+            continue;
+        };
+        let world_from_clip = world_from_view * clip_from_view.inverse();
+        let params = SplatParams {
+            local_from_clip: placement
+                .local_from_clip(clip_from_view, world_from_view)
+                .to_cols_array_2d(),
+            ..frame.splat_params(
+                world_from_clip,
+                placement.matrix(),
+                viewport,
+                size,
+                camera.exposure,
+            )
+        };
+        let composite = CompositeParams {
+            scale: settings.intensity.max(0.0),
+            white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
+            ..CompositeParams::default()
+        };
+        let which = last.as_ref().map_or(0, |(before, ..)| 1 - before);
+        let output = runtime.irradiance(which, device.wgpu_device());
+        let buffers = runtime
+            .buffers
+            .entry(scene)
+            .or_insert_with(|| ViewBuffers::new(device.wgpu_device()));
+        buffers.write(&queue, &params, &composite);
+        frame.splat(
+            kernels,
+            ctx.command_encoder(),
+            buffers,
+            &SplatTargets {
+                depth,
+                gbuffer,
+                earlier: last.as_ref().map(|(_, view, _)| view),
+                output: &output,
+            },
+        );
+        last = Some((which, output, scene));
+    }
+    runtime.buffers.retain(|id, _| scenes.contains(id));
+    if let Some((_, irradiance, scene)) = last
+        && let Some(frame) = render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut())
+        && let Some(buffers) = runtime.buffers.get(&scene)
+    {
+        let mut pass = ctx
+            .command_encoder()
+            .begin_render_pass(&RenderPassDescriptor {
+                label: Some("meshless_gi composite"),
+                color_attachments: &[Some(target.get_color_attachment())],
+                depth_stencil_attachment: None,
+                timestamp_writes: None,
+                occlusion_query_set: None,
+                multiview_mask: None,
+            });
+        let [x, y, width, height] = view.viewport.to_array();
+        pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(x, y, width, height);
+        let replace = settings.view != MeshlessGiView::Lit;
+        let passes = &passes.texture.default_view;
+        frame.composite(
+            kernels,
+            &mut pass,
+            view.target_format,
+            replace,
+            buffers,
+            &irradiance,
+            gbuffer,
+            passes,
+        );
+    }
+    span.end(ctx.command_encoder());
+}

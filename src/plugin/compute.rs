@@ -1,0 +1,389 @@
+//! The passes that all cameras share: makes the [plan](crate::plan) of the frame, and records what it lists, before any camera draws.
+//!
+//! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
+//! scene comes into view. When the last scene's buffers go, the pipelines go too.
+
+use super::components::MeshlessGiLighting;
+use super::composite::ViewRuntime;
+use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
+use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene};
+use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
+use crate::asset::BakedScene;
+use crate::frame::{FrameLight, FrameSettings};
+use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
+use crate::plan::{
+    FrameState, Plan, SceneId, SceneState, SlotTable, Slots, Stage, ViewId, ViewState,
+};
+use crate::scene::Bounds;
+use bevy::ecs::prelude::*;
+use bevy::log::{error, warn};
+use bevy::math::Vec3;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A baked scene's instance: its lights' slots, and what the device holds of it.
+pub(crate) struct SceneRuntime {
+    pub bake: Arc<BakedScene>,
+    pub slots: SlotTable,
+    pub frame: Option<GpuFrame>,
+    /// What the device's last solve simulated.
+    solved: Option<FrameSettings>,
+    idle_frames: u32,
+    /// Bytes of a buffer that did not fit the device, from a failed upload.
+    largest_buffer: u64,
+    read_back: Option<CoefficientReadback>,
+}
+
+/// The plugin's state in the render world.
+#[derive(Resource, Default)]
+pub(crate) struct GiRender {
+    pub kernels: Option<Kernels>,
+    pub scenes: BTreeMap<SceneId, SceneRuntime>,
+    pub views: BTreeMap<ViewId, ViewRuntime>,
+    pub plan: Plan,
+    frame: u64,
+    /// What the scenes' counters, those that are gone included, added up to at the end of the last frame.
+    counted: GpuCounters,
+    /// Counters of scenes whose frames are gone.
+    retired: GpuCounters,
+}
+
+/// Whether the device has what the kernels need.
+pub(crate) fn device_able(device: &RenderDevice) -> Result<(), GpuError> {
+    Kernels::new(device.wgpu_device()).map(drop)
+}
+
+/// The settings of a solve.
+fn frame_settings(lighting: &MeshlessGiLighting) -> FrameSettings {
+    FrameSettings {
+        sky: Vec3::new(lighting.sky.red, lighting.sky.green, lighting.sky.blue).max(Vec3::ZERO),
+        emission: lighting.emission.max(0.0),
+        ..FrameSettings::bounces(lighting.bounces)
+    }
+}
+
+fn bounds(bake: &BakedScene) -> Bounds {
+    let [min, max] = bake.info.bounds.map(Vec3::from_array);
+    Bounds { min, max }
+}
+
+impl GiRender {
+    /// Follows scenes that came, went or were baked again, and describes the frame for the plan.
+    fn observe(&mut self, world: &ExtractedGi, largest_binding: u64) -> FrameState {
+        let mut state = FrameState {
+            device_able: true,
+            largest_binding,
+            keep_frames: world.keep_frames,
+            scenes: Vec::with_capacity(world.scenes.len()),
+            views: Vec::with_capacity(world.views.len()),
+        };
+        let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
+        let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
+        for id in gone {
+            self.release(id);
+            self.scenes.remove(&id);
+        }
+        for view in &world.views {
+            state.views.push(ViewState {
+                id: view.id,
+                enabled: view.settings.enabled,
+                has_gbuffer: view.has_gbuffer,
+                sees: view.sees.clone(),
+            });
+        }
+        for scene in &world.scenes {
+            let seen = world
+                .views
+                .iter()
+                .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
+            state
+                .scenes
+                .push(self.observe_scene(scene, &world.lights, seen, world.read_back));
+        }
+        state
+    }
+
+    fn observe_scene(
+        &mut self,
+        scene: &ExtractedScene,
+        lights: &[ExtractedGiLight],
+        seen: bool,
+        read_back: bool,
+    ) -> SceneState {
+        let mut state = SceneState {
+            loaded: scene.bake.is_some(),
+            shown: scene.shown && scene.placement.is_some(),
+            read_back,
+            ..SceneState::new(scene.id)
+        };
+        let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
+            return state;
+        };
+        if self
+            .scenes
+            .get(&scene.id)
+            .is_some_and(|r| !Arc::ptr_eq(&r.bake, bake))
+        {
+            // Baked again: nothing on the device is of use any more.
+            self.release(scene.id);
+            self.scenes.remove(&scene.id);
+        }
+        let runtime = self.scenes.entry(scene.id).or_insert_with(|| SceneRuntime {
+            bake: bake.clone(),
+            slots: SlotTable::new(),
+            frame: None,
+            solved: None,
+            idle_frames: 0,
+            largest_buffer: 0,
+            read_back: None,
+        });
+        runtime.idle_frames = if seen {
+            0
+        } else {
+            runtime.idle_frames.saturating_add(1)
+        };
+        if seen {
+            let local_from_world = placement.matrix();
+            let lights: Vec<(u64, Vec<FrameLight>)> = lights
+                .iter()
+                .map(|l| {
+                    let parts = FrameLight::expand(&l.light, l.patches);
+                    (
+                        l.key,
+                        parts
+                            .iter()
+                            .map(|p| p.to_local(&local_from_world))
+                            .collect(),
+                    )
+                })
+                .collect();
+            let Slots { changes, stale } = runtime.slots.update(&lights, bounds(bake));
+            state.slots = changes;
+            state.stale = stale;
+        }
+        state.resident = runtime.frame.is_some();
+        state.settings_changed = runtime.solved != Some(frame_settings(&scene.lighting));
+        state.idle_frames = runtime.idle_frames;
+        state.largest_buffer = runtime.largest_buffer;
+        state
+    }
+
+    /// Frees what the device holds of a scene.
+    fn release(&mut self, id: SceneId) {
+        let Some(runtime) = self.scenes.get_mut(&id) else {
+            return;
+        };
+        if let Some(frame) = runtime.frame.take() {
+            add(&mut self.retired, &frame.counters());
+        }
+        runtime.slots.forget();
+        runtime.solved = None;
+        runtime.read_back = None;
+    }
+
+    /// Everything that exists on the device, and what ran since the last call.
+    fn count(&mut self) -> MeshlessGiCounters {
+        let mut total = self.retired;
+        let mut counters = MeshlessGiCounters {
+            frame: self.frame,
+            pipelines: self.kernels.as_ref().map_or(0, Kernels::created),
+            active_scenes: self.plan.active_scenes().len() as u32,
+            plan: self.plan.to_string(),
+            ..MeshlessGiCounters::default()
+        };
+        for runtime in self.scenes.values() {
+            if let Some(frame) = &runtime.frame {
+                add(&mut total, &frame.counters());
+                counters.buffers += frame.buffers().count() as u32;
+                counters.bytes += frame.buffers().bytes();
+            }
+            if let Some(read_back) = &runtime.read_back {
+                counters.buffers += 1;
+                counters.bytes += read_back.bytes();
+            }
+        }
+        for view in self.views.values() {
+            counters.buffers += view.buffer_count();
+            counters.bytes += view.bytes();
+        }
+        let mut dispatched = |stage, count: u64| {
+            if count > 0 {
+                *counters.dispatches.entry(stage).or_insert(0) += count as u32;
+            }
+        };
+        for pass in Pass::ALL {
+            dispatched(stage_of(pass), total.of(pass) - self.counted.of(pass));
+        }
+        dispatched(Stage::Composite, total.composites - self.counted.composites);
+        dispatched(Stage::Upload, self.plan.count(Stage::Upload) as u64);
+        dispatched(Stage::ReadBack, self.plan.count(Stage::ReadBack) as u64);
+        counters.projected_slots = (total.projected - self.counted.projected) as u32;
+        self.counted = total;
+        counters
+    }
+}
+
+/// The stage of the plan that a dispatch belongs to.
+fn stage_of(pass: Pass) -> Stage {
+    match pass {
+        Pass::Project => Stage::Project,
+        Pass::Radiosity
+        | Pass::Pull
+        | Pass::Push
+        | Pass::Sweep
+        | Pass::Gather
+        | Pass::Spread
+        | Pass::Add => Stage::PullPush,
+        Pass::Apply => Stage::Apply,
+        Pass::Averages | Pass::Differences => Stage::Flatten,
+        Pass::Splat | Pass::SplatOver => Stage::Splat,
+    }
+}
+
+fn add(sum: &mut GpuCounters, more: &GpuCounters) {
+    for (sum, more) in sum.dispatches.iter_mut().zip(more.dispatches) {
+        *sum += more;
+    }
+    sum.projected += more.projected;
+    sum.solves += more.solves;
+    sum.composites += more.composites;
+}
+
+/// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
+pub(crate) fn compute(
+    world: Res<ExtractedGi>,
+    mut render: ResMut<GiRender>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    coefficients: Res<MeshlessGiCoefficients>,
+    mut ctx: RenderContext,
+) {
+    let render = &mut *render;
+    render.frame += 1;
+    let limits = device.limits();
+    let largest = limits
+        .max_storage_buffer_binding_size
+        .min(limits.max_buffer_size);
+    let state = render.observe(&world, largest);
+    let plan = Plan::new(&state);
+    for &id in &plan.release {
+        render.release(id);
+        coefficients.forget(id.0);
+    }
+    let splats = |id: &ViewId| {
+        plan.passes
+            .iter()
+            .any(|p| p.stage == Stage::Splat && p.view == Some(*id))
+    };
+    render.views.retain(|id, _| splats(id));
+    if plan.is_empty() {
+        if render.scenes.values().all(|s| s.frame.is_none()) {
+            render.kernels = None;
+        }
+        render.plan = plan;
+        return;
+    }
+    if render.kernels.is_none() {
+        match Kernels::new(device.wgpu_device()) {
+            Ok(kernels) => render.kernels = Some(kernels),
+            Err(why) => {
+                // `finish` has checked this device; a new one after a loss may differ.
+                error!("indirect light stays off: {why}");
+                render.plan = Plan::default();
+                return;
+            }
+        }
+    }
+    let Some(kernels) = &render.kernels else {
+        return;
+    };
+    let recorder = ctx.diagnostic_recorder();
+    let recorder = recorder.as_deref();
+    let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_compute");
+    for scene in &world.scenes {
+        let Some(runtime) = render.scenes.get_mut(&scene.id) else {
+            continue;
+        };
+        let settings = frame_settings(&scene.lighting);
+        if let Err(why) = runtime.record(
+            scene.id,
+            &plan,
+            &settings,
+            kernels,
+            &queue,
+            ctx.command_encoder(),
+        ) {
+            warn!("a baked scene stays dark: {why}");
+            runtime.frame = None;
+            runtime.largest_buffer = match why {
+                GpuError::TooLarge { bytes, .. } => bytes,
+                _ => u64::MAX,
+            };
+        }
+    }
+    span.end(ctx.command_encoder());
+    render.plan = plan;
+}
+
+impl SceneRuntime {
+    /// Uploads, projects and solves, as far as the plan says so for this scene.
+    fn record(
+        &mut self,
+        id: SceneId,
+        plan: &Plan,
+        settings: &FrameSettings,
+        kernels: &Kernels,
+        queue: &RenderQueue,
+        encoder: &mut bevy::render::render_resource::CommandEncoder,
+    ) -> Result<(), GpuError> {
+        if plan.find(Stage::Upload, id).is_some() {
+            self.frame = Some(GpuFrame::new(
+                kernels,
+                queue,
+                &self.bake,
+                self.slots.len() as u32,
+            )?);
+        }
+        let Some(frame) = &mut self.frame else {
+            return Ok(());
+        };
+        if plan.find(Stage::Apply, id).is_some() {
+            frame.set_lights(kernels, queue, &self.slots.lights())?;
+            if let Some(pass) = plan.find(Stage::Project, id) {
+                frame.project(kernels, queue, encoder, &pass.slots);
+                self.slots.mark_projected(&pass.slots);
+            }
+            frame.solve(kernels, queue, encoder, settings);
+            self.slots.mark_applied();
+            self.solved = Some(*settings);
+        }
+        if plan.find(Stage::ReadBack, id).is_some() {
+            if let Some(values) = frame.buffers().output(Pass::Apply) {
+                self.read_back
+                    .get_or_insert_with(|| {
+                        CoefficientReadback::new(kernels.device(), values.size())
+                    })
+                    .copy(encoder, values);
+            }
+        } else {
+            self.read_back = None;
+        }
+        Ok(())
+    }
+}
+
+/// After everything was submitted: tells the main world what the frame did, and fetches coefficients.
+pub(crate) fn publish(
+    mut render: ResMut<GiRender>,
+    status: Res<MeshlessGiStatus>,
+    coefficients: Res<MeshlessGiCoefficients>,
+) {
+    status.set(render.count());
+    for (id, runtime) in &mut render.scenes {
+        if let Some(read_back) = &mut runtime.read_back {
+            read_back.fetch(id.0, &coefficients);
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Counters of what the frame did, from the render world to Bevy's `DiagnosticsStore`.
+//!
+//! | path | what |
+//! |---|---|
+//! | `meshless_gi/pipelines` | pipelines that exist |
+//! | `meshless_gi/buffers` | buffers that exist |
+//! | `meshless_gi/bytes` | their bytes |
+//! | `meshless_gi/scenes/active` | baked scenes that any pass touched |
+//! | `meshless_gi/slots/projected` | light slots projected |
+//! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`) of a stage |
+//!
+//! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
+//! frame is one behind the main world's.
+
+use crate::plan::Stage;
+use bevy::app::{App, Plugin, PreUpdate};
+use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
+use bevy::ecs::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What one rendered frame did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MeshlessGiCounters {
+    /// Rendered frames since the start, this one included.
+    pub frame: u64,
+    /// Pipelines that exist.
+    pub pipelines: u32,
+    /// Buffers that exist.
+    pub buffers: u32,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Baked scenes that any pass touched.
+    pub active_scenes: u32,
+    /// Light slots projected.
+    pub projected_slots: u32,
+    /// Dispatches (draws, for the composite) of each stage; a stage that did not run is missing.
+    pub dispatches: BTreeMap<Stage, u32>,
+    /// The plan of the frame in words, one line a pass.
+    pub plan: String,
+}
+
+impl MeshlessGiCounters {
+    /// Dispatches of a stage.
+    #[must_use]
+    pub fn dispatches_of(&self, stage: Stage) -> u32 {
+        self.dispatches.get(&stage).copied().unwrap_or(0)
+    }
+}
+
+/// The counters of the last rendered frame, in both worlds. Read them with [`get`](Self::get), or from Bevy's diagnostics.
+#[derive(Resource, Clone, Default)]
+pub struct MeshlessGiStatus(Arc<Mutex<MeshlessGiCounters>>);
+
+impl MeshlessGiStatus {
+    /// A copy of the counters.
+    #[must_use]
+    pub fn get(&self) -> MeshlessGiCounters {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    pub(crate) fn set(&self, counters: MeshlessGiCounters) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = counters;
+    }
+}
+
+/// The path `meshless_gi/<name>`.
+fn path(name: &str) -> DiagnosticPath {
+    DiagnosticPath::new(format!("meshless_gi/{name}"))
+}
+
+/// The diagnostic path of a stage's dispatches.
+#[must_use]
+pub fn dispatch_path(stage: Stage) -> DiagnosticPath {
+    path(&format!("dispatches/{}", stage.name()))
+}
+
+/// Registers the diagnostics and fills them each frame. [`MeshlessGiPlugin`](super::MeshlessGiPlugin) adds it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MeshlessGiDiagnosticsPlugin;
+
+impl Plugin for MeshlessGiDiagnosticsPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<MeshlessGiStatus>();
+        for name in [
+            "pipelines",
+            "buffers",
+            "bytes",
+            "scenes/active",
+            "slots/projected",
+        ] {
+            app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
+        }
+        for stage in Stage::ALL {
+            app.register_diagnostic(
+                Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0),
+            );
+        }
+        app.add_systems(PreUpdate, publish.in_set(super::MeshlessGiSystems::Collect));
+    }
+}
+
+fn publish(status: Res<MeshlessGiStatus>, mut diagnostics: Diagnostics, mut last: Local<u64>) {
+    let counters = status.get();
+    if counters.frame == *last {
+        return;
+    }
+    *last = counters.frame;
+    let mut add = |path: DiagnosticPath, value: f64| diagnostics.add_measurement(&path, || value);
+    add(path("pipelines"), f64::from(counters.pipelines));
+    add(path("buffers"), f64::from(counters.buffers));
+    add(path("bytes"), counters.bytes as f64);
+    add(path("scenes/active"), f64::from(counters.active_scenes));
+    add(path("slots/projected"), f64::from(counters.projected_slots));
+    for stage in Stage::ALL {
+        add(
+            dispatch_path(stage),
+            f64::from(counters.dispatches_of(stage)),
+        );
+    }
+}

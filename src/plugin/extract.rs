@@ -1,0 +1,270 @@
+//! Reads scenes, cameras and lights out of the main world, once a frame.
+//!
+//! Lights are read from their own components, not from Bevy's extracted lights: those lack every light that no camera
+//! sees. A light that `InheritedVisibility` hides is off. Units follow bevy_pbr: point and spot lights give
+//! lumens / (4π) in every direction, directional lights their lux, rectangles lumens / (π · area).
+
+use super::asset::MeshlessGiAsset;
+use super::components::{
+    MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
+};
+use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
+use super::transform::Placement;
+use crate::asset::BakedScene;
+use crate::plan::{SceneId, ViewId};
+use crate::scene::Light;
+use bevy::asset::Assets;
+use bevy::camera::visibility::InheritedVisibility;
+use bevy::camera::{Camera, Hdr, primitives::Aabb, primitives::Frustum};
+use bevy::color::{Color, LinearRgba};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::ecs::prelude::*;
+use bevy::ecs::query::QueryData;
+use bevy::gizmos::config::GizmoConfigStore;
+use bevy::light::{DirectionalLight, PointLight, RectLight, SpotLight};
+use bevy::log::warn;
+use bevy::math::Vec3;
+use bevy::platform::collections::HashSet;
+use bevy::render::{Extract, view::Msaa};
+use bevy::transform::components::GlobalTransform;
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
+
+/// A baked scene of the main world, as the render world needs it.
+pub(crate) struct ExtractedScene {
+    pub id: SceneId,
+    /// The bake; `None` while it loads.
+    pub bake: Option<Arc<BakedScene>>,
+    pub placement: Option<Placement>,
+    pub shown: bool,
+    pub lighting: MeshlessGiLighting,
+}
+
+/// A camera with display settings.
+pub(crate) struct ExtractedGiView {
+    pub id: ViewId,
+    pub settings: MeshlessGiCamera,
+    pub has_gbuffer: bool,
+    pub sees: Vec<SceneId>,
+}
+
+/// A light of the main world, in world space, and how many patches it is worth.
+pub(crate) struct ExtractedGiLight {
+    pub key: u64,
+    pub light: Light,
+    pub patches: u32,
+}
+
+/// All that the frame knows.
+#[derive(Resource, Default)]
+pub(crate) struct ExtractedGi {
+    pub scenes: Vec<ExtractedScene>,
+    pub views: Vec<ExtractedGiView>,
+    pub lights: Vec<ExtractedGiLight>,
+    pub keep_frames: u32,
+    pub read_back: bool,
+}
+
+type Scenes<'w, 's> = Query<
+    'w,
+    's,
+    (
+        Entity,
+        &'static MeshlessGi,
+        &'static MeshlessGiLighting,
+        &'static GlobalTransform,
+        &'static InheritedVisibility,
+    ),
+>;
+
+type Cameras<'w, 's> = Query<
+    'w,
+    's,
+    (
+        Entity,
+        &'static Camera,
+        &'static MeshlessGiCamera,
+        &'static Frustum,
+        Option<&'static Msaa>,
+        (
+            Has<Hdr>,
+            Has<DepthPrepass>,
+            Has<NormalPrepass>,
+            Has<DeferredPrepass>,
+        ),
+    ),
+>;
+
+/// What every kind of light has beside itself.
+#[derive(QueryData)]
+pub(crate) struct LightParts {
+    entity: Entity,
+    transform: &'static GlobalTransform,
+    visibility: &'static InheritedVisibility,
+    gi: Option<&'static MeshlessGiLight>,
+}
+
+impl LightPartsItem<'_, '_> {
+    /// What multiplies the light: 0 for one that is off.
+    fn factor(&self) -> f32 {
+        match (self.visibility.get(), self.gi) {
+            (false, _) => 0.0,
+            (true, None) => 1.0,
+            (true, Some(gi)) if gi.enabled => gi.intensity.max(0.0),
+            _ => 0.0,
+        }
+    }
+}
+
+fn rgb(colour: Color) -> Vec3 {
+    let LinearRgba {
+        red, green, blue, ..
+    } = LinearRgba::from(colour);
+    Vec3::new(red, green, blue)
+}
+
+/// Half angles as Bevy takes them: the outer one below 90°, the inner one no larger.
+fn cone(light: &SpotLight) -> (f32, f32) {
+    let outer = if light.outer_angle >= FRAC_PI_2 {
+        FRAC_PI_2 - 1e-4
+    } else {
+        light.outer_angle
+    };
+    (light.inner_angle.min(outer), outer)
+}
+
+#[allow(
+    clippy::too_many_arguments,
+    clippy::type_complexity,
+    reason = "a system's parameters are its inputs"
+)]
+pub(crate) fn extract(
+    mut out: ResMut<ExtractedGi>,
+    settings: Extract<Res<MeshlessGiSettings>>,
+    assets: Extract<Res<Assets<MeshlessGiAsset>>>,
+    gizmos: Extract<Option<Res<GizmoConfigStore>>>,
+    scenes: Extract<Scenes>,
+    cameras: Extract<Cameras>,
+    points: Extract<Query<(LightParts, &PointLight), Without<SpotLight>>>,
+    spots: Extract<Query<(LightParts, &SpotLight)>>,
+    directionals: Extract<Query<(LightParts, &DirectionalLight)>>,
+    rects: Extract<Query<(LightParts, &RectLight)>>,
+    mut warned: Local<HashSet<Entity>>,
+) {
+    out.keep_frames = settings.keep_frames;
+    out.read_back = gizmos
+        .as_ref()
+        .is_some_and(|store| wants_coefficients(store.config::<MeshlessGiGizmos>()));
+    out.scenes.clear();
+    out.views.clear();
+    out.lights.clear();
+    for (entity, gi, lighting, transform, visibility) in &scenes {
+        let placement = Placement::new(transform);
+        if placement.is_some_and(|p| p.distorted) && warned.insert(entity) {
+            warn!(
+                "The root {entity} of a baked scene is scaled differently along its axes (or sheared). Indirect light follows \
+                 the mean scale; bake the level in its final shape instead."
+            );
+        }
+        out.scenes.push(ExtractedScene {
+            id: SceneId(entity.to_bits()),
+            bake: assets.get(&gi.0).map(|asset| asset.scene.clone()),
+            placement,
+            shown: visibility.get(),
+            lighting: lighting.clone(),
+        });
+    }
+    for (entity, camera, settings, frustum, msaa, (hdr, depth, normal, deferred)) in &cameras {
+        if !camera.is_active {
+            continue;
+        }
+        let sees = |scene: &&ExtractedScene| {
+            let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
+                return false;
+            };
+            let [min, max] = bake.info.bounds.map(Vec3::from_array);
+            frustum.intersects_obb(
+                &Aabb::from_min_max(min, max),
+                &placement.world_from_local,
+                true,
+                true,
+            )
+        };
+        let view = ExtractedGiView {
+            id: ViewId(entity.to_bits()),
+            settings: settings.clone(),
+            has_gbuffer: hdr && depth && normal && deferred && msaa.is_none_or(|m| *m == Msaa::Off),
+            sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
+        };
+        out.views.push(view);
+    }
+    // Nothing reads the lights of a frame that shows no baked scene.
+    if out.scenes.is_empty() || out.views.is_empty() {
+        return;
+    }
+    let mut push = |parts: &LightPartsItem, light| {
+        out.lights.push(ExtractedGiLight {
+            key: parts.entity.to_bits(),
+            light,
+            patches: parts
+                .gi
+                .map_or_else(MeshlessGiLight::default, Clone::clone)
+                .patches
+                .clamp(1, 1024),
+        });
+    };
+    for (parts, light) in &points {
+        let intensity = rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI));
+        push(
+            &parts,
+            Light::Point {
+                position: parts.transform.translation(),
+                intensity,
+                range: light.range,
+            },
+        );
+    }
+    for (parts, light) in &spots {
+        let (inner, outer) = cone(light);
+        push(
+            &parts,
+            Light::Spot {
+                position: parts.transform.translation(),
+                direction: parts.transform.forward().as_vec3(),
+                intensity: rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI)),
+                inner,
+                outer,
+                range: light.range,
+            },
+        );
+    }
+    for (parts, light) in &directionals {
+        push(
+            &parts,
+            Light::Directional {
+                direction: parts.transform.forward().as_vec3(),
+                irradiance: rgb(light.color) * (parts.factor() * light.illuminance),
+            },
+        );
+    }
+    for (parts, light) in &rects {
+        let affine = parts.transform.affine();
+        // In its plane; it emits along -Z, and X × (-Y) = -Z.
+        let (u, v) = (
+            0.5 * light.width * affine.matrix3.x_axis,
+            -0.5 * light.height * affine.matrix3.y_axis,
+        );
+        let area = 4.0 * u.length() * v.length();
+        if area > 0.0 {
+            push(
+                &parts,
+                Light::Rect {
+                    center: parts.transform.translation(),
+                    u: u.into(),
+                    v: v.into(),
+                    radiance: rgb(light.color) * (parts.factor() * light.intensity / (area * PI)),
+                },
+            );
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! Drawings of what a bake is made of, off by default.
+//!
+//! Turn them on with `GizmoConfigStore`: `store.config_mut::<MeshlessGiGizmos>().0.enabled = true`, and choose in the group
+//! what to draw. Points come from the baked asset. The green dots of [L08] Figure 1, the non-zero coefficients, are those that the
+//! device computed for this frame's lights: while they are on, the vector irradiances are read back, some frames late.
+
+use super::components::MeshlessGi;
+use super::readback::MeshlessGiCoefficients;
+use super::transform::Placement;
+use super::{asset::MeshlessGiAsset, sets::MeshlessGiSystems};
+use bevy::app::{App, Last, Plugin};
+use bevy::asset::Assets;
+use bevy::camera::visibility::InheritedVisibility;
+use bevy::color::Color;
+use bevy::ecs::prelude::*;
+use bevy::gizmos::config::{GizmoConfig, GizmoConfigGroup};
+use bevy::gizmos::gizmos::Gizmos;
+use bevy::gizmos::{AppGizmoBuilder, GizmoAsset};
+use bevy::math::{Isometry3d, Quat, Vec3};
+use bevy::reflect::prelude::*;
+use bevy::transform::components::GlobalTransform;
+
+/// What to draw of each baked scene.
+#[derive(GizmoConfigGroup, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiGizmos {
+    /// A cross at every point, one colour a level (red is coarsest, blue finest).
+    pub points: bool,
+    /// A stroke along every point's normal.
+    pub normals: bool,
+    /// A circle of each point's display radius.
+    pub radii: bool,
+    /// A green cross at every point whose coefficient is not zero: rows of its own that carry light now.
+    pub coefficients: bool,
+    /// Coefficients below this share of the largest one count as zero.
+    pub threshold: f32,
+    /// Draw this level only; all of them with `None`.
+    pub level: Option<u32>,
+    /// Length of a cross, as a share of the point's radius.
+    pub size: f32,
+}
+
+impl Default for MeshlessGiGizmos {
+    fn default() -> Self {
+        Self {
+            points: true,
+            normals: false,
+            radii: false,
+            coefficients: false,
+            threshold: 0.01,
+            level: None,
+            size: 0.1,
+        }
+    }
+}
+
+/// True when the frame must bring coefficients back.
+pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &MeshlessGiGizmos)) -> bool {
+    config.enabled && group.coefficients
+}
+
+pub(crate) struct MeshlessGiGizmosPlugin;
+
+impl Plugin for MeshlessGiGizmosPlugin {
+    fn build(&self, app: &mut App) {
+        // Without Bevy's gizmos there is nothing to draw with.
+        if !app.world().contains_resource::<Assets<GizmoAsset>>() {
+            return;
+        }
+        let off = GizmoConfig {
+            enabled: false,
+            depth_bias: -0.01,
+            ..GizmoConfig::default()
+        };
+        app.insert_gizmo_config(MeshlessGiGizmos::default(), off)
+            .add_systems(Last, draw.in_set(MeshlessGiSystems::Check));
+    }
+}
+
+/// Red for the coarsest level, blue for the finest.
+fn level_colour(level: usize, levels: usize) -> Color {
+    let t = if levels > 1 {
+        level as f32 / (levels - 1) as f32
+    } else {
+        0.0
+    };
+    Color::hsl(240.0 * t, 1.0, 0.5)
+}
+
+fn draw(
+    mut gizmos: Gizmos<MeshlessGiGizmos>,
+    scenes: Query<(Entity, &MeshlessGi, &GlobalTransform, &InheritedVisibility)>,
+    assets: Res<Assets<MeshlessGiAsset>>,
+    coefficients: Res<MeshlessGiCoefficients>,
+) {
+    if !gizmos.config.enabled {
+        return;
+    }
+    let group = gizmos.config_ext.clone();
+    for (entity, gi, transform, visibility) in &scenes {
+        let (Some(asset), Some(place)) = (assets.get(&gi.0), Placement::new(transform)) else {
+            continue;
+        };
+        if !visibility.get() {
+            continue;
+        }
+        let scene = &asset.scene;
+        let lit = coefficients
+            .of(entity)
+            .filter(|c| c.len() == scene.points.len());
+        let largest = lit
+            .as_ref()
+            .map_or(0.0, |c| c.iter().copied().fold(0.0, f32::max));
+        for level in
+            (0..scene.levels()).filter(|l| group.level.is_none_or(|only| only as usize == *l))
+        {
+            let colour = level_colour(level, scene.levels());
+            for i in scene.level(level) {
+                let point = &scene.points[i];
+                let at = place.world_from_local.transform_point3(point.x());
+                let normal = place
+                    .world_from_local
+                    .transform_vector3(point.n())
+                    .normalize_or(Vec3::Y);
+                let radius = point.radius * place.scale;
+                if group.points {
+                    gizmos.cross(at, group.size * radius, colour);
+                }
+                if group.normals {
+                    gizmos.ray(at, normal * (0.5 * radius), colour);
+                }
+                if group.radii {
+                    let flat = Isometry3d::new(at, Quat::from_rotation_arc(Vec3::Z, normal));
+                    gizmos.circle(flat, radius, colour).resolution(24);
+                }
+                let shines = lit
+                    .as_ref()
+                    .is_some_and(|c| c[i] > group.threshold * largest);
+                if group.coefficients && scene.operator.rows[i].active != 0 && shines {
+                    gizmos.cross(at, 2.0 * group.size * radius, Color::srgb(0.0, 1.0, 0.0));
+                }
+            }
+        }
+    }
+}

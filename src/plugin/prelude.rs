@@ -1,0 +1,6 @@
+//! What most apps use, by name.
+
+pub use super::{
+    MeshlessGi, MeshlessGiAsset, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting,
+    MeshlessGiPlugin, MeshlessGiSystems,
+};

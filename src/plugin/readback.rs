@@ -1,0 +1,108 @@
+//! Coefficients on their way back from the device, for the gizmos ([L08] Figure 1, the green dots).
+//!
+//! The render world copies the vector irradiances of a scene to a mappable buffer and maps it; when the map is done, some
+//! frames later, their lengths are put where the main world reads them. Nothing of this exists while nobody asks.
+
+use crate::frame::VectorIrradiance;
+use bevy::ecs::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The size of each point's vector irradiance, W/m², of the scenes that the gizmos show. Shared by both worlds.
+#[derive(Resource, Clone, Default)]
+pub struct MeshlessGiCoefficients(Arc<Mutex<BTreeMap<u64, Arc<Vec<f32>>>>>);
+
+impl MeshlessGiCoefficients {
+    /// The newest values of the scene on `root`, one a point; `None` before the first have arrived.
+    #[must_use]
+    pub fn of(&self, root: Entity) -> Option<Arc<Vec<f32>>> {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(&root.to_bits())
+            .cloned()
+    }
+
+    pub(crate) fn set(&self, scene: u64, values: Vec<f32>) {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(scene, Arc::new(values));
+    }
+
+    pub(crate) fn forget(&self, scene: u64) {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .remove(&scene);
+    }
+}
+
+/// Copies a scene's vector irradiances to the CPU, one copy at a time.
+pub(crate) struct CoefficientReadback {
+    staging: wgpu::Buffer,
+    /// A copy is on its way: recorded, or being mapped.
+    busy: Arc<AtomicBool>,
+    recorded: bool,
+}
+
+impl CoefficientReadback {
+    /// Room for a copy of so many bytes.
+    pub fn new(device: &wgpu::Device, bytes: u64) -> Self {
+        Self {
+            staging: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("meshless_gi coefficients"),
+                size: bytes,
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            }),
+            busy: Arc::default(),
+            recorded: false,
+        }
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        self.staging.size()
+    }
+
+    /// Records a copy, unless one is on its way.
+    pub fn copy(&mut self, encoder: &mut wgpu::CommandEncoder, values: &wgpu::Buffer) {
+        if values.size() == self.staging.size() && !self.busy.swap(true, Ordering::AcqRel) {
+            encoder.copy_buffer_to_buffer(values, 0, &self.staging, 0, values.size());
+            self.recorded = true;
+        }
+    }
+
+    /// After the submission: maps the copy, and hands its values on when that is done.
+    pub fn fetch(&mut self, scene: u64, to: &MeshlessGiCoefficients) {
+        if !std::mem::take(&mut self.recorded) {
+            return;
+        }
+        let (staging, busy, to) = (self.staging.clone(), self.busy.clone(), to.clone());
+        self.staging
+            .map_async(wgpu::MapMode::Read, .., move |mapped| {
+                if mapped.is_ok() {
+                    let size = |e: &VectorIrradiance| {
+                        let square: f32 = [e.x, e.y, e.z]
+                            .iter()
+                            .flat_map(|axis| &axis[..3])
+                            .map(|v| v * v)
+                            .sum();
+                        square.sqrt()
+                    };
+                    let values: Vec<f32> = {
+                        let bytes = staging.get_mapped_range(..);
+                        bytemuck::pod_collect_to_vec::<u8, VectorIrradiance>(&bytes)
+                            .iter()
+                            .map(size)
+                            .collect()
+                    };
+                    staging.unmap();
+                    to.set(scene, values);
+                }
+                busy.store(false, Ordering::Release);
+            });
+    }
+}

@@ -1,0 +1,22 @@
+//! The one public system set: what to order against.
+
+use bevy::ecs::schedule::SystemSet;
+
+/// Where the plugin's systems run.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MeshlessGiSystems {
+    /// `PreUpdate` of the main world: counters of the last frame reach the diagnostics, finished bakes become
+    /// [`MeshlessGi`](super::MeshlessGi) components. Order *after* it to see them in the same frame.
+    Collect,
+    /// `Last` of the main world: checks cameras and lights for what would be counted twice, and warns.
+    Check,
+    /// `ExtractSchedule` of the render world: scenes, lights and cameras are read. Change lights and transforms in the main
+    /// world as always; everything written before the frame's end is seen in this frame.
+    Extract,
+    /// `RenderGraph` of the render world, before the cameras: the plan is made, and the passes that all cameras share are
+    /// recorded. Order a pass of your own *after* it if it reads our buffers.
+    Compute,
+    /// `Core3d` of each camera, in its main pass, after the opaque pass and before transmissive and transparent ones: indirect
+    /// light is added to the picture. Order *after* it what must lie over indirect light.
+    Composite,
+}

@@ -1,0 +1,753 @@
+//! The running plugin, headless: its pictures are those of the CPU's frame, and it does no work that a frame does not call for.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{
+    MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStatus, MeshlessGiView,
+};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::flip::{Picture, flip};
+use plugin_support::scenes::{Room, cornell, cpu_indirect};
+use std::f32::consts::PI;
+
+/// The largest mean FLIP between the plugin's frame and the CPU's.
+const MOST: f32 = 0.02;
+
+/// Candela of the test's lamps.
+const CANDELA: f32 = 1500.0;
+
+/// From the front; not quite from the middle, where the edges of the room would pass through centres of pixels and be a matter of rounding.
+fn view() -> Transform {
+    Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
+}
+
+fn bevy_lamp() -> PointLight {
+    PointLight {
+        intensity: CANDELA * 4.0 * PI,
+        range: 20.0,
+        ..default()
+    }
+}
+
+fn lamp(position: Vec3) -> Light {
+    Light::Point {
+        position,
+        intensity: Vec3::splat(CANDELA),
+        range: 20.0,
+    }
+}
+
+/// Shows indirect light alone.
+fn indirect() -> MeshlessGiCamera {
+    MeshlessGiCamera {
+        view: MeshlessGiView::Indirect,
+        ..default()
+    }
+}
+
+/// What the plugin simulates by default.
+fn settings() -> FrameSettings {
+    FrameSettings {
+        emission: 998.0,
+        ..FrameSettings::bounces(4)
+    }
+}
+
+/// A room with its bake on one root.
+fn spawn_room(app: &mut App, root: Transform) -> Entity {
+    let (room, bake) = cornell();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+    room.spawn(app, root);
+    root
+}
+
+fn counters(app: &App) -> MeshlessGiCounters {
+    app.world().resource::<MeshlessGiStatus>().get()
+}
+
+/// Writes a picture where `MGI_TEST_PICTURES` names a folder.
+fn keep(name: &str, picture: &Picture) {
+    if let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") {
+        picture.save(&std::path::Path::new(&folder).join(format!("{name}.png")));
+    }
+}
+
+#[track_caller]
+fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
+    keep(name, &reference.beside(test));
+    assert!(
+        reference.mean() > 0.003,
+        "{name}: the CPU's picture is dark ({})",
+        reference.mean()
+    );
+    let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
+    println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
+    assert!(
+        d <= MOST && nrmse <= 0.03,
+        "{name}: FLIP {d}, NRMSE {nrmse}"
+    );
+    // The test can fail: a picture upside down does, and one half as bright again.
+    let mut turned = test.clone();
+    turned.pixels.reverse();
+    assert!(
+        flip(reference, &turned) > MOST,
+        "{name}: a picture upside down is not told apart"
+    );
+    let mut brighter = test.clone();
+    brighter.pixels.iter_mut().flatten().for_each(|v| *v *= 1.5);
+    assert!(
+        flip(reference, &brighter) > MOST,
+        "{name}: a brighter picture is not told apart"
+    );
+}
+
+#[test]
+fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let places = [Vec3::new(0.0, 1.7, 0.2), Vec3::new(-0.6, 0.5, 0.5)];
+    let light = app
+        .world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(places[0])))
+        .id();
+    run(&mut app, 3);
+
+    let still = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &[lamp(places[0])],
+        &settings(),
+    );
+    assert_alike("still", &still, &picture(&mut app, &image));
+
+    app.world_mut()
+        .get_mut::<Transform>(light)
+        .unwrap()
+        .translation = places[1];
+    run(&mut app, 1);
+    let after_one = counters(&app);
+    assert_eq!(
+        (
+            after_one.projected_slots,
+            after_one.dispatches_of(Stage::Apply) > 0
+        ),
+        (1, true),
+        "{}",
+        after_one.plan
+    );
+    let moved = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &[lamp(places[1])],
+        &settings(),
+    );
+    assert!(flip(&still, &moved) > MOST, "the lamp's move shows");
+    assert_alike("moved", &moved, &picture(&mut app, &image));
+
+    // The root moves, turns and grows.
+    let placed = Transform {
+        translation: Vec3::new(0.4, -0.3, -0.5),
+        rotation: Quat::from_euler(EulerRot::YXZ, 0.35, 0.1, -0.2),
+        scale: Vec3::splat(1.3),
+    };
+    let place = placed.transform_point(Vec3::new(0.5, 1.4, 0.5));
+    *app.world_mut().get_mut::<Transform>(root).unwrap() = placed;
+    app.world_mut()
+        .get_mut::<Transform>(light)
+        .unwrap()
+        .translation = place;
+    run(&mut app, 2);
+    let placed = cpu_indirect(&room, &bake, placed, view(), &[lamp(place)], &settings());
+    assert!(flip(&moved, &placed) > MOST, "the root's move shows");
+    assert_alike("placed", &placed, &picture(&mut app, &image));
+}
+
+#[test]
+fn two_cameras_show_the_same_light_from_two_sides_and_share_its_work() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let views = [
+        view(),
+        Transform::from_xyz(1.5, 1.6, 3.0).looking_at(Vec3::new(-0.2, 0.7, 0.0), Vec3::Y),
+    ];
+    let images = [target(&mut app), target(&mut app)];
+    for (i, image) in images.iter().enumerate() {
+        let order = Camera {
+            order: i as isize,
+            clear_color: ClearColorConfig::Custom(Color::BLACK),
+            ..default()
+        };
+        let entity = app
+            .world_mut()
+            .spawn((camera(image, views[i]), indirect()))
+            .id();
+        app.world_mut().entity_mut(entity).insert(order);
+    }
+    let place = Vec3::new(0.3, 1.5, 0.6);
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)));
+    run(&mut app, 1);
+    let first = counters(&app);
+    assert_eq!(
+        (first.projected_slots, first.active_scenes),
+        (1, 1),
+        "{}",
+        first.plan
+    );
+    run(&mut app, 2);
+    assert_eq!(counters(&app).dispatches_of(Stage::Composite), 2);
+    for (i, image) in images.iter().enumerate() {
+        let cpu = cpu_indirect(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            views[i],
+            &[lamp(place)],
+            &settings(),
+        );
+        assert_alike(&format!("camera_{i}"), &cpu, &picture(&mut app, image));
+    }
+}
+
+#[test]
+fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let off = MeshlessGiCamera {
+        enabled: false,
+        ..default()
+    };
+    let eye = app.world_mut().spawn((camera(&image, view()), off)).id();
+    let place = Vec3::new(0.0, 1.6, 0.3);
+    app.world_mut().spawn((
+        PointLight {
+            shadow_maps_enabled: true,
+            ..bevy_lamp()
+        },
+        Transform::from_translation(place),
+    ));
+    run(&mut app, 3);
+    let direct = picture(&mut app, &image);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiCamera::default());
+    run(&mut app, 3);
+    let lit = picture(&mut app, &image);
+    let mut sum = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &[lamp(place)],
+        &settings(),
+    );
+    for (sum, direct) in sum
+        .pixels
+        .iter_mut()
+        .flatten()
+        .zip(direct.pixels.iter().flatten())
+    {
+        *sum += direct;
+    }
+    keep("direct", &direct);
+    assert_alike("lit", &sum, &lit);
+    assert!(flip(&direct, &lit) > MOST, "indirect light shows");
+}
+
+/// Eight lamps around the room.
+fn eight_lamps(app: &mut App) -> Vec<Entity> {
+    (0..8)
+        .map(|i| {
+            let turn = Quat::from_rotation_y(i as f32 * PI / 4.0);
+            let place = turn * Vec3::new(0.7, 0.0, 0.0) + Vec3::new(0.0, 1.6, 0.0);
+            app.world_mut()
+                .spawn((bevy_lamp(), Transform::from_translation(place)))
+                .id()
+        })
+        .collect()
+}
+
+/// What a frame's counters say of the stages that lights at rest must not run.
+fn work(c: &MeshlessGiCounters) -> [u32; 4] {
+    [
+        Stage::Project,
+        Stage::PullPush,
+        Stage::Apply,
+        Stage::Flatten,
+    ]
+    .map(|s| c.dispatches_of(s))
+}
+
+#[test]
+fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
+    let mut app = app();
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    app.world_mut()
+        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+    let lamps = eight_lamps(&mut app);
+    run(&mut app, 1);
+    let first = counters(&app);
+    assert_eq!(
+        (first.projected_slots, first.dispatches_of(Stage::Upload)),
+        (8, 1),
+        "{}",
+        first.plan
+    );
+    assert!(work(&first).iter().all(|n| *n > 0), "{first:?}");
+
+    for _ in 0..3 {
+        run(&mut app, 1);
+        let rest = counters(&app);
+        assert_eq!(
+            (
+                work(&rest),
+                rest.projected_slots,
+                rest.dispatches_of(Stage::Upload)
+            ),
+            ([0; 4], 0, 0),
+            "{}",
+            rest.plan
+        );
+        assert_eq!(
+            (
+                rest.dispatches_of(Stage::Splat),
+                rest.dispatches_of(Stage::Composite)
+            ),
+            (1, 1),
+            "{}",
+            rest.plan
+        );
+        assert_eq!(rest.pipelines, first.pipelines, "no pipeline is made twice");
+    }
+
+    app.world_mut()
+        .get_mut::<Transform>(lamps[3])
+        .unwrap()
+        .translation
+        .y = 1.2;
+    run(&mut app, 1);
+    let moved = counters(&app);
+    assert_eq!(
+        (moved.projected_slots, moved.dispatches_of(Stage::Project)),
+        (1, 1),
+        "{}",
+        moved.plan
+    );
+    assert!(moved.dispatches_of(Stage::Apply) > 0);
+
+    // A colour projects nothing; a light that is hidden goes dark, and comes back without being projected.
+    app.world_mut()
+        .get_mut::<PointLight>(lamps[0])
+        .unwrap()
+        .color = Color::srgb(1.0, 0.2, 0.2);
+    run(&mut app, 1);
+    let coloured = counters(&app);
+    assert_eq!(
+        (
+            coloured.projected_slots,
+            coloured.dispatches_of(Stage::Apply) > 0
+        ),
+        (0, true),
+        "{}",
+        coloured.plan
+    );
+    for visibility in [Visibility::Hidden, Visibility::Inherited] {
+        app.world_mut().entity_mut(lamps[1]).insert(visibility);
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(
+            (c.projected_slots, c.dispatches_of(Stage::Apply) > 0),
+            (0, true),
+            "{visibility:?}: {}",
+            c.plan
+        );
+    }
+
+    // A root that moves with all its lights changes nothing in the bake's space.
+    for lamp in &lamps {
+        app.world_mut().entity_mut(*lamp).insert(ChildOf(root));
+    }
+    run(&mut app, 2);
+    app.world_mut()
+        .get_mut::<Transform>(root)
+        .unwrap()
+        .translation
+        .x = 0.25;
+    run(&mut app, 1);
+    let carried = counters(&app);
+    assert_eq!(work(&carried), [0; 4], "{}", carried.plan);
+
+    // The counters reach Bevy's diagnostics.
+    run(&mut app, 1);
+    let store = app.world().resource::<bevy::diagnostic::DiagnosticsStore>();
+    let value = |path: &str| {
+        store
+            .get(&bevy::diagnostic::DiagnosticPath::new(path.to_owned()))
+            .unwrap()
+            .value()
+            .unwrap()
+    };
+    assert_eq!(value("meshless_gi/dispatches/splat"), 1.0);
+    assert_eq!(value("meshless_gi/dispatches/project"), 0.0);
+    assert_eq!(value("meshless_gi/scenes/active"), 1.0);
+    assert!(value("meshless_gi/buffers") > 10.0 && value("meshless_gi/pipelines") > 5.0);
+
+    // A light goes: the transport runs once more.
+    app.world_mut().despawn(lamps[7]);
+    run(&mut app, 1);
+    assert!(counters(&app).dispatches_of(Stage::Apply) > 0);
+    run(&mut app, 1);
+    assert_eq!(work(&counters(&app)), [0; 4]);
+}
+
+#[test]
+fn nothing_exists_where_nothing_is_called_for() {
+    let nothing = |app: &App, why: &str| {
+        let c = counters(app);
+        assert!(c.frame > 0, "frames are counted");
+        let found = (
+            c.pipelines,
+            c.buffers,
+            c.bytes,
+            c.active_scenes,
+            c.dispatches.len(),
+        );
+        assert_eq!(found, (0, 0, 0, 0, 0), "{why}: {}", c.plan);
+    };
+    let mut app = app();
+    eight_lamps(&mut app);
+    let image = target(&mut app);
+    let plain = app.world_mut().spawn(camera(&image, view())).id();
+    run(&mut app, 2);
+    nothing(&app, "no baked scene");
+
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    run(&mut app, 2);
+    nothing(&app, "a camera without the component");
+
+    app.world_mut().entity_mut(plain).insert((
+        MeshlessGiCamera::default(),
+        Transform::from_xyz(0.0, 0.0, 30.0).looking_to(Vec3::Z, Vec3::Y),
+    ));
+    run(&mut app, 2);
+    nothing(&app, "the scene is behind the camera");
+
+    app.world_mut().entity_mut(root).insert(Visibility::Hidden);
+    app.world_mut().entity_mut(plain).insert(view());
+    run(&mut app, 2);
+    nothing(&app, "the scene is hidden");
+
+    app.world_mut()
+        .entity_mut(root)
+        .insert((Visibility::Inherited, MeshlessGi(Handle::default())));
+    run(&mut app, 2);
+    nothing(&app, "the asset is not loaded");
+
+    // It comes, and goes again: so do its buffers and pipelines, after a while.
+    let (_, bake) = cornell();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    app.world_mut().entity_mut(root).insert(MeshlessGi(asset));
+    run(&mut app, 2);
+    let shown = counters(&app);
+    assert!(
+        shown.pipelines > 0 && shown.buffers > 0 && shown.active_scenes == 1,
+        "{}",
+        shown.plan
+    );
+    app.world_mut()
+        .resource_mut::<bevy_meshless_gi::plugin::MeshlessGiSettings>()
+        .keep_frames = 3;
+    app.world_mut().entity_mut(root).insert(Visibility::Hidden);
+    run(&mut app, 1);
+    assert!(counters(&app).buffers > 0, "buffers stay for a while");
+    run(&mut app, 2);
+    app.world_mut()
+        .entity_mut(root)
+        .insert(Visibility::Inherited);
+    run(&mut app, 1);
+    assert!(counters(&app).active_scenes == 1);
+    app.world_mut().despawn(root);
+    run(&mut app, 1);
+    nothing(&app, "the scene was despawned");
+}
+
+#[test]
+fn a_new_bake_replaces_the_old_one_in_the_next_frame() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let place = Vec3::new(0.0, 1.6, 0.2);
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)));
+    run(&mut app, 3);
+    let old = picture(&mut app, &image);
+
+    // The same room with walls that reflect less, under the same handle: the surfaces on the screen stay.
+    let darker = room.recoloured(|c| 0.5 * c).bake(2);
+    let handle = app.world().get::<MeshlessGi>(root).unwrap().0.clone();
+    let asset = MeshlessGiAsset {
+        scene: darker.clone(),
+    };
+    app.world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .insert(&handle, asset)
+        .expect("the handle is known");
+    run(&mut app, 1);
+    let first = counters(&app);
+    assert_eq!(
+        (first.dispatches_of(Stage::Upload), first.projected_slots),
+        (1, 1),
+        "{}",
+        first.plan
+    );
+    run(&mut app, 1);
+    assert_eq!(counters(&app).dispatches_of(Stage::Upload), 0);
+    let new = picture(&mut app, &image);
+    assert!(
+        new.mean() < 0.6 * old.mean(),
+        "{} after {}",
+        new.mean(),
+        old.mean()
+    );
+    let cpu = cpu_indirect(
+        &room,
+        &darker,
+        Transform::IDENTITY,
+        view(),
+        &[lamp(place)],
+        &settings(),
+    );
+    assert_alike("baked_again", &cpu, &new);
+    let before = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &[lamp(place)],
+        &settings(),
+    );
+    assert_alike("baked_before", &before, &old);
+}
+
+/// The mean of the pixels in the middle.
+fn middle(p: &Picture) -> [f32; 3] {
+    let mut sum = [0.0; 3];
+    let (w, h) = (p.width, p.height);
+    for y in h / 2 - 2..h / 2 + 2 {
+        for x in w / 2 - 2..w / 2 + 2 {
+            for (sum, value) in sum.iter_mut().zip(p.pixels[y * w + x]) {
+                *sum += value / 16.0;
+            }
+        }
+    }
+    sum
+}
+
+#[test]
+fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
+    let mut app = app();
+    let room = Room::wall(0.8);
+    // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the normal does.
+    let radiance = 700.0;
+    let bake = bevy_meshless_gi::bake::Recipe {
+        viewpoints: vec![[0.0, 0.0, 1.0]],
+        coarse_radius: Some(0.5),
+        levels: Some(2),
+        rays: Some(1024),
+        ..default()
+    };
+    let bake = room.bake_as(&bake);
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    let sky = MeshlessGiLighting {
+        sky: LinearRgba::rgb(radiance, radiance, radiance),
+        ..default()
+    };
+    let root = app
+        .world_mut()
+        .spawn((MeshlessGi(asset), sky, Transform::IDENTITY))
+        .id();
+    room.spawn(&mut app, root);
+    let image = target(&mut app);
+    let front = Transform::from_xyz(0.0, 0.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, front), MeshlessGiCamera::default()))
+        .id();
+    run(&mut app, 3);
+    let ours = middle(&picture(&mut app, &image));
+
+    app.world_mut().entity_mut(eye).insert(MeshlessGiCamera {
+        enabled: false,
+        ..default()
+    });
+    app.world_mut().spawn((
+        DirectionalLight {
+            illuminance: PI * radiance,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::NEG_Z, Vec3::Y),
+    ));
+    run(&mut app, 3);
+    let bevys = middle(&picture(&mut app, &image));
+    let predicted = plugin_support::scenes::exposure() * 0.8 * radiance;
+    println!("ours {ours:?}, Bevy's {bevys:?}, predicted {predicted}");
+    for c in 0..3 {
+        assert!(
+            (bevys[c] / predicted - 1.0).abs() < 0.01,
+            "Bevy's lamp: {bevys:?}, predicted {predicted}"
+        );
+        assert!(
+            (ours[c] / bevys[c] - 1.0).abs() < 0.02,
+            "ours {ours:?}, Bevy's {bevys:?}"
+        );
+    }
+}
+
+#[test]
+fn bevys_units_are_ours_for_every_kind_of_lamp() {
+    use bevy_meshless_gi::frame::{FrameLight, project::unshadowed};
+    let mut app = app();
+    let room = Room::wall(0.6);
+    let root = app
+        .world_mut()
+        .spawn((Transform::IDENTITY, Visibility::default()))
+        .id();
+    room.spawn(&mut app, root);
+    let image = target(&mut app);
+    let front = Transform::from_xyz(0.0, 0.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
+    app.world_mut()
+        .spawn((camera(&image, front), MeshlessGiCamera::default()));
+    let at = Vec3::new(0.0, 0.0, 1.5);
+    let facing = Transform::from_translation(at).looking_at(Vec3::new(0.25, 0.0, 0.0), Vec3::Y);
+    let (inner, outer) = (0.1, 0.5);
+    type Spawn = Box<dyn Fn(&mut App) -> Entity>;
+    let lamps: [(Spawn, Light); 3] = [
+        (
+            Box::new(move |app| {
+                let lamp = PointLight {
+                    range: 2.0,
+                    ..bevy_lamp()
+                };
+                app.world_mut()
+                    .spawn((lamp, Transform::from_translation(at)))
+                    .id()
+            }),
+            Light::Point {
+                position: at,
+                intensity: Vec3::splat(CANDELA),
+                range: 2.0,
+            },
+        ),
+        (
+            Box::new(move |app| {
+                let lamp = SpotLight {
+                    intensity: CANDELA * 4.0 * PI,
+                    range: 20.0,
+                    inner_angle: inner,
+                    outer_angle: outer,
+                    ..default()
+                };
+                app.world_mut().spawn((lamp, facing)).id()
+            }),
+            Light::Spot {
+                position: at,
+                direction: facing.forward().as_vec3(),
+                intensity: Vec3::splat(CANDELA),
+                inner,
+                outer,
+                range: 20.0,
+            },
+        ),
+        (
+            Box::new(|app| {
+                let lamp = DirectionalLight {
+                    illuminance: 900.0,
+                    ..default()
+                };
+                app.world_mut()
+                    .spawn((lamp, Transform::default().looking_to(Vec3::NEG_Z, Vec3::Y)))
+                    .id()
+            }),
+            Light::Directional {
+                direction: Vec3::NEG_Z,
+                irradiance: Vec3::splat(900.0),
+            },
+        ),
+    ];
+    for (spawn, light) in &lamps {
+        let entity = spawn(&mut app);
+        run(&mut app, 3);
+        let bevys = middle(&picture(&mut app, &image));
+        let ours = FrameLight::expand(light, 1)[0];
+        let e = ours.color[0] * unshadowed(&ours, Vec3::ZERO, Vec3::Z);
+        let predicted = plugin_support::scenes::exposure() * 0.6 * e / PI;
+        println!("{light:?}: Bevy's {bevys:?}, ours {predicted}");
+        assert!(
+            e > 10.0 && (bevys[0] / predicted - 1.0).abs() < 0.01,
+            "{light:?}: Bevy's {bevys:?}, ours {predicted}"
+        );
+        app.world_mut().despawn(entity);
+    }
+}
+
+#[test]
+fn what_would_count_twice_is_told_once() {
+    let mut app = app();
+    app.insert_resource(GlobalAmbientLight::default());
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), MeshlessGiCamera::default()))
+        .id();
+    run(&mut app, 2);
+    assert_eq!(
+        app.world().resource::<MeshlessGiFindings>().0,
+        [MeshlessGiFinding::GlobalAmbient]
+    );
+    app.insert_resource(GlobalAmbientLight::NONE);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(AmbientLight::default());
+    run(&mut app, 2);
+    let found = &app.world().resource::<MeshlessGiFindings>().0;
+    assert_eq!(
+        found,
+        &[
+            MeshlessGiFinding::GlobalAmbient,
+            MeshlessGiFinding::CameraAmbient
+        ]
+    );
+    assert!(
+        found.iter().all(|f| f.advice().contains("brightness")
+            || f.advice().contains("GlobalAmbientLight::NONE"))
+    );
+}

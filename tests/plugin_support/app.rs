@@ -1,0 +1,142 @@
+//! A Bevy app without a window, on whatever device there is (software Vulkan will do), and its pictures.
+
+use super::flip::Picture;
+use bevy::app::PluginsState;
+use bevy::asset::RenderAssetUsages;
+use bevy::camera::{CameraOutputMode, RenderTarget};
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::gpu_readback::{Readback, ReadbackComplete};
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::{
+    Extent3d, PollType, TextureDimension, TextureFormat, TextureUsages,
+};
+use bevy::render::renderer::RenderDevice;
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_meshless_gi::prelude::*;
+use half::f16;
+use std::sync::{Arc, Mutex};
+
+/// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as read-back wants them.
+pub const WIDTH: u32 = 128;
+pub const HEIGHT: u32 = 96;
+
+/// Bevy's plugins without window and event loop.
+pub fn headless_plugins() -> bevy::app::PluginGroupBuilder {
+    DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        .set(RenderPlugin {
+            synchronous_pipeline_compilation: true,
+            ..default()
+        })
+        .set(bevy::log::LogPlugin {
+            filter: "warn,bevy_render=warn,wgpu=error".into(),
+            ..default()
+        })
+        .disable::<WinitPlugin>()
+        .disable::<PipelinedRenderingPlugin>()
+}
+
+/// An app with the plugin, ready to run.
+pub fn app() -> App {
+    let mut app = App::new();
+    app.add_plugins((headless_plugins(), MeshlessGiPlugin::default()))
+        .insert_resource(GlobalAmbientLight::NONE)
+        .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
+    ready(&mut app);
+    app
+}
+
+/// Waits for the plugins (the renderer starts in the background) and finishes them.
+pub fn ready(app: &mut App) {
+    while app.plugins_state() == PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+}
+
+/// Runs `frames` frames and waits for the device after each.
+pub fn run(app: &mut App, frames: usize) {
+    for _ in 0..frames {
+        app.update();
+        if let Some(device) = app.world().get_resource::<RenderDevice>() {
+            device
+                .wgpu_device()
+                .poll(PollType::wait_indefinitely())
+                .expect("the device answers");
+        }
+    }
+}
+
+/// What a camera of the test draws to: halves, without tonemapping, so that pixels are scene-linear.
+pub fn target(app: &mut App) -> Handle<Image> {
+    let mut image = Image::new_uninit(
+        Extent3d {
+            width: WIDTH,
+            height: HEIGHT,
+            depth_or_array_layers: 1,
+        },
+        TextureDimension::D2,
+        TextureFormat::Rgba16Float,
+        RenderAssetUsages::all(),
+    );
+    image.texture_descriptor.usage =
+        TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
+    app.world_mut().resource_mut::<Assets<Image>>().add(image)
+}
+
+/// A camera without tonemapping that clears to black.
+pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
+    (
+        Camera3d::default(),
+        Camera {
+            clear_color: ClearColorConfig::Custom(Color::BLACK),
+            output_mode: CameraOutputMode::default(),
+            ..default()
+        },
+        RenderTarget::Image(target.clone().into()),
+        Tonemapping::None,
+        bevy::core_pipeline::tonemapping::DebandDither::Disabled,
+        transform,
+    )
+}
+
+/// The target's pixels after the next frames.
+pub fn picture(app: &mut App, target: &Handle<Image>) -> Picture {
+    let bytes = Arc::new(Mutex::new(None));
+    let sink = bytes.clone();
+    let readback = app
+        .world_mut()
+        .spawn(Readback::texture(target.clone()))
+        .observe(move |event: On<ReadbackComplete>| {
+            *sink.lock().unwrap() = Some(event.data.clone());
+        })
+        .id();
+    for _ in 0..20 {
+        run(app, 1);
+        if bytes.lock().unwrap().is_some() {
+            break;
+        }
+    }
+    app.world_mut().despawn(readback);
+    let bytes = bytes
+        .lock()
+        .unwrap()
+        .take()
+        .expect("the picture arrives; a validation error stops the renderer");
+    let half = |at: usize| f16::from_le_bytes([bytes[at], bytes[at + 1]]).to_f32();
+    Picture {
+        width: WIDTH as usize,
+        height: HEIGHT as usize,
+        pixels: (0..(WIDTH * HEIGHT) as usize)
+            .map(|i| [half(8 * i), half(8 * i + 2), half(8 * i + 4)])
+            .collect(),
+    }
+}

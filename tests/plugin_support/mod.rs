@@ -1,0 +1,6 @@
+//! What the tests of the plugin share.
+#![allow(dead_code, reason = "each test uses its part")]
+
+pub mod app;
+pub mod flip;
+pub mod scenes;

@@ -1,0 +1,315 @@
+//! A small room, three times over: as Bevy's meshes, as geometry to bake, and as a picture that the CPU draws.
+
+use super::app::{HEIGHT, WIDTH};
+use super::flip::Picture;
+use bevy::asset::RenderAssetUsages;
+use bevy::mesh::{Indices, PrimitiveTopology};
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::scene::{
+    Bounds, Bvh, BvhNode, BvhTriangle, Geometry, Hit, Light, Ray, Surface,
+};
+use std::sync::{Arc, OnceLock};
+
+/// A parallelogram: a corner, and the two edges from it; it faces `u × v`.
+#[derive(Clone, Copy)]
+pub struct Quad {
+    pub corner: Vec3,
+    pub u: Vec3,
+    pub v: Vec3,
+    pub colour: Vec3,
+}
+
+/// Parallelograms that reflect on both sides.
+#[derive(Clone)]
+pub struct Room(pub Vec<Quad>);
+
+const WHITE: Vec3 = Vec3::new(0.7, 0.7, 0.7);
+
+impl Room {
+    /// Two metres wide, open towards +Z, a red and a green wall, and a block.
+    pub fn cornell() -> Self {
+        let quad = |corner, u, v, colour| Quad {
+            corner,
+            u,
+            v,
+            colour,
+        };
+        let v = Vec3::new;
+        let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z * 2.0);
+        let low = v(-1.0, 0.0, -1.0);
+        let mut quads = vec![
+            quad(low, z, x, WHITE),
+            quad(low + y, x, z, WHITE),
+            quad(low, x, y, WHITE),
+            quad(low, y, z, v(0.65, 0.05, 0.05)),
+            quad(low + x, z, y, v(0.1, 0.5, 0.1)),
+        ];
+        let turn = Quat::from_rotation_y(0.4);
+        let (a, b, up) = (
+            turn * v(0.6, 0.0, 0.0),
+            turn * v(0.0, 0.0, 0.6),
+            v(0.0, 0.9, 0.0),
+        );
+        let foot = v(0.25, 0.0, 0.0) - 0.5 * (a + b);
+        quads.extend([
+            quad(foot, up, a, WHITE),
+            quad(foot, b, up, WHITE),
+            quad(foot + b, a, up, WHITE),
+            quad(foot + a, up, b, WHITE),
+            quad(foot + up, b, a, WHITE),
+        ]);
+        Self(quads)
+    }
+
+    /// One white wall of two metres in the plane z = 0, facing +Z.
+    pub fn wall(albedo: f32) -> Self {
+        Self(vec![Quad {
+            corner: Vec3::new(-1.0, -1.0, 0.0),
+            u: Vec3::X * 2.0,
+            v: Vec3::Y * 2.0,
+            colour: Vec3::splat(albedo),
+        }])
+    }
+
+    /// The same room with other colours.
+    pub fn recoloured(&self, colour: impl Fn(Vec3) -> Vec3) -> Self {
+        Self(
+            self.0
+                .iter()
+                .map(|q| Quad {
+                    colour: colour(q.colour),
+                    ..*q
+                })
+                .collect(),
+        )
+    }
+
+    fn triangles(&self) -> Vec<[Vec3; 3]> {
+        let halves = |q: &Quad| {
+            let [a, b, c, d] = [
+                q.corner,
+                q.corner + q.u,
+                q.corner + q.u + q.v,
+                q.corner + q.v,
+            ];
+            [[a, b, c], [a, c, d]]
+        };
+        self.0.iter().flat_map(halves).collect()
+    }
+
+    /// One leaf: there are twenty triangles.
+    fn bvh(&self) -> Bvh {
+        let bounds = self.bounds();
+        let triangles: Vec<BvhTriangle> = self
+            .triangles()
+            .iter()
+            .map(|[a, b, c]| BvhTriangle {
+                a: a.to_array(),
+                b: b.to_array(),
+                c: c.to_array(),
+                ..BvhTriangle::default()
+            })
+            .collect();
+        Bvh {
+            nodes: vec![BvhNode {
+                min: (bounds.min - 1e-4).to_array(),
+                first: 0,
+                max: (bounds.max + 1e-4).to_array(),
+                count: triangles.len() as u32,
+            }],
+            triangles,
+        }
+    }
+
+    /// Bakes it, roughly: what is compared is two executors of one bake, not the bake with the truth.
+    pub fn bake(&self, seed: u64) -> Arc<BakedScene> {
+        self.bake_as(&Recipe {
+            viewpoints: vec![[0.0, 1.0, 0.6]],
+            coarse_radius: Some(0.4),
+            levels: Some(3),
+            sender_levels: Some(2),
+            rays: Some(128),
+            seed,
+            ..Recipe::default()
+        })
+    }
+
+    /// Bakes it as a recipe says.
+    pub fn bake_as(&self, recipe: &Recipe) -> Arc<BakedScene> {
+        let source = BakeSource {
+            geometry: self,
+            bvh: self.bvh(),
+            primitives: 2 * self.0.len() as u64,
+            content_hash: [7; 32],
+        };
+        let baked = bake(&source, recipe, &Progress::default()).expect("the room bakes");
+        Arc::new(baked.scene)
+    }
+
+    /// Spawns the room's surfaces under `root`: rough, without reflections.
+    pub fn spawn(&self, app: &mut App, root: Entity) {
+        for quad in &self.0 {
+            let n = quad.u.cross(quad.v).normalize().to_array();
+            let [a, b, c, d] = [
+                quad.corner,
+                quad.corner + quad.u,
+                quad.corner + quad.u + quad.v,
+                quad.corner + quad.v,
+            ];
+            let mesh = Mesh::new(
+                PrimitiveTopology::TriangleList,
+                RenderAssetUsages::default(),
+            )
+            .with_inserted_attribute(
+                Mesh::ATTRIBUTE_POSITION,
+                [a, b, c, d].map(|p| p.to_array()).to_vec(),
+            )
+            .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![n; 4])
+            .with_inserted_indices(Indices::U32(vec![0, 1, 2, 0, 2, 3]));
+            let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
+            let material = app
+                .world_mut()
+                .resource_mut::<Assets<StandardMaterial>>()
+                .add(StandardMaterial {
+                    base_color: Color::linear_rgb(quad.colour.x, quad.colour.y, quad.colour.z),
+                    perceptual_roughness: 1.0,
+                    reflectance: 0.0,
+                    ..default()
+                });
+            app.world_mut()
+                .spawn((Mesh3d(mesh), MeshMaterial3d(material), ChildOf(root)));
+        }
+    }
+}
+
+/// The baked Cornell room; baked once for all tests of a binary.
+pub fn cornell() -> (Room, Arc<BakedScene>) {
+    static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    let room = Room::cornell();
+    let baked = BAKED.get_or_init(|| room.bake(1)).clone();
+    (room, baked)
+}
+
+impl Geometry for Room {
+    fn bounds(&self) -> Bounds {
+        let corners = |q: &Quad| {
+            [
+                q.corner,
+                q.corner + q.u,
+                q.corner + q.v,
+                q.corner + q.u + q.v,
+            ]
+        };
+        self.0
+            .iter()
+            .flat_map(corners)
+            .fold(Bounds::EMPTY, Bounds::join)
+    }
+
+    fn cast(&self, ray: &Ray) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        for (i, q) in self.0.iter().enumerate() {
+            let n = q.u.cross(q.v);
+            let along = ray.direction.dot(n);
+            if along == 0.0 {
+                continue;
+            }
+            let t = (q.corner - ray.origin).dot(n) / along;
+            let at = ray.at(t) - q.corner;
+            let uv = [
+                at.dot(q.u) / q.u.length_squared(),
+                at.dot(q.v) / q.v.length_squared(),
+            ];
+            let inside = uv.iter().all(|c| (0.0..=1.0).contains(c));
+            if t > 0.0 && t < ray.max_t && inside && best.is_none_or(|b| t < b.t) {
+                best = Some(Hit {
+                    t,
+                    primitive: i as u32,
+                    uv,
+                });
+            }
+        }
+        best
+    }
+
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+        let way = to - from;
+        self.cast(&Ray::segment(from, way.normalize(), way.length()))
+            .is_some()
+    }
+
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let q = &self.0[hit.primitive as usize];
+        let n = q.u.cross(q.v).normalize();
+        let front = ray.direction.dot(n) < 0.0;
+        Surface {
+            position: q.corner + q.u * hit.uv[0] + q.v * hit.uv[1],
+            normal: if front { n } else { -n },
+            albedo: q.colour,
+            emission: Vec3::ZERO,
+            front,
+        }
+    }
+}
+
+/// Bevy's default exposure, EV100 9.7.
+pub fn exposure() -> f32 {
+    (-9.7f32).exp2() / 1.2
+}
+
+/// Indirect light alone, as the CPU draws it: `camera` and `lights` in the world, the room and its bake under `root`.
+pub fn cpu_indirect(
+    room: &Room,
+    bake: &BakedScene,
+    root: Transform,
+    camera: Transform,
+    lights: &[Light],
+    settings: &FrameSettings,
+) -> Picture {
+    let local_from_world = root.to_matrix().inverse();
+    let lights: Vec<FrameLight> = lights
+        .iter()
+        .flat_map(|l| FrameLight::expand(l, 16))
+        .map(|l| l.to_local(&local_from_world))
+        .collect();
+    let mut frame = CpuFrame::new(bake);
+    frame.set_lights(bake, &lights);
+    frame.solve(bake, settings);
+    let half_height = (std::f32::consts::FRAC_PI_4 / 2.0).tan();
+    let aspect = WIDTH as f32 / HEIGHT as f32;
+    let pixel = |i: u32| {
+        let (x, y) = ((i % WIDTH) as f32 + 0.5, (i / WIDTH) as f32 + 0.5);
+        let ndc = Vec2::new(2.0 * x / WIDTH as f32 - 1.0, 1.0 - 2.0 * y / HEIGHT as f32);
+        let toward =
+            camera.rotation * Vec3::new(ndc.x * aspect * half_height, ndc.y * half_height, -1.0);
+        let origin = local_from_world.transform_point3(camera.translation);
+        let ray = Ray::new(
+            origin,
+            local_from_world.transform_vector3(toward).normalize(),
+        );
+        // Bevy culls back faces.
+        let seen = Room(
+            room.0
+                .iter()
+                .filter(|q| q.u.cross(q.v).dot(ray.direction) < 0.0)
+                .copied()
+                .collect(),
+        );
+        let Some(hit) = seen.cast(&ray) else {
+            return [0.0; 3];
+        };
+        let surface = seen.surface(&ray, &hit);
+        let e = frame
+            .irradiance(bake, surface.position, surface.normal)
+            .unwrap_or(Vec3::ZERO);
+        (exposure() * surface.albedo * e / std::f32::consts::PI).to_array()
+    };
+    Picture {
+        width: WIDTH as usize,
+        height: HEIGHT as usize,
+        pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
+    }
+}
