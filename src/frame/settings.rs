@@ -187,7 +187,7 @@ mod tests {
     fn levels_are_pulled_fine_to_coarse_and_flattened_coarse_to_fine() {
         let steps = Steps::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
         assert_eq!(steps.pull, [3..10, 0..3]);
-        assert_eq!(steps.pull_again, [0..3]);
+        assert_eq!(steps.pull_again, std::slice::from_ref(&(0..3)));
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
         assert_eq!(steps.sweeps, 2);
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn the_finest_level_of_all_has_nothing_to_be_pulled_from() {
         let steps = Steps::new(&shape(&[0, 3, 10], 2), &FrameSettings::default());
-        assert_eq!(steps.pull, [0..3]);
+        assert_eq!(steps.pull, std::slice::from_ref(&(0..3)));
         let empty = Steps::new(&shape(&[0], 0), &FrameSettings::default());
         assert!(empty.pull.is_empty() && empty.levels.is_empty());
     }

@@ -9,7 +9,7 @@ use crate::samples::Point;
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
 /// A half holds no more; what is brighter must not become infinite.
-const LARGEST_HALF: f32 = 65_504.0;
+pub const LARGEST_HALF: f32 = 65_504.0;
 
 /// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no function covers the place.
 #[must_use]

@@ -35,6 +35,9 @@ pub struct HashedGrid {
 }
 
 impl HashedGrid {
+    /// Cells are numbered up to this, in each direction.
+    pub const CELL_LIMIT: f32 = 1_073_741_824.0;
+
     /// The hash of a cell. The shader has the same function.
     #[must_use]
     pub fn hash(cell: IVec3) -> u32 {
@@ -51,10 +54,12 @@ impl HashedGrid {
     /// The cell that holds `p` for cells of `cell_size`. Coordinates beyond 2³⁰ cells saturate.
     #[must_use]
     pub fn cell(p: Vec3, cell_size: f32) -> IVec3 {
-        const LIMIT: f32 = 1_073_741_824.0;
         (p / cell_size)
             .floor()
-            .clamp(Vec3::splat(-LIMIT), Vec3::splat(LIMIT))
+            .clamp(
+                Vec3::splat(-Self::CELL_LIMIT),
+                Vec3::splat(Self::CELL_LIMIT),
+            )
             .as_ivec3()
     }
 

@@ -45,12 +45,12 @@ pub struct Bvh {
     pub triangles: Vec<BvhTriangle>,
 }
 
-/// Nodes that a walk may have put aside: a BVH is at most this deep.
-const STACK: usize = 64;
-/// Components of a direction that are smaller are taken for this.
-const SMALLEST: f32 = 1e-18;
-
 impl Bvh {
+    /// Nodes that a walk may have put aside: a BVH is at most this deep.
+    pub const STACK: usize = 64;
+    /// Components of a direction that are smaller are taken for this.
+    pub const SMALLEST: f32 = 1e-18;
+
     /// True when any triangle meets `ray` with t in (0, `ray.max_t`).
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
@@ -58,10 +58,16 @@ impl Bvh {
             return false;
         }
         // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts as one that it crosses very late.
-        let guard = |d: f32| if d.abs() < SMALLEST { SMALLEST } else { d };
+        let guard = |d: f32| {
+            if d.abs() < Self::SMALLEST {
+                Self::SMALLEST
+            } else {
+                d
+            }
+        };
         let inverse = Vec3::ONE / Vec3::from_array(ray.direction.to_array().map(guard));
         let shear = Shear::new(ray.direction);
-        let mut stack = [0u32; STACK];
+        let mut stack = [0u32; Self::STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
@@ -74,7 +80,7 @@ impl Bvh {
                 continue;
             }
             if node.count == 0 {
-                if top + 2 <= STACK {
+                if top + 2 <= Self::STACK {
                     stack[top] = node.first;
                     stack[top + 1] = node.first + 1;
                     top += 2;

@@ -1,0 +1,503 @@
+//! The shaders against the Rust side, read from the WGSL by naga; needs no GPU. Structs, constants, bindings, entry points and workgroup sizes must be what the
+//! kernel table and the shared types say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run on a shader
+//! that was spoiled, and must object.
+#![cfg(feature = "gpu")]
+
+use bevy_meshless_gi::asset::PointSurface;
+use bevy_meshless_gi::basis::{NO_COVER, WeightEntry};
+use bevy_meshless_gi::frame::{
+    CompositeParams, FrameLight, SolveParams, Span, SplatParams, VectorIrradiance, apply, gbuffer,
+    project, splat,
+};
+use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
+use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, Point};
+use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::transport::{BounceLink, Link, Row};
+use naga::front::wgsl;
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use std::collections::{BTreeMap, BTreeSet};
+use std::mem::offset_of;
+use std::path::Path;
+
+/// A Rust struct as a shader must see it: name, size, fields with offsets.
+struct Layout {
+    name: &'static str,
+    size: usize,
+    fields: Vec<(&'static str, usize)>,
+}
+
+macro_rules! layout {
+    ($name:ident { $($field:ident $(as $shader:ident)?),* }) => {
+        Layout {
+            name: stringify!($name),
+            size: size_of::<$name>(),
+            fields: vec![$((layout!(@ $field $($shader)?), offset_of!($name, $field))),*],
+        }
+    };
+    (@ $field:ident) => { stringify!($field) };
+    (@ $field:ident $shader:ident) => { stringify!($shader) };
+}
+
+fn layouts() -> Vec<Layout> {
+    vec![
+        layout!(Point {
+            position,
+            radius,
+            normal,
+            planes
+        }),
+        layout!(PointSurface {
+            albedo,
+            emission,
+            sky
+        }),
+        layout!(FrameLight {
+            position,
+            kind,
+            direction,
+            inverse_square_range,
+            color,
+            spot_scale,
+            spot_offset
+        }),
+        layout!(WeightEntry { index, weight }),
+        // `active` is a reserved word of WGSL.
+        layout!(Row { start, count, scale, active as is_active }),
+        layout!(Link { xy, z_sender }),
+        layout!(BounceLink { gain, sender }),
+        layout!(VectorIrradiance { x, y, z }),
+        layout!(SolveParams {
+            sky,
+            emission,
+            points,
+            lit,
+            senders,
+            finest_sender,
+            slots,
+            nodes,
+            extent,
+            sky_sender,
+            coarsest,
+            differences
+        }),
+        layout!(Span { first, count, base }),
+        layout!(SplatParams {
+            local_from_clip,
+            local_from_world,
+            viewport,
+            size,
+            slot_mask,
+            cell_size,
+            scale
+        }),
+        layout!(CompositeParams { scale, white }),
+        layout!(GridSlot { cell, start }),
+        layout!(BvhNode {
+            min,
+            first,
+            max,
+            count
+        }),
+        layout!(BvhTriangle { a, b, c }),
+    ]
+}
+
+/// Structs that live in a shader alone.
+const SHADER_ONLY: [&str; 2] = ["Place", "Shear"];
+
+/// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
+fn constants() -> BTreeMap<&'static str, Option<f64>> {
+    BTreeMap::from([
+        ("LIGHT_NONE", Some(f64::from(FrameLight::NONE))),
+        ("LIGHT_POINT", Some(f64::from(FrameLight::POINT))),
+        ("LIGHT_SPOT", Some(f64::from(FrameLight::SPOT))),
+        (
+            "LIGHT_DIRECTIONAL",
+            Some(f64::from(FrameLight::DIRECTIONAL)),
+        ),
+        ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
+        ("FAR", Some(f64::from(project::FAR))),
+        ("EPSILON", Some(f64::from(f32::EPSILON))),
+        ("LANES", Some(f64::from(apply::LANES))),
+        ("ROWS", Some(f64::from(Pass::Apply.entry().1.items))),
+        ("EMPTY_SLOT", Some(f64::from(GridSlot::EMPTY))),
+        ("CELL_LIMIT", Some(f64::from(HashedGrid::CELL_LIMIT))),
+        ("F_SQUASH", Some(f64::from(F_SQUASH))),
+        ("NO_COVER", Some(f64::from(NO_COVER))),
+        ("UNLIT", Some(f64::from(gbuffer::UNLIT))),
+        ("GAMMA", Some(f64::from(gbuffer::GAMMA))),
+        ("LARGEST_HALF", Some(f64::from(splat::LARGEST_HALF))),
+        ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
+        ("STACK", Some(Bvh::STACK as f64)),
+        ("SMALLEST", Some(f64::from(Bvh::SMALLEST))),
+    ])
+}
+
+fn parse(name: &str, source: &str) -> Result<(naga::Module, ModuleInfo), String> {
+    let module = wgsl::parse_str(source).map_err(|e| e.emit_to_string_with_path(source, name))?;
+    // No capability beyond WebGPU's, to which `unpack2x16float` belongs.
+    let info = Validator::new(
+        ValidationFlags::all(),
+        Capabilities::SHADER_FLOAT16_IN_FLOAT32,
+    )
+    .validate(&module)
+    .map_err(|e| e.emit_to_string_with_path(source, name))?;
+    Ok((module, info))
+}
+
+/// What is wrong with the structs of a shader.
+fn struct_problems(module: &naga::Module) -> Vec<String> {
+    let known = layouts();
+    let mut problems = Vec::new();
+    for (_, ty) in module.types.iter() {
+        let (Some(name), naga::TypeInner::Struct { members, span }) = (&ty.name, &ty.inner) else {
+            continue;
+        };
+        let Some(layout) = known.iter().find(|l| l.name == name) else {
+            if !SHADER_ONLY.contains(&name.as_str()) {
+                problems.push(format!("struct {name} has no Rust side"));
+            }
+            continue;
+        };
+        if layout.size != *span as usize {
+            problems.push(format!(
+                "struct {name} has {span} bytes, in Rust {}",
+                layout.size
+            ));
+        }
+        let fields: Vec<(&str, usize)> = members
+            .iter()
+            .map(|m| (m.name.as_deref().unwrap_or("?"), m.offset as usize))
+            .filter(|(name, _)| !name.starts_with("pad"))
+            .collect();
+        if fields != layout.fields {
+            problems.push(format!(
+                "struct {name}: {fields:?}, in Rust {:?}",
+                layout.fields
+            ));
+        }
+    }
+    problems
+}
+
+/// What is wrong with the constants of a shader.
+fn constant_problems(module: &naga::Module) -> Vec<String> {
+    let known = constants();
+    let mut problems = Vec::new();
+    for (_, constant) in module.constants.iter() {
+        let name = constant.name.as_deref().unwrap_or("?");
+        let value = match module.global_expressions[constant.init] {
+            naga::Expression::Literal(naga::Literal::F32(v)) => f64::from(v),
+            naga::Expression::Literal(naga::Literal::U32(v)) => f64::from(v),
+            naga::Expression::Literal(naga::Literal::I32(v)) => f64::from(v),
+            ref other => {
+                problems.push(format!("const {name} is {other:?}"));
+                continue;
+            }
+        };
+        match known.get(name) {
+            None => problems.push(format!("const {name} has no Rust side")),
+            Some(Some(rust)) if *rust != value => {
+                problems.push(format!("const {name} is {value}, in Rust {rust}"))
+            }
+            Some(_) => {}
+        }
+    }
+    problems
+}
+
+/// The kind of a global variable, as the table would say it.
+fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kind> {
+    let ty = &module.types[variable.ty];
+    let size = |ty: naga::Handle<naga::Type>| module.types[ty].inner.size(module.to_ctx()) as usize;
+    match (variable.space, &ty.inner) {
+        (naga::AddressSpace::Uniform, _) if ty.name.as_deref() == Some("Span") => Some(Kind::Span),
+        (naga::AddressSpace::Uniform, _) => Some(Kind::Uniform(size(variable.ty))),
+        (naga::AddressSpace::Storage { access }, naga::TypeInner::Array { stride, .. }) => {
+            if access.contains(naga::StorageAccess::STORE) {
+                Some(Kind::Write(*stride as usize))
+            } else {
+                Some(Kind::Read(*stride as usize))
+            }
+        }
+        (
+            _,
+            naga::TypeInner::Image {
+                class,
+                arrayed: false,
+                dim: naga::ImageDimension::D2,
+            },
+        ) => match class {
+            naga::ImageClass::Depth { multi: false } => Some(Kind::Depth),
+            naga::ImageClass::Sampled {
+                kind: naga::ScalarKind::Uint,
+                multi: false,
+            } => Some(Kind::Uint),
+            naga::ImageClass::Sampled {
+                kind: naga::ScalarKind::Float,
+                multi: false,
+            } => Some(Kind::Float),
+            naga::ImageClass::Storage {
+                format: naga::StorageFormat::Rgba16Float,
+                access,
+            } if *access == naga::StorageAccess::STORE => Some(Kind::Output),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// What is wrong with the bindings and entry points of a shader.
+fn interface_problems(kernel: &Kernel, module: &naga::Module, info: &ModuleInfo) -> Vec<String> {
+    let mut problems = Vec::new();
+    let bound = |v: &naga::GlobalVariable| v.binding.as_ref().map(|b| (b.group, b.binding));
+    let mut declared = BTreeSet::new();
+    for (_, variable) in module.global_variables.iter() {
+        let Some((group, index)) = bound(variable) else {
+            continue;
+        };
+        declared.insert(index);
+        let name = variable.name.as_deref().unwrap_or("?");
+        let kind = kind_of(module, variable);
+        match kernel.bindings.iter().find(|b| b.index == index) {
+            Some(b) if group == 0 && b.name == name && Some(b.kind) == kind => {}
+            row => problems.push(format!(
+                "{name} at {group}/{index} is {kind:?}, in the table {row:?}"
+            )),
+        }
+    }
+    for binding in kernel.bindings {
+        if !declared.contains(&binding.index) {
+            problems.push(format!("{binding:?} is not in the shader"));
+        }
+    }
+    let mut names = BTreeSet::new();
+    for (at, entry) in module.entry_points.iter().enumerate() {
+        names.insert(entry.name.as_str());
+        let uses = info.get_entry_point(at);
+        let used: Vec<u32> = module
+            .global_variables
+            .iter()
+            .filter(|(handle, _)| !uses[*handle].is_empty())
+            .filter_map(|(_, v)| bound(v).map(|b| b.1))
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .collect();
+        let row = kernel.entries.iter().find(|e| e.name == entry.name);
+        match (entry.stage, row) {
+            (naga::ShaderStage::Compute, Some(row)) => {
+                if row.workgroup != entry.workgroup_size {
+                    problems.push(format!(
+                        "{}: workgroup {:?}, in the table {:?}",
+                        entry.name, entry.workgroup_size, row.workgroup
+                    ));
+                }
+                if row.bindings != used {
+                    problems.push(format!(
+                        "{}: uses {used:?}, in the table {:?}",
+                        entry.name, row.bindings
+                    ));
+                }
+            }
+            (naga::ShaderStage::Vertex | naga::ShaderStage::Fragment, None)
+                if COMPOSITE_ENTRIES.contains(&entry.name.as_str()) => {}
+            _ => problems.push(format!("{} is not in the table", entry.name)),
+        }
+    }
+    let rows = kernel.entries.iter().map(|e| e.name);
+    let draws = COMPOSITE_ENTRIES
+        .into_iter()
+        .filter(|_| kernel.entries.is_empty());
+    for name in rows.chain(draws).filter(|n| !names.contains(n)) {
+        problems.push(format!("{name} is not in the shader"));
+    }
+    problems
+}
+
+fn problems(kernel: &Kernel, source: &str) -> Vec<String> {
+    let (module, info) = match parse(kernel.name, source) {
+        Ok(parsed) => parsed,
+        Err(error) => return vec![error],
+    };
+    let mut all = struct_problems(&module);
+    all.extend(constant_problems(&module));
+    all.extend(interface_problems(kernel, &module, &info));
+    all
+}
+
+#[test]
+fn every_shader_agrees_with_the_rust_side() {
+    for kernel in &KERNELS {
+        let found = problems(kernel, kernel.source);
+        assert!(found.is_empty(), "{}:\n{}", kernel.name, found.join("\n"));
+    }
+}
+
+#[test]
+fn a_spoiled_shader_is_noticed() {
+    // What is replaced, by what, in which kernel, and a word of the complaint.
+    let spoils = [
+        (
+            "    radius: f32,\n    normal: vec3f,",
+            "    normal: vec3f,\n    radius: f32,",
+            "splat",
+            "struct Point",
+        ),
+        (
+            "spot_offset: f32,\n    pad0: f32,",
+            "spot_offset: f32,\n    pad0: vec4f,",
+            "project",
+            "struct FrameLight",
+        ),
+        (
+            "emission: f32,\n    points: u32,",
+            "points: u32,\n    emission: f32,",
+            "pull",
+            "struct SolveParams",
+        ),
+        (
+            "const FAR: f32 = 1e30;",
+            "const FAR: f32 = 1e20;",
+            "project",
+            "const FAR",
+        ),
+        (
+            "const LIGHT_SPOT: u32 = 2u;",
+            "const LIGHT_SPOT: u32 = 3u;",
+            "project",
+            "const LIGHT_SPOT",
+        ),
+        (
+            "const LANES: u32 = 16u;",
+            "const LANES: u32 = 32u;",
+            "apply",
+            "const LANES",
+        ),
+        (
+            "@workgroup_size(64)",
+            "@workgroup_size(32)",
+            "flatten",
+            "workgroup",
+        ),
+        (
+            "@binding(3) var<storage, read> entries",
+            "@binding(9) var<storage, read> entries",
+            "push",
+            "in the table None",
+        ),
+        (
+            "<storage, read> radiosities",
+            "<storage, read_write> radiosities",
+            "pull",
+            "radiosities",
+        ),
+        (
+            "array<u32>;\n@group(0) @binding(7)",
+            "array<vec2u>;\n@group(0) @binding(7)",
+            "splat",
+            "",
+        ),
+        (
+            "fn spread(",
+            "fn spread_out(",
+            "bounce",
+            "spread_out is not in the table",
+        ),
+        (
+            "let entry = entries[at];\n        alpha -= entry.weight * differences[entry.index];",
+            "alpha -= 1.0;",
+            "push",
+            "uses",
+        ),
+        ("rgba16float, write", "rgba8unorm, write", "splat", "output"),
+    ];
+    for (from, to, name, complaint) in spoils {
+        let kernel = KERNELS.iter().find(|k| k.name == name).unwrap();
+        assert!(kernel.source.contains(from), "{name} has no {from:?}");
+        let found = problems(kernel, &kernel.source.replace(from, to)).join("\n");
+        assert!(
+            !found.is_empty() && found.contains(complaint),
+            "{name}: {from:?} → {to:?} gave {found:?}"
+        );
+    }
+}
+
+#[test]
+fn the_table_holds_every_pass_once_and_keeps_to_webgpu() {
+    for (at, pass) in Pass::ALL.into_iter().enumerate() {
+        assert_eq!(pass as usize, at);
+        let entries = KERNELS
+            .iter()
+            .flat_map(|k| k.entries)
+            .filter(|e| e.pass == pass)
+            .count();
+        assert_eq!(entries, 1, "{pass:?}");
+        let (kernel, entry) = pass.entry();
+        let storage = KERNELS[kernel]
+            .bindings
+            .iter()
+            .filter(|b| {
+                entry.bindings.contains(&b.index)
+                    && matches!(b.kind, Kind::Read(_) | Kind::Write(_))
+            })
+            .count();
+        assert!(storage <= 8, "{pass:?} binds {storage} storage buffers");
+        assert!(entry.workgroup.iter().product::<u32>() <= 256);
+    }
+    for kernel in &KERNELS {
+        assert!(
+            !kernel.source.contains("enable "),
+            "{} needs an extension",
+            kernel.name
+        );
+        assert!(
+            !kernel.source.contains("#if"),
+            "{} needs a preprocessor",
+            kernel.name
+        );
+    }
+}
+
+/// Stems of the files with this extension in a folder of the crate.
+fn stems(folder: &str, extension: &str) -> BTreeSet<String> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let files = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let paths = files.map(|f| f.unwrap().path());
+    paths
+        .filter(|p| p.extension().is_some_and(|e| e == extension))
+        .map(|p| p.file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect()
+}
+
+#[test]
+fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
+    let kernels: BTreeSet<String> = KERNELS.iter().map(|k| k.name.to_owned()).collect();
+    assert_eq!(kernels.len(), KERNELS.len());
+    assert_eq!(stems("shaders", "wgsl"), kernels);
+    // The rest of src/frame/: types that the twins share, and what runs them.
+    let shared = ["mod", "layout", "light", "gbuffer", "settings", "cpu_frame"].map(str::to_owned);
+    let twins: BTreeSet<String> = stems("src/frame", "rs")
+        .into_iter()
+        .filter(|s| !shared.contains(s))
+        .collect();
+    assert_eq!(twins, kernels);
+    for part in stems("shaders/lib", "wgsl") {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("shaders/lib/{part}.wgsl"));
+        let text = std::fs::read_to_string(path).unwrap();
+        assert!(
+            KERNELS.iter().any(|k| k.source.contains(&text)),
+            "no kernel uses shaders/lib/{part}.wgsl"
+        );
+    }
+}
+
+#[test]
+fn every_shader_becomes_spirv() {
+    for kernel in &KERNELS {
+        let (module, info) = parse(kernel.name, kernel.source).unwrap();
+        let words =
+            naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None)
+                .unwrap();
+        assert!(words.len() > 100, "{}", kernel.name);
+    }
+}

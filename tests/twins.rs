@@ -1,0 +1,703 @@
+//! Every kernel against its CPU twin, on whatever adapter there is (a software one will do). Without one the tests fail, unless `MGI_ALLOW_NO_GPU=1`
+//! says that nothing is to be compared. Each comparison is also run on a twin with one spoiled input, and must object.
+#![cfg(feature = "gpu")]
+
+#[path = "twins/compare.rs"]
+mod compare;
+#[path = "twins/screen.rs"]
+mod screen;
+#[path = "twins/synthetic.rs"]
+mod synthetic;
+
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::{
+    CompositeParams, CpuFrame, FrameLight, FrameSettings, SplatParams, VectorIrradiance, composite,
+    project, splat,
+};
+use bevy_meshless_gi::gpu::{
+    GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers, SplatTargets, ViewBuffers,
+};
+use bevy_meshless_gi::transport::{Link, SenderForm};
+use compare::{HALF, SINGLE, Scale, differing, same};
+use glam::Vec3;
+use half::f16;
+use screen::{SIZE, Screen};
+use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
+
+/// The device, or None where the caller allowed that there is none.
+fn harness() -> Option<Harness> {
+    match Harness::new() {
+        Ok(harness) => {
+            eprintln!("compared on {}", harness.adapter);
+            Some(harness)
+        }
+        Err(error) if std::env::var("MGI_ALLOW_NO_GPU").is_ok_and(|v| v == "1") => {
+            eprintln!("NOTHING WAS COMPARED, for MGI_ALLOW_NO_GPU=1 is set and {error}");
+            None
+        }
+        Err(error) => panic!(
+            "{error}\nInstall a driver (Mesa's llvmpipe will do), or set MGI_ALLOW_NO_GPU=1 to compare nothing."
+        ),
+    }
+}
+
+fn settings(sweeps: u32, baked_bounces: bool) -> FrameSettings {
+    FrameSettings {
+        sweeps,
+        baked_bounces,
+        sky: Vec3::new(0.2, 0.3, 0.5),
+        emission: 0.8,
+    }
+}
+
+fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> CpuFrame {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, lights);
+    assert!(frame.solve(scene, settings));
+    frame
+}
+
+/// A frame on the device that starts from the CPU's projection, so that a shadow ray that grazes an edge does not reach the kernels after `project`.
+fn solved(
+    harness: &Harness,
+    kernels: &Kernels,
+    frame: GpuFrame,
+    twin: &CpuFrame,
+    settings: &FrameSettings,
+) -> GpuFrame {
+    let mut frame = frame;
+    let lights = twin.lights();
+    frame.set_lights(kernels, &harness.queue, lights).unwrap();
+    let projected: Vec<f32> = (0..lights.len())
+        .flat_map(|s| twin.projected(s).to_vec())
+        .collect();
+    let buffer = frame.buffers().output(Pass::Project).unwrap();
+    harness
+        .queue
+        .write_buffer(buffer, 0, bytemuck::cast_slice(&projected));
+    harness
+        .run(|encoder| frame.solve(kernels, &harness.queue, encoder, settings))
+        .unwrap();
+    frame
+}
+
+fn output<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    harness: &Harness,
+    frame: &GpuFrame,
+    pass: Pass,
+    count: usize,
+) -> Vec<T> {
+    harness
+        .read(frame.buffers().output(pass).unwrap(), count)
+        .unwrap()
+}
+
+/// Items of the projection that differ, and how many of those are shadow rays that fell on the other side of an edge.
+fn projection_problems(
+    scene: &BakedScene,
+    lights: &[FrameLight],
+    gpu: &[f32],
+    cpu: &CpuFrame,
+) -> (usize, usize) {
+    let twin: Vec<f32> = (0..lights.len())
+        .flat_map(|s| cpu.projected(s).to_vec())
+        .collect();
+    let lit = scene.lit_points();
+    let found = differing(gpu, &twin, 1, SINGLE, Scale::Item);
+    let flips = found.iter().filter(|&&i| {
+        let point = &scene.points[i % lit];
+        let whole = project::unshadowed(&lights[i / lit], point.x(), point.n());
+        let seen = gpu[i].max(twin[i]);
+        gpu[i].min(twin[i]) == 0.0 && (seen - whole).abs() <= SINGLE * whole
+    });
+    (found.len(), flips.count())
+}
+
+#[test]
+fn project() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(SenderForm::Averages);
+    let lights = synthetic::lights();
+    let twin = cpu(&scene, &lights, &settings(0, false));
+    let shadowed = (0..lights.len()).any(|s| {
+        let pairs = twin.projected(s).iter().zip(&scene.points);
+        pairs
+            .into_iter()
+            .any(|(&g, p)| g == 0.0 && project::unshadowed(&lights[s], p.x(), p.n()) > 0.0)
+    });
+    assert!(shadowed, "the scene has no shadows");
+
+    // Room for three slots at first: the others come later, and the projection so far stays.
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 3).unwrap();
+    frame
+        .set_lights(&kernels, &harness.queue, &lights[..3])
+        .unwrap();
+    harness
+        .run(|e| frame.project(&kernels, &harness.queue, e, &[0, 2, 1]))
+        .unwrap();
+    frame.set_lights(&kernels, &harness.queue, &lights).unwrap();
+    let rest: Vec<u32> = (3..lights.len() as u32).collect();
+    harness
+        .run(|e| frame.project(&kernels, &harness.queue, e, &rest))
+        .unwrap();
+    assert_eq!(frame.counters().of(Pass::Project), 2);
+    assert_eq!(frame.counters().projected, lights.len() as u64);
+
+    let count = lights.len() * scene.lit_points();
+    let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
+    // The only freedom: a ray that passes an edge within rounding may be seen on either side of it. Of 2500 rays at most two do.
+    let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
+    assert!(
+        differing == flips && flips <= 2,
+        "{differing} of {count} differ, {flips} of them by visibility"
+    );
+
+    let mut moved = lights.clone();
+    moved[0].position[0] += 1e-3;
+    let (differing, flips) = projection_problems(
+        &scene,
+        &moved,
+        &gpu,
+        &cpu(&scene, &moved, &settings(0, false)),
+    );
+    assert!(differing > flips, "a moved light is not noticed");
+    let mut bright = scene.clone();
+    bright.bvh.nodes.clear();
+    let (_, flips) = projection_problems(
+        &bright,
+        &lights,
+        &gpu,
+        &cpu(&bright, &lights, &settings(0, false)),
+    );
+    assert!(flips > 100, "missing shadows are not noticed: {flips}");
+}
+
+/// What of a solve is compared: kernel, what the GPU has, what the twin has, floats an item, scale.
+type Checked = (&'static str, Pass, fn(&CpuFrame) -> Vec<f32>, usize, Scale);
+
+fn flat<T: bytemuck::NoUninit>(items: &[T]) -> Vec<f32> {
+    bytemuck::cast_slice(items).to_vec()
+}
+
+/// What makes an input wrong.
+type Spoil = fn(&mut BakedScene);
+
+/// Solves on both, compares, and compares again with each of the `spoils`.
+fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(form);
+    let lights = synthetic::lights();
+    let twin = cpu(&scene, &lights, settings);
+    let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
+    let frame = solved(&harness, &kernels, frame, &twin, settings);
+    for (i, &((name, pass, take, width, scale), spoil)) in checked.iter().enumerate() {
+        let expected = take(&twin);
+        let gpu: Vec<f32> = output(&harness, &frame, pass, expected.len());
+        let mut wrong = scene.clone();
+        spoil(&mut wrong);
+        let spoiled = take(&cpu(&wrong, &lights, settings));
+        same(
+            &format!("{name}, {form:?}, spoil {i}"),
+            &gpu,
+            &expected,
+            &spoiled,
+            width,
+            scale,
+        );
+    }
+}
+
+const RADIOSITY: Checked = (
+    "radiosity",
+    Pass::Radiosity,
+    |f| flat(f.radiosity()),
+    4,
+    Scale::Item,
+);
+const SENDERS: Checked = ("senders", Pass::Pull, |f| flat(f.senders()), 4, Scale::Item);
+/// As [`SENDERS`], where E⃗·n, a sum that may cancel, is in it.
+const BOUNCED: Checked = ("senders", Pass::Sweep, |f| flat(f.senders()), 4, Scale::Rms);
+const VALUES: Checked = (
+    "values",
+    Pass::Averages,
+    |f| flat(f.values()),
+    12,
+    Scale::Rms,
+);
+
+/// Adds a percent to the weight of entry `at`.
+fn heavier(weights: &mut bevy_meshless_gi::basis::Weights, at: usize) {
+    weights.entries[at].weight *= 1.01;
+}
+
+/// Turns a few links round, from link `at` on: some senders are black.
+fn bend(scene: &mut BakedScene, at: usize) {
+    for link in scene.operator.links[at..].iter_mut().take(5) {
+        *link = Link::pack(-link.vector(), 1.0, link.sender() as u16);
+    }
+}
+
+#[test]
+fn radiosity_pull_apply_flatten() {
+    solve_agrees(
+        SenderForm::Averages,
+        &settings(0, false),
+        &[
+            (RADIOSITY, |s| s.surfaces[7].albedo[1] += 0.001),
+            (RADIOSITY, |s| s.surfaces[5].emission[2] += 0.001),
+            (RADIOSITY, |s| s.surfaces[8].sky[0] += 0.1),
+            (SENDERS, |s| heavier(&mut s.pull, 12)),
+            (VALUES, |s| bend(s, 99)),
+            (VALUES, |s| s.operator.rows[20].scale *= 1.001),
+            (VALUES, |s| {
+                // The last point without a row of its own.
+                let inactive = (0..s.points.len())
+                    .rev()
+                    .find(|&i| s.operator.rows[i].active == 0);
+                let at = s.parents.starts[inactive.unwrap()] as usize;
+                heavier(&mut s.parents, at);
+            }),
+        ],
+    );
+}
+
+#[test]
+fn push_apply_flatten_of_differences() {
+    const PUSHED: Checked = ("push", Pass::Push, |f| flat(f.differences()), 4, Scale::Rms);
+    const APPLIED: Checked = ("apply", Pass::Apply, |f| flat(f.applied()), 12, Scale::Rms);
+    const FLAT: Checked = (
+        "flatten",
+        Pass::Differences,
+        |f| flat(f.values()),
+        12,
+        Scale::Rms,
+    );
+    solve_agrees(
+        SenderForm::Differences,
+        &settings(0, false),
+        &[
+            (PUSHED, |s| heavier(&mut s.parents, 30)),
+            (APPLIED, |s| bend(s, 1000)),
+            (FLAT, |s| {
+                // A parent on the coarsest level, where all rows are active.
+                let first = s.parents.starts[s.points.len() - 1];
+                heavier(&mut s.parents, first as usize);
+            }),
+        ],
+    );
+}
+
+#[test]
+fn live_bounces() {
+    const FURTHER: Spoil = |s| {
+        s.surfaces[24..110]
+            .iter_mut()
+            .for_each(|m| m.albedo[0] *= 1.01)
+    };
+    for form in [SenderForm::Averages, SenderForm::Differences] {
+        let both: [(Checked, Spoil); 4] = [
+            (BOUNCED, FURTHER),
+            (BOUNCED, |s| bend(s, 40)),
+            (BOUNCED, |s| {
+                s.points[24..110]
+                    .iter_mut()
+                    .for_each(|p| p.normal = [0.6, 0.8, 0.0])
+            }),
+            (VALUES, FURTHER),
+        ];
+        solve_agrees(form, &settings(3, false), &both);
+    }
+}
+
+#[test]
+fn baked_bounces() {
+    const FURTHER: Checked = (
+        "further",
+        Pass::Gather,
+        |f| flat(f.further()),
+        4,
+        Scale::Item,
+    );
+    for form in [SenderForm::Averages, SenderForm::Differences] {
+        solve_agrees(
+            form,
+            &settings(3, true),
+            &[
+                (FURTHER, |s| {
+                    s.bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
+                }),
+                // A parent on the coarsest level, of a sender on the next.
+                (FURTHER, |s| {
+                    let first = s.parents.starts[s.level_starts[1] as usize + 2];
+                    heavier(&mut s.parents, first as usize);
+                }),
+                (SENDERS, |s| {
+                    s.bounces.as_mut().unwrap().links[40].gain[1] *= 1.01
+                }),
+                (VALUES, |s| bend(s, 77)),
+            ],
+        );
+    }
+}
+
+#[test]
+fn links_that_do_not_fit_one_binding_are_cut() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(SenderForm::Averages);
+    let lights = synthetic::lights();
+    let settings = settings(2, false);
+    let twin = cpu(&scene, &lights, &settings);
+    let limit = size_of_val(scene.operator.links.as_slice()) as u64 / 3;
+    let make = |limit| {
+        SceneBuffers::with_limit(
+            &harness.device,
+            &harness.queue,
+            &scene,
+            lights.len() as u32,
+            limit,
+        )
+    };
+    let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
+    let frame = solved(&harness, &kernels, frame, &twin, &settings);
+    let parts = frame.counters().of(Pass::Apply);
+    assert!(
+        parts >= 4 + 2,
+        "the last apply takes four parts, those of the sweeps one or more: {parts}"
+    );
+    let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, 12 * scene.points.len());
+    let mut wrong = scene.clone();
+    // Links of the last part.
+    let last = wrong.operator.links.len() - 5;
+    bend(&mut wrong, last);
+    let spoiled = cpu(&wrong, &lights, &settings);
+    same(
+        "parts",
+        &gpu,
+        &flat(twin.values()),
+        &flat(spoiled.values()),
+        12,
+        Scale::Rms,
+    );
+
+    let error = make(4096).unwrap_err();
+    assert!(
+        matches!(error, GpuError::TooLarge { bytes, limit: 4096, .. } if bytes > 4096),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_nobody_asks_for_is_not_made() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(SenderForm::Averages);
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
+    assert_eq!(kernels.created(), 0);
+    frame
+        .set_lights(&kernels, &harness.queue, &synthetic::lights())
+        .unwrap();
+    harness
+        .run(|e| {
+            frame.project(&kernels, &harness.queue, e, &[]);
+            frame.project(&kernels, &harness.queue, e, &[99]);
+        })
+        .unwrap();
+    assert_eq!(
+        (kernels.created(), frame.counters().total()),
+        (0, 0),
+        "no slot moved"
+    );
+    let bytes = frame.buffers().bytes();
+    harness
+        .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(0, false)))
+        .unwrap();
+    let made: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    assert_eq!(
+        made,
+        [Pass::Radiosity, Pass::Pull, Pass::Apply, Pass::Averages]
+    );
+    assert_eq!(kernels.created(), 4);
+    assert_eq!(
+        frame.buffers().bytes(),
+        bytes,
+        "one bounce keeps no direct coefficients"
+    );
+    harness
+        .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
+        .unwrap();
+    assert_eq!(kernels.created(), 5);
+    assert!(kernels.has(Pass::Sweep) && frame.buffers().bytes() > bytes);
+    let counters = frame.counters();
+    assert_eq!(counters.solves, 2);
+    assert_eq!(counters.of(Pass::Sweep), 2);
+    assert_eq!(counters.of(Pass::Apply), 1 + 3);
+    assert_eq!(
+        counters.of(Pass::Pull),
+        2 + (2 + 2),
+        "two levels at first, one in each sweep"
+    );
+    assert_eq!(counters.of(Pass::Averages), 4 + (2 * 2 + 4));
+}
+
+/// The textures of a picture, and what the kernels make of them.
+struct Pictures {
+    frame: GpuFrame,
+    irradiance: Vec<[f16; 4]>,
+    over: Vec<[f16; 4]>,
+    picture: Vec<[f16; 4]>,
+}
+
+fn draw(
+    harness: &Harness,
+    scene: &BakedScene,
+    twin: &CpuFrame,
+    screen: &Screen,
+    params: &SplatParams,
+    (composite, replace): (&CompositeParams, bool),
+) -> Pictures {
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap();
+    let values = frame.buffers().output(Pass::Averages).unwrap();
+    harness
+        .queue
+        .write_buffer(values, 0, bytemuck::cast_slice(twin.values()));
+    let mut view = ViewBuffers::new(&harness.device);
+    view.write(&harness.queue, params, composite);
+
+    let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
+    let half4 = TextureFormat::Rgba16Float;
+    let depth = screen::depth_texture(harness, &screen.depth);
+    let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&screen.gbuffer));
+    let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(&screen.passes));
+    let earlier = harness.texture(SIZE, half4, read, Some(&screen.earlier));
+    let out = [0; 2].map(|_| {
+        harness.texture::<[f16; 4]>(SIZE, half4, read | TextureUsages::STORAGE_BINDING, None)
+    });
+    let picture = harness.texture(
+        SIZE,
+        half4,
+        read | TextureUsages::RENDER_ATTACHMENT,
+        Some(&screen.lit),
+    );
+    let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (depth_view, gbuffer_view) = (view_of(&depth), view_of(&gbuffer));
+    let out_views = [view_of(&out[0]), view_of(&out[1])];
+    let (earlier_view, passes_view, picture_view) =
+        (view_of(&earlier), view_of(&passes), view_of(&picture));
+    harness
+        .run(|encoder| {
+            for (output, earlier) in [(&out_views[0], None), (&out_views[1], Some(&earlier_view))] {
+                let targets = SplatTargets {
+                    depth: &depth_view,
+                    gbuffer: &gbuffer_view,
+                    earlier,
+                    output,
+                };
+                frame.splat(&kernels, encoder, &view, &targets);
+            }
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &picture_view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            frame.composite(
+                &kernels,
+                &mut pass,
+                half4,
+                replace,
+                &view,
+                &out_views[0],
+                &gbuffer_view,
+                &passes_view,
+            );
+        })
+        .unwrap();
+    Pictures {
+        irradiance: harness.read_texture(&out[0]).unwrap(),
+        over: harness.read_texture(&out[1]).unwrap(),
+        picture: harness.read_texture(&picture).unwrap(),
+        frame,
+    }
+}
+
+fn wide(texels: &[[f16; 4]]) -> Vec<[f32; 4]> {
+    texels.iter().map(|t| t.map(f16::to_f32)).collect()
+}
+
+/// The twin of `splat` over the whole picture.
+fn splat_all(
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    screen: &Screen,
+    params: &SplatParams,
+) -> Vec<[f32; 4]> {
+    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y]));
+    let texels = pixels.zip(screen.depth.iter().zip(&screen.gbuffer));
+    texels
+        .map(|(pixel, (&depth, &texel))| {
+            splat::splat_pixel(params, scene, values, pixel, depth, texel)
+        })
+        .collect()
+}
+
+/// Pixels whose irradiance differs by more than halves do, or whose coverage differs.
+fn pixels_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> Vec<usize> {
+    let rgb = |texels: &[[f32; 4]]| {
+        texels
+            .iter()
+            .map(|t| [t[0], t[1], t[2]])
+            .collect::<Vec<_>>()
+    };
+    let mut found = differing(&rgb(gpu), &rgb(cpu), 3, HALF, Scale::Rms);
+    found.extend((0..gpu.len()).filter(|&i| gpu[i][3] != cpu[i][3]));
+    found
+}
+
+#[test]
+fn splat_and_composite() {
+    let Some(harness) = harness() else { return };
+    let scene = synthetic::scene(SenderForm::Averages);
+    let twin = cpu(&scene, &synthetic::lights(), &settings(1, false));
+    let screen = Screen::new();
+    let viewport = [3.0, 2.0, SIZE[0] as f32 - 5.0, SIZE[1] as f32 - 2.0];
+    let params = |scale| {
+        let (clip, root) = (screen::world_from_clip(), screen::local_from_world());
+        SplatParams::new(
+            clip,
+            root,
+            viewport,
+            SIZE,
+            scale,
+            (&scene.display.grid).into(),
+        )
+    };
+    let put = CompositeParams {
+        scale: 0.7,
+        ..CompositeParams::default()
+    };
+    let drawn = draw(
+        &harness,
+        &scene,
+        &twin,
+        &screen,
+        &params(0.5),
+        (&put, false),
+    );
+    assert_eq!(drawn.frame.counters().of(Pass::Splat), 1);
+    assert_eq!(drawn.frame.counters().of(Pass::SplatOver), 1);
+    assert_eq!(drawn.frame.counters().composites, 1);
+
+    // splat. The one freedom: a place within rounding of a clip plane may lie on either side of it, and a weight sum within rounding of NO_COVER may count
+    // or not. Of 2747 pixels at most two do.
+    let gpu = wide(&drawn.irradiance);
+    let expected = splat_all(&scene, twin.values(), &screen, &params(0.5));
+    let covered = expected.iter().filter(|e| e[3] == 1.0).count();
+    let black = expected.iter().filter(|e| e[3] == 0.0).count();
+    assert!(
+        covered > 1000 && black > 100,
+        "{covered} pixels are covered, {black} are not"
+    );
+    let found = pixels_differing(&gpu, &expected);
+    assert!(
+        found.len() <= 2,
+        "{} of {} pixels differ: {:?} {:?}",
+        found.len(),
+        gpu.len(),
+        gpu[found[0]],
+        expected[found[0]]
+    );
+    for spoil in [
+        |s: &mut BakedScene| s.display.planes.iter_mut().for_each(|p| p[3] -= 0.05),
+        |s: &mut BakedScene| s.points.iter_mut().for_each(|p| p.radius *= 1.01),
+        |s: &mut BakedScene| {
+            s.points[..200]
+                .iter_mut()
+                .for_each(|p| p.position[1] += 0.01)
+        },
+    ] {
+        let mut wrong = scene.clone();
+        spoil(&mut wrong);
+        let spoiled = splat_all(&wrong, twin.values(), &screen, &params(0.5));
+        assert!(
+            pixels_differing(&gpu, &spoiled).len() > 20,
+            "a wrong input is not noticed"
+        );
+    }
+    let spoiled = splat_all(&scene, twin.values(), &screen, &params(0.503));
+    assert!(
+        pixels_differing(&gpu, &spoiled).len() > 20,
+        "a wrong scale is not noticed"
+    );
+
+    // splat_over: what was covered stays, bit for bit; the rest is as before.
+    for (i, over) in drawn.over.iter().enumerate() {
+        let kept = screen.earlier[i][3] != f16::ZERO;
+        let whence = if kept {
+            &screen.earlier[i]
+        } else {
+            &drawn.irradiance[i]
+        };
+        assert_eq!(over, whence, "pixel {i}");
+    }
+
+    // composite, from the very texels that the GPU read.
+    let composited = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+        let pixels = gpu.iter().zip(&screen.gbuffer).zip(passes);
+        pixels
+            .map(|((e, texel), &pass)| composite::composite_pixel(put, *e, *texel, u32::from(pass)))
+            .collect()
+    };
+    // Alpha is not written.
+    let alpha = |t: &[[f16; 4]]| t.iter().map(|t| t[3]).collect::<Vec<_>>();
+    assert_eq!(alpha(&drawn.picture), alpha(&screen.lit));
+    let rgb = |t: &[[f16; 4]]| -> Vec<[f32; 3]> {
+        t.iter()
+            .map(|t| [t[0], t[1], t[2]].map(f16::to_f32))
+            .collect()
+    };
+    let added = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+        let lit = rgb(&screen.lit).into_iter().zip(composited(put, passes));
+        lit.map(|(a, b)| [a[0] + b[0], a[1] + b[1], a[2] + b[2]])
+            .collect()
+    };
+    let picture = rgb(&drawn.picture);
+    let wrong = |expected: &[[f32; 3]]| differing(&picture, expected, 3, HALF, Scale::Item).len();
+    assert_eq!(wrong(&added(&put, &screen.passes)), 0);
+    let brighter = CompositeParams { scale: 0.8, ..put };
+    assert!(wrong(&added(&brighter, &screen.passes)) > 20);
+    assert!(wrong(&added(&put, &vec![1; screen.passes.len()])) > 20);
+
+    // The debug view: in place of the picture, and white.
+    let white = CompositeParams { white: 1.0, ..put };
+    let drawn = draw(
+        &harness,
+        &scene,
+        &twin,
+        &screen,
+        &params(0.5),
+        (&white, true),
+    );
+    let picture = rgb(&drawn.picture);
+    let wrong = |put: &CompositeParams| {
+        differing(
+            &picture,
+            &composited(put, &screen.passes),
+            3,
+            HALF,
+            Scale::Rms,
+        )
+        .len()
+    };
+    assert_eq!(wrong(&white), 0);
+    assert!(wrong(&put) > 20);
+}
