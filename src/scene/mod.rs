@@ -4,9 +4,18 @@
 //! Lengths are metres, right-handed, Y up; light is linear RGB.
 
 mod bvh;
+mod bvh_build;
+mod error;
 mod geometry;
 mod light;
+mod material;
+mod mesh;
+mod watertight;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
+pub use error::SceneError;
 pub use geometry::{Bounds, Geometry, Hit, Ray, Surface};
 pub use light::Light;
+pub use material::{Material, Texture, Wrap};
+pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};
+pub use watertight::{TriangleHit, WatertightRay};

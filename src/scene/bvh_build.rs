@@ -1,0 +1,279 @@
+//! Building the two hierarchies of a triangle mesh: the flat binary [`Bvh`] of the frame's shadow rays, and the wide
+//! compressed one that the bake casts closest hits through. Both come from obvhs; nothing of its types leaves the scene
+//! module, and vectors cross as arrays, because its glam may be another version than ours.
+//!
+//! Boxes are padded so that the box test is conservative for the watertight triangle test behind it. Trees of a depth that
+//! no fixed stack could walk (possible with contrived input) are replaced by balanced ones.
+
+use super::bvh::{Bvh, BvhNode, BvhTriangle};
+use glam::Vec3;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::node::Bvh2Node;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
+use obvhs::{Boundable, BvhBuildParams};
+use std::time::Duration;
+
+/// A triangle's vertices in metres.
+pub(super) type Corners = [Vec3; 3];
+
+/// Units in the last place of the scene's largest coordinate by which a box is padded on each side: the vertices that the
+/// triangle test sees and the slabs that the box test sees are both rounded relative to that coordinate.
+const PADDING: f32 = 4.0 * f32::EPSILON;
+/// The deepest binary tree that the walk in [`Bvh::occluded`] has stack for.
+const DEEPEST: usize = 60;
+/// The deepest wide tree that the wide walk has stack for, with room to spare.
+const DEEPEST_WIDE: usize = 28;
+/// Most triangles in a leaf of the frame's tree.
+const LEAF: u32 = 4;
+
+/// A padded box on its way into obvhs.
+struct Padded(Aabb);
+
+impl Boundable for Padded {
+    fn aabb(&self) -> Aabb {
+        self.0
+    }
+}
+
+fn padded(triangles: &[Corners]) -> Vec<Padded> {
+    let largest = triangles
+        .iter()
+        .flatten()
+        .fold(0.0f32, |m, v| m.max(v.abs().max_element()));
+    let pad = Vec3::splat(PADDING * largest.max(f32::MIN_POSITIVE / PADDING));
+    let boxed = |[a, b, c]: &Corners| {
+        let (min, max) = (a.min(*b).min(*c) - pad, a.max(*b).max(*c) + pad);
+        Padded(Aabb::new(min.to_array().into(), max.to_array().into()))
+    };
+    triangles.iter().map(boxed).collect()
+}
+
+/// The hierarchy for closest hits. No triangles make an empty one, in which every walk finds nothing.
+pub(super) fn build_wide(triangles: &[Corners]) -> CwBvh {
+    let boxes = padded(triangles);
+    if boxes.is_empty() {
+        return CwBvh::default();
+    }
+    let params = BvhBuildParams::medium_build();
+    let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
+        params.ploc_search_distance,
+        &boxes,
+        (0..boxes.len() as u32).collect(),
+        params.sort_precision,
+        params.search_depth_threshold,
+    );
+    if boxes.len() > 2 {
+        ReinsertionOptimizer::default().run(&mut binary, params.reinsertion_batch_ratio, None);
+    }
+    if depth(&binary) > DEEPEST {
+        return bvh2_to_cwbvh(&balanced(&boxes, 1), 3, true, false);
+    }
+    let wide = bvh2_to_cwbvh(&binary, 3, true, false);
+    if wide_depth(&wide) > DEEPEST_WIDE {
+        return bvh2_to_cwbvh(&balanced(&boxes, 1), 3, true, false);
+    }
+    wide
+}
+
+impl Bvh {
+    /// A BVH over triangles, and the index that each triangle of the BVH had in `triangles`.
+    /// The same triangles give the same BVH on any machine. Vertices must be finite.
+    #[must_use]
+    pub fn build(triangles: &[[Vec3; 3]]) -> (Self, Vec<u32>) {
+        let boxes = padded(triangles);
+        if boxes.is_empty() {
+            return (Self::default(), Vec::new());
+        }
+        let mut binary = if boxes.len() <= 2 {
+            balanced(&boxes, LEAF)
+        } else {
+            let params = BvhBuildParams {
+                max_prims_per_leaf: LEAF,
+                ..BvhBuildParams::medium_build()
+            };
+            build_bvh2(&boxes, params, &mut Duration::default())
+        };
+        if depth(&binary) > DEEPEST {
+            binary = balanced(&boxes, LEAF);
+        }
+        flatten(&binary, triangles)
+    }
+}
+
+/// Nodes breadth first, children side by side behind their parent, triangles in leaf order.
+fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
+    let mut bvh = Bvh {
+        nodes: Vec::with_capacity(binary.nodes.len()),
+        triangles: Vec::with_capacity(triangles.len()),
+    };
+    let mut order = Vec::with_capacity(triangles.len());
+    let mut sources = vec![0usize];
+    let mut at = 0;
+    while at < sources.len() {
+        let node = &binary.nodes[sources[at]];
+        let first = if node.prim_count == 0 {
+            let child = node.first_index as usize;
+            sources.extend([child, child + 1]);
+            sources.len() as u32 - 2
+        } else {
+            let first = order.len() as u32;
+            let leaf = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+            order.extend_from_slice(&binary.primitive_indices[leaf]);
+            first
+        };
+        let min: [f32; 3] = node.aabb().min.to_array();
+        let max: [f32; 3] = node.aabb().max.to_array();
+        bvh.nodes.push(BvhNode {
+            min,
+            first,
+            max,
+            count: node.prim_count,
+        });
+        at += 1;
+    }
+    bvh.triangles.extend(order.iter().map(|&i| {
+        let [a, b, c] = triangles[i as usize];
+        BvhTriangle {
+            a: a.to_array(),
+            b: b.to_array(),
+            c: c.to_array(),
+            ..BvhTriangle::default()
+        }
+    }));
+    (bvh, order)
+}
+
+/// How many nodes lie on the longest way from the root to a leaf.
+fn depth(binary: &Bvh2) -> usize {
+    let mut deepest = 0;
+    let mut open = vec![(0usize, 1usize)];
+    while let Some((index, depth)) = open.pop() {
+        let node = &binary.nodes[index];
+        deepest = deepest.max(depth);
+        if node.prim_count == 0 {
+            let child = node.first_index as usize;
+            open.extend([(child, depth + 1), (child + 1, depth + 1)]);
+        }
+    }
+    deepest
+}
+
+fn wide_depth(wide: &CwBvh) -> usize {
+    let mut deepest = 0;
+    let mut open = vec![(0usize, 1usize)];
+    while let Some((index, depth)) = open.pop() {
+        deepest = deepest.max(depth);
+        let node = &wide.nodes[index];
+        let children = 0..node.imask.count_ones() as usize;
+        open.extend(children.map(|i| (node.child_base_idx as usize + i, depth + 1)));
+    }
+    deepest
+}
+
+/// A tree of depth ⌈log₂ n⌉ + 1: halves by the middle of the boxes along the longest axis.
+fn balanced(boxes: &[Padded], leaf: u32) -> Bvh2 {
+    let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
+    let mut nodes = vec![Bvh2Node::default()];
+    let mut open = vec![(0usize, 0usize, boxes.len())];
+    while let Some((index, from, to)) = open.pop() {
+        let part = &mut order[from..to];
+        let around = part
+            .iter()
+            .fold(Aabb::empty(), |b, &i| b.union(&boxes[i as usize].0));
+        if part.len() as u32 <= leaf {
+            nodes[index] = Bvh2Node::new(around, part.len() as u32, from as u32);
+            continue;
+        }
+        let axis = around.largest_axis();
+        let key = |i: u32| boxes[i as usize].0.center_axis(axis);
+        part.sort_unstable_by(|&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));
+        let middle = from + part.len() / 2;
+        let child = nodes.len();
+        nodes[index] = Bvh2Node::new(around, 0, child as u32);
+        nodes.extend([Bvh2Node::default(); 2]);
+        open.extend([(child, from, middle), (child + 1, middle, to)]);
+    }
+    Bvh2 {
+        nodes,
+        primitive_indices: order,
+        ..Bvh2::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles whose sizes and distances grow by powers of two, which makes greedy builders lean to one side.
+    fn lopsided(count: usize) -> Vec<Corners> {
+        let at = |i: usize| f32::powi(1.5, i as i32 % 40) + (i / 40) as f32 * 1e-3;
+        (0..count)
+            .map(|i| {
+                [
+                    Vec3::X * at(i),
+                    Vec3::new(at(i), at(i) * 0.1, 0.0),
+                    Vec3::new(at(i), 0.0, at(i) * 0.1),
+                ]
+            })
+            .collect()
+    }
+
+    fn check(triangles: &[Corners], bvh: &Bvh, order: &[u32]) {
+        // Every triangle once, inside its leaf and all boxes above it; children side by side behind their parent.
+        let mut sorted = order.to_vec();
+        sorted.sort_unstable();
+        assert!(sorted.iter().copied().eq(0..triangles.len() as u32));
+        let mut open = vec![(0usize, Vec3::NEG_INFINITY, Vec3::INFINITY, 1usize)];
+        let mut seen = 0;
+        while let Some((index, min, max, depth)) = open.pop() {
+            assert!(depth <= DEEPEST, "depth {depth}");
+            let node = &bvh.nodes[index];
+            let (a, b) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
+            assert!(a.cmpge(min).all() && b.cmple(max).all());
+            if node.count == 0 {
+                let child = node.first as usize;
+                assert!(child > index && child + 1 < bvh.nodes.len());
+                open.extend([(child, a, b, depth + 1), (child + 1, a, b, depth + 1)]);
+            }
+            for k in node.first..node.first + node.count {
+                let own = triangles[order[k as usize] as usize];
+                let stored = &bvh.triangles[k as usize];
+                assert_eq!(own.map(|v| v.to_array()), [stored.a, stored.b, stored.c]);
+                assert!(own.iter().all(|v| v.cmpgt(a).all() && v.cmplt(b).all()));
+                seen += 1;
+            }
+        }
+        assert_eq!(seen, triangles.len());
+    }
+
+    #[test]
+    fn every_tree_is_whole_padded_and_shallow() {
+        for count in [0usize, 1, 2, 3, 4, 5, 9, 100, 5000] {
+            let triangles = lopsided(count);
+            let (bvh, order) = Bvh::build(&triangles);
+            if count == 0 {
+                assert!(bvh.nodes.is_empty());
+                continue;
+            }
+            check(&triangles, &bvh, &order);
+            let (fallback, order) = flatten(&balanced(&padded(&triangles), LEAF), &triangles);
+            check(&triangles, &fallback, &order);
+            assert!(depth(&balanced(&padded(&triangles), 1)) <= 2 + count.ilog2() as usize);
+            assert!(wide_depth(&build_wide(&triangles)) <= DEEPEST_WIDE);
+            assert_eq!(Bvh::build(&triangles).0, bvh, "twice the same");
+        }
+    }
+
+    #[test]
+    fn coincident_triangles_are_no_trouble() {
+        let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 3000];
+        let (bvh, order) = Bvh::build(&triangles);
+        check(&triangles, &bvh, &order);
+        assert!(wide_depth(&build_wide(&triangles)) <= DEEPEST_WIDE);
+    }
+}

@@ -1,0 +1,504 @@
+//! Triangle meshes as [`Geometry`]: closest hits through obvhs's compressed wide BVH, the watertight test at its leaves.
+//!
+//! Surfaces are flat: the normal is the triangle's own, for light to stay on the side of the true surface. Triangles lie in
+//! memory in the order in which the BVH meets them. Of two hits at the same distance the triangle with the lower index
+//! wins, so that an answer does not depend on the order of traversal.
+
+use super::bvh_build::build_wide;
+use super::watertight::{TriangleHit, WatertightRay};
+use super::{Bounds, Bvh, Geometry, Hit, Material, Ray, Surface, Texture};
+use core::f32::consts::PI;
+use glam::{DVec3, Vec2, Vec3};
+use obvhs::cwbvh::CwBvh;
+use obvhs::ray::RayHit;
+
+/// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
+const FARTHEST: f32 = 1e9;
+
+/// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can have.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TriangleUvs {
+    /// For the base colour.
+    pub base_color: [Vec2; 3],
+    /// For the metallic texture.
+    pub metallic: [Vec2; 3],
+    /// For the emissive texture.
+    pub emissive: [Vec2; 3],
+}
+
+/// What was left out or corrected when a mesh was built, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshProblems {
+    /// Triangles dropped because a coordinate was not finite, or beyond 10⁹ m.
+    pub not_finite: u64,
+    /// Triangles dropped because they have no area.
+    pub no_area: u64,
+    /// Triangles dropped because a vertex index was out of range.
+    pub bad_index: u64,
+    /// Triangles whose material index was out of range: they got the default material.
+    pub bad_material: u64,
+    /// Materials whose reflectance was not within [0, 1]: clamped.
+    pub albedo_clamped: u64,
+    /// Materials whose emission was not finite or negative: it was dropped.
+    pub bad_emission: u64,
+    /// Materials that named a texture that is not there: used without it.
+    pub bad_texture: u64,
+}
+
+impl MeshProblems {
+    /// Triangles that are not in the mesh.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.not_finite + self.no_area + self.bad_index
+    }
+}
+
+/// A triangle as traversal reads it. 48 bytes.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    corners: [Vec3; 3],
+    /// Index of the triangle in the mesh.
+    index: u32,
+    /// Index of the material.
+    material: u32,
+    /// Whether alpha can cut holes into it.
+    masked: bool,
+}
+
+/// Triangles with materials, ready for rays.
+pub struct TriangleMesh {
+    faces: Vec<Face>,
+    /// Where the triangle with some index lies in `faces`.
+    place: Vec<u32>,
+    uvs: Vec<TriangleUvs>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    bounds: Bounds,
+    wide: CwBvh,
+    problems: MeshProblems,
+}
+
+impl TriangleMesh {
+    /// A mesh of plain materials. `triangles` are corners in metres, counter-clockwise seen from the front; `material_of`
+    /// has each triangle's index into `materials`, and triangles beyond its end get the default material.
+    /// Triangles that no ray could meet are left out and counted in [`Self::problems`]; the others keep their order.
+    #[must_use]
+    pub fn new(triangles: Vec<[Vec3; 3]>, material_of: Vec<u32>, materials: Vec<Material>) -> Self {
+        Self::textured(triangles, material_of, materials, Vec::new(), Vec::new())
+    }
+
+    /// As [`Self::new`], with textures and each triangle's coordinates in them.
+    #[must_use]
+    pub fn textured(
+        triangles: Vec<[Vec3; 3]>,
+        material_of: Vec<u32>,
+        mut materials: Vec<Material>,
+        uvs: Vec<TriangleUvs>,
+        textures: Vec<Texture>,
+    ) -> Self {
+        let mut problems = MeshProblems::default();
+        for material in &mut materials {
+            repair(material, textures.len(), &mut problems);
+        }
+        let fallback = materials.len() as u32;
+        let mut fallback_used = false;
+        let mut faces = Vec::with_capacity(triangles.len());
+        let mut kept_uvs = Vec::new();
+        for (i, corners) in triangles.iter().enumerate() {
+            if !corners
+                .iter()
+                .all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
+            {
+                problems.not_finite += 1;
+                continue;
+            }
+            if normal(corners).is_none() {
+                problems.no_area += 1;
+                continue;
+            }
+            let mut material = material_of.get(i).copied().unwrap_or(fallback);
+            if material >= fallback {
+                problems.bad_material += 1;
+                fallback_used = true;
+                material = fallback;
+            }
+            if !textures.is_empty() {
+                kept_uvs.push(uvs.get(i).copied().unwrap_or_default());
+            }
+            let masked = materials
+                .get(material as usize)
+                .is_some_and(|m| m.alpha_cutoff.is_some());
+            faces.push(Face {
+                corners: *corners,
+                index: faces.len() as u32,
+                material,
+                masked,
+            });
+        }
+        if fallback_used {
+            materials.push(Material::default());
+        }
+        let bounds = faces
+            .iter()
+            .flat_map(|f| f.corners)
+            .fold(Bounds::EMPTY, Bounds::join);
+        let corners: Vec<_> = faces.iter().map(|f| f.corners).collect();
+        let wide = build_wide(&corners);
+        let faces: Vec<Face> = wide
+            .primitive_indices
+            .iter()
+            .map(|&i| faces[i as usize])
+            .collect();
+        let mut place = vec![0u32; faces.len()];
+        for (k, face) in faces.iter().enumerate() {
+            place[face.index as usize] = k as u32;
+        }
+        Self {
+            faces,
+            place,
+            uvs: kept_uvs,
+            materials,
+            textures,
+            bounds,
+            wide,
+            problems,
+        }
+    }
+
+    /// A mesh from vertices and indices; triangles whose indices are out of range are dropped and counted.
+    #[must_use]
+    pub fn indexed(
+        vertices: &[Vec3],
+        indices: &[[u32; 3]],
+        material_of: &[u32],
+        materials: Vec<Material>,
+    ) -> Self {
+        let mut triangles = Vec::with_capacity(indices.len());
+        let mut kept_materials = Vec::with_capacity(indices.len());
+        let mut bad_index = 0;
+        for (i, corners) in indices.iter().enumerate() {
+            let [Some(&a), Some(&b), Some(&c)] = corners.map(|v| vertices.get(v as usize)) else {
+                bad_index += 1;
+                continue;
+            };
+            triangles.push([a, b, c]);
+            kept_materials.push(material_of.get(i).copied().unwrap_or(u32::MAX));
+        }
+        let mut mesh = Self::new(triangles, kept_materials, materials);
+        mesh.problems.bad_index += bad_index;
+        mesh
+    }
+
+    /// How many triangles it has.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// True when it has no triangle. Rays then meet nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.faces.is_empty()
+    }
+
+    /// Corners, in metres, of the triangle with index `i`, as [`Hit::primitive`] counts them.
+    #[must_use]
+    pub fn triangle(&self, i: usize) -> Option<[Vec3; 3]> {
+        self.place.get(i).map(|&k| self.faces[k as usize].corners)
+    }
+
+    /// The material of the triangle with index `i`.
+    #[must_use]
+    pub fn material(&self, i: usize) -> Option<&Material> {
+        self.place
+            .get(i)
+            .and_then(|&k| self.materials.get(self.faces[k as usize].material as usize))
+    }
+
+    /// What was left out or corrected.
+    #[must_use]
+    pub fn problems(&self) -> &MeshProblems {
+        &self.problems
+    }
+
+    pub(super) fn add_bad_indices(&mut self, count: u64) {
+        self.problems.bad_index += count;
+    }
+
+    /// The hierarchy that the frame's shadow rays walk. It knows no textures: a triangle that alpha cuts away whole is left
+    /// out, one that alpha cuts in part is whole.
+    #[must_use]
+    pub fn bvh(&self) -> Bvh {
+        let kept = |i: &usize| {
+            let face = &self.faces[self.place[*i] as usize];
+            !face.masked || self.may_be_there(face)
+        };
+        let corners: Vec<_> = (0..self.faces.len())
+            .filter(kept)
+            .map(|i| self.faces[self.place[i] as usize].corners)
+            .collect();
+        Bvh::build(&corners).0
+    }
+
+    fn may_be_there(&self, face: &Face) -> bool {
+        let material = &self.materials[face.material as usize];
+        let Some(cutoff) = material.alpha_cutoff else {
+            return true;
+        };
+        let factor = material.base_color.w;
+        match (
+            material.base_color_texture,
+            self.uvs.get(face.index as usize),
+        ) {
+            (Some(texture), Some(uvs)) if factor > 0.0 => {
+                self.textures[texture as usize].may_reach_alpha(uvs.base_color, cutoff / factor)
+            }
+            _ => factor >= cutoff,
+        }
+    }
+
+    /// A digest of everything that a bake reads from this mesh: geometry, materials, textures.
+    #[must_use]
+    pub fn content_hash(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(b"triangle mesh 1");
+        for count in [
+            self.place.len(),
+            self.uvs.len(),
+            self.materials.len(),
+            self.textures.len(),
+        ] {
+            hasher.update(&(count as u64).to_le_bytes());
+        }
+        for &k in &self.place {
+            let face = &self.faces[k as usize];
+            hasher.update(bytemuck::cast_slice(&face.corners));
+            hasher.update(&face.material.to_le_bytes());
+        }
+        for uvs in &self.uvs {
+            for corners in [uvs.base_color, uvs.metallic, uvs.emissive] {
+                hasher.update(bytemuck::cast_slice(&corners));
+            }
+        }
+        self.materials.iter().for_each(|m| m.hash(&mut hasher));
+        self.textures.iter().for_each(|t| t.hash(&mut hasher));
+        *hasher.finalize().as_bytes()
+    }
+
+    /// Whether a hit is on the surface or in one of its holes.
+    fn solid(&self, face: &Face, hit: &TriangleHit) -> bool {
+        if !face.masked {
+            return true;
+        }
+        let material = &self.materials[face.material as usize];
+        let mut alpha = material.base_color.w;
+        if let (Some(texture), Some(uvs)) = (
+            material.base_color_texture,
+            self.uvs.get(face.index as usize),
+        ) {
+            alpha *=
+                self.textures[texture as usize].alpha(interpolate(uvs.base_color, [hit.u, hit.v]));
+        }
+        material.alpha_cutoff.is_none_or(|cutoff| alpha >= cutoff)
+    }
+}
+
+impl core::fmt::Debug for TriangleMesh {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("TriangleMesh")
+            .field("triangles", &self.faces.len())
+            .field("materials", &self.materials.len())
+            .field("textures", &self.textures.len())
+            .field("bounds", &self.bounds)
+            .field("problems", &self.problems)
+            .finish_non_exhaustive()
+    }
+}
+
+fn interpolate(corners: [Vec2; 3], [u, v]: [f32; 2]) -> Vec2 {
+    let [a, b, c] = corners;
+    a + (b - a) * u + (c - a) * v
+}
+
+/// The unit normal on the side from which the corners run counter-clockwise; none where there is no area.
+fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
+    let [a, b, c]: [DVec3; 3] = [*a, *b, *c].map(Vec3::as_dvec3);
+    let cross = (b - a).cross(c - a);
+    let length = cross.length();
+    (length > 0.0).then(|| (cross / length).as_vec3())
+}
+
+/// Puts a material's numbers into their ranges.
+fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems) {
+    let inside = |x: f32| {
+        if x.is_finite() {
+            x.clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    };
+    let before = (material.base_color, material.metallic);
+    let rgb = material.base_color.truncate();
+    let alpha = if material.base_color.w.is_finite() {
+        material.base_color.w
+    } else {
+        1.0
+    };
+    material.base_color = Vec3::new(inside(rgb.x), inside(rgb.y), inside(rgb.z)).extend(alpha);
+    material.metallic = inside(material.metallic);
+    if before != (material.base_color, material.metallic) {
+        problems.albedo_clamped += 1;
+    }
+    if !(material.emissive.is_finite() && material.emissive.min_element() >= 0.0) {
+        material.emissive = Vec3::ZERO;
+        problems.bad_emission += 1;
+    }
+    if material.alpha_cutoff.is_some_and(|c| !c.is_finite()) {
+        material.alpha_cutoff = None;
+    }
+    let bad = |t: Option<u32>| t.is_some_and(|t| t as usize >= textures);
+    if material.textures().into_iter().any(bad) {
+        problems.bad_texture += 1;
+    }
+    for texture in [
+        &mut material.base_color_texture,
+        &mut material.metallic_texture,
+        &mut material.emissive_texture,
+    ] {
+        if bad(*texture) {
+            *texture = None;
+        }
+    }
+}
+
+/// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that is nearly zero must not
+/// count as larger than it is, or a ray along a wall would miss the wall behind.
+fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
+    const SMALLEST: f32 = 1e-18;
+    let guarded = |d: f32| {
+        if d.abs() < SMALLEST {
+            SMALLEST.copysign(d)
+        } else {
+            d
+        }
+    };
+    let inverse = ray.direction.to_array().map(|d| 1.0 / guarded(d));
+    obvhs::ray::Ray {
+        origin: ray.origin.to_array().into(),
+        direction: ray.direction.to_array().into(),
+        inv_direction: inverse.into(),
+        tmin: 0.0,
+        tmax: ray.max_t,
+    }
+}
+
+fn usable(ray: &Ray) -> bool {
+    ray.origin.is_finite()
+        && ray.direction.is_finite()
+        && ray.direction != Vec3::ZERO
+        && ray.max_t > 0.0
+}
+
+impl Geometry for TriangleMesh {
+    fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    fn cast(&self, ray: &Ray) -> Option<Hit> {
+        /// The walk goes on this little beyond the closest hit, so that another triangle at the same distance is seen.
+        const BEYOND: f32 = 1.0 + 8.0 * f32::EPSILON;
+        if self.faces.is_empty() || !usable(ray) {
+            return None;
+        }
+        let test = WatertightRay::new(ray);
+        let mut best: Option<Hit> = None;
+        self.wide
+            .ray_traverse(traversal_ray(ray), &mut RayHit::none(), |_, k| {
+                let face = &self.faces[k];
+                let [a, b, c] = face.corners;
+                let limit = best.map_or(ray.max_t, |h| h.t);
+                let Some(hit) = test.meet(a, b, c, limit) else {
+                    return f32::INFINITY;
+                };
+                let closer = match &best {
+                    None => hit.t < ray.max_t,
+                    Some(b) => hit.t < b.t || face.index < b.primitive,
+                };
+                if !closer || !self.solid(face, &hit) {
+                    return f32::INFINITY;
+                }
+                best = Some(Hit {
+                    t: hit.t,
+                    primitive: face.index,
+                    uv: [hit.u, hit.v],
+                });
+                hit.t * BEYOND
+            });
+        best
+    }
+
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+        // The direction is not made unit: t runs from 0 to 1.
+        let ray = Ray::segment(from, to - from, 1.0);
+        if self.faces.is_empty() || !usable(&ray) {
+            return false;
+        }
+        let test = WatertightRay::new(&ray);
+        !self.wide.ray_traverse_miss(traversal_ray(&ray), |_, k| {
+            let face = &self.faces[k];
+            let [a, b, c] = face.corners;
+            match test.meet(a, b, c, 1.0) {
+                Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
+                _ => f32::INFINITY,
+            }
+        })
+    }
+
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let Some(&place) = self.place.get(hit.primitive as usize) else {
+            // Not a hit of this mesh: a black surface that faces the ray.
+            return Surface {
+                position: ray.at(hit.t),
+                normal: -ray.direction,
+                albedo: Vec3::ZERO,
+                emission: Vec3::ZERO,
+                front: true,
+            };
+        };
+        let face = &self.faces[place as usize];
+        let [a, b, c] = face.corners;
+        let outward = normal(&face.corners).unwrap_or(-ray.direction);
+        let front = outward.dot(ray.direction) <= 0.0;
+        let material = &self.materials[face.material as usize];
+        let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
+        if front || material.double_sided {
+            albedo = material.base_color.truncate();
+            emission = PI * material.emissive;
+            let mut metallic = material.metallic;
+            if let Some(uvs) = self.uvs.get(face.index as usize) {
+                let texture = |t: u32| &self.textures[t as usize];
+                if let Some(t) = material.base_color_texture {
+                    albedo *= texture(t)
+                        .colour(interpolate(uvs.base_color, hit.uv))
+                        .truncate();
+                }
+                if let Some(t) = material.metallic_texture {
+                    metallic *= texture(t).data(interpolate(uvs.metallic, hit.uv)).z;
+                }
+                if let Some(t) = material.emissive_texture {
+                    emission *= texture(t)
+                        .colour(interpolate(uvs.emissive, hit.uv))
+                        .truncate();
+                }
+            }
+            albedo *= 1.0 - metallic;
+        }
+        Surface {
+            position: a + (b - a) * hit.uv[0] + (c - a) * hit.uv[1],
+            normal: if front { outward } else { -outward },
+            albedo,
+            emission,
+            front,
+        }
+    }
+}

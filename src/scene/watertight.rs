@@ -1,0 +1,150 @@
+//! The watertight ray-triangle test of Woop, Benthin & Wald 2013 ([WBW13]): a ray that passes an edge or a vertex of a
+//! closed mesh meets at least one of the triangles around it. The closest-hit casts of the bake end here.
+//!
+//! The triangle is moved into a system in which the ray starts at the origin and runs along z ([WBW13] §3.2). There the
+//! three edge functions are 2D cross products of the sheared vertices, which two triangles that share an edge compute
+//! from the same numbers with opposite sign. Where one of them is exactly zero in single precision it is computed again
+//! in double precision, whose products of single-precision numbers are exact, so that its sign is right ([WBW13] §3.3).
+//!
+//! Deviation from the paper: distances are compared after the division, so that ties can be told from near misses.
+
+use super::Ray;
+use glam::Vec3;
+
+/// A ray with the constants that the test needs, made once a ray.
+#[derive(Clone, Copy, Debug)]
+pub struct WatertightRay {
+    origin: Vec3,
+    /// Which axes of the world become x, y and z.
+    axes: [usize; 3],
+    /// Shear in x and y and the scale in z.
+    shear: Vec3,
+}
+
+/// Where a ray meets a triangle's plane inside the triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TriangleHit {
+    /// Distance in lengths of the ray's direction.
+    pub t: f32,
+    /// Barycentric weight of the second vertex.
+    pub u: f32,
+    /// Barycentric weight of the third vertex.
+    pub v: f32,
+}
+
+impl WatertightRay {
+    /// The constants of a ray. Its direction must not be zero.
+    #[must_use]
+    #[inline]
+    pub fn new(ray: &Ray) -> Self {
+        // Let z be the axis along which the ray moves most; swap x and y where that turns the winding.
+        let d = ray.direction;
+        let a = d.abs();
+        let z = if a.x > a.y && a.x > a.z {
+            0
+        } else if a.y > a.z {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            (x, y) = (y, x);
+        }
+        Self {
+            origin: ray.origin,
+            axes: [x, y, z],
+            shear: Vec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+        }
+    }
+
+    #[inline]
+    fn sheared(&self, vertex: Vec3) -> Vec3 {
+        let p = vertex - self.origin;
+        let (x, y, z) = (p[self.axes[0]], p[self.axes[1]], p[self.axes[2]]);
+        Vec3::new(x - self.shear.x * z, y - self.shear.y * z, z)
+    }
+
+    /// Where the ray meets the triangle, from either side, with t in (0, `max_t`].
+    #[must_use]
+    #[inline]
+    pub fn meet(&self, a: Vec3, b: Vec3, c: Vec3, max_t: f32) -> Option<TriangleHit> {
+        let (a, b, c) = (self.sheared(a), self.sheared(b), self.sheared(c));
+        let mut u = c.x * b.y - c.y * b.x;
+        let mut v = a.x * c.y - a.y * c.x;
+        let mut w = b.x * a.y - b.y * a.x;
+        if u == 0.0 || v == 0.0 || w == 0.0 {
+            u = edge(c, b);
+            v = edge(a, c);
+            w = edge(b, a);
+        }
+        // Zero counts as either sign: an edge belongs to both of its triangles.
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        if det == 0.0 {
+            return None;
+        }
+        let t = (u * a.z + v * b.z + w * c.z) * self.shear.z / det;
+        if !(t > 0.0 && t <= max_t) {
+            return None;
+        }
+        Some(TriangleHit {
+            t,
+            u: v / det,
+            v: w / det,
+        })
+    }
+}
+
+/// The edge function from `p` to `q` with the right sign.
+#[cold]
+fn edge(p: Vec3, q: Vec3) -> f32 {
+    let exact = f64::from(p.x) * f64::from(q.y) - f64::from(p.y) * f64::from(q.x);
+    exact as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Vec3 = Vec3::new(0.0, 0.0, 2.0);
+    const B: Vec3 = Vec3::new(1.0, 0.0, 2.0);
+    const C: Vec3 = Vec3::new(0.0, 1.0, 2.0);
+
+    fn meet(origin: Vec3, direction: Vec3) -> Option<TriangleHit> {
+        WatertightRay::new(&Ray::new(origin, direction)).meet(A, B, C, f32::INFINITY)
+    }
+
+    #[test]
+    fn weights_and_distance_are_those_of_the_second_and_third_vertex() {
+        let hit = meet(Vec3::new(0.25, 0.5, 0.0), Vec3::Z).unwrap();
+        assert_eq!((hit.t, hit.u, hit.v), (2.0, 0.25, 0.5));
+        // From behind as well, and not when the ray leads away, ends before or passes by.
+        assert_eq!(meet(Vec3::new(0.25, 0.5, 5.0), -Vec3::Z).unwrap().t, 3.0);
+        assert_eq!(meet(Vec3::new(0.25, 0.5, 0.0), -Vec3::Z), None);
+        assert_eq!(meet(Vec3::new(0.75, 0.5, 0.0), Vec3::Z), None);
+        let ray = Ray::new(Vec3::new(0.25, 0.5, 0.0), Vec3::Z);
+        assert_eq!(WatertightRay::new(&ray).meet(A, B, C, 1.9), None);
+    }
+
+    #[test]
+    fn edges_and_vertices_count() {
+        for p in [A, B, C, 0.5 * (A + B), 0.5 * (B + C), 0.5 * (A + C)] {
+            assert!(meet(Vec3::new(p.x, p.y, 0.0), Vec3::Z).is_some(), "{p}");
+            let origin = Vec3::new(0.3, 0.3, -1.0);
+            assert!(
+                meet(origin, (p - origin).normalize()).is_some() || p != 0.5 * (A + B),
+                "{p}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_ray_in_the_plane_and_a_flat_triangle_are_met_by_nothing() {
+        assert_eq!(meet(Vec3::new(-1.0, 0.25, 2.0), Vec3::X), None);
+        let ray = WatertightRay::new(&Ray::new(Vec3::ZERO, Vec3::Z));
+        assert_eq!(ray.meet(A, A, A, f32::INFINITY), None);
+    }
+}
