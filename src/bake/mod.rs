@@ -19,12 +19,15 @@ use crate::basis::{Hierarchy, HierarchySettings, Weights};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bvh, Geometry};
 use crate::transport::{
-    BounceScene, BoundedSettings, Deposit, GatherScene, RawRow, Refined, SenderForm, bounce_operator, bounded::SenderTree,
-    l08, pack, refine_bounded,
+    BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
+    bounce_operator, bounded::SenderTree, l08, pack, refine_bounded,
 };
 use glam::Vec3;
 use rayon::prelude::*;
 use std::time::Instant;
+
+/// C of the senders' functions under rule `bounded`: the least that covers a saturated Poisson disk set (C = 1) with a margin.
+const SENDER_OVERLAP: f32 = 1.25;
 
 /// What is baked.
 pub struct BakeSource<'a> {
@@ -55,7 +58,9 @@ pub enum BakeError {
     #[error(transparent)]
     Recipe(#[from] RecipeError),
     /// No surface was found that light can reach.
-    #[error("no surface was reached by light from {viewpoints} viewpoints: the level is empty, or the viewpoints lie outside of it")]
+    #[error(
+        "no surface was reached by light from {viewpoints} viewpoints: the level is empty, or the viewpoints lie outside of it"
+    )]
     NothingReached {
         /// How many were tried.
         viewpoints: usize,
@@ -69,7 +74,11 @@ pub enum BakeError {
 ///
 /// # Errors
 /// See [`BakeError`]. No input makes it panic.
-pub fn bake(source: &BakeSource<'_>, recipe: &Recipe, progress: &Progress) -> Result<Baked, BakeError> {
+pub fn bake(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
     recipe.check()?;
     let mut finer = 1.0;
     loop {
@@ -82,10 +91,21 @@ pub fn bake(source: &BakeSource<'_>, recipe: &Recipe, progress: &Progress) -> Re
     }
 }
 
-fn bake_once(source: &BakeSource<'_>, recipe: &Recipe, finer: f32, progress: &Progress) -> Result<Baked, BakeError> {
+fn bake_once(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    finer: f32,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
     let began = Instant::now();
     let geometry = source.geometry;
-    let go_on = |stage, done| if progress.set(stage, done) { Ok(()) } else { Err(BakeError::Cancelled) };
+    let go_on = |stage, done| {
+        if progress.set(stage, done) {
+            Ok(())
+        } else {
+            Err(BakeError::Cancelled)
+        }
+    };
     let mut stats = BakeStats {
         triangles: source.primitives,
         threads: rayon::current_num_threads() as u64,
@@ -114,20 +134,22 @@ fn bake_once(source: &BakeSource<'_>, recipe: &Recipe, finer: f32, progress: &Pr
     let settings = recipe.settings(area, finer)?;
 
     // Points, levels, parents, pull.
-    let hierarchy = Hierarchy::build(
-        geometry,
-        &viewpoints,
-        &HierarchySettings {
-            coarse_radius: settings.coarse_radius,
-            levels: settings.levels as usize,
-            sender_levels: settings.sender_levels as usize,
-            most: settings.most_points(),
-            seed: settings.seed,
-            clip: settings.walls,
-            drop_first,
+    let building = HierarchySettings {
+        coarse_radius: settings.coarse_radius,
+        levels: settings.levels as usize,
+        sender_levels: settings.sender_levels as usize,
+        most: settings.most_points(),
+        seed: settings.seed,
+        sender_overlap: match settings.rule {
+            Rule::Bounded => Some(SENDER_OVERLAP),
+            Rule::L08 => None,
         },
-        &|done| progress.set(Stage::Points, 0.9 * done),
-    )
+        clip: settings.walls,
+        drop_first,
+    };
+    let mut hierarchy = Hierarchy::build(geometry, &viewpoints, &building, &|done| {
+        progress.set(Stage::Points, 0.9 * done)
+    })
     .ok_or(BakeError::Cancelled)?;
     stats.rays += hierarchy.rays;
     if hierarchy.is_empty() {
@@ -137,18 +159,23 @@ fn bake_once(source: &BakeSource<'_>, recipe: &Recipe, finer: f32, progress: &Pr
     }
     let sender_levels = settings.sender_levels as usize;
     let senders = hierarchy.level_starts[sender_levels] as usize;
-    let pull = hierarchy.pull(sender_levels);
-    let parents = hierarchy.parents(settings.rule == Rule::L08);
-    let (flat, rays) = hierarchy.flat(geometry, settings.walls);
-    stats.rays += rays;
+    let tree = hierarchy.tree();
+    let pull = match settings.rule {
+        Rule::Bounded => {
+            let (areas, rays) = hierarchy.areas(geometry, &viewpoints, &tree, &building);
+            stats.rays += rays;
+            hierarchy.tree_pull(&tree, &areas)
+        }
+        Rule::L08 => hierarchy.pull(),
+    };
+    let mut parents = hierarchy.parents(settings.rule == Rule::L08);
     stats.seconds.points = began.elapsed().as_secs_f64();
 
     // The operator.
     let transport_began = Instant::now();
     go_on(Stage::Transport, 0.0)?;
-    let scene = GatherScene {
+    let gathering = Gathering {
         geometry,
-        hierarchy: &hierarchy,
         sender_levels,
         rays: settings.rays,
         seed: settings.seed,
@@ -160,38 +187,74 @@ fn bake_once(source: &BakeSource<'_>, recipe: &Recipe, finer: f32, progress: &Pr
     let told = |done| progress.set(Stage::Transport, done);
     let (refined, form) = match settings.rule {
         Rule::Bounded => {
-            let signals = signals::training_signals(&hierarchy, geometry, &viewpoints, &pull, senders, settings.seed, drop_first);
+            let signals = signals::training_signals(
+                &hierarchy,
+                geometry,
+                &viewpoints,
+                &pull,
+                senders,
+                settings.seed,
+                drop_first,
+            );
             stats.rays += signals.rays;
-            let tree = SenderTree::new(&parents, &hierarchy.level_starts[..=sender_levels]);
+            let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
             let bounded = BoundedSettings {
                 epsilon: settings.epsilon,
                 tolerance: settings.tolerance,
                 always: sender_levels.max(1),
+                extra_levels: settings.extra_levels as usize,
+                extra_points: settings.extra_points as usize,
+            };
+            let mut receivers = Receivers {
+                hierarchy: &mut hierarchy,
+                parents: &mut parents,
+                building: &building,
             };
             (
-                refine_bounded(&scene, &parents, &tree, &signals.values, &bounded, &told),
+                refine_bounded(
+                    &gathering,
+                    &mut receivers,
+                    &tree,
+                    &signals.values,
+                    &bounded,
+                    &told,
+                ),
                 SenderForm::Averages,
             )
         }
         Rule::L08 => {
             let neighbours = l08::neighbours(&hierarchy, sender_levels);
             (
-                l08::refine_l08(&scene, &parents, &neighbours, settings.epsilon, &told),
+                l08::refine_l08(
+                    &gathering.scene(&hierarchy),
+                    &parents,
+                    &neighbours,
+                    settings.epsilon,
+                    &told,
+                ),
                 SenderForm::Differences,
             )
         }
     };
     let refined = refined.ok_or(BakeError::Cancelled)?;
+    let (flat, rays) = hierarchy.flat(geometry, settings.walls);
+    stats.rays += rays;
     let transport_seconds = transport_began.elapsed().as_secs_f64();
     stats.seconds.gather = transport_seconds * refined.gather_share;
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
-    let baked = assemble(source, recipe, &settings, viewpoints, hierarchy, flat, pull, parents, refined, form, stats, progress)?;
+    let baked = assemble(
+        source, recipe, &settings, viewpoints, hierarchy, flat, pull, parents, refined, form,
+        stats, progress,
+    )?;
     finish(source, recipe, baked, began, progress)
 }
 
 /// Puts the pieces into the frame's arrays.
-#[expect(clippy::too_many_arguments, reason = "the pieces of one bake, each made by one stage and used up here")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the pieces of one bake, each made by one stage and used up here"
+)]
 fn assemble(
     source: &BakeSource<'_>,
     recipe: &Recipe,
@@ -251,8 +314,14 @@ fn assemble(
         bounce_operator(
             &BounceScene {
                 rows: &refined.rows,
-                normals: &hierarchy.surfaces[coarsest.clone()].iter().map(|s| s.normal).collect::<Vec<_>>(),
-                albedo: &surfaces[coarsest].iter().map(|s| s.albedo.into()).collect::<Vec<_>>(),
+                normals: &hierarchy.surfaces[coarsest.clone()]
+                    .iter()
+                    .map(|s| s.normal)
+                    .collect::<Vec<_>>(),
+                albedo: &surfaces[coarsest]
+                    .iter()
+                    .map(|s| s.albedo.into())
+                    .collect::<Vec<_>>(),
                 parents: &parents,
                 senders,
             },
@@ -322,7 +391,8 @@ fn finish(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let estimate_began = Instant::now();
-    let estimate = estimate::estimate_error(&baked.scene, source.geometry, recipe.seed, progress).ok_or(BakeError::Cancelled)?;
+    let estimate = estimate::estimate_error(&baked.scene, source.geometry, recipe.seed, progress)
+        .ok_or(BakeError::Cancelled)?;
     baked.scene.info.estimated_nrmse = estimate.nrmse;
     baked.scene.info.estimated_nrmse_interval = estimate.interval;
     baked.stats.rays += estimate.rays;
@@ -344,6 +414,8 @@ pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, rays: u32, 
         .zip(&scene.operator.rows)
         .enumerate()
         .filter(|(_, (_, row))| row.active != 0)
-        .map(|(i, (point, _))| crate::transport::cast_only(geometry, point.x(), point.n(), i, rays, seed))
+        .map(|(i, (point, _))| {
+            crate::transport::cast_only(geometry, point.x(), point.n(), i, rays, seed)
+        })
         .sum()
 }

@@ -18,7 +18,13 @@ pub enum Stage {
 }
 
 impl Stage {
-    const ALL: [Self; 5] = [Self::Bvh, Self::Points, Self::Transport, Self::Bounces, Self::Estimate];
+    const ALL: [Self; 5] = [
+        Self::Bvh,
+        Self::Points,
+        Self::Transport,
+        Self::Bounces,
+        Self::Estimate,
+    ];
 
     /// A word for people.
     #[must_use]
@@ -45,7 +51,8 @@ impl Progress {
     /// The stage, and how much of it is done, 0 to 1.
     #[must_use]
     pub fn get(&self) -> (Stage, f32) {
-        let stage = Stage::ALL[(self.stage.load(Ordering::Relaxed) as usize).min(Stage::ALL.len() - 1)];
+        let stage =
+            Stage::ALL[(self.stage.load(Ordering::Relaxed) as usize).min(Stage::ALL.len() - 1)];
         (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
     }
 
@@ -64,7 +71,8 @@ impl Progress {
     pub(crate) fn set(&self, stage: Stage, done: f32) -> bool {
         let index = Stage::ALL.iter().position(|&s| s == stage).unwrap_or(0);
         self.stage.store(index as u32, Ordering::Relaxed);
-        self.permille.store((done.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
+        self.permille
+            .store((done.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
         !self.is_cancelled()
     }
 }

@@ -54,6 +54,10 @@ pub struct Recipe {
     pub levels: Option<u32>,
     /// How many of them, from the coarsest, are senders.
     pub sender_levels: Option<u32>,
+    /// Levels that are added where light asks for more detail, 0 to 8 (`Bounded`).
+    pub extra_levels: Option<u32>,
+    /// Most points of all added levels together.
+    pub extra_points: Option<u32>,
     /// Rays a gather, 16 to 65536.
     pub rays: Option<u32>,
     /// Diffuse reflections, 1 to 64.
@@ -102,6 +106,10 @@ pub struct Settings {
     pub levels: u32,
     /// See [`Recipe::sender_levels`].
     pub sender_levels: u32,
+    /// See [`Recipe::extra_levels`].
+    pub extra_levels: u32,
+    /// See [`Recipe::extra_points`].
+    pub extra_points: u32,
     /// See [`Recipe::rays`].
     pub rays: u32,
     /// See [`Recipe::bounces`].
@@ -124,6 +132,9 @@ pub struct Settings {
 struct Care {
     /// Points wanted on the finest level.
     points: f32,
+    extra_levels: u32,
+    /// Most points on the levels that are added where light asks for them.
+    extra_points: f32,
     rays: u32,
     epsilon: f32,
     tolerance: f32,
@@ -134,18 +145,24 @@ impl Preset {
         match self {
             Self::Draft => Care {
                 points: 8_000.0,
+                extra_levels: 2,
+                extra_points: 8_000.0,
                 rays: 256,
                 epsilon: 0.06,
                 tolerance: 0.03,
             },
             Self::Medium => Care {
                 points: 32_000.0,
+                extra_levels: 3,
+                extra_points: 64_000.0,
                 rays: 1024,
-                epsilon: 0.03,
-                tolerance: 0.01,
+                epsilon: 0.01,
+                tolerance: 0.02,
             },
             Self::High => Care {
                 points: 120_000.0,
+                extra_levels: 3,
+                extra_points: 240_000.0,
                 rays: 2048,
                 epsilon: 0.015,
                 tolerance: 0.005,
@@ -192,15 +209,39 @@ impl Recipe {
                 _ => Ok(()),
             }
         }
-        within("coarse_radius", self.coarse_radius, 1e-9, 1e9, "a length from 1e-9 to 1e9 metres")?;
+        within(
+            "coarse_radius",
+            self.coarse_radius,
+            1e-9,
+            1e9,
+            "a length from 1e-9 to 1e9 metres",
+        )?;
         within("levels", self.levels, 1, 12, "1 to 12")?;
-        within("sender_levels", self.sender_levels, 1, 12, "1 to 12 and at most `levels`")?;
+        within(
+            "sender_levels",
+            self.sender_levels,
+            1,
+            12,
+            "1 to 12 and at most `levels`",
+        )?;
+        within("extra_levels", self.extra_levels, 0, 8, "0 to 8")?;
+        within(
+            "extra_points",
+            self.extra_points,
+            0,
+            1 << 22,
+            "0 to 4194304",
+        )?;
         within("rays", self.rays, 16, 65_536, "16 to 65536")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
         within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
         within("tolerance", self.tolerance, 0.0, 1.0, "0 to 1")?;
         within("max_error", self.max_error, 1e-4, 1.0, "0.0001 to 1")?;
-        if let Some(v) = self.viewpoints.iter().find(|v| !v.iter().all(|c| c.is_finite())) {
+        if let Some(v) = self
+            .viewpoints
+            .iter()
+            .find(|v| !v.iter().all(|c| c.is_finite()))
+        {
             return Err(RecipeError::OutOfRange {
                 field: "viewpoints",
                 value: format!("{v:?}"),
@@ -225,7 +266,14 @@ impl Recipe {
         self.check()?;
         let care = self.preset.care();
         let levels = self.levels.unwrap_or(5);
-        let sender_levels = self.sender_levels.unwrap_or(4).min(if self.sender_levels.is_none() { levels } else { 12 });
+        let sender_levels = self
+            .sender_levels
+            .unwrap_or(4)
+            .min(if self.sender_levels.is_none() {
+                levels
+            } else {
+                12
+            });
         if sender_levels > levels {
             return Err(RecipeError::OutOfRange {
                 field: "sender_levels",
@@ -234,7 +282,9 @@ impl Recipe {
             });
         }
         let fine = (FILL * area / (care.points * finer)).sqrt();
-        let coarse_radius = self.coarse_radius.unwrap_or(fine * (1u32 << (levels - 1)) as f32);
+        let coarse_radius = self
+            .coarse_radius
+            .unwrap_or(fine * (1u32 << (levels - 1)) as f32);
         if !(coarse_radius.is_finite() && coarse_radius > 0.0) {
             return Err(RecipeError::OutOfRange {
                 field: "coarse_radius",
@@ -246,7 +296,13 @@ impl Recipe {
             coarse_radius,
             levels,
             sender_levels,
-            rays: self.rays.unwrap_or((care.rays as f32 * finer.sqrt()) as u32),
+            extra_levels: self.extra_levels.unwrap_or(care.extra_levels),
+            extra_points: self
+                .extra_points
+                .unwrap_or((care.extra_points * finer) as u32),
+            rays: self
+                .rays
+                .unwrap_or((care.rays as f32 * finer.sqrt()) as u32),
             bounces: self.bounces.unwrap_or(4),
             bounce_mode: self.bounce_mode,
             rule: self.rule,
@@ -283,7 +339,12 @@ impl Settings {
 
 /// Area, in m², of the surfaces that light reaches, from a pilot level of coarse disks. Also says how many rays it took.
 #[must_use]
-pub fn reached_area(geometry: &dyn Geometry, viewpoints: &[Vec3], drop_first: bool, seed: u64) -> (f32, u64) {
+pub fn reached_area(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    drop_first: bool,
+    seed: u64,
+) -> (f32, u64) {
     let size = geometry.bounds().size();
     // About a thousand disks on a box of this size.
     let box_area = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
@@ -302,5 +363,8 @@ pub fn reached_area(geometry: &dyn Geometry, viewpoints: &[Vec3], drop_first: bo
             drop_first,
         },
     );
-    (disks.points.len() as f32 * radius * radius / FILL, disks.rays)
+    (
+        disks.points.len() as f32 * radius * radius / FILL,
+        disks.rays,
+    )
 }

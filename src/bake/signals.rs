@@ -16,12 +16,40 @@ pub struct TrainingSignals {
     pub rays: u64,
 }
 
-/// Places in free space: half-way between the bounces of importance particles, far from one another along the particles' order.
+/// Places in free space: half-way between the bounces of importance particles, those with the most room around them of the ones tried: a lamp a
+/// hair's breadth from a wall says much of that wall and nothing of the level.
 #[must_use]
-pub fn free_places(geometry: &dyn Geometry, viewpoints: &[Vec3], count: usize, seed: u64, drop_first: bool) -> (Vec<Vec3>, u64) {
-    let traced = trace_particles(geometry, viewpoints, 0..8 * count as u64, seed ^ 0x66_72_65_65, drop_first);
-    let stride = (traced.candidates.len() / count.max(1)).max(1);
-    let places = traced.candidates.iter().step_by(stride).take(count).map(|c| c.free).collect();
+pub fn free_places(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    count: usize,
+    seed: u64,
+    drop_first: bool,
+) -> (Vec<Vec3>, u64) {
+    const TRIED: usize = 4;
+    let traced = trace_particles(
+        geometry,
+        viewpoints,
+        0..4 * (TRIED * count) as u64,
+        seed ^ 0x66_72_65_65,
+        drop_first,
+    );
+    let stride = (traced.candidates.len() / (TRIED * count).max(1)).max(1);
+    let tried: Vec<_> = traced
+        .candidates
+        .iter()
+        .step_by(stride)
+        .take(TRIED * count)
+        .collect();
+    let places = tried
+        .chunks(TRIED)
+        .filter_map(|few| {
+            few.iter()
+                .map(|c| (c.free.distance(c.surface.position), c.free))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        })
+        .map(|best| best.1)
+        .collect();
     (places, traced.rays)
 }
 
@@ -37,7 +65,13 @@ pub fn training_signals(
     drop_first: bool,
 ) -> TrainingSignals {
     let (lamps, mut rays) = free_places(geometry, viewpoints, SIGNALS, seed, drop_first);
-    let lit = pull.entries.iter().map(|w| w.index as usize + 1).max().unwrap_or(0).max(senders);
+    let lit = pull
+        .entries
+        .iter()
+        .map(|w| w.index as usize + 1)
+        .max()
+        .unwrap_or(0)
+        .max(senders);
     let mut values: Vec<[f32; SIGNALS]> = hierarchy.surfaces[..lit]
         .par_iter()
         .map(|s| {

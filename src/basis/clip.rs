@@ -77,7 +77,11 @@ pub fn clip_planes(
             let mut gain = 0.0;
             for place in &places {
                 if plane.dot(place.x.extend(1.0)) < -slack {
-                    gain += if place.blocked { place.weight } else { -place.weight / LOSS };
+                    gain += if place.blocked {
+                        place.weight
+                    } else {
+                        -place.weight / LOSS
+                    };
                 }
             }
             if gain > best.map_or(1e-3, |(g, _)| g) {

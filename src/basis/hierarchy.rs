@@ -2,14 +2,20 @@
 //! basis made of the same points ([L08] §4.1).
 
 use super::clip::clip_planes;
-use super::{LevelBasis, WeightEntry, Weights};
-use crate::samples::{Candidate, DiskSettings, Point, fill_level};
-use crate::scene::{Geometry, Surface};
+use super::{LevelBasis, WeightEntry, Weights, support_bounds};
+use crate::samples::{
+    Candidate, DiskSettings, HashedGrid, Point, fill_level, local_candidates, throw_darts,
+    trace_particles,
+};
+use crate::scene::{Bounds, Geometry, Surface};
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// C of r = C · R on the coarsest and on the finest level ([L08] §2.3).
 const OVERLAP: [f32; 2] = [1.5, 2.5];
+
+/// Places at most that a function looks at for its clip planes.
+const MOST_LOOKS: usize = 64;
 
 /// How to build a hierarchy.
 #[derive(Clone, Debug)]
@@ -25,6 +31,9 @@ pub struct HierarchySettings {
     pub most: Vec<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
+    /// C of the functions that senders are written in. None takes those of the hierarchy ([L08] uses one basis for both and
+    /// asks, in §5.2, for different ones: smoothness is for receivers; tight senders blur less and are looked up faster).
+    pub sender_overlap: Option<f32>,
     /// Whether functions stop at walls. Off is [L08].
     pub clip: bool,
     /// Whether particles drop their first bounces.
@@ -36,6 +45,8 @@ pub struct HierarchySettings {
 pub struct Hierarchy {
     /// The levels, coarse first, each with radii for the hierarchical basis.
     pub levels: Vec<LevelBasis>,
+    /// The sender levels in the functions that senders are written in, coarse first.
+    pub senders: Vec<LevelBasis>,
     /// The surface at each point, all levels behind one another.
     pub surfaces: Vec<Surface>,
     /// Where each level starts among all points, and the end.
@@ -85,9 +96,10 @@ impl Hierarchy {
             level_starts.push(level_starts[level_starts.len() - 1] + level.len() as u32);
         }
         let mut levels = Vec::new();
+        let mut senders = Vec::new();
         for l in 0..settings.levels {
-            let radius = settings.coarse_radius / (1u32 << l) as f32 * overlap(l, settings.levels);
-            let points = to_points(&filled[l], radius);
+            let disk = settings.coarse_radius / (1u32 << l) as f32;
+            let points = to_points(&filled[l], disk * overlap(l, settings.levels));
             // Look at the points of this level and the next: four to five times as dense as the functions themselves.
             let finer = (l + 1).min(settings.levels - 1);
             let mut around: Vec<&[Candidate]> = vec![&filled[finer]];
@@ -96,6 +108,21 @@ impl Hierarchy {
             }
             let (level, cast) = with_planes(geometry, points, &around, settings.clip);
             rays += cast;
+            if l < settings.sender_levels {
+                senders.push(match settings.sender_overlap {
+                    None => level.clone(),
+                    Some(c) => {
+                        let (level, cast) = with_planes(
+                            geometry,
+                            to_points(&filled[l], disk * c),
+                            &around,
+                            settings.clip,
+                        );
+                        rays += cast;
+                        level
+                    }
+                });
+            }
             levels.push(level);
             if !progress(0.7 + 0.3 * (l + 1) as f32 / settings.levels as f32) {
                 return None;
@@ -103,11 +130,44 @@ impl Hierarchy {
         }
         Some(Self {
             levels,
+            senders,
             surfaces: filled.iter().flatten().map(|c| c.surface).collect(),
             level_starts,
             rays,
             truncated,
         })
+    }
+
+    /// Adds a level of half the finest level's disk radius around the points `wanting` (of the finest level so far), where light asks for more detail than
+    /// it has: candidates are what is seen from just above each of them. At most `most` points; none means that nothing was added.
+    pub fn add_level(
+        &mut self,
+        geometry: &dyn Geometry,
+        wanting: &[usize],
+        most: usize,
+        settings: &HierarchySettings,
+    ) -> usize {
+        let l = self.levels.len();
+        let disk = settings.coarse_radius / (1u32 << l) as f32;
+        let (candidates, rays) = local_candidates(
+            geometry,
+            &self.surfaces,
+            wanting,
+            2.0 * disk * OVERLAP[1],
+            settings.seed.wrapping_add(l as u64),
+        );
+        self.rays += rays;
+        let filled = throw_darts(candidates, disk, most);
+        if filled.is_empty() {
+            return 0;
+        }
+        let points = to_points(&filled, disk * OVERLAP[1]);
+        let (level, cast) = with_planes(geometry, points, &[&filled], settings.clip);
+        self.rays += cast;
+        self.levels.push(level);
+        self.surfaces.extend(filled.iter().map(|c| c.surface));
+        self.level_starts.push(self.surfaces.len() as u32);
+        filled.len()
     }
 
     /// How many points there are on all levels.
@@ -134,20 +194,17 @@ impl Hierarchy {
         self.level_starts.partition_point(|&s| s as usize <= i) - 1
     }
 
-    /// The parents of every point with B_k(p_i) ([L08] §2.1, Eq. (17)). `all` asks for those of all coarser levels, weights that sum to one
-    /// for each; else only those of the nearest coarser level that covers the point.
-    #[must_use]
-    pub fn parents(&self, all: bool) -> Weights {
-        let rows: Vec<Vec<WeightEntry>> = (0..self.levels.len())
-            .flat_map(|l| self.level(l).map(move |i| (l, i)))
-            .collect::<Vec<_>>()
+    /// The parents of the points of level `l` with B_k(p_i) ([L08] §2.1, Eq. (17)), appended to `out`, which must hold those of the coarser levels. `all` asks
+    /// for those of all coarser levels, weights that sum to one for each; else only those of the nearest coarser level that covers the point.
+    pub fn append_parents(&self, l: usize, all: bool, out: &mut Weights) {
+        let rows: Vec<Vec<WeightEntry>> = self
+            .level(l)
             .into_par_iter()
-            .map(|(l, i)| {
+            .map_init(Vec::new, |found, i| {
                 let surface = &self.surfaces[i];
                 let mut row = Vec::new();
-                let mut found = Vec::new();
                 for k in (0..l).rev() {
-                    if self.levels[k].weights(surface.position, surface.normal, &mut found) {
+                    if self.levels[k].weights(surface.position, surface.normal, found) {
                         let start = self.level_starts[k];
                         row.extend(found.iter().map(|w| WeightEntry {
                             index: w.index + start,
@@ -162,13 +219,24 @@ impl Hierarchy {
                 row
             })
             .collect();
-        Weights::from_rows(rows)
+        out.append(rows);
     }
 
-    /// Pull rows of the first `levels` levels: each function's children (points of the next level that it covers) with weights w_k(p_c) that
+    /// The parents of every point, see [`append_parents`](Self::append_parents).
+    #[must_use]
+    pub fn parents(&self, all: bool) -> Weights {
+        let mut out = Weights::from_rows(std::iter::empty::<Vec<WeightEntry>>());
+        for l in 0..self.levels.len() {
+            self.append_parents(l, all, &mut out);
+        }
+        out
+    }
+
+    /// Pull rows of the senders: each function's children (points of the next level that it covers) with weights w_k(p_c) that
     /// sum to one ([L08] §2.1 "Pull-Push Approximation": "the weighted average of function values in its children").
     #[must_use]
-    pub fn pull(&self, levels: usize) -> Weights {
+    pub fn pull(&self) -> Weights {
+        let levels = self.senders.len();
         let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); self.level_starts[levels] as usize];
         for l in 0..levels.min(self.levels.len() - 1) {
             let per_child: Vec<(u32, Vec<WeightEntry>)> = self
@@ -176,7 +244,11 @@ impl Hierarchy {
                 .into_par_iter()
                 .map(|c| {
                     let mut found = Vec::new();
-                    self.levels[l].raw_weights(self.surfaces[c].position, self.surfaces[c].normal, &mut found);
+                    self.senders[l].raw_weights(
+                        self.surfaces[c].position,
+                        self.surfaces[c].normal,
+                        &mut found,
+                    );
                     (c as u32, found)
                 })
                 .collect();
@@ -190,22 +262,137 @@ impl Hierarchy {
             }
         }
         for row in &mut rows {
-            let sum: f32 = row.iter().map(|w| w.weight).sum();
-            if sum <= super::NO_COVER {
-                row.clear();
-            }
-            for w in row.iter_mut() {
-                w.weight /= sum;
-            }
+            normalise(row);
         }
         Weights::from_rows(rows)
     }
 
-    /// The flat basis: all points on one level with the radius of the finest ([L08] §4.1 "Flattening"). Also says how many rays it took.
+    /// The sender whose function weighs most at each point of the level behind it: a tree over the sender levels and the level that follows. Points
+    /// that no function of the level before covers, and those of the coarsest level, are their own parents.
+    #[must_use]
+    pub fn tree(&self) -> Vec<u32> {
+        let lit = (self.senders.len() + 1).min(self.levels.len());
+        (0..lit)
+            .flat_map(|l| self.level(l).map(move |i| (l, i)))
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map_init(Vec::new, |found, (l, i)| {
+                found.clear();
+                if l > 0 {
+                    let surface = &self.surfaces[i];
+                    self.senders[l - 1].raw_weights(surface.position, surface.normal, found);
+                }
+                let first = if l > 0 { self.level_starts[l - 1] } else { 0 };
+                let mut best = (0.0, i as u32);
+                for w in found.iter() {
+                    if w.weight > best.0 {
+                        best = (w.weight, first + w.index);
+                    }
+                }
+                best.1
+            })
+            .collect()
+    }
+
+    /// How much surface each point of the tree stands for, in arbitrary units: how often importance particles, which visit a closed scene evenly,
+    /// land nearest to it. Poisson disks keep their distance but not their area; a plain mean over them is off by per cents. Also says how many
+    /// rays it took.
+    #[must_use]
+    pub fn areas(
+        &self,
+        geometry: &dyn Geometry,
+        viewpoints: &[Vec3],
+        tree: &[u32],
+        settings: &HierarchySettings,
+    ) -> (Vec<f32>, u64) {
+        const SAMPLES: usize = 24;
+        let last = (self.senders.len()).min(self.levels.len() - 1);
+        let first = self.level_starts[last];
+        let leaves = &self.levels[last];
+        // Nobody is without a share: a point that no particle came near stands for one.
+        let mut areas = vec![0.0f32; tree.len()];
+        areas[first as usize..].fill(1.0);
+        let mut rays = 0;
+        let mut found = 0;
+        let mut start = 0;
+        while found < SAMPLES * leaves.points.len() && start < 1 << 17 {
+            let traced = trace_particles(
+                geometry,
+                viewpoints,
+                start..start + 8192,
+                settings.seed ^ 0x61_72,
+                settings.drop_first,
+            );
+            start += 8192;
+            rays += traced.rays;
+            found += traced.candidates.len();
+            let nearest: Vec<u32> = traced
+                .candidates
+                .par_iter()
+                .map_init(Vec::new, |weights, c| {
+                    weights.clear();
+                    leaves.raw_weights(c.surface.position, c.surface.normal, weights);
+                    let mut best = (0.0, u32::MAX);
+                    for w in weights.iter() {
+                        if w.weight > best.0 {
+                            best = (w.weight, w.index);
+                        }
+                    }
+                    best.1
+                })
+                .collect();
+            for leaf in nearest {
+                if leaf != u32::MAX {
+                    areas[(first + leaf) as usize] += 1.0;
+                }
+            }
+        }
+        // Children have higher indices than their parents.
+        for i in (0..tree.len()).rev() {
+            if tree[i] as usize != i {
+                areas[tree[i] as usize] += areas[i];
+            }
+        }
+        (areas, rays)
+    }
+
+    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own children by the surface they stand for. A place then
+    /// counts in one sender of each level, so that a row which hands mass to a parent gets the very mean of what it handed over.
+    #[must_use]
+    pub fn tree_pull(&self, tree: &[u32], areas: &[f32]) -> Weights {
+        let mut rows: Vec<Vec<WeightEntry>> =
+            vec![Vec::new(); self.level_starts[self.senders.len()] as usize];
+        for (i, &parent) in tree.iter().enumerate() {
+            if parent as usize != i {
+                rows[parent as usize].push(WeightEntry {
+                    index: i as u32,
+                    weight: areas[i],
+                });
+            }
+        }
+        for row in &mut rows {
+            normalise(row);
+        }
+        Weights::from_rows(rows)
+    }
+
+    /// The flat basis: all points on one level ([L08] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the basis is as fine
+    /// as its points are dense. Also says how many rays it took.
     #[must_use]
     pub fn flat(&self, geometry: &dyn Geometry, clip: bool) -> (LevelBasis, u64) {
-        let finest = self.levels.len() - 1;
-        let radius = self.levels[finest].points.first().map_or(0.0, |p| p.radius);
+        let base = self.senders.len().max(1);
+        let points: Vec<Point> = self
+            .surfaces
+            .par_iter()
+            .map_init(Vec::new, |found, s| {
+                let finest = (0..self.levels.len())
+                    .rev()
+                    .find(|&l| self.levels[l].weights(s.position, s.normal, found))
+                    .unwrap_or(base - 1);
+                let radius = self.levels[finest].points.first().map_or(0.0, |p| p.radius);
+                Point::new(s.position, s.normal, radius)
+            })
+            .collect();
         let all: Vec<Candidate> = self
             .surfaces
             .iter()
@@ -214,12 +401,27 @@ impl Hierarchy {
                 free: surface.position,
             })
             .collect();
-        with_planes(geometry, to_points(&all, radius), &[&all], clip)
+        with_planes(geometry, points, &[&all], clip)
+    }
+}
+
+/// Makes the weights sum to one; a row whose sum is next to nothing is emptied.
+fn normalise(row: &mut Vec<WeightEntry>) {
+    let sum: f32 = row.iter().map(|w| w.weight).sum();
+    if sum <= super::NO_COVER {
+        row.clear();
+    }
+    for w in row.iter_mut() {
+        w.weight /= sum;
     }
 }
 
 fn overlap(l: usize, levels: usize) -> f32 {
-    let t = if levels > 1 { l as f32 / (levels - 1) as f32 } else { 1.0 };
+    let t = if levels > 1 {
+        l as f32 / (levels - 1) as f32
+    } else {
+        1.0
+    };
     OVERLAP[0] + t * (OVERLAP[1] - OVERLAP[0])
 }
 
@@ -245,17 +447,25 @@ fn with_planes(
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
         .collect();
-    let reach = points[0].radius;
-    let grid = crate::samples::HashedGrid::build(places.len(), reach, |i| crate::scene::Bounds {
-        min: places[i].0 - reach,
-        max: places[i].0 + reach,
+    // Functions of several radii: each looks through the cells that its support touches, of a grid as fine as the smallest.
+    let smallest = points.iter().fold(f32::INFINITY, |a, p| a.min(p.radius));
+    let grid = HashedGrid::build(places.len(), smallest, |i| Bounds {
+        min: places[i].0,
+        max: places[i].0,
     });
     let found: Vec<(Vec<[f32; 4]>, u64)> = points
         .par_iter()
-        .map(|point| {
+        .map_init(Vec::new, |near, point| {
+            near.clear();
+            grid.for_each_in(support_bounds(point), |i| near.push(i));
+            // Coarse functions among fine points need not look at all of them.
+            let stride = near.len().div_ceil(MOST_LOOKS);
+            let around = near
+                .iter()
+                .step_by(stride.max(1))
+                .map(|&i| places[i as usize]);
             let mut rays = 0;
-            let near = grid.near(point.x()).iter().map(|&i| places[i as usize]);
-            (clip_planes(geometry, point, near, &mut rays), rays)
+            (clip_planes(geometry, point, around, &mut rays), rays)
         })
         .collect();
     let mut planes: Vec<[f32; 4]> = Vec::new();

@@ -7,7 +7,11 @@ use glam::{Vec3, Vec4};
 #[must_use]
 #[inline]
 pub fn kernel(t: f32) -> f32 {
-    if t < 1.0 { (2.0 * t - 3.0) * t * t + 1.0 } else { 0.0 }
+    if t < 1.0 {
+        (2.0 * t - 3.0) * t * t + 1.0
+    } else {
+        0.0
+    }
 }
 
 /// w_j(x, n) of [L08] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the function's clip planes. `planes` is the

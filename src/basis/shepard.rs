@@ -25,7 +25,8 @@ pub fn support_bounds(point: &Point) -> Bounds {
     let n = point.n();
     let along = 1.0 / ((1.0 + F_SQUASH) * (1.0 + F_SQUASH));
     let squared = (Vec3::ONE - n * n * (1.0 - along)).max(Vec3::splat(along));
-    let half = point.radius * 1.0001 * Vec3::new(squared.x.sqrt(), squared.y.sqrt(), squared.z.sqrt());
+    let half =
+        point.radius * 1.0001 * Vec3::new(squared.x.sqrt(), squared.y.sqrt(), squared.z.sqrt());
     Bounds {
         min: point.x() - half,
         max: point.x() + half,
@@ -36,10 +37,21 @@ impl LevelBasis {
     /// A level of functions. `planes` are what the points' plane ranges mean.
     #[must_use]
     pub fn new(points: Vec<Point>, planes: Vec<[f32; 4]>) -> Self {
-        let largest = points.iter().fold(0.0f32, |a, p| a.max(p.radius));
-        let cell = if largest > 0.0 { largest } else { 1.0 };
+        // A cell as large as the smallest support, but not so small that the largest is entered in thousands.
+        let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
+            (a.min(p.radius), b.max(p.radius))
+        });
+        let cell = if largest > 0.0 {
+            smallest.max(largest / 8.0)
+        } else {
+            1.0
+        };
         let grid = HashedGrid::build(points.len(), cell, |i| support_bounds(&points[i]));
-        Self { points, planes, grid }
+        Self {
+            points,
+            planes,
+            grid,
+        }
     }
 
     /// Weights w_j(x, n) of all functions that cover the place ([L08] Eq. (8)), not normalised, appended to `out`. Returns their sum.

@@ -30,11 +30,19 @@ impl Weights {
             starts: vec![0],
             entries: Vec::new(),
         };
-        for row in rows {
-            out.entries.extend(row);
-            out.starts.push(out.entries.len() as u32);
-        }
+        out.append(rows);
         out
+    }
+
+    /// Adds rows behind those that are there.
+    pub fn append<R: IntoIterator<Item = WeightEntry>>(
+        &mut self,
+        rows: impl IntoIterator<Item = R>,
+    ) {
+        for row in rows {
+            self.entries.extend(row);
+            self.starts.push(self.entries.len() as u32);
+        }
     }
 
     /// How many rows.

@@ -43,7 +43,6 @@
 //! - Where two baked scenes overlap, a surface that both cover gets both.
 
 mod asset;
-mod bake_task;
 mod check;
 mod components;
 mod composite;
@@ -57,7 +56,6 @@ mod sets;
 mod transform;
 
 pub use asset::MeshlessGiAsset;
-pub use bake_task::{BakeTaskError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
@@ -71,7 +69,7 @@ pub use readback::MeshlessGiCoefficients;
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
 
-use bevy::app::{App, Last, Plugin, PreUpdate};
+use bevy::app::{App, Last, Plugin};
 use bevy::asset::AssetApp;
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
@@ -98,7 +96,6 @@ impl Default for MeshlessGiPlugin {
 impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<MeshlessGi>()
-            .register_type::<MeshlessGiBakeFailed>()
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
@@ -109,10 +106,6 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<MeshlessGiCoefficients>()
             .init_asset::<MeshlessGiAsset>()
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
-            .add_systems(
-                PreUpdate,
-                bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
-            )
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());

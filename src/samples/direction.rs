@@ -103,8 +103,14 @@ mod tests {
                 first += w * d;
                 second += w * d * d.x * d.x;
             }
-            assert!((first - Vec3::Z).length() < 2.0 / count as f32 + 0.01, "{count}: {first}");
-            assert!((second - Vec3::Z * 0.25).length() < 2.0 / count as f32 + 0.01, "{count}: {second}");
+            assert!(
+                (first - Vec3::Z).length() < 2.0 / count as f32 + 0.01,
+                "{count}: {first}"
+            );
+            assert!(
+                (second - Vec3::Z * 0.25).length() < 2.0 / count as f32 + 0.01,
+                "{count}: {second}"
+            );
         }
     }
 }

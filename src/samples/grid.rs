@@ -112,10 +112,30 @@ impl HashedGrid {
         }
     }
 
+    /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell; an index whose box spans cells comes more than once.
+    pub fn for_each_in(&self, bounds: Bounds, mut each: impl FnMut(u32)) {
+        let (lo, hi) = (
+            Self::cell(bounds.min, self.cell_size),
+            Self::cell(bounds.max, self.cell_size),
+        );
+        for z in lo.z..=hi.z {
+            for y in lo.y..=hi.y {
+                for x in lo.x..=hi.x {
+                    for &i in self.list(IVec3::new(x, y, z)) {
+                        each(i);
+                    }
+                }
+            }
+        }
+    }
+
     /// The indices whose boxes touch the cell of `p`, ascending.
     #[must_use]
     pub fn near(&self, p: Vec3) -> &[u32] {
-        let cell = Self::cell(p, self.cell_size);
+        self.list(Self::cell(p, self.cell_size))
+    }
+
+    fn list(&self, cell: IVec3) -> &[u32] {
         let mask = self.slots.len() - 1;
         let mut at = Self::hash(cell) as usize & mask;
         loop {

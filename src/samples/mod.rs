@@ -14,8 +14,8 @@ pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, unif
 pub use distance::{F_SQUASH, dist, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
 pub use openness::{OPENNESS_RAYS, openness};
-pub use particles::{Candidate, Traced, trace_particles};
+pub use particles::{Candidate, Traced, local_candidates, trace_particles};
 pub use point::Point;
-pub use poisson::{DiskSettings, Disks, fill_level};
+pub use poisson::{DiskSettings, Disks, fill_level, throw_darts};
 pub use random::{Random, mix};
 pub use viewpoints::find_viewpoints;

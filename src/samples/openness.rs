@@ -11,7 +11,13 @@ pub const OPENNESS_RAYS: u32 = 32;
 /// Harmonic mean distance in metres over the hemisphere of `n` at `x`, rays of length 3 `radius` ([L08] §2.3). Rays that meet
 /// nothing count with their full length.
 #[must_use]
-pub fn openness(geometry: &dyn Geometry, x: Vec3, n: Vec3, radius: f32, random: &mut Random) -> f32 {
+pub fn openness(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    n: Vec3,
+    radius: f32,
+    random: &mut Random,
+) -> f32 {
     let reach = 3.0 * radius;
     let (t, b) = tangents(n);
     let start = x + n * geometry.lift(x);

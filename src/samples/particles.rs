@@ -45,7 +45,15 @@ pub fn trace_particles(
     }
     let per_particle: Vec<(Vec<Candidate>, u64)> = particles
         .into_par_iter()
-        .map(|k| trace_one(geometry, viewpoints[(k % viewpoints.len() as u64) as usize], k, seed, drop_first))
+        .map(|k| {
+            trace_one(
+                geometry,
+                viewpoints[(k % viewpoints.len() as u64) as usize],
+                k,
+                seed,
+                drop_first,
+            )
+        })
         .collect();
     let mut out = Traced::default();
     for (candidates, rays) in per_particle {
@@ -55,14 +63,25 @@ pub fn trace_particles(
     out
 }
 
-fn trace_one(geometry: &dyn Geometry, from: Vec3, k: u64, seed: u64, drop_first: bool) -> (Vec<Candidate>, u64) {
+fn trace_one(
+    geometry: &dyn Geometry,
+    from: Vec3,
+    k: u64,
+    seed: u64,
+    drop_first: bool,
+) -> (Vec<Candidate>, u64) {
     let mut random = Random::new(seed, 0x70_61_72_74, k);
     let mut out = Vec::new();
     let mut rays = 0;
-    let mut ray = Ray::new(from, uniform_sphere(Vec2::new(random.unit(), random.unit())));
+    let mut ray = Ray::new(
+        from,
+        uniform_sphere(Vec2::new(random.unit(), random.unit())),
+    );
     for bounce in 0..BOUNCES {
         rays += 1;
-        let Some(hit) = geometry.cast(&ray) else { break };
+        let Some(hit) = geometry.cast(&ray) else {
+            break;
+        };
         let surface = geometry.surface(&ray, &hit);
         if !surface.position.is_finite() || !surface.normal.is_finite() {
             break;
@@ -80,7 +99,57 @@ fn trace_one(geometry: &dyn Geometry, from: Vec3, k: u64, seed: u64, drop_first:
         let (t, b) = tangents(surface.normal);
         let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
         let start = surface.position + surface.normal * geometry.lift(surface.position);
-        ray = Ray::new(start, (t * d.x + b * d.y + surface.normal * d.z).normalize());
+        ray = Ray::new(
+            start,
+            (t * d.x + b * d.y + surface.normal * d.z).normalize(),
+        );
     }
     (out, rays)
+}
+
+/// Rays that look for candidates around a point.
+const LOCAL_RAYS: u64 = 64;
+
+/// Candidates around the given points of `surfaces`: what rays meet that start above a random place near each, no farther from it than `reach`
+/// metres. Round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
+#[must_use]
+pub fn local_candidates(
+    geometry: &dyn Geometry,
+    surfaces: &[Surface],
+    around: &[usize],
+    reach: f32,
+    seed: u64,
+) -> (Vec<Candidate>, u64) {
+    let found: Vec<Candidate> = (0..LOCAL_RAYS)
+        .into_par_iter()
+        .flat_map_iter(|round| {
+            around.iter().filter_map(move |&i| {
+                let surface = &surfaces[i];
+                let mut random = Random::new(seed, 0x6c_6f_63_61 + round, i as u64);
+                let (t, b) = tangents(surface.normal);
+                let lift = geometry.lift(surface.position);
+                let up = Ray::segment(
+                    surface.position + surface.normal * lift,
+                    surface.normal,
+                    reach,
+                );
+                let ceiling = geometry.cast(&up).map_or(reach, |hit| hit.t);
+                // An eye at a random height under whatever is above, looking anywhere.
+                let eye = up.at((0.9 * ceiling * random.unit()).max(0.5 * lift));
+                let toward = uniform_sphere(Vec2::new(random.unit(), random.unit()));
+                let direction =
+                    (t * toward.x + b * toward.y + surface.normal * toward.z).normalize();
+                let ray = Ray::segment(eye, direction, 2.0 * reach);
+                let hit = geometry.cast(&ray)?;
+                let seen = geometry.surface(&ray, &hit);
+                let shows = seen.front || seen.albedo != Vec3::ZERO || seen.emission != Vec3::ZERO;
+                let near = seen.position.distance_squared(surface.position) <= reach * reach;
+                (near && shows && seen.normal.is_finite()).then(|| Candidate {
+                    surface: seen,
+                    free: ray.at(0.5 * hit.t),
+                })
+            })
+        })
+        .collect();
+    (found, 2 * LOCAL_RAYS * around.len() as u64)
 }

@@ -128,7 +128,8 @@ pub fn fill_level(geometry: &dyn Geometry, viewpoints: &[Vec3], settings: &DiskS
             if accepted && settings.open_only {
                 let mut random = Random::new(settings.seed, 0x6f_70_65_6e, out.points.len() as u64);
                 out.rays += u64::from(OPENNESS_RAYS);
-                accepted = openness(geometry, x, n, settings.radius, &mut random) >= settings.radius / 6.0;
+                accepted =
+                    openness(geometry, x, n, settings.radius, &mut random) >= settings.radius / 6.0;
             }
             if accepted {
                 failures = 0;
@@ -147,4 +148,26 @@ pub fn fill_level(geometry: &dyn Geometry, viewpoints: &[Vec3], settings: &DiskS
         }
     }
     out
+}
+
+/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under [L08] Eq. (11), `most` at most.
+#[must_use]
+pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<Candidate> {
+    let mut points: Vec<Candidate> = Vec::new();
+    let mut buckets = Buckets::new(radius);
+    for candidate in candidates {
+        if points.len() >= most {
+            break;
+        }
+        let (x, n) = (candidate.surface.position, candidate.surface.normal);
+        let near = buckets.any_near(x, |i| {
+            let q = &points[i as usize].surface;
+            distance_5d(x, n, q.position, q.normal) < radius
+        });
+        if !near {
+            points.push(candidate);
+            buckets.insert(&points);
+        }
+    }
+    points
 }

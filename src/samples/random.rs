@@ -22,7 +22,8 @@ impl Random {
     #[must_use]
     pub fn new(seed: u64, a: u64, b: u64) -> Self {
         const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
-        let state = mix(seed.wrapping_add(ODD) ^ mix(a.wrapping_mul(ODD).wrapping_add(1) ^ mix(b.wrapping_add(ODD))));
+        let state = mix(seed.wrapping_add(ODD)
+            ^ mix(a.wrapping_mul(ODD).wrapping_add(1) ^ mix(b.wrapping_add(ODD))));
         Self { state }
     }
 
@@ -56,8 +57,14 @@ mod tests {
                 let mut r = Random::new(3, a, b.wrapping_add(index));
                 cells[(r.unit() * 64.0) as usize] += 1;
             }
-            let chi2: f64 = cells.iter().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
-            assert!((8.0..120.0).contains(&chi2), "first numbers of neighbouring streams: χ² = {chi2}");
+            let chi2: f64 = cells
+                .iter()
+                .map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0)
+                .sum();
+            assert!(
+                (8.0..120.0).contains(&chi2),
+                "first numbers of neighbouring streams: χ² = {chi2}"
+            );
         }
     }
 

@@ -69,7 +69,11 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
     (out, rays)
 }
 
-fn look_around(geometry: &dyn Geometry, seed: u64, place: impl Fn(&mut Random) -> Vec3 + Sync) -> Vec<View> {
+fn look_around(
+    geometry: &dyn Geometry,
+    seed: u64,
+    place: impl Fn(&mut Random) -> Vec3 + Sync,
+) -> Vec<View> {
     (0..TRIED)
         .into_par_iter()
         .map(|k| {
@@ -83,14 +87,21 @@ fn look_around(geometry: &dyn Geometry, seed: u64, place: impl Fn(&mut Random) -
             };
             let mut inverse = 0.0;
             for _ in 0..RAYS {
-                let ray = Ray::new(place, uniform_sphere(Vec2::new(random.unit(), random.unit())));
+                let ray = Ray::new(
+                    place,
+                    uniform_sphere(Vec2::new(random.unit(), random.unit())),
+                );
                 if let Some(hit) = geometry.cast(&ray) {
                     view.hits += 1;
                     view.fronts += u32::from(geometry.surface(&ray, &hit).front);
                     inverse += 1.0 / hit.t.max(1e-6);
                 }
             }
-            view.openness = if inverse > 0.0 { view.hits as f32 / inverse } else { 0.0 };
+            view.openness = if inverse > 0.0 {
+                view.hits as f32 / inverse
+            } else {
+                0.0
+            };
             view
         })
         .collect()

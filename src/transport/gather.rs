@@ -20,6 +20,36 @@ pub enum Deposit {
     All,
 }
 
+/// How to gather, whatever the hierarchy.
+#[derive(Clone, Copy)]
+pub struct Gathering<'a> {
+    /// What rays meet.
+    pub geometry: &'a dyn Geometry,
+    /// How many levels, from the coarsest, are senders.
+    pub sender_levels: usize,
+    /// Rays a receiver.
+    pub rays: u32,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Which sender levels a hit is written to.
+    pub deposit: Deposit,
+}
+
+impl<'a> Gathering<'a> {
+    /// Together with the points as they are now.
+    #[must_use]
+    pub fn scene(&self, hierarchy: &'a Hierarchy) -> GatherScene<'a> {
+        GatherScene {
+            geometry: self.geometry,
+            hierarchy,
+            sender_levels: self.sender_levels,
+            rays: self.rays,
+            seed: self.seed,
+            deposit: self.deposit,
+        }
+    }
+}
+
 /// What a gather needs to know of the scene.
 #[derive(Clone, Copy)]
 pub struct GatherScene<'a> {
@@ -65,7 +95,8 @@ impl Gathered {
         }
     }
 
-    fn clear(&mut self) {
+    /// Forgets everything.
+    pub fn reset(&mut self) {
         for &j in &self.touched {
             self.sums[j as usize] = [Vec3A::ZERO; 2];
             self.marks[j as usize] = false;
@@ -75,8 +106,9 @@ impl Gathered {
         self.uncovered = 0.0;
     }
 
+    /// Adds `value` to the link to `sender`, to the half sum 0 or 1.
     #[inline]
-    fn add(&mut self, sender: u32, half: usize, value: Vec3A) {
+    pub fn deposit(&mut self, sender: u32, half: usize, value: Vec3A) {
         let j = sender as usize;
         if !self.marks[j] {
             self.marks[j] = true;
@@ -95,7 +127,7 @@ impl Gathered {
 
 /// Gathers all links of point `i` of the hierarchy into `out`.
 pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
-    out.clear();
+    out.reset();
     let surface = &scene.hierarchy.surfaces[i];
     let (x, n) = (surface.position, surface.normal);
     let (t, b) = tangents(n);
@@ -124,11 +156,11 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         let seen = scene.geometry.surface(&ray, &hit);
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            if scene.hierarchy.levels[l].weights(seen.position, seen.normal, &mut found) {
+            if scene.hierarchy.senders[l].weights(seen.position, seen.normal, &mut found) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
-                    out.add(first + entry.index, (k & 1) as usize, value * entry.weight);
+                    out.deposit(first + entry.index, (k & 1) as usize, value * entry.weight);
                 }
                 if scene.deposit == Deposit::Finest {
                     break;

@@ -25,7 +25,7 @@ pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> 
             let first = hierarchy.level_starts[l];
             let mut found = Vec::new();
             let surface = &hierarchy.surfaces[i];
-            hierarchy.levels[l].raw_weights(surface.position, surface.normal, &mut found);
+            hierarchy.senders[l].raw_weights(surface.position, surface.normal, &mut found);
             found
                 .iter()
                 .map(|w| w.index + first)
@@ -34,6 +34,9 @@ pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> 
         })
         .collect()
 }
+
+/// Row, sky, uncovered part, row sum, and the time of gathering and of deciding.
+type Gathered1 = (RawRow, Vec3A, f32, f32, [Duration; 2]);
 
 /// The rows of [L08] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
 pub fn refine_l08(
@@ -58,7 +61,7 @@ pub fn refine_l08(
     queued[..coarsest as usize].fill(true);
     for l in 0..hierarchy.levels.len() {
         let level = hierarchy.level(l);
-        let mut results: Vec<Option<(RawRow, Vec3A, f32, f32, [Duration; 2])>> = Vec::with_capacity(level.len());
+        let mut results: Vec<Option<Gathered1>> = Vec::with_capacity(level.len());
         for chunk in level.clone().collect::<Vec<_>>().chunks(1024) {
             let rows = &out.rows;
             results.par_extend(chunk.par_iter().map_init(
@@ -75,7 +78,11 @@ pub fn refine_l08(
                         links[j as usize] = gathered.link(j);
                     }
                     // The coarsest level partitions what was seen, so its links sum to the row's mass.
-                    let sum: Vec3A = touched.iter().filter(|&&j| j < coarsest).map(|&j| links[j as usize]).sum();
+                    let sum: Vec3A = touched
+                        .iter()
+                        .filter(|&&j| j < coarsest)
+                        .map(|&j| links[j as usize])
+                        .sum();
                     // [L08] Eq. (17): subtract what the parents already say.
                     for w in parents.row(i) {
                         for &(j, link) in &rows[w.index as usize].links {
@@ -105,7 +112,13 @@ pub fn refine_l08(
                         links: kept,
                     };
                     let row_sum = sum.dot(hierarchy.surfaces[i].normal.into());
-                    Some((row, gathered.sky, gathered.uncovered, row_sum, [gather_time, began.elapsed() - gather_time]))
+                    Some((
+                        row,
+                        gathered.sky,
+                        gathered.uncovered,
+                        row_sum,
+                        [gather_time, began.elapsed() - gather_time],
+                    ))
                 },
             ));
             if !progress((level.start + results.len()) as f32 / points as f32) {
@@ -125,17 +138,20 @@ pub fn refine_l08(
                 // Not looked at: the sky as the parents see it, level weights summing to one over the coarser levels that cover it.
                 let row = parents.row(i);
                 let total: f32 = row.iter().map(|w| w.weight).sum();
-                let sum: Vec3 = row.iter().map(|w| w.weight * out.sky[w.index as usize]).sum();
-                out.sky.push(if total > 0.0 { sum / total } else { Vec3::ZERO });
+                let sum: Vec3 = row
+                    .iter()
+                    .map(|w| w.weight * out.sky[w.index as usize])
+                    .sum();
+                out.sky
+                    .push(if total > 0.0 { sum / total } else { Vec3::ZERO });
                 out.rows.push(RawRow::default());
             }
         }
         if l + 1 < hierarchy.levels.len() {
             for child in hierarchy.level(l + 1) {
-                queued[child] = parents
-                    .row(child)
-                    .iter()
-                    .any(|w| level.contains(&(w.index as usize)) && out.rows[w.index as usize].active);
+                queued[child] = parents.row(child).iter().any(|w| {
+                    level.contains(&(w.index as usize)) && out.rows[w.index as usize].active
+                });
             }
         }
     }

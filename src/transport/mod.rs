@@ -8,8 +8,8 @@ mod operator;
 mod pack;
 mod refine;
 
-pub use gather::{Deposit, GatherScene, Gathered, cast_only, gather};
+pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather};
 pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 pub use pack::{Packed, pack};
-pub use refine::{BoundedSettings, RawRow, Refined, SIGNALS, Signals, refine_bounded};
+pub use refine::{BoundedSettings, RawRow, Receivers, Refined, SIGNALS, Signals, refine_bounded};

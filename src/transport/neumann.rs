@@ -118,7 +118,10 @@ pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> B
         let kept = |j: usize| (0..3).any(|c| channels[c][k][j].abs() > threshold[c]);
         for (channel, rows) in channels.iter().enumerate() {
             let all: f32 = rows[k].iter().sum();
-            let some: f32 = (0..scene.senders).filter(|&j| kept(j)).map(|j| rows[k][j]).sum();
+            let some: f32 = (0..scene.senders)
+                .filter(|&j| kept(j))
+                .map(|j| rows[k][j])
+                .sum();
             keep_scale[channel] = if some > 0.0 { all / some } else { 1.0 };
         }
         for j in (0..scene.senders).filter(|&j| kept(j)) {

@@ -56,19 +56,40 @@ mod tests {
     fn packing_keeps_vectors_and_senders() {
         let rows = vec![
             RawRow {
-                links: vec![(0, Vec3A::new(1e-7, -3e-7, 2e-8)), (7, Vec3A::new(5e-7, 0.0, 1e-9))],
+                links: vec![
+                    (0, Vec3A::new(1e-7, -3e-7, 2e-8)),
+                    (7, Vec3A::new(5e-7, 0.0, 1e-9)),
+                ],
                 active: true,
             },
             RawRow::default(),
         ];
-        let packed = pack(&rows, &[Vec3::new(0.0, 1e-7, 0.0), Vec3::Y], 8, SenderForm::Averages);
+        let packed = pack(
+            &rows,
+            &[Vec3::new(0.0, 1e-7, 0.0), Vec3::Y],
+            8,
+            SenderForm::Averages,
+        );
         let links = &packed.operator.links;
-        assert_eq!(links.iter().map(|l| l.sender()).collect::<Vec<_>>(), [0, 7, 8]);
-        assert!(packed.error > 0.0 && packed.error < 5e-4, "{}", packed.error);
+        assert_eq!(
+            links.iter().map(|l| l.sender()).collect::<Vec<_>>(),
+            [0, 7, 8]
+        );
+        assert!(
+            packed.error > 0.0 && packed.error < 5e-4,
+            "{}",
+            packed.error
+        );
         for (link, &(_, v)) in links.iter().zip(&rows[0].links) {
             let back = link.vector() * packed.operator.rows[0].scale;
             assert!((back - Vec3::from(v)).abs().max_element() < 5e-4 * 5e-7);
         }
-        assert_eq!(packed.operator.rows[1], Row { start: 3, ..Row::default() });
+        assert_eq!(
+            packed.operator.rows[1],
+            Row {
+                start: 3,
+                ..Row::default()
+            }
+        );
     }
 }
