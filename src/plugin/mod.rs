@@ -43,6 +43,7 @@
 //! - Where two baked scenes overlap, a surface that both cover gets both.
 
 mod asset;
+mod bake_task;
 mod check;
 mod components;
 mod composite;
@@ -56,6 +57,7 @@ mod sets;
 mod transform;
 
 pub use asset::MeshlessGiAsset;
+pub use bake_task::{BakeTaskError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
@@ -69,7 +71,7 @@ pub use readback::MeshlessGiCoefficients;
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
 
-use bevy::app::{App, Last, Plugin};
+use bevy::app::{App, Last, Plugin, PreUpdate};
 use bevy::asset::AssetApp;
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
@@ -96,6 +98,7 @@ impl Default for MeshlessGiPlugin {
 impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<MeshlessGi>()
+            .register_type::<MeshlessGiBakeFailed>()
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
@@ -106,6 +109,10 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<MeshlessGiCoefficients>()
             .init_asset::<MeshlessGiAsset>()
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
+            .add_systems(
+                PreUpdate,
+                bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
+            )
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());

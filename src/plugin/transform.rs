@@ -167,16 +167,3 @@ mod tests {
         );
     }
 }
-
-/// Doubles of an affine, for the test above.
-#[cfg(test)]
-trait AsDouble {
-    fn as_daffine3(&self) -> bevy::math::DAffine3;
-}
-
-#[cfg(test)]
-impl AsDouble for Affine3A {
-    fn as_daffine3(&self) -> bevy::math::DAffine3 {
-        bevy::math::DAffine3::from_mat4(Mat4::from(*self).as_dmat4())
-    }
-}

@@ -1,0 +1,234 @@
+//! A Cornell box whose lamp moves, with the indirect light following in the same frame.
+//!
+//! ```text
+//! cargo run --release --features engine --example cornell
+//! ```
+//!
+//! The box is made in code and baked while the window is already open.
+//!
+//! | key | does |
+//! |---|---|
+//! | arrows, Page Up, Page Down | move the lamp |
+//! | left mouse button, held | the lamp follows the mouse |
+//! | Space | indirect light on and off |
+//! | Tab | one view, or direct light alone beside both |
+//! | V | the picture, indirect light alone, or irradiance |
+//! | G | the points of the bake, then the non-zero coefficients, then none |
+
+mod common;
+
+use bevy::camera::Viewport;
+use bevy::gizmos::config::GizmoConfigStore;
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::{Preset, Recipe};
+use bevy_meshless_gi::plugin::{
+    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiGizmos, MeshlessGiStatus, MeshlessGiView,
+};
+use bevy_meshless_gi::prelude::*;
+
+fn main() -> AppExit {
+    App::new()
+        .add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
+        .insert_resource(GlobalAmbientLight::NONE)
+        .init_resource::<SideBySide>()
+        .add_systems(Startup, setup)
+        .add_systems(Update, (move_lamp, switch, lay_out, tell).chain())
+        .run()
+}
+
+#[derive(Component)]
+struct Lamp;
+
+/// The camera of the left half: direct light alone. It sleeps while there is one view.
+#[derive(Component)]
+struct DirectOnly;
+
+#[derive(Component)]
+struct Help;
+
+#[derive(Resource, Default)]
+struct SideBySide(bool);
+
+fn setup(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let quads = common::cornell_box();
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        ..default()
+    };
+    let mut root = commands.spawn((
+        Transform::default(),
+        Visibility::default(),
+        MeshlessGiBake::spawn(common::level(&quads), recipe),
+    ));
+    common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+
+    let bulb = materials.add(StandardMaterial {
+        base_color: Color::BLACK,
+        emissive: LinearRgba::rgb(4.0, 3.8, 3.4),
+        ..default()
+    });
+    commands.spawn((
+        Lamp,
+        PointLight {
+            color: Color::linear_rgb(1.0, 0.95, 0.85),
+            intensity: 60_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::from_xyz(0.0, 1.6, 0.0),
+        Mesh3d(meshes.add(Sphere::new(0.03))),
+        MeshMaterial3d(bulb),
+        bevy::light::NotShadowCaster,
+    ));
+    let look = Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
+    commands.spawn((Camera3d::default(), MeshlessGiCamera::default(), look));
+    let off = MeshlessGiCamera {
+        enabled: false,
+        ..default()
+    };
+    let asleep = Camera {
+        order: 1,
+        is_active: false,
+        ..default()
+    };
+    commands.spawn((DirectOnly, Camera3d::default(), asleep, off, look));
+    // The text has a camera of its own, over both views.
+    let over = Camera {
+        order: 2,
+        clear_color: ClearColorConfig::None,
+        ..default()
+    };
+    commands.spawn((Camera2d, over, IsDefaultUiCamera));
+    commands.spawn((
+        Help,
+        Text::default(),
+        TextFont::from_font_size(14.0),
+        Node {
+            position_type: PositionType::Absolute,
+            top: px(8),
+            left: px(8),
+            ..default()
+        },
+    ));
+}
+
+/// Where the lamp may be: inside the box.
+const REACH: (Vec3, Vec3) = (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5));
+
+fn move_lamp(
+    mut lamp: Single<&mut Transform, With<Lamp>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    windows: Query<&Window>,
+    camera: Query<(&Camera, &GlobalTransform), (With<MeshlessGiCamera>, Without<DirectOnly>)>,
+    time: Res<Time>,
+) {
+    let axis = |plus, minus| {
+        f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
+    };
+    let step = Vec3::new(
+        axis(KeyCode::ArrowRight, KeyCode::ArrowLeft),
+        axis(KeyCode::PageUp, KeyCode::PageDown),
+        axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
+    );
+    let mut place = lamp.translation + step * time.delta_secs();
+    if buttons.pressed(MouseButton::Left)
+        && let Some(cursor) = windows.iter().find_map(Window::cursor_position)
+        && let Ok((camera, at)) = camera.single()
+        && let Ok(ray) = camera.viewport_to_world(at, cursor)
+        && let Some(distance) = ray.intersect_plane(place, InfinitePlane3d::new(Vec3::Z))
+    {
+        place = ray.get_point(distance);
+    }
+    let place = place.clamp(REACH.0, REACH.1);
+    // A lamp at rest must not look changed.
+    if place != lamp.translation {
+        lamp.translation = place;
+    }
+}
+
+fn switch(
+    keys: Res<ButtonInput<KeyCode>>,
+    mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
+    mut side_by_side: ResMut<SideBySide>,
+    mut gizmos: ResMut<GizmoConfigStore>,
+) {
+    for mut camera in &mut cameras {
+        if keys.just_pressed(KeyCode::Space) {
+            camera.enabled = !camera.enabled;
+        }
+        if keys.just_pressed(KeyCode::KeyV) {
+            camera.view = match camera.view {
+                MeshlessGiView::Lit => MeshlessGiView::Indirect,
+                MeshlessGiView::Indirect => MeshlessGiView::Irradiance,
+                MeshlessGiView::Irradiance => MeshlessGiView::Lit,
+            };
+        }
+    }
+    if keys.just_pressed(KeyCode::Tab) {
+        side_by_side.0 = !side_by_side.0;
+    }
+    if keys.just_pressed(KeyCode::KeyG) {
+        let (config, group) = gizmos.config_mut::<MeshlessGiGizmos>();
+        (config.enabled, group.points, group.coefficients) =
+            match (config.enabled, group.coefficients) {
+                (false, _) => (true, true, false),
+                (true, false) => (true, false, true),
+                (true, true) => (false, true, false),
+            };
+    }
+}
+
+/// One view over the window, or two halves.
+fn lay_out(
+    side_by_side: Res<SideBySide>,
+    windows: Query<&Window>,
+    mut both: Single<&mut Camera, (With<MeshlessGiCamera>, Without<DirectOnly>)>,
+    mut direct: Single<&mut Camera, With<DirectOnly>>,
+) {
+    let Some(size) = windows.iter().next().map(Window::physical_size) else {
+        return;
+    };
+    let half = UVec2::new((size.x / 2).max(1), size.y.max(1));
+    let view = |x| Viewport {
+        physical_position: UVec2::new(x, 0),
+        physical_size: half,
+        ..default()
+    };
+    direct.is_active = side_by_side.0;
+    direct.viewport = side_by_side.0.then(|| view(0));
+    both.viewport = side_by_side.0.then(|| view(half.x));
+}
+
+fn tell(
+    mut help: Single<&mut Text, With<Help>>,
+    under_way: Query<&MeshlessGiBake>,
+    failed: Query<&MeshlessGiBakeFailed>,
+    cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
+    status: Res<MeshlessGiStatus>,
+) {
+    let state = if let Some(bake) = under_way.iter().next() {
+        let (stage, done) = bake.progress();
+        format!("baking: {} {:.0} %", stage.name(), 100.0 * done)
+    } else if let Some(why) = failed.iter().next() {
+        format!("the bake failed: {}", why.0)
+    } else {
+        let counters = status.get();
+        let on = cameras.iter().any(|c| c.enabled);
+        format!(
+            "indirect light {}; {} light(s) projected in this frame",
+            if on { "on" } else { "off" },
+            counters.projected_slots
+        )
+    };
+    let text = format!(
+        "{state}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    Tab: side by side    V: view    G: points"
+    );
+    if help.0 != text {
+        help.0 = text;
+    }
+}

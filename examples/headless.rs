@@ -1,0 +1,166 @@
+//! Renders one picture with indirect light, without a window: for servers, tests and machines without a GPU (software Vulkan does).
+//!
+//! ```text
+//! cargo run --release --features engine --example headless -- cornell.png [--direct]
+//! ```
+//!
+//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to compare.
+
+mod common;
+
+use bevy::app::PluginsState;
+use bevy::camera::RenderTarget;
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::gpu_readback::{Readback, ReadbackComplete};
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
+use bevy::render::renderer::RenderDevice;
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_meshless_gi::bake::{Preset, Recipe};
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed};
+use bevy_meshless_gi::prelude::*;
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex};
+
+/// Pixels. 4 bytes each: rows of a multiple of 256 bytes need no unpacking.
+const SIZE: UVec2 = UVec2::new(640, 480);
+
+fn main() -> ExitCode {
+    let mut path = "headless.png".to_string();
+    let mut indirect = true;
+    for argument in std::env::args().skip(1) {
+        match argument.as_str() {
+            "--direct" => indirect = false,
+            option if option.starts_with('-') => {
+                eprintln!("usage: headless [PICTURE.png] [--direct]");
+                return ExitCode::from(2);
+            }
+            file => path = file.to_string(),
+        }
+    }
+    let mut app = App::new();
+    app.add_plugins((
+        DefaultPlugins
+            .set(WindowPlugin {
+                primary_window: None,
+                exit_condition: ExitCondition::DontExit,
+                ..default()
+            })
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..default()
+            })
+            .disable::<WinitPlugin>()
+            .disable::<PipelinedRenderingPlugin>(),
+        MeshlessGiPlugin::default(),
+    ))
+    .insert_resource(GlobalAmbientLight::NONE);
+    while app.plugins_state() == PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+
+    let target = picture_to_draw(&mut app);
+    app.world_mut()
+        .run_system_cached_with(setup, (target.clone(), indirect))
+        .expect("the scene can be made");
+
+    // Bake, in the background as in a game.
+    let mut baking = app.world_mut().query::<&MeshlessGiBake>();
+    while baking.iter(app.world()).next().is_some() {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+        frame(&mut app);
+    }
+    if let Some(failed) = app
+        .world_mut()
+        .query::<&MeshlessGiBakeFailed>()
+        .iter(app.world())
+        .next()
+    {
+        eprintln!("the bake failed: {}", failed.0);
+        return ExitCode::from(1);
+    }
+
+    // A few frames more: shadow maps and shaders settle.
+    for _ in 0..5 {
+        frame(&mut app);
+    }
+    let bytes = Arc::new(Mutex::new(None));
+    let sink = bytes.clone();
+    app.world_mut()
+        .spawn(Readback::texture(target))
+        .observe(move |event: On<ReadbackComplete>| {
+            *sink.lock().expect("no panic holds it") = Some(event.data.clone())
+        });
+    for _ in 0..10 {
+        frame(&mut app);
+    }
+    let Some(bytes) = bytes.lock().expect("no panic holds it").take() else {
+        eprintln!("the renderer gave no picture; see the log above");
+        return ExitCode::from(3);
+    };
+    if let Err(why) = image::save_buffer(&path, &bytes, SIZE.x, SIZE.y, image::ColorType::Rgba8) {
+        eprintln!("{path}: {why}");
+        return ExitCode::from(3);
+    }
+    println!("{path}");
+    ExitCode::SUCCESS
+}
+
+fn frame(app: &mut App) {
+    app.update();
+    if let Some(device) = app.world().get_resource::<RenderDevice>() {
+        // What is lost with the device shows in the log, and as a picture that never comes.
+        let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+    }
+}
+
+fn picture_to_draw(app: &mut App) -> Handle<Image> {
+    let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    app.world_mut().resource_mut::<Assets<Image>>().add(image)
+}
+
+fn setup(
+    In((target, indirect)): In<(Handle<Image>, bool)>,
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let quads = common::cornell_box();
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        ..default()
+    };
+    let mut root = commands.spawn((
+        Transform::default(),
+        Visibility::default(),
+        MeshlessGiBake::spawn(common::level(&quads), recipe),
+    ));
+    common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    commands.spawn((
+        PointLight {
+            color: Color::linear_rgb(1.0, 0.95, 0.85),
+            intensity: 60_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::from_xyz(0.0, 1.6, 0.2),
+    ));
+    commands.spawn((
+        Camera3d::default(),
+        Camera {
+            clear_color: ClearColorConfig::Custom(Color::BLACK),
+            ..default()
+        },
+        RenderTarget::Image(target.into()),
+        MeshlessGiCamera {
+            enabled: indirect,
+            ..default()
+        },
+        Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
+    ));
+}

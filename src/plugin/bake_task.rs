@@ -1,0 +1,166 @@
+//! Baking inside a running game: a component that bakes in the background and becomes the scene's light when it is done.
+//!
+//! ```no_run
+//! # use bevy::prelude::*;
+//! # use bevy_meshless_gi::{bake::Recipe, plugin::MeshlessGiBake, scene::TriangleMesh};
+//! # fn level() -> TriangleMesh { unimplemented!() }
+//! fn start(mut commands: Commands) {
+//!     // `level()` makes a `TriangleMesh` in the local space of the entity that it is spawned on.
+//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(level(), Recipe::default())));
+//! }
+//! ```
+//!
+//! The bake runs on threads of its own, one less than the machine has, so that the game stays alive. Despawning the entity or
+//! removing the component cancels it.
+
+use super::asset::MeshlessGiAsset;
+use super::components::MeshlessGi;
+use crate::bake::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
+use crate::scene::TriangleMesh;
+use bevy::asset::Assets;
+use bevy::ecs::prelude::*;
+use bevy::log::{error, info};
+use bevy::reflect::prelude::*;
+use bevy::tasks::futures::check_ready;
+use bevy::tasks::{AsyncComputeTaskPool, Task, TaskPool};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+/// Why a bake in the background gave nothing.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeTaskError {
+    /// The bake says why.
+    #[error(transparent)]
+    Bake(#[from] BakeError),
+    /// No threads to bake on.
+    #[error("no threads could be started for the bake: {0}")]
+    Threads(String),
+    /// A defect of this crate: the bake panicked. Please report it with the level.
+    #[error("the bake panicked: {0}")]
+    Panicked(String),
+}
+
+/// A bake under way. When it is done the entity gets a [`MeshlessGi`] and an event [`MeshlessGiBaked`]; when it fails, a
+/// [`MeshlessGiBakeFailed`]. Dropping it cancels the bake.
+#[derive(Component)]
+pub struct MeshlessGiBake {
+    progress: Arc<Progress>,
+    task: Task<Result<Baked, BakeTaskError>>,
+}
+
+impl MeshlessGiBake {
+    /// Starts a bake of `level` on the `AsyncComputeTaskPool`.
+    #[must_use]
+    pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
+        let progress = Arc::new(Progress::default());
+        let told = progress.clone();
+        let task = AsyncComputeTaskPool::get_or_init(TaskPool::default)
+            .spawn(async move { bake_level(&level, &recipe, &told) });
+        Self { progress, task }
+    }
+
+    /// What the bake is doing, and how much of that is done, 0 to 1.
+    #[must_use]
+    pub fn progress(&self) -> (Stage, f32) {
+        self.progress.get()
+    }
+
+    /// Asks the bake to stop. It ends soon after, as a [`MeshlessGiBakeFailed`].
+    pub fn cancel(&self) {
+        self.progress.cancel();
+    }
+}
+
+impl Drop for MeshlessGiBake {
+    fn drop(&mut self) {
+        self.progress.cancel();
+    }
+}
+
+/// On an entity whose bake failed: why.
+#[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiBakeFailed(pub String);
+
+/// Sent to the entity when its bake is done and its [`MeshlessGi`] is there.
+#[derive(EntityEvent, Clone, Debug)]
+pub struct MeshlessGiBaked {
+    /// The entity that was baked for.
+    pub entity: Entity,
+    /// Seconds that the bake took.
+    pub seconds: f64,
+    /// The bake's own estimate of its error (NRMSE of indirect irradiance).
+    pub estimated_nrmse: f32,
+}
+
+/// Bakes on threads of its own and turns a panic into an error: neither a game nor an asset processor may hang on it.
+pub(crate) fn bake_level(
+    level: &TriangleMesh,
+    recipe: &Recipe,
+    progress: &Progress,
+) -> Result<Baked, BakeTaskError> {
+    let threads =
+        std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1));
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("meshless gi bake {i}"))
+        .build()
+        .map_err(|e| BakeTaskError::Threads(e.to_string()))?;
+    let source = BakeSource {
+        geometry: level,
+        bvh: level.bvh(),
+        primitives: level.len() as u64,
+        content_hash: level.content_hash(),
+    };
+    let baked = pool.install(|| catch_unwind(AssertUnwindSafe(|| bake(&source, recipe, progress))));
+    match baked {
+        Ok(result) => Ok(result?),
+        Err(panic) => {
+            let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+            Err(BakeTaskError::Panicked(
+                text.unwrap_or_else(|| "no message".into()),
+            ))
+        }
+    }
+}
+
+/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+pub(crate) fn collect_bakes(
+    mut commands: Commands,
+    mut bakes: Query<(Entity, &mut MeshlessGiBake)>,
+    mut assets: ResMut<Assets<MeshlessGiAsset>>,
+) {
+    for (entity, mut under_way) in &mut bakes {
+        let Some(result) = check_ready(&mut under_way.task) else {
+            continue;
+        };
+        let mut commands = commands.entity(entity);
+        commands.remove::<MeshlessGiBake>();
+        match result {
+            Ok(Baked { scene, stats }) => {
+                let seconds = stats.seconds.total;
+                let estimated_nrmse = scene.info.estimated_nrmse;
+                info!(
+                    "baked {} points and {} links in {seconds:.1} s, estimated error {:.1} %",
+                    scene.points.len(),
+                    scene.operator.links.len(),
+                    100.0 * estimated_nrmse,
+                );
+                commands
+                    .remove::<MeshlessGiBakeFailed>()
+                    .insert(MeshlessGi(assets.add(MeshlessGiAsset::from(scene))))
+                    .trigger(|entity| MeshlessGiBaked {
+                        entity,
+                        seconds,
+                        estimated_nrmse,
+                    });
+            }
+            Err(why) => {
+                error!("a bake failed: {why}");
+                commands.insert(MeshlessGiBakeFailed(why.to_string()));
+            }
+        }
+    }
+}
