@@ -52,6 +52,12 @@ impl Texture {
         })
     }
 
+    /// How many texels it has.
+    #[cfg(feature = "gltf")]
+    pub(super) fn len(&self) -> u64 {
+        self.texels.len() as u64
+    }
+
     fn texel(&self, x: i64, y: i64) -> [u8; 4] {
         let x = self.wrap[0].texel(x, self.width);
         let y = self.wrap[1].texel(y, self.height);

@@ -221,6 +221,7 @@ impl TriangleMesh {
         &self.problems
     }
 
+    #[cfg(feature = "gltf")]
     pub(super) fn add_bad_indices(&mut self, count: u64) {
         self.problems.bad_index += count;
     }

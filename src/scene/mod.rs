@@ -7,6 +7,8 @@ mod bvh;
 mod bvh_build;
 mod error;
 mod geometry;
+#[cfg(feature = "gltf")]
+mod gltf;
 mod light;
 mod material;
 mod mesh;
@@ -15,6 +17,8 @@ mod watertight;
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
 pub use error::SceneError;
 pub use geometry::{Bounds, Geometry, Hit, Ray, Surface};
+#[cfg(feature = "gltf")]
+pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes};
 pub use light::Light;
 pub use material::{Material, Texture, Wrap};
 pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};

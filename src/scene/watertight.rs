@@ -133,11 +133,6 @@ mod tests {
     fn edges_and_vertices_count() {
         for p in [A, B, C, 0.5 * (A + B), 0.5 * (B + C), 0.5 * (A + C)] {
             assert!(meet(Vec3::new(p.x, p.y, 0.0), Vec3::Z).is_some(), "{p}");
-            let origin = Vec3::new(0.3, 0.3, -1.0);
-            assert!(
-                meet(origin, (p - origin).normalize()).is_some() || p != 0.5 * (A + B),
-                "{p}"
-            );
         }
     }
 

@@ -1,0 +1,193 @@
+//! Materials, textures and images of a glTF file.
+
+use super::super::{Material, SceneError, Texture, Wrap};
+use super::accessor::Buffers;
+use super::{Resolver, container};
+use ::gltf::json::texture::{Info, WrappingMode};
+use ::gltf::json::validation::Checked;
+use ::gltf::json::{self, material::AlphaMode};
+use glam::{Vec2, Vec3, Vec4};
+use std::io::Cursor;
+
+/// Most texels of an image along an edge.
+const LARGEST_EDGE: u32 = 16_384;
+/// Most bytes that decoding one image may take.
+const LARGEST_IMAGE: u64 = 1 << 30;
+
+/// Which texture coordinates a texture reads, and how it moves them (KHR_texture_transform).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Placement {
+    /// Number of the coordinate set; none where the material has no such texture.
+    pub(super) set: Option<u32>,
+    offset: Vec2,
+    rotation: f32,
+    scale: Vec2,
+}
+
+impl Placement {
+    fn of(info: Option<&Info>) -> Self {
+        let Some(info) = info else {
+            return Self::default();
+        };
+        let transform = info
+            .extensions
+            .as_ref()
+            .and_then(|e| e.texture_transform.as_ref());
+        Self {
+            set: Some(
+                transform
+                    .and_then(|t| t.tex_coord)
+                    .unwrap_or(info.tex_coord),
+            ),
+            offset: transform.map_or(Vec2::ZERO, |t| Vec2::from_array(t.offset.0)),
+            rotation: transform.map_or(0.0, |t| t.rotation.0),
+            scale: transform.map_or(Vec2::ONE, |t| Vec2::from_array(t.scale.0)),
+        }
+    }
+
+    /// A coordinate of the mesh in the texture: scaled, turned, moved.
+    pub(super) fn apply(&self, uv: Vec2) -> Vec2 {
+        let (s, c) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
+        let p = uv * self.scale;
+        Vec2::new(c * p.x + s * p.y, c * p.y - s * p.x) + self.offset
+    }
+}
+
+/// A material with the placements of its base colour, metallic and emissive texture.
+pub(super) struct Placed {
+    pub(super) material: Material,
+    pub(super) placements: [Placement; 3],
+}
+
+/// What a primitive without a material has: white, fully metallic says the format, which reflects nothing diffusely;
+/// every viewer shows it white, and so do we.
+pub(super) fn plain() -> Placed {
+    Placed {
+        material: Material {
+            double_sided: false,
+            ..Material::diffuse(Vec3::ONE)
+        },
+        placements: [Placement::default(); 3],
+    }
+}
+
+pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, String> {
+    let index = |info: &Option<Info>| match info.as_ref().map(|i| i.index.value()) {
+        Some(i) if i >= textures => Err(format!("texture {i} is not there")),
+        other => Ok(other.map(|i| i as u32)),
+    };
+    let extensions = m.extensions.as_ref();
+    let glossy = extensions.and_then(|e| e.pbr_specular_glossiness.as_ref());
+    let pbr = &m.pbr_metallic_roughness;
+    let strength = extensions
+        .and_then(|e| e.emissive_strength.as_ref())
+        .map_or(1.0, |e| e.emissive_strength.0);
+    let (base, base_info, metallic, metallic_info) = match glossy {
+        // What is not reflected at once is left for diffuse reflection.
+        Some(g) => {
+            let [r, gr, b] = g.specular_factor.0;
+            let textured = g.specular_glossiness_texture.is_some();
+            let mirrored = if textured { 0.0 } else { r.max(gr).max(b) };
+            (g.diffuse_factor.0, &g.diffuse_texture, mirrored, &None)
+        }
+        None => (
+            pbr.base_color_factor.0,
+            &pbr.base_color_texture,
+            pbr.metallic_factor.0,
+            &pbr.metallic_roughness_texture,
+        ),
+    };
+    let Checked::Valid(mode) = m.alpha_mode else {
+        return Err("its alpha mode is not known".into());
+    };
+    Ok(Placed {
+        material: Material {
+            base_color: Vec4::from_array(base),
+            base_color_texture: index(base_info)?,
+            metallic,
+            metallic_texture: index(metallic_info)?,
+            emissive: Vec3::from_array(m.emissive_factor.0) * strength,
+            emissive_texture: index(&m.emissive_texture)?,
+            double_sided: m.double_sided,
+            alpha_cutoff: match mode {
+                AlphaMode::Opaque => None,
+                AlphaMode::Mask => Some(m.alpha_cutoff.map_or(0.5, |c| c.0)),
+                // Light passes or does not: what is more opaque than not is opaque.
+                AlphaMode::Blend => Some(0.5),
+            },
+        },
+        placements: [
+            Placement::of(base_info.as_ref()),
+            Placement::of(metallic_info.as_ref()),
+            Placement::of(m.emissive_texture.as_ref()),
+        ],
+    })
+}
+
+/// The texture with index `i`, decoded.
+pub(super) fn texture(
+    file: &str,
+    buffers: &Buffers<'_>,
+    i: usize,
+    resolve: &mut Resolver<'_>,
+) -> Result<Texture, SceneError> {
+    let root = buffers.root;
+    let texture = &root.textures[i];
+    let image_index = texture.source.value();
+    let wrong = |reason: String| SceneError::Image {
+        file: file.into(),
+        image: image_index,
+        reason,
+    };
+    let image = root
+        .images
+        .get(image_index)
+        .ok_or_else(|| wrong("it is not there".into()))?;
+    let owned;
+    let bytes: &[u8] = match (&image.buffer_view, &image.uri) {
+        (Some(view), _) => buffers.view(*view).map_err(wrong)?,
+        (None, Some(uri)) => {
+            owned = match container::data_uri(uri) {
+                Some(bytes) => bytes.map_err(wrong)?,
+                None => resolve(&container::file_name(uri))?,
+            };
+            &owned
+        }
+        (None, None) => return Err(wrong("it has neither a buffer view nor a URI".into())),
+    };
+    let wrap = match texture.sampler {
+        None => [Wrap::Repeat; 2],
+        Some(s) => {
+            let sampler = root
+                .samplers
+                .get(s.value())
+                .ok_or_else(|| wrong(format!("sampler {} is not there", s.value())))?;
+            [sampler.wrap_s, sampler.wrap_t].map(|w| match w {
+                Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+                Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+                _ => Wrap::Repeat,
+            })
+        }
+    };
+    let (width, height, texels) = decode(bytes).map_err(wrong)?;
+    Texture::new(width, height, texels, wrap).ok_or_else(|| wrong("it has no texel".into()))
+}
+
+fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+    let mut reader = image::ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|e| e.to_string())?;
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(LARGEST_EDGE);
+    limits.max_image_height = Some(LARGEST_EDGE);
+    limits.max_alloc = Some(LARGEST_IMAGE);
+    reader.limits(limits);
+    let pixels = reader.decode().map_err(|e| e.to_string())?.into_rgba8();
+    let (width, height) = pixels.dimensions();
+    let texels = pixels
+        .into_raw()
+        .chunks_exact(4)
+        .map(|t| [t[0], t[1], t[2], t[3]])
+        .collect();
+    Ok((width, height, texels))
+}
