@@ -21,7 +21,7 @@ const POINTS: usize = 12;
 
 /// A closed box in the abstract: every point sees one sender, and nothing else, in the direction of its normal. Or the sky.
 fn furnace(to_sky: bool) -> BakedScene {
-    let normal = |i: usize| Vec3::new(0.6, if i % 2 == 0 { 0.8 } else { -0.8 }, 0.0);
+    let normal = |i: usize| Vec3::new(0.6, if i.is_multiple_of(2) { 0.8 } else { -0.8 }, 0.0);
     let points: Vec<Point> = (0..POINTS)
         .map(|i| Point::new(Vec3::X * (i % SENDERS) as f32, normal(i), 0.9))
         .collect();

@@ -1,4 +1,4 @@
-//! A scene that no bake would make: hundreds of points on four levels with random rows, so that every branch of every kernel runs. Everything follows from
+//! A scene that no bake would make: hundreds of points on five levels with random rows, so that every branch of every kernel runs. Everything follows from
 //! a counter, so it is the same on every machine.
 
 use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
@@ -48,16 +48,16 @@ impl Dice {
     }
 }
 
-/// Where the levels start: four levels, the first two send.
-const LEVELS: [u32; 5] = [0, 24, 110, 310, 701];
-const SENDER_LEVELS: u32 = 2;
+/// Where the levels start: five levels, the first three send, the last is not lit.
+const LEVELS: [u32; 6] = [0, 16, 60, 150, 330, 701];
+const SENDER_LEVELS: u32 = 3;
 
 /// The scene.
 pub fn scene(form: SenderForm) -> BakedScene {
     let mut dice = Dice::new(1);
-    let count = LEVELS[4] as usize;
+    let count = LEVELS[5] as usize;
     let senders = LEVELS[SENDER_LEVELS as usize] as usize;
-    let level_of = |i: usize| (0..4).rev().find(|&l| LEVELS[l] as usize <= i).unwrap();
+    let level_of = |i: usize| (0..5).rev().find(|&l| LEVELS[l] as usize <= i).unwrap();
 
     let mut planes = Vec::new();
     let points: Vec<Point> = (0..count)
