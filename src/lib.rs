@@ -14,9 +14,9 @@
 //! | [`transport`] | how light travels: the gather, refinement, the sparse operator, bounces |
 //! | [`asset`] | the baked scene and its container: format, write, read, validate |
 //! | [`frame`] | the CPU twins of the frame's kernels, in the order of a frame |
+//! | [`accuracy`] | the reference integrator and the metrics |
 //! | [`bake`] | recipe, stages, progress, statistics: the whole bake as one call |
 //! | [`plan`] | what this frame's scene calls for |
-//! | [`accuracy`] | the reference integrator and the metrics |
 //! | `gpu` | the same kernels on any wgpu device (feature `gpu`) |
 //! | `plugin` | `MeshlessGiPlugin` (feature `bevy`) |
 #![warn(missing_docs)]

@@ -1,0 +1,226 @@
+//! The reference integrator: unbiased Monte Carlo irradiance at surface places, with standard errors.
+//!
+//! Path tracing from the place: cosine-weighted directions, next-event estimation of the light sources at every vertex, emission and sky by the
+//! directions themselves. With the density cos θ / π a direction's share of the irradiance is the radiosity that it meets, so that
+//! E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source (emissive surfaces and the sky
+//! among them) to the place; "indirect" is what was diffusely reflected once or more.
+
+use crate::samples::{Random, cosine_hemisphere, tangents};
+use crate::scene::{Geometry, Light, Ray};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// How much work the reference takes.
+#[derive(Clone, Copy, Debug)]
+pub struct ReferenceSettings {
+    /// Paths a place.
+    pub paths: u32,
+    /// Most diffuse reflections that count; none for all (paths then end by Russian roulette).
+    pub bounces: Option<u32>,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+/// Irradiance at a place, W/m², with standard errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Irradiance {
+    /// Without reflection.
+    pub direct: Vec3,
+    /// Standard error of it.
+    pub direct_error: Vec3,
+    /// With one reflection or more.
+    pub indirect: Vec3,
+    /// Standard error of it.
+    pub indirect_error: Vec3,
+}
+
+/// Smooth end of a lamp's reach, as Bevy's shader has it: (1 − (d²/r²)²)² up to r.
+fn window(square: f32, range: f32) -> f32 {
+    let t = square / (range * range);
+    let f = (1.0 - t * t).max(0.0);
+    if range.is_finite() { f * f } else { 1.0 }
+}
+
+/// Irradiance of one light source (not the sky) at a place lifted to `start`; a rectangle is sampled at one random place. W/m².
+#[must_use]
+pub fn direct_irradiance(
+    geometry: &dyn Geometry,
+    light: &Light,
+    start: Vec3,
+    n: Vec3,
+    random: &mut Random,
+) -> Vec3 {
+    let lamp = |position: Vec3, intensity: Vec3, range: f32| {
+        let to = position - start;
+        let square = to.length_squared();
+        let cosine = to.dot(n);
+        if cosine <= 0.0 || square <= 0.0 {
+            return None;
+        }
+        let distance = square.sqrt();
+        let e = intensity * (cosine / (square * distance) * window(square, range));
+        Some((e, -to / distance, position))
+    };
+    let shadowed = |found: Option<(Vec3, Vec3, Vec3)>| match found {
+        Some((e, _, position)) if e != Vec3::ZERO && !geometry.occluded(start, position) => e,
+        _ => Vec3::ZERO,
+    };
+    match *light {
+        Light::Point {
+            position,
+            intensity,
+            range,
+        } => shadowed(lamp(position, intensity, range)),
+        Light::Spot {
+            position,
+            direction,
+            intensity,
+            inner,
+            outer,
+            range,
+        } => shadowed(
+            lamp(position, intensity, range).map(|(e, toward, position)| {
+                let span = (inner.cos() - outer.cos()).max(1e-4);
+                let f = ((toward.dot(direction) - outer.cos()) / span).clamp(0.0, 1.0);
+                (e * f * f, toward, position)
+            }),
+        ),
+        Light::Directional {
+            direction,
+            irradiance,
+        } => {
+            let cosine = -direction.dot(n);
+            if cosine <= 0.0 || geometry.cast(&Ray::new(start, -direction)).is_some() {
+                Vec3::ZERO
+            } else {
+                irradiance * cosine
+            }
+        }
+        Light::Rect {
+            center,
+            u,
+            v,
+            radiance,
+        } => {
+            let position =
+                center + u * (2.0 * random.unit() - 1.0) + v * (2.0 * random.unit() - 1.0);
+            let facing = u.cross(v);
+            // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
+            shadowed(
+                lamp(position, radiance, f32::INFINITY).map(|(e, toward, position)| {
+                    (e * (4.0 * facing.dot(toward)).max(0.0), toward, position)
+                }),
+            )
+        }
+        Light::Sky { .. } => Vec3::ZERO,
+    }
+}
+
+/// Irradiance at surface place (`x`, `n`). `stream` numbers the place: the same place, stream and settings give the same answer.
+#[must_use]
+pub fn irradiance(
+    geometry: &dyn Geometry,
+    lights: &[Light],
+    x: Vec3,
+    n: Vec3,
+    stream: u64,
+    settings: &ReferenceSettings,
+) -> Irradiance {
+    let sky: Vec3 = lights
+        .iter()
+        .filter_map(|light| match light {
+            Light::Sky { radiance } => Some(*radiance * core::f32::consts::PI),
+            _ => None,
+        })
+        .sum();
+    let lamps = |start: Vec3, n: Vec3, random: &mut Random| -> Vec3 {
+        lights
+            .iter()
+            .map(|light| direct_irradiance(geometry, light, start, n, random))
+            .sum()
+    };
+    let most = settings.bounces.unwrap_or(u32::MAX);
+    let mut sums = [glam::DVec3::ZERO; 4];
+    for path in 0..settings.paths {
+        let mut random = Random::new(settings.seed ^ 0x72_65_66, stream, u64::from(path));
+        let mut position = x + n * geometry.lift(x);
+        let mut normal = n;
+        let mut throughput = Vec3::ONE;
+        let mut direct = lamps(position, normal, &mut random);
+        let mut indirect = Vec3::ZERO;
+        // The light that comes along the next direction has `depth` reflections behind it once it is emitted there, and one more once reflected.
+        let mut depth = 0u32;
+        loop {
+            let (t, b) = tangents(normal);
+            // The first two dimensions are stratified over the paths by a lattice.
+            let u = if depth == 0 {
+                let mut shift = Random::new(settings.seed ^ 0x73_68, stream, 0);
+                crate::samples::lattice(path, settings.paths, Vec2::new(shift.unit(), shift.unit()))
+            } else {
+                Vec2::new(random.unit(), random.unit())
+            };
+            let d = cosine_hemisphere(u);
+            let ray = Ray::new(position, (t * d.x + b * d.y + normal * d.z).normalize());
+            let hit = geometry.cast(&ray);
+            let seen = hit.map(|hit| geometry.surface(&ray, &hit));
+            let emitted = throughput * seen.map_or(sky, |s| s.emission);
+            if depth == 0 {
+                direct += emitted;
+            } else {
+                indirect += emitted;
+            }
+            let Some(seen) = seen else { break };
+            depth += 1;
+            if depth > most {
+                break;
+            }
+            throughput *= seen.albedo;
+            if settings.bounces.is_none() && depth > 3 {
+                let survive = throughput.max_element().min(0.98);
+                if random.unit() >= survive {
+                    break;
+                }
+                throughput /= survive;
+            }
+            if throughput == Vec3::ZERO {
+                break;
+            }
+            position = seen.position + seen.normal * geometry.lift(seen.position);
+            normal = seen.normal;
+            indirect += throughput * lamps(position, normal, &mut random);
+        }
+        for (sum, value) in
+            sums.iter_mut()
+                .zip([direct, direct * direct, indirect, indirect * indirect])
+        {
+            *sum += value.as_dvec3();
+        }
+    }
+    let count = f64::from(settings.paths.max(1));
+    let [direct, direct_square, indirect, indirect_square] = sums.map(|s| s / count);
+    let error = |mean: glam::DVec3, square: glam::DVec3| {
+        let variance = (square - mean * mean).max(glam::DVec3::ZERO) / (count - 1.0).max(1.0);
+        glam::DVec3::new(variance.x.sqrt(), variance.y.sqrt(), variance.z.sqrt()).as_vec3()
+    };
+    Irradiance {
+        direct: direct.as_vec3(),
+        direct_error: error(direct, direct_square),
+        indirect: indirect.as_vec3(),
+        indirect_error: error(indirect, indirect_square),
+    }
+}
+
+/// [`irradiance`] at many places, in parallel; place k is stream k.
+#[must_use]
+pub fn irradiance_at_all(
+    geometry: &dyn Geometry,
+    lights: &[Light],
+    places: &[(Vec3, Vec3)],
+    settings: &ReferenceSettings,
+) -> Vec<Irradiance> {
+    places
+        .par_iter()
+        .enumerate()
+        .map(|(k, &(x, n))| irradiance(geometry, lights, x, n, k as u64, settings))
+        .collect()
+}
