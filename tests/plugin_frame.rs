@@ -3,16 +3,17 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStatus, MeshlessGiView,
+    MeshlessGiCoefficients, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiGizmos, MeshlessGiStatus, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
-use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Room, cornell, cpu_indirect};
+use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
 use std::f32::consts::PI;
 
 /// The largest mean FLIP between the plugin's frame and the CPU's.
@@ -252,7 +253,7 @@ fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
         .insert(MeshlessGiCamera::default());
     run(&mut app, 3);
     let lit = picture(&mut app, &image);
-    let mut sum = cpu_indirect(
+    let indirect = cpu_indirect(
         &room,
         &bake,
         Transform::IDENTITY,
@@ -260,14 +261,7 @@ fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
         &[lamp(place)],
         &settings(),
     );
-    for (sum, direct) in sum
-        .pixels
-        .iter_mut()
-        .flatten()
-        .zip(direct.pixels.iter().flatten())
-    {
-        *sum += direct;
-    }
+    let sum = direct.plus(&indirect);
     keep("direct", &direct);
     assert_alike("lit", &sum, &lit);
     assert!(flip(&direct, &lit) > MOST, "indirect light shows");
@@ -633,7 +627,7 @@ fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
 
 #[test]
 fn bevys_units_are_ours_for_every_kind_of_lamp() {
-    use bevy_meshless_gi::frame::{FrameLight, project::unshadowed};
+    use bevy_meshless_gi::frame::project::unshadowed;
     let mut app = app();
     let room = Room::wall(0.6);
     let root = app
@@ -750,4 +744,275 @@ fn what_would_count_twice_is_told_once() {
         found.iter().all(|f| f.advice().contains("brightness")
             || f.advice().contains("GlobalAmbientLight::NONE"))
     );
+}
+
+#[test]
+fn two_baked_scenes_share_a_camera() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    let roots = [-1.4, 1.4]
+        .map(|x| Transform::from_xyz(x, 0.0, 0.0).with_rotation(Quat::from_rotation_y(0.2 * x)));
+    for root in roots {
+        spawn_room(&mut app, root);
+    }
+    let image = target(&mut app);
+    let far = Transform::from_xyz(0.05, 1.1, 6.5).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
+    app.world_mut().spawn((camera(&image, far), indirect()));
+    // A lamp in each; each bake knows its own walls only, and sees both lamps.
+    let places = roots.map(|root| root.transform_point(Vec3::new(0.1, 1.5, 0.4)));
+    for place in places {
+        app.world_mut()
+            .spawn((bevy_lamp(), Transform::from_translation(place)));
+    }
+    run(&mut app, 1);
+    let first = counters(&app);
+    assert_eq!(
+        (first.active_scenes, first.projected_slots),
+        (2, 4),
+        "{}",
+        first.plan
+    );
+    run(&mut app, 2);
+    let rest = counters(&app);
+    assert_eq!(
+        (
+            rest.dispatches_of(Stage::Splat),
+            rest.dispatches_of(Stage::Composite)
+        ),
+        (2, 1),
+        "{}",
+        rest.plan
+    );
+    let [left, right] =
+        roots.map(|root| cpu_indirect(&room, &bake, root, far, &places.map(lamp), &settings()));
+    assert_alike("two_scenes", &left.plus(&right), &picture(&mut app, &image));
+}
+
+#[test]
+fn views_side_by_side_on_one_target_each_show_their_own() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let half = WIDTH / 2;
+    let views = [
+        view(),
+        Transform::from_xyz(0.8, 1.2, 4.5).looking_at(Vec3::new(0.1, 0.9, 0.0), Vec3::Y),
+    ];
+    for (i, at) in views.into_iter().enumerate() {
+        let eye = app.world_mut().spawn((camera(&image, at), indirect())).id();
+        let mut eye = app.world_mut().entity_mut(eye);
+        let mut camera = eye.get_mut::<Camera>().unwrap();
+        camera.order = i as isize;
+        camera.viewport = Some(bevy::camera::Viewport {
+            physical_position: UVec2::new(i as u32 * half, 0),
+            physical_size: UVec2::new(half, HEIGHT),
+            ..default()
+        });
+        if i > 0 {
+            camera.clear_color = ClearColorConfig::None;
+        }
+    }
+    let place = Vec3::new(0.2, 1.5, 0.4);
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)));
+    run(&mut app, 3);
+    let both = picture(&mut app, &image);
+    for (i, at) in views.into_iter().enumerate() {
+        let cpu = cpu_indirect_sized(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            at,
+            &[lamp(place)],
+            &settings(),
+            [half, HEIGHT],
+        );
+        assert_alike(
+            &format!("half_{i}"),
+            &cpu,
+            &both.columns(i * half as usize, half as usize),
+        );
+    }
+}
+
+#[test]
+fn every_kind_of_light_arrives_and_may_opt_out() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    let aimed = Transform::from_xyz(0.4, 1.7, 0.7).looking_at(Vec3::new(-0.8, 0.3, -0.4), Vec3::Y);
+    let sun = Transform::default().looking_to(Vec3::new(-0.3, -0.4, -1.0), Vec3::Y);
+    let panel = Transform::from_xyz(0.3, 1.9, 0.2).looking_to(Vec3::NEG_Y, Vec3::Z);
+    let (lumens, lux) = (30_000.0, 800.0);
+    let spot = SpotLight {
+        intensity: CANDELA * 4.0 * PI,
+        range: 20.0,
+        inner_angle: 0.2,
+        outer_angle: 0.6,
+        ..default()
+    };
+    let directional = DirectionalLight {
+        illuminance: lux,
+        color: Color::linear_rgb(1.0, 0.9, 0.7),
+        ..default()
+    };
+    let rect = RectLight {
+        intensity: lumens,
+        width: 0.6,
+        height: 0.4,
+        ..default()
+    };
+    app.world_mut().spawn((spot, aimed));
+    app.world_mut().spawn((directional, sun));
+    app.world_mut().spawn((rect, panel));
+    // Two that take no part: one for direct light only, one that is not there for light at all.
+    let only_direct = MeshlessGiLight {
+        enabled: false,
+        ..default()
+    };
+    app.world_mut()
+        .spawn((bevy_lamp(), only_direct, Transform::from_xyz(0.0, 1.0, 0.5)));
+    app.world_mut().spawn((
+        bevy_lamp(),
+        Visibility::Hidden,
+        Transform::from_xyz(0.0, 1.0, 0.5),
+    ));
+    let lights = [
+        Light::Spot {
+            position: aimed.translation,
+            direction: aimed.forward().as_vec3(),
+            intensity: Vec3::splat(CANDELA),
+            inner: 0.2,
+            outer: 0.6,
+            range: 20.0,
+        },
+        Light::Directional {
+            direction: sun.forward().as_vec3(),
+            irradiance: lux * Vec3::new(1.0, 0.9, 0.7),
+        },
+        Light::Rect {
+            center: panel.translation,
+            u: panel.rotation * Vec3::X * 0.3,
+            v: panel.rotation * Vec3::NEG_Y * 0.2,
+            radiance: Vec3::splat(lumens / (0.24 * PI)),
+        },
+    ];
+    run(&mut app, 3);
+    let cpu = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights,
+        &settings(),
+    );
+    assert_alike("lights", &cpu, &picture(&mut app, &image));
+    for i in 0..lights.len() {
+        let mut fewer = lights.to_vec();
+        fewer.remove(i);
+        let without = cpu_indirect(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &fewer,
+            &settings(),
+        );
+        assert!(
+            without.nrmse(&cpu) > 0.03,
+            "light {i} shows: {}",
+            without.nrmse(&cpu)
+        );
+    }
+
+    // Irradiance as white surfaces would show it.
+    app.world_mut()
+        .get_mut::<MeshlessGiCamera>(eye)
+        .unwrap()
+        .view = MeshlessGiView::Irradiance;
+    run(&mut app, 1);
+    let white = cpu_indirect(
+        &room.recoloured(|_| Vec3::ONE),
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights,
+        &settings(),
+    );
+    assert_alike("irradiance", &white, &picture(&mut app, &image));
+}
+
+#[test]
+fn coefficients_come_back_for_the_gizmos_and_only_then() {
+    use bevy::gizmos::config::GizmoConfigStore;
+    let mut app = app();
+    let (_, bake) = cornell();
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    app.world_mut()
+        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+    let place = Vec3::new(0.2, 1.5, 0.4);
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)));
+    run(&mut app, 3);
+    let plain = picture(&mut app, &image);
+    let back = |app: &App| app.world().resource::<MeshlessGiCoefficients>().of(root);
+    assert!(back(&app).is_none());
+    assert_eq!(counters(&app).dispatches_of(Stage::ReadBack), 0);
+
+    let show = |app: &mut App, on: bool| {
+        let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
+        let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+        (config.enabled, config.depth_bias) = (on, -1.0);
+        (group.points, group.coefficients, group.size) = (false, true, 0.3);
+    };
+    show(&mut app, true);
+    run(&mut app, 5);
+    let values = back(&app).expect("they have arrived");
+    let mut frame = CpuFrame::new(&bake);
+    frame.set_lights(&bake, &FrameLight::expand(&lamp(place), 1));
+    frame.solve(&bake, &settings());
+    assert_eq!(values.len(), bake.points.len());
+    let largest = values.iter().copied().fold(0.0, f32::max);
+    for (i, v) in frame
+        .values()
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| bake.operator.rows[*i].active != 0)
+    {
+        let size: f32 = [v.x, v.y, v.z]
+            .iter()
+            .flat_map(|axis| &axis[..3])
+            .map(|c| c * c)
+            .sum::<f32>()
+            .sqrt();
+        assert!(
+            (size - values[i]).abs() < 1e-3 * largest,
+            "point {i}: {} came back, {size} on the CPU",
+            values[i]
+        );
+    }
+    let dots = picture(&mut app, &image);
+    keep("dots", &plain.beside(&dots));
+    let green = |p: &Picture| {
+        p.pixels
+            .iter()
+            .filter(|[r, g, b]| *g > 0.8 && *r < 0.3 && *b < 0.3)
+            .count()
+    };
+    assert!(
+        green(&dots) > 50 && green(&plain) == 0,
+        "{} green pixels",
+        green(&dots)
+    );
+
+    show(&mut app, false);
+    run(&mut app, 2);
+    assert_eq!(counters(&app).dispatches_of(Stage::ReadBack), 0);
 }

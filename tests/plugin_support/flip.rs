@@ -52,6 +52,25 @@ impl Picture {
         }
     }
 
+    /// The part from column `left` on, `width` wide.
+    pub fn columns(&self, left: usize, width: usize) -> Self {
+        let row = |y: usize| &self.pixels[y * self.width + left..y * self.width + left + width];
+        Self {
+            width,
+            height: self.height,
+            pixels: (0..self.height).flat_map(row).copied().collect(),
+        }
+    }
+
+    /// The sum of two pictures.
+    pub fn plus(&self, other: &Self) -> Self {
+        let add = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+        Self {
+            pixels: self.pixels.iter().zip(&other.pixels).map(add).collect(),
+            ..*self
+        }
+    }
+
     /// Writes a PNG (gamma of sRGB).
     pub fn save(&self, path: &std::path::Path) {
         let bytes: Vec<u8> = self

@@ -3,4 +3,5 @@
 
 pub mod app;
 pub mod flip;
+pub mod glb;
 pub mod scenes;

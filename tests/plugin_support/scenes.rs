@@ -269,6 +269,19 @@ pub fn cpu_indirect(
     lights: &[Light],
     settings: &FrameSettings,
 ) -> Picture {
+    cpu_indirect_sized(room, bake, root, camera, lights, settings, [WIDTH, HEIGHT])
+}
+
+/// As [`cpu_indirect`], for a picture of another size.
+pub fn cpu_indirect_sized(
+    room: &Room,
+    bake: &BakedScene,
+    root: Transform,
+    camera: Transform,
+    lights: &[Light],
+    settings: &FrameSettings,
+    [wide, high]: [u32; 2],
+) -> Picture {
     let local_from_world = root.to_matrix().inverse();
     let lights: Vec<FrameLight> = lights
         .iter()
@@ -279,10 +292,10 @@ pub fn cpu_indirect(
     frame.set_lights(bake, &lights);
     frame.solve(bake, settings);
     let half_height = (std::f32::consts::FRAC_PI_4 / 2.0).tan();
-    let aspect = WIDTH as f32 / HEIGHT as f32;
+    let aspect = wide as f32 / high as f32;
     let pixel = |i: u32| {
-        let (x, y) = ((i % WIDTH) as f32 + 0.5, (i / WIDTH) as f32 + 0.5);
-        let ndc = Vec2::new(2.0 * x / WIDTH as f32 - 1.0, 1.0 - 2.0 * y / HEIGHT as f32);
+        let (x, y) = ((i % wide) as f32 + 0.5, (i / wide) as f32 + 0.5);
+        let ndc = Vec2::new(2.0 * x / wide as f32 - 1.0, 1.0 - 2.0 * y / high as f32);
         let toward =
             camera.rotation * Vec3::new(ndc.x * aspect * half_height, ndc.y * half_height, -1.0);
         let origin = local_from_world.transform_point3(camera.translation);
@@ -308,8 +321,8 @@ pub fn cpu_indirect(
         (exposure() * surface.albedo * e / std::f32::consts::PI).to_array()
     };
     Picture {
-        width: WIDTH as usize,
-        height: HEIGHT as usize,
-        pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
+        width: wide as usize,
+        height: high as usize,
+        pixels: (0..wide * high).map(pixel).collect(),
     }
 }

@@ -1,0 +1,80 @@
+//! A room as a `.glb` file: what an artist's tool would have written.
+
+use super::scenes::Room;
+
+/// Binary glTF of the room: one mesh, one primitive and material a surface.
+pub fn glb(room: &Room) -> Vec<u8> {
+    let mut binary: Vec<u8> = Vec::new();
+    let mut views = Vec::new();
+    let mut accessors = Vec::new();
+    let mut primitives = Vec::new();
+    let mut materials = Vec::new();
+    for (i, quad) in room.0.iter().enumerate() {
+        let corners = [
+            quad.corner,
+            quad.corner + quad.u,
+            quad.corner + quad.u + quad.v,
+            quad.corner + quad.v,
+        ];
+        let (low, high) = corners
+            .iter()
+            .fold((corners[0], corners[0]), |(l, h), c| (l.min(*c), h.max(*c)));
+        let at = binary.len();
+        corners
+            .iter()
+            .flat_map(|c| c.to_array())
+            .for_each(|f| binary.extend(f.to_le_bytes()));
+        views.push(format!(
+            r#"{{"buffer":0,"byteOffset":{at},"byteLength":48}}"#
+        ));
+        accessors.push(format!(
+            r#"{{"bufferView":{},"componentType":5126,"count":4,"type":"VEC3","min":{:?},"max":{:?}}}"#,
+            2 * i,
+            low.to_array(),
+            high.to_array()
+        ));
+        let at = binary.len();
+        [0u16, 1, 2, 0, 2, 3]
+            .iter()
+            .for_each(|k| binary.extend(k.to_le_bytes()));
+        views.push(format!(
+            r#"{{"buffer":0,"byteOffset":{at},"byteLength":12}}"#
+        ));
+        accessors.push(format!(
+            r#"{{"bufferView":{},"componentType":5123,"count":6,"type":"SCALAR"}}"#,
+            2 * i + 1
+        ));
+        primitives.push(format!(
+            r#"{{"attributes":{{"POSITION":{}}},"indices":{},"material":{i}}}"#,
+            2 * i,
+            2 * i + 1
+        ));
+        let [r, g, b] = quad.colour.to_array();
+        materials.push(format!(
+            r#"{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":0}}}}"#
+        ));
+    }
+    let mut json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"buffers":[{{"byteLength":{}}}],"bufferViews":[{}],"accessors":[{}],"materials":[{}],"meshes":[{{"primitives":[{}]}}]}}"#,
+        binary.len(),
+        views.join(","),
+        accessors.join(","),
+        materials.join(","),
+        primitives.join(",")
+    )
+    .into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let mut out = Vec::new();
+    let word = |out: &mut Vec<u8>, v: usize| out.extend((v as u32).to_le_bytes());
+    out.extend(b"glTF");
+    word(&mut out, 2);
+    word(&mut out, 12 + 8 + json.len() + 8 + binary.len());
+    word(&mut out, json.len());
+    out.extend(b"JSON");
+    out.extend(&json);
+    word(&mut out, binary.len());
+    out.extend(b"BIN\0");
+    out.extend(&binary);
+    out
+}
