@@ -2,6 +2,9 @@
 //! says that nothing is to be compared. Each comparison is also run on a twin with one spoiled input, and must object.
 #![cfg(feature = "gpu")]
 
+#[cfg(feature = "gltf")]
+#[path = "twins/baked.rs"]
+mod baked;
 #[path = "twins/compare.rs"]
 mod compare;
 #[path = "twins/screen.rs"]
@@ -389,6 +392,60 @@ fn links_that_do_not_fit_one_binding_are_cut() {
         matches!(error, GpuError::TooLarge { bytes, limit: 4096, .. } if bytes > 4096),
         "{error}"
     );
+}
+
+/// The whole frame of real bakes, from lights to vector irradiance, the projection included.
+#[cfg(feature = "gltf")]
+#[test]
+fn bakes_of_the_cornell_box() {
+    use bevy_meshless_gi::bake::{BounceMode, Rule};
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    for (rule, mode) in [
+        (Rule::Bounded, BounceMode::Live),
+        (Rule::Bounded, BounceMode::Baked),
+        (Rule::L08, BounceMode::Live),
+    ] {
+        let scene = baked::cornell(rule, mode);
+        eprintln!(
+            "{rule:?}, {mode:?}: {} points, {} links",
+            scene.points.len(),
+            scene.operator.links.len()
+        );
+        let lights = baked::lights();
+        let settings = FrameSettings::bounces(3);
+        let twin = cpu(&scene, &lights, &settings);
+        let mut frame =
+            GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
+        frame.set_lights(&kernels, &harness.queue, &lights).unwrap();
+        let all: Vec<u32> = (0..lights.len() as u32).collect();
+        harness
+            .run(|e| frame.project(&kernels, &harness.queue, e, &all))
+            .unwrap();
+        let count = lights.len() * scene.lit_points();
+        let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
+        // As in `project`: a ray within rounding of an edge may fall on either side of it. At most one in 10 000.
+        let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
+        assert!(
+            differing == flips && flips <= count / 10_000,
+            "{rule:?}: {differing} of {count} differ, {flips} by visibility"
+        );
+
+        let frame = solved(&harness, &kernels, frame, &twin, &settings);
+        let expected = flat(twin.values());
+        let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
+        let mut wrong = lights.clone();
+        wrong[0].color[1] *= 1.001;
+        let spoiled = flat(cpu(&scene, &wrong, &settings).values());
+        same(
+            &format!("{rule:?}, {mode:?}"),
+            &gpu,
+            &expected,
+            &spoiled,
+            12,
+            Scale::Rms,
+        );
+    }
 }
 
 #[test]

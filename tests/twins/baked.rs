@@ -1,0 +1,61 @@
+//! Bakes of the Cornell box, as a game would have them.
+
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake};
+use bevy_meshless_gi::frame::FrameLight;
+use bevy_meshless_gi::scene::{Light, load_gltf};
+use glam::Vec3;
+
+/// A quick bake.
+pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/data/cornell/cornell.glb"
+    );
+    let level = load_gltf(path).unwrap();
+    let source = BakeSource {
+        geometry: &level.mesh,
+        bvh: level.mesh.bvh(),
+        primitives: level.mesh.len() as u64,
+        content_hash: level.mesh.content_hash(),
+    };
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        rays: Some(32),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        bounces: Some(3),
+        rule,
+        bounce_mode,
+        ..Recipe::default()
+    };
+    bake(&source, &recipe, &Progress::default()).unwrap().scene
+}
+
+/// The box's lamp, one beside it, and a bright window.
+pub fn lights() -> Vec<FrameLight> {
+    let lamp = Light::Spot {
+        position: Vec3::new(2.78, 5.4, 2.795),
+        direction: Vec3::NEG_Y,
+        intensity: Vec3::new(10.0, 9.0, 7.0),
+        inner: 45f32.to_radians(),
+        outer: 65f32.to_radians(),
+        range: f32::INFINITY,
+    };
+    let bulb = Light::Point {
+        position: Vec3::new(1.0, 3.0, 1.5),
+        intensity: Vec3::splat(3.0),
+        range: 12.0,
+    };
+    let window = Light::Rect {
+        center: Vec3::new(2.8, 4.0, 0.3),
+        u: Vec3::X,
+        v: Vec3::Y,
+        radiance: Vec3::new(1.0, 1.5, 2.0),
+    };
+    [lamp, bulb, window]
+        .iter()
+        .flat_map(|l| FrameLight::expand(l, 9))
+        .collect()
+}
