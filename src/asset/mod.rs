@@ -1,7 +1,22 @@
-//! The baked scene: what a frame needs, and its `.mgi` container.
+//! The baked scene: what a frame needs, and its `.mgi` container (`docs/FORMAT.md`).
+//!
+//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse; [`BakedScene::read`] and [`BakedScene::write`] are
+//! the same for files. No bytes, however hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
+//! passed [`BakedScene::validate`].
 
 mod baked;
+mod codec;
+mod container;
+mod error;
+mod file;
+mod fingerprint;
 mod info;
+mod sections;
+mod validate;
 
 pub use baked::{BakedScene, Display, PointSurface};
+pub use error::{AssetError, Limits};
+pub use file::write_file;
+pub use fingerprint::fingerprint;
 pub use info::BakeInfo;
+pub use validate::{BakedStats, Violation};

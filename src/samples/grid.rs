@@ -64,27 +64,68 @@ impl HashedGrid {
     }
 
     /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it touches. Empty or
-    /// non-finite boxes are left out. `cell_size` should be about the size of a box.
+    /// non-finite boxes are left out. `cell_size` should be about the size of a box: what would have more than 2³¹ entries stays empty.
     #[must_use]
     pub fn build(count: usize, cell_size: f32, bounds: impl Fn(usize) -> Bounds) -> Self {
-        let cells_of = |i: usize| {
+        Self::build_within(count, cell_size, bounds, u64::MAX).unwrap_or(Self {
+            cell_size,
+            slots: vec![
+                GridSlot {
+                    cell: [0; 3],
+                    start: GridSlot::EMPTY
+                };
+                2
+            ],
+            entries: Vec::new(),
+        })
+    }
+
+    /// As [`build`](Self::build), but None, and nothing allocated, where that would take more than `most_bytes` of memory.
+    #[must_use]
+    pub fn build_within(
+        count: usize,
+        cell_size: f32,
+        bounds: impl Fn(usize) -> Bounds,
+        most_bytes: u64,
+    ) -> Option<Self> {
+        let range_of = |i: usize| {
             let b = bounds(i);
             let ok = b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
-            let (lo, hi) = if ok {
+            if ok {
                 (Self::cell(b.min, cell_size), Self::cell(b.max, cell_size))
             } else {
                 (IVec3::ONE, IVec3::ZERO)
-            };
+            }
+        };
+        let cells_of = |i: usize| {
+            let (lo, hi) = range_of(i);
             (lo.z..=hi.z).flat_map(move |z| {
                 (lo.y..=hi.y).flat_map(move |y| (lo.x..=hi.x).map(move |x| IVec3::new(x, y, z)))
             })
         };
-        let mut pairs: Vec<([i32; 3], u32)> = (0..count)
-            .flat_map(|i| cells_of(i).map(move |c| (c.to_array(), i as u32)))
-            .collect();
+        let total = (0..count).fold(0u64, |sum, i| {
+            let (lo, hi) = range_of(i);
+            let edge = |k: usize| (i64::from(hi[k]) - i64::from(lo[k]) + 1).max(0) as u64;
+            let cells = edge(0).saturating_mul(edge(1)).saturating_mul(edge(2));
+            sum.saturating_add(cells)
+        });
+        const PAIR: u64 = size_of::<([i32; 3], u32)>() as u64;
+        if total > u64::from(u32::MAX) / 2 || total * PAIR > most_bytes {
+            return None;
+        }
+        let mut pairs: Vec<([i32; 3], u32)> = Vec::with_capacity(total as usize);
+        for i in 0..count {
+            pairs.extend(cells_of(i).map(|c| (c.to_array(), i as u32)));
+        }
         pairs.sort_unstable();
         let cells = pairs.chunk_by(|a, b| a.0 == b.0).count();
         let table = (2 * cells).next_power_of_two().max(2);
+        let needed = (pairs.len() as u64) * (PAIR + 4)
+            + cells as u64 * 8
+            + (table * size_of::<GridSlot>()) as u64;
+        if needed > most_bytes {
+            return None;
+        }
         let mut slots = vec![
             GridSlot {
                 cell: [0; 3],
@@ -105,11 +146,11 @@ impl HashedGrid {
             entries.push(list.len() as u32);
             entries.extend(list.iter().map(|&(_, i)| i));
         }
-        Self {
+        Some(Self {
             cell_size,
             slots,
             entries,
-        }
+        })
     }
 
     /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell; an index whose box spans cells comes more than once.

@@ -1,0 +1,205 @@
+//! Columns: how an array of plain structs becomes bytes that compress well, and back.
+//!
+//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a word. Field after field,
+//! the values of all items are written: first all lowest bytes, then all next ones (byte planes), so that
+//! signs and exponents, which hardly vary, lie side by side. Ascending numbers are written as differences.
+
+use bytemuck::Pod;
+
+/// Which part of a word a field is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Whole,
+    Low,
+    High,
+}
+
+/// One column.
+#[derive(Clone, Copy)]
+pub(super) struct Field {
+    word: usize,
+    part: Part,
+    delta: bool,
+}
+
+impl Field {
+    /// All 32 bits of a word.
+    pub const fn word(word: usize) -> Self {
+        Self {
+            word,
+            part: Part::Whole,
+            delta: false,
+        }
+    }
+
+    /// The low 16 bits of a word.
+    pub const fn low(word: usize) -> Self {
+        Self {
+            word,
+            part: Part::Low,
+            delta: false,
+        }
+    }
+
+    /// The high 16 bits of a word.
+    pub const fn high(word: usize) -> Self {
+        Self {
+            word,
+            part: Part::High,
+            delta: false,
+        }
+    }
+
+    /// Written as the difference to the item before, its sign in the lowest bit.
+    pub const fn delta(self) -> Self {
+        Self {
+            delta: true,
+            ..self
+        }
+    }
+
+    /// Bytes of one value.
+    pub const fn bytes(self) -> usize {
+        match self.part {
+            Part::Whole => 4,
+            Part::Low | Part::High => 2,
+        }
+    }
+
+    fn get(self, word: u32) -> u32 {
+        match self.part {
+            Part::Whole => word,
+            Part::Low => word & 0xffff,
+            Part::High => word >> 16,
+        }
+    }
+
+    fn put(self, word: &mut u32, value: u32) {
+        match self.part {
+            Part::Whole => *word = value,
+            Part::Low => *word = *word & 0xffff_0000 | value,
+            Part::High => *word = *word & 0xffff | value << 16,
+        }
+    }
+
+    /// The difference of two values, small for small steps in either direction.
+    fn step(self, from: u32, to: u32) -> u32 {
+        if self.part == Part::Whole {
+            let d = to.wrapping_sub(from) as i32;
+            ((d << 1) ^ (d >> 31)) as u32
+        } else {
+            let d = (to as u16).wrapping_sub(from as u16) as i16;
+            u32::from(((d << 1) ^ (d >> 15)) as u16)
+        }
+    }
+
+    /// Undoes [`Self::step`].
+    fn walk(self, from: u32, step: u32) -> u32 {
+        let d = (step >> 1) ^ (step & 1).wrapping_neg();
+        if self.part == Part::Whole {
+            from.wrapping_add(d)
+        } else {
+            u32::from((from as u16).wrapping_add(d as u16))
+        }
+    }
+}
+
+/// Bytes of one item in columns.
+pub(super) const fn item_bytes(fields: &[Field]) -> usize {
+    let mut sum = 0;
+    let mut i = 0;
+    while i < fields.len() {
+        sum += fields[i].bytes();
+        i += 1;
+    }
+    sum
+}
+
+/// Items to columns.
+pub(super) fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
+    let stride = size_of::<T>() / 4;
+    let words: &[u32] = bytemuck::cast_slice(items);
+    let mut out = Vec::with_capacity(items.len() * item_bytes(fields));
+    let mut column = Vec::with_capacity(items.len());
+    for field in fields {
+        column.clear();
+        let mut before = 0;
+        for item in words.chunks_exact(stride) {
+            let value = field.get(item[field.word]);
+            column.push(if field.delta {
+                field.step(before, value)
+            } else {
+                value
+            });
+            before = value;
+        }
+        for byte in 0..field.bytes() {
+            out.extend(column.iter().map(|v| (v >> (8 * byte)) as u8));
+        }
+    }
+    out
+}
+
+/// Columns to items. `raw` must be `count` times [`item_bytes`] long. Words that no field names are zero.
+pub(super) fn from_columns<T: Pod>(raw: &[u8], count: usize, fields: &[Field]) -> Vec<T> {
+    debug_assert_eq!(raw.len(), count * item_bytes(fields));
+    let stride = size_of::<T>() / 4;
+    let mut items = vec![T::zeroed(); count];
+    let words: &mut [u32] = bytemuck::cast_slice_mut(&mut items);
+    let mut rest = raw;
+    for field in fields {
+        let (column, behind) = rest.split_at(count * field.bytes());
+        rest = behind;
+        let mut before = 0;
+        for (i, item) in words.chunks_exact_mut(stride).enumerate() {
+            let mut value = 0;
+            for byte in 0..field.bytes() {
+                value |= u32::from(column[byte * count + i]) << (8 * byte);
+            }
+            if field.delta {
+                value = field.walk(before, value);
+                before = value;
+            }
+            field.put(&mut item[field.word], value);
+        }
+    }
+    items
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_come_back() {
+        let items: Vec<[u32; 2]> = (0..1000u32)
+            .map(|i| {
+                let h = i.wrapping_mul(0x9e37_79b9);
+                [h, h.rotate_left(13) ^ i]
+            })
+            .chain([[0, u32::MAX], [u32::MAX, 0], [0x8000_0000, 0x7fff_8000]])
+            .collect();
+        for fields in [
+            &[Field::word(0), Field::word(1)][..],
+            &[Field::word(1).delta(), Field::low(0), Field::high(0).delta()],
+            &[Field::low(0).delta(), Field::high(0), Field::word(1).delta()],
+        ] {
+            let raw = to_columns(&items, fields);
+            assert_eq!(raw.len(), items.len() * item_bytes(fields));
+            assert_eq!(from_columns::<[u32; 2]>(&raw, items.len(), fields), items);
+        }
+        assert!(to_columns::<[u32; 2]>(&[], &[Field::word(0)]).is_empty());
+    }
+
+    #[test]
+    fn small_steps_are_small_numbers() {
+        let f = Field::word(0);
+        for (from, to, step) in [(5, 6, 2), (6, 5, 1), (7, 7, 0)] {
+            assert_eq!(f.step(from, to), step);
+            assert_eq!(f.walk(from, step), to);
+        }
+        let h = Field::high(0);
+        assert_eq!(h.step(0xffff, 0), 2);
+        assert_eq!(h.walk(0xffff, 2), 0);
+    }
+}

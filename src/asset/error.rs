@@ -1,0 +1,107 @@
+//! What can be wrong with a `.mgi` file, and how much memory reading one may take.
+
+use super::validate::Violation;
+use std::path::PathBuf;
+
+/// Bounds on what reading an asset may cost; checked before anything is allocated (design D10).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Most bytes of memory for the decoded scene and for decoding it.
+    pub max_bytes: u64,
+}
+
+impl Default for Limits {
+    /// 1 GiB.
+    fn default() -> Self {
+        Self { max_bytes: 1 << 30 }
+    }
+}
+
+/// Why an asset could not be written or read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AssetError {
+    /// The operating system could not read or write: nothing is known about the content.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// "read" or "write".
+        action: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The bytes do not start as a `.mgi` file does.
+    #[error("not a .mgi file: it does not start with the format's eight bytes")]
+    NotMgi,
+    /// Written in another layout.
+    #[error("format version {found}, but this program reads version {expected}: bake the level again")]
+    Version {
+        /// In the file.
+        found: u32,
+        /// What this program reads.
+        expected: u32,
+    },
+    /// The bytes end too early.
+    #[error("the file is cut off: {needed} bytes announced, {found} there")]
+    Truncated {
+        /// As the header says.
+        needed: u64,
+        /// How many there are.
+        found: u64,
+    },
+    /// The header or the section table makes no sense.
+    #[error("header: {problem}")]
+    Header {
+        /// What is wrong.
+        problem: String,
+    },
+    /// A checksum does not match.
+    #[error("{place}: the checksum does not match, the file is damaged")]
+    Checksum {
+        /// "header" or the section's name.
+        place: &'static str,
+    },
+    /// A section cannot be decoded.
+    #[error("section `{section}`: {problem}")]
+    Section {
+        /// The section's name.
+        section: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Decoding would take more memory than [`Limits`] allows.
+    #[error("{what} would take {needed} bytes of memory, but at most {allowed} are allowed")]
+    Limit {
+        /// What would take it.
+        what: &'static str,
+        /// How much, bytes.
+        needed: u64,
+        /// [`Limits::max_bytes`].
+        allowed: u64,
+    },
+    /// The arrays do not fit together; a frame could not run on them.
+    #[error("the scene is not valid: {}", list(.0))]
+    Invalid(Vec<Violation>),
+}
+
+impl AssetError {
+    /// True when the content is at fault, false when reading or writing failed.
+    #[must_use]
+    pub fn is_content(&self) -> bool {
+        !matches!(self, Self::Io { .. })
+    }
+}
+
+fn list(violations: &[Violation]) -> String {
+    let mut text = violations
+        .iter()
+        .take(4)
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join("; ");
+    if violations.len() > 4 {
+        text += &format!("; and {} more", violations.len() - 4);
+    }
+    text
+}

@@ -1,0 +1,27 @@
+//! Whether a bake is stale: a digest of everything that it depends on.
+
+/// BLAKE3, as hex, over `parts`; each part's length counts, so that parts cannot run into one another.
+#[must_use]
+pub fn fingerprint(parts: &[&[u8]]) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for part in parts {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::fingerprint;
+
+    #[test]
+    fn every_part_and_every_border_counts() {
+        let a = fingerprint(&[b"ab", b"c"]);
+        assert_eq!(a.len(), 64);
+        assert_eq!(a, fingerprint(&[b"ab", b"c"]));
+        assert_ne!(a, fingerprint(&[b"a", b"bc"]));
+        assert_ne!(a, fingerprint(&[b"ab", b"d"]));
+        assert_ne!(a, fingerprint(&[b"ab", b"c", b""]));
+    }
+}

@@ -1,0 +1,374 @@
+//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which columns.
+//!
+//! Lossless: what is read equals what was written. Left out is what follows from the rest: where rows start (their lengths are stored), the
+//! fields that are not used, and the display's grid, where building it again gives the same one.
+
+use super::baked::{BakedScene, Display, PointSurface};
+use super::codec::{Field, from_columns, item_bytes, to_columns};
+use super::container::{Container, Kind, Section, assemble};
+use super::error::{AssetError, Limits};
+use super::info::BakeInfo;
+use crate::basis::{WeightEntry, Weights, support_bounds};
+use crate::samples::{GridSlot, HashedGrid, Point};
+use crate::scene::{Bvh, BvhNode, BvhTriangle};
+use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use bytemuck::Pod;
+
+const POINT: &[Field] = &[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(7).delta(),
+];
+const SURFACE: &[Field] = &[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(8),
+    Field::word(9),
+    Field::word(10),
+];
+const COUNT: &[Field] = &[Field::word(0)];
+const INDEX: &[Field] = &[Field::word(0).delta()];
+const WEIGHT: &[Field] = &[Field::word(0).delta(), Field::word(1)];
+/// `start` follows from the counts.
+const ROW: &[Field] = &[Field::word(1), Field::word(2), Field::low(3)];
+const LINK: &[Field] = &[
+    Field::low(0),
+    Field::high(0),
+    Field::low(1),
+    Field::high(1).delta(),
+];
+const BOUNCE: &[Field] = &[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3).delta(),
+];
+const PLANE: &[Field] = &[Field::word(0), Field::word(1), Field::word(2), Field::word(3)];
+const SLOT: &[Field] = &[Field::word(0), Field::word(1), Field::word(2), Field::word(3)];
+const NODE: &[Field] = &[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(3).delta(),
+    Field::word(7),
+];
+const TRIANGLE: &[Field] = &[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(8),
+    Field::word(9),
+    Field::word(10),
+];
+
+/// Most items of any array: what an index of 32 bits can reach.
+const MOST: u64 = u32::MAX as u64;
+
+const fn kind<T>(code: u32, name: &'static str, fields: &[Field]) -> Kind {
+    Kind {
+        code,
+        name,
+        version: 1,
+        raw: item_bytes(fields) as u64,
+        memory: size_of::<T>() as u64,
+        most: MOST,
+    }
+}
+
+/// Counts are in memory twice while they become starts.
+const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
+    Kind {
+        memory: 8,
+        ..kind::<u32>(code, name, COUNT)
+    }
+}
+
+/// All kinds of sections, ascending.
+static KINDS: [Kind; 18] = [
+    Kind {
+        code: 1,
+        name: "info",
+        version: 1,
+        raw: 1,
+        // The text, what it says, and what its reader needs.
+        memory: 8,
+        most: 1 << 20,
+    },
+    Kind {
+        most: SHAPE_WORDS as u64,
+        ..kind::<u32>(2, "shape", COUNT)
+    },
+    Kind {
+        most: 32,
+        ..kind::<u32>(3, "levels", INDEX)
+    },
+    kind::<Point>(4, "points", POINT),
+    kind::<PointSurface>(5, "surfaces", SURFACE),
+    kind_of_counts(6, "pull counts"),
+    kind::<WeightEntry>(7, "pull weights", WEIGHT),
+    kind_of_counts(8, "parent counts"),
+    kind::<WeightEntry>(9, "parent weights", WEIGHT),
+    kind::<Row>(10, "rows", ROW),
+    kind::<Link>(11, "links", LINK),
+    kind_of_counts(12, "bounce counts"),
+    kind::<BounceLink>(13, "bounce links", BOUNCE),
+    kind::<[f32; 4]>(14, "planes", PLANE),
+    kind::<GridSlot>(15, "grid slots", SLOT),
+    Kind {
+        // Validating remembers where the lists start.
+        memory: 8,
+        ..kind::<u32>(16, "grid entries", INDEX)
+    },
+    Kind {
+        // One more byte: validating counts how deep each node is.
+        memory: size_of::<BvhNode>() as u64 + 1,
+        ..kind::<BvhNode>(17, "bvh nodes", NODE)
+    },
+    kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
+];
+
+const INFO: &Kind = &KINDS[0];
+const SHAPE: &Kind = &KINDS[1];
+const LEVELS: &Kind = &KINDS[2];
+const POINTS: &Kind = &KINDS[3];
+const SURFACES: &Kind = &KINDS[4];
+const PULL: [&Kind; 2] = [&KINDS[5], &KINDS[6]];
+const PARENTS: [&Kind; 2] = [&KINDS[7], &KINDS[8]];
+const ROWS: &Kind = &KINDS[9];
+const LINKS: &Kind = &KINDS[10];
+const BOUNCES: [&Kind; 2] = [&KINDS[11], &KINDS[12]];
+const PLANES: &Kind = &KINDS[13];
+const SLOTS: &Kind = &KINDS[14];
+const ENTRIES: &Kind = &KINDS[15];
+const NODES: &Kind = &KINDS[16];
+const TRIANGLES: &Kind = &KINDS[17];
+
+/// Words of the section "shape".
+const SHAPE_WORDS: usize = 7;
+
+impl BakedScene {
+    /// The scene as a `.mgi` file. The same scene gives the same bytes.
+    ///
+    /// # Errors
+    /// [`AssetError::Invalid`]: no file is made that could not be read; [`AssetError::Section`] where `info` cannot be written as text.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, AssetError> {
+        self.validate().map_err(AssetError::Invalid)?;
+        let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;
+        if info.len() as u64 > INFO.most {
+            return Err(broken(INFO, format!("{} bytes of text, at most {}", info.len(), INFO.most)));
+        }
+        let grid = &self.display.grid;
+        let rebuilt = rebuild_grid(&self.points, grid.cell_size, u64::MAX).as_ref() == Some(grid);
+        let bounces = self.bounces.as_ref();
+        let shape = [
+            self.sender_levels,
+            match self.operator.form {
+                SenderForm::Averages => 0,
+                SenderForm::Differences => 1,
+            },
+            self.display.radius.to_bits(),
+            grid.cell_size.to_bits(),
+            u32::from(!rebuilt),
+            u32::from(bounces.is_some()),
+            bounces.map_or(0, |b| b.bounces),
+        ];
+        let mut sections = vec![
+            Section {
+                kind: INFO,
+                items: info.len(),
+                raw: info.into_bytes(),
+            },
+            section(SHAPE, COUNT, &shape),
+            section(LEVELS, INDEX, &self.level_starts),
+            section(POINTS, POINT, &self.points),
+            section(SURFACES, SURFACE, &self.surfaces),
+            section(PULL[0], COUNT, &counts(&self.pull.starts)),
+            section(PULL[1], WEIGHT, &self.pull.entries),
+            section(PARENTS[0], COUNT, &counts(&self.parents.starts)),
+            section(PARENTS[1], WEIGHT, &self.parents.entries),
+            section(ROWS, ROW, &self.operator.rows),
+            section(LINKS, LINK, &self.operator.links),
+        ];
+        if let Some(b) = bounces {
+            sections.push(section(BOUNCES[0], COUNT, &counts(&b.starts)));
+            sections.push(section(BOUNCES[1], BOUNCE, &b.links));
+        }
+        sections.push(section(PLANES, PLANE, &self.display.planes));
+        if !rebuilt {
+            sections.push(section(SLOTS, SLOT, &grid.slots));
+            sections.push(section(ENTRIES, INDEX, &grid.entries));
+        }
+        sections.push(section(NODES, NODE, &self.bvh.nodes));
+        sections.push(section(TRIANGLES, TRIANGLE, &self.bvh.triangles));
+        Ok(assemble(&sections))
+    }
+
+    /// Reads a `.mgi` file from memory: checks header, table, checksums, and everything that [`validate`](Self::validate) checks. Allocates no
+    /// more than `limits` says, whatever the bytes say.
+    ///
+    /// # Errors
+    /// See [`AssetError`]. No bytes make it panic.
+    pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, AssetError> {
+        let file = Container::parse(bytes, &KINDS, limits)?;
+        let shape: Vec<u32> = items(&file, SHAPE, COUNT)?;
+        let &[sender_levels, form, radius, cell_size, grid_stored, has_bounces, bounces] = shape.as_slice() else {
+            return Err(broken(SHAPE, format!("{} words instead of {SHAPE_WORDS}", shape.len())));
+        };
+        let form = match form {
+            0 => SenderForm::Averages,
+            1 => SenderForm::Differences,
+            other => return Err(broken(SHAPE, format!("unknown form {other} of the operator"))),
+        };
+        let points: Vec<Point> = items(&file, POINTS, POINT)?;
+        let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
+        let mut start = 0u32;
+        for row in &mut rows {
+            row.start = start;
+            start = start.checked_add(row.count).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
+        }
+        let cell_size = f32::from_bits(cell_size);
+        let grid = match grid_stored {
+            0 => {
+                let left = limits.max_bytes - file.memory;
+                let needed = || AssetError::Limit {
+                    what: "the display's grid",
+                    needed: limits.max_bytes.saturating_add(1),
+                    allowed: limits.max_bytes,
+                };
+                absent(&file, [SLOTS, ENTRIES])?;
+                rebuild_grid(&points, cell_size, left).ok_or_else(needed)?
+            }
+            1 => HashedGrid {
+                cell_size,
+                slots: items(&file, SLOTS, SLOT)?,
+                entries: items(&file, ENTRIES, INDEX)?,
+            },
+            other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+        };
+        let bounces = match has_bounces {
+            0 if bounces == 0 => {
+                absent(&file, BOUNCES)?;
+                None
+            }
+            1 => Some(BounceOperator {
+                starts: starts(&file, BOUNCES[0])?,
+                links: items(&file, BOUNCES[1], BOUNCE)?,
+                bounces,
+            }),
+            other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
+        };
+        let scene = Self {
+            points,
+            surfaces: items(&file, SURFACES, SURFACE)?,
+            level_starts: items(&file, LEVELS, INDEX)?,
+            sender_levels,
+            pull: weights(&file, PULL)?,
+            parents: weights(&file, PARENTS)?,
+            operator: Operator {
+                form,
+                rows,
+                links: items(&file, LINKS, LINK)?,
+            },
+            bounces,
+            display: Display {
+                radius: f32::from_bits(radius),
+                planes: items(&file, PLANES, PLANE)?,
+                grid,
+            },
+            bvh: Bvh {
+                nodes: items(&file, NODES, NODE)?,
+                triangles: items(&file, TRIANGLES, TRIANGLE)?,
+            },
+            info: info(&file)?,
+        };
+        scene.validate().map_err(AssetError::Invalid)?;
+        Ok(scene)
+    }
+}
+
+fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
+    AssetError::Section {
+        section: kind.name,
+        problem: problem.to_string(),
+    }
+}
+
+fn section<T: Pod>(kind: &'static Kind, fields: &[Field], items: &[T]) -> Section {
+    Section {
+        kind,
+        items: items.len(),
+        raw: to_columns(items, fields),
+    }
+}
+
+fn items<T: Pod>(file: &Container<'_>, kind: &Kind, fields: &[Field]) -> Result<Vec<T>, AssetError> {
+    let (count, raw) = file.section(kind)?.ok_or_else(|| broken(kind, "is missing"))?;
+    Ok(from_columns(&raw, count, fields))
+}
+
+fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
+    for kind in kinds {
+        if file.has(kind) {
+            return Err(broken(kind, "is there, but the section `shape` says that it is not"));
+        }
+    }
+    Ok(())
+}
+
+/// Lengths of rows from where they start.
+fn counts(starts: &[u32]) -> Vec<u32> {
+    starts.windows(2).map(|w| w[1] - w[0]).collect()
+}
+
+/// Where rows start, from their lengths.
+fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
+    let (count, raw) = file.section(kind)?.ok_or_else(|| broken(kind, "is missing"))?;
+    let mut starts = Vec::with_capacity(count + 1);
+    starts.push(0u32);
+    starts.extend(from_columns::<u32>(&raw, count, COUNT));
+    for i in 1..starts.len() {
+        starts[i] = starts[i]
+            .checked_add(starts[i - 1])
+            .ok_or_else(|| broken(kind, "the counts overflow"))?;
+    }
+    Ok(starts)
+}
+
+fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weights, AssetError> {
+    Ok(Weights {
+        starts: starts(file, counts)?,
+        entries: items(file, entries, WEIGHT)?,
+    })
+}
+
+fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
+    let (_, raw) = file.section(INFO)?.ok_or_else(|| broken(INFO, "is missing"))?;
+    let text = std::str::from_utf8(&raw).map_err(|e| broken(INFO, e))?;
+    ron::from_str(text).map_err(|e| broken(INFO, e))
+}
+
+/// The display's grid from its points, as the bake builds it; None where that would take more than `most_bytes`, or where cells are
+/// so small beside the functions that no bake made them.
+fn rebuild_grid(points: &[Point], cell_size: f32, most_bytes: u64) -> Option<HashedGrid> {
+    if !(cell_size.is_finite() && cell_size > 0.0) {
+        return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes).map(|g| HashedGrid { cell_size, ..g });
+    }
+    // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
+    let most = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
+    HashedGrid::build_within(points.len(), cell_size, |i| support_bounds(&points[i]), most)
+}

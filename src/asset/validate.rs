@@ -1,0 +1,436 @@
+//! Whether a frame can run on a baked scene: every index in range, every number in its range, every walk finite. Nothing is used before it has
+//! passed here (design D10).
+
+use super::baked::BakedScene;
+use crate::basis::Weights;
+use crate::samples::GridSlot;
+use crate::transport::{Link, SenderForm};
+use glam::{Vec3, Vec4};
+use std::fmt;
+
+/// So many violations are listed; what is wrong more often is wrong as a whole.
+const MOST_VIOLATIONS: usize = 32;
+/// How far sums of weights and lengths of normals may be from one.
+const TOLERANCE: f32 = 1e-3;
+/// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
+const DEEPEST: u8 = 62;
+/// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
+const LARGEST_LINK: f32 = 16.0;
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// Which array or field.
+    pub place: &'static str,
+    /// Which item of it, where it is an array.
+    pub index: Option<usize>,
+    /// What is wrong.
+    pub problem: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.index {
+            Some(i) => write!(f, "{}[{i}]: {}", self.place, self.problem),
+            None => write!(f, "{}: {}", self.place, self.problem),
+        }
+    }
+}
+
+/// What a valid scene consists of.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct BakedStats {
+    /// Points of each level, coarse first.
+    pub points_per_level: Vec<u64>,
+    /// Senders, the sky not counted.
+    pub senders: u64,
+    /// Points with a row of their own.
+    pub active_rows: u64,
+    /// Links of the operator.
+    pub links: u64,
+    /// Links of the longest row.
+    pub longest_row: u64,
+    /// Weights of the pull rows.
+    pub pull_weights: u64,
+    /// Weights of the parent rows.
+    pub parent_weights: u64,
+    /// Entries of the baked bounces; 0 where there are none.
+    pub bounce_links: u64,
+    /// Clip planes.
+    pub planes: u64,
+    /// Cells of the display's grid.
+    pub grid_cells: u64,
+    /// Entries of the longest list of the display's grid.
+    pub longest_list: u64,
+    /// Nodes of the BVH.
+    pub bvh_nodes: u64,
+    /// Triangles of the BVH.
+    pub bvh_triangles: u64,
+    /// Levels of the BVH.
+    pub bvh_depth: u64,
+    /// Bytes of all arrays.
+    pub memory: u64,
+}
+
+/// Collects what is wrong.
+struct Check(Vec<Violation>);
+
+impl Check {
+    fn full(&self) -> bool {
+        self.0.len() >= MOST_VIOLATIONS
+    }
+
+    fn item(&mut self, ok: bool, place: &'static str, index: usize, problem: impl FnOnce() -> String) {
+        if !ok && !self.full() {
+            self.0.push(Violation {
+                place,
+                index: Some(index),
+                problem: problem(),
+            });
+        }
+    }
+
+    fn whole(&mut self, ok: bool, place: &'static str, problem: impl FnOnce() -> String) {
+        if !ok && !self.full() {
+            self.0.push(Violation {
+                place,
+                index: None,
+                problem: problem(),
+            });
+        }
+    }
+}
+
+impl BakedScene {
+    /// Checks everything that a frame relies on. A scene that passes can be used without a further test.
+    ///
+    /// # Errors
+    /// What is wrong, at most 32 things.
+    pub fn validate(&self) -> Result<BakedStats, Vec<Violation>> {
+        let mut check = Check(Vec::new());
+        self.check_shape(&mut check);
+        // All that follows takes its ranges from the shape.
+        if check.0.is_empty() {
+            self.check_points(&mut check);
+            self.check_weights(&mut check);
+            self.check_operator(&mut check);
+            self.check_grid(&mut check);
+        }
+        let depth = self.check_bvh(&mut check);
+        if check.0.is_empty() {
+            Ok(self.stats(depth))
+        } else {
+            Err(check.0)
+        }
+    }
+
+    /// Lengths of arrays and levels.
+    fn check_shape(&self, check: &mut Check) {
+        let (points, starts) = (self.points.len(), &self.level_starts);
+        check.whole(starts.len() >= 2, "levels", || "there must be one at least".into());
+        check.whole(starts.is_sorted(), "levels", || "do not ascend".into());
+        check.whole(
+            starts.first() == Some(&0) && starts.last().map(|&s| s as usize) == Some(points),
+            "levels",
+            || format!("do not cover the {points} points"),
+        );
+        let levels = starts.len().saturating_sub(1);
+        let sender_levels = self.sender_levels as usize;
+        let sound = (1..=levels).contains(&sender_levels);
+        check.whole(sound, "sender levels", || format!("{sender_levels} of {levels} levels"));
+        let senders = if sound { starts[sender_levels] as usize } else { 0 };
+        check.whole(senders <= Link::MAX_SENDERS, "senders", || {
+            format!("{senders}, at most {}", Link::MAX_SENDERS)
+        });
+        let mut length = |place, found: usize, expected: usize| {
+            check.whole(found == expected, place, || format!("{found} instead of {expected}"));
+        };
+        length("surfaces", self.surfaces.len(), points);
+        length("pull rows", self.pull.len(), senders);
+        length("parent rows", self.parents.len(), points);
+        length("rows", self.operator.rows.len(), points);
+        if let Some(bounces) = &self.bounces {
+            let coarsest = starts.get(1).map_or(0, |&s| s as usize);
+            length("bounce rows", bounces.starts.len().saturating_sub(1), coarsest);
+        }
+    }
+
+    fn check_points(&self, check: &mut Check) {
+        let radius = self.display.radius;
+        check.whole(radius.is_finite() && radius >= 0.0, "display radius", || {
+            format!("{radius} m")
+        });
+        for (i, p) in self.points.iter().enumerate() {
+            check.item(p.x().is_finite(), "points", i, || format!("position {}", p.x()));
+            check.item(unit(p.n()), "points", i, || format!("normal {} is not of unit length", p.n()));
+            check.item(p.radius.is_finite() && p.radius > 0.0, "points", i, || {
+                format!("radius {} m", p.radius)
+            });
+            let planes = p.plane_range();
+            check.item(planes.end <= self.display.planes.len(), "points", i, || {
+                format!("clip planes {planes:?} of {}", self.display.planes.len())
+            });
+            if check.full() {
+                return;
+            }
+        }
+        for (i, s) in self.surfaces.iter().enumerate() {
+            let within = |v: [f32; 3], low: f32, high: f32| v.iter().all(|c| (low..=high).contains(c));
+            check.item(within(s.albedo, 0.0, 1.0 + TOLERANCE), "surfaces", i, || {
+                format!("albedo {:?}", s.albedo)
+            });
+            check.item(within(s.emission, 0.0, f32::MAX), "surfaces", i, || {
+                format!("emission {:?}", s.emission)
+            });
+            check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || format!("sky {:?}", s.sky));
+        }
+        for (i, plane) in self.display.planes.iter().enumerate() {
+            check.item(Vec4::from_array(*plane).is_finite(), "planes", i, || format!("{plane:?}"));
+        }
+    }
+
+    /// Pull rows name lit points on finer levels, parents rows points on coarser levels: both walks end.
+    fn check_weights(&self, check: &mut Check) {
+        let all = self.parents.starts.len() == self.points.len() + 1;
+        check.whole(all && sound_starts(&self.parents), "parent rows", || "do not ascend to the end of the weights".into());
+        check.whole(sound_starts(&self.pull), "pull rows", || "do not ascend to the end of the weights".into());
+        if !check.0.is_empty() {
+            return;
+        }
+        let lit = self.lit_points();
+        let per_level = self.operator.form == SenderForm::Differences;
+        for l in 0..self.levels() {
+            let level = self.level(l);
+            for i in level.clone() {
+                let row = self.parents.row(i);
+                for w in row {
+                    check.item((w.index as usize) < level.start, "parents", i, || {
+                        format!("parent {} is not on a coarser level", w.index)
+                    });
+                }
+                check_sums(check, "parents", i, self.parents.row(i), |w| {
+                    per_level.then(|| self.level_starts.partition_point(|&s| s <= w))
+                });
+            }
+            for i in level.start..level.end.min(self.senders()) {
+                for w in self.pull.row(i) {
+                    check.item((level.end..lit).contains(&(w.index as usize)), "pull", i, || {
+                        format!("child {} is not lit, or not on a finer level", w.index)
+                    });
+                }
+                check_sums(check, "pull", i, self.pull.row(i), |_| None);
+            }
+            if check.full() {
+                return;
+            }
+        }
+    }
+
+    fn check_operator(&self, check: &mut Check) {
+        let (rows, links) = (&self.operator.rows, &self.operator.links);
+        let senders = self.senders();
+        let mut end = 0u64;
+        for (i, row) in rows.iter().enumerate() {
+            check.item(u64::from(row.start) == end, "rows", i, || {
+                format!("starts at link {} instead of {end}", row.start)
+            });
+            end += u64::from(row.count);
+            check.item(row.active <= 1, "rows", i, || format!("active is {}", row.active));
+            check.item(row.active == 1 || row.count == 0, "rows", i, || {
+                format!("is not active, but has {} links", row.count)
+            });
+            check.item((0.0..=LARGEST_LINK).contains(&row.scale), "rows", i, || {
+                format!("scale {}", row.scale)
+            });
+        }
+        check.whole(end == links.len() as u64, "rows", || {
+            format!("have {end} links, but there are {}", links.len())
+        });
+        for (i, link) in links.iter().enumerate() {
+            let v = link.vector();
+            check.item(v.abs().max_element() <= 1.0 + TOLERANCE && v.is_finite(), "links", i, || format!("vector {v}"));
+            check.item(link.sender() as usize <= senders, "links", i, || {
+                format!("sender {} of {senders}", link.sender())
+            });
+            if check.full() {
+                return;
+            }
+        }
+        let Some(bounces) = &self.bounces else { return };
+        let starts = &bounces.starts;
+        check.whole(
+            starts.is_sorted()
+                && starts.first() == Some(&0)
+                && starts.last().map(|&s| s as usize) == Some(bounces.links.len()),
+            "bounce rows",
+            || "do not ascend to the end of the links".into(),
+        );
+        for (i, link) in bounces.links.iter().enumerate() {
+            let sound = link.gain.iter().all(|g| (0.0..=f32::MAX).contains(g));
+            check.item(sound, "bounce links", i, || format!("gain {:?}", link.gain));
+            check.item((link.sender as usize) < senders, "bounce links", i, || {
+                format!("sender {} of {senders}", link.sender)
+            });
+        }
+    }
+
+    /// A look-up ends at a free slot and stays within its list.
+    fn check_grid(&self, check: &mut Check) {
+        let grid = &self.display.grid;
+        let (slots, entries) = (&grid.slots, &grid.entries);
+        let size = grid.cell_size;
+        check.whole(size.is_finite() && size > 0.0, "grid", || format!("cells of {size} m"));
+        let taken = slots.iter().filter(|s| s.start != GridSlot::EMPTY).count();
+        check.whole(
+            slots.len().is_power_of_two() && 2 * taken <= slots.len(),
+            "grid",
+            || format!("{taken} of {} slots are taken", slots.len()),
+        );
+        // Lists lie behind one another, so that no entry is read twice.
+        let mut at = 0;
+        while at < entries.len() && !check.full() {
+            let count = entries[at] as usize;
+            let Some(list) = entries[at + 1..].get(..count) else {
+                check.item(false, "grid entries", at, || format!("a list of {count} is cut off"));
+                return;
+            };
+            check.item(list.iter().all(|&p| (p as usize) < self.points.len()), "grid entries", at, || {
+                format!("names a point beyond the {}", self.points.len())
+            });
+            at += 1 + count;
+        }
+        // A slot that starts within a list might name what is no point.
+        let walk = || {
+            let mut at = 0;
+            std::iter::from_fn(move || {
+                let start = at;
+                at += 1 + *entries.get(start)? as usize;
+                Some(start as u32)
+            })
+        };
+        let mut lists = Vec::with_capacity(walk().count());
+        lists.extend(walk());
+        for (i, slot) in slots.iter().enumerate() {
+            let sound = slot.start == GridSlot::EMPTY || lists.binary_search(&slot.start).is_ok();
+            check.item(sound, "grid slots", i, || format!("no list starts at {}", slot.start));
+        }
+    }
+
+    /// The nodes are a tree whose leaves share no triangle: a walk sees each node and each triangle once at most. Returns its depth.
+    fn check_bvh(&self, check: &mut Check) -> u64 {
+        let (nodes, triangles) = (&self.bvh.nodes, &self.bvh.triangles);
+        check.whole(!nodes.is_empty() || triangles.is_empty(), "bvh", || {
+            format!("{} triangles, but no node", triangles.len())
+        });
+        // Depth plus one of each node that a parent has named.
+        let mut depths = vec![0u8; nodes.len()];
+        if let Some(root) = depths.first_mut() {
+            *root = 1;
+        }
+        let (mut deepest, mut leaves) = (0, 0u64);
+        for (i, node) in nodes.iter().enumerate() {
+            let depth = depths[i];
+            deepest = deepest.max(depth);
+            check.item(depth > 0, "bvh nodes", i, || "has no parent before it".into());
+            let (min, max) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
+            check.item(min.is_finite() && max.is_finite() && min.cmple(max).all(), "bvh nodes", i, || {
+                format!("box from {min} to {max}")
+            });
+            let first = node.first as usize;
+            if node.count > 0 {
+                leaves += u64::from(node.count);
+                let end = first as u64 + u64::from(node.count);
+                check.item(end <= triangles.len() as u64, "bvh nodes", i, || {
+                    format!("triangles {first}..{end} of {}", triangles.len())
+                });
+            } else {
+                let behind = first > i && first + 1 < nodes.len();
+                check.item(behind, "bvh nodes", i, || format!("children at {first}"));
+                check.item(depth <= DEEPEST, "bvh nodes", i, || "is too deep".into());
+                if behind && depth <= DEEPEST {
+                    for child in [first, first + 1] {
+                        check.item(depths[child] == 0, "bvh nodes", child, || "has two parents".into());
+                        depths[child] = depth + 1;
+                    }
+                }
+            }
+            if check.full() {
+                return 0;
+            }
+        }
+        check.whole(leaves <= triangles.len() as u64, "bvh", || {
+            format!("leaves have {leaves} triangles, but there are {}", triangles.len())
+        });
+        for (i, t) in triangles.iter().enumerate() {
+            let finite = [t.a, t.b, t.c].iter().flatten().all(|c| c.is_finite());
+            check.item(finite, "bvh triangles", i, || "a vertex is not finite".into());
+        }
+        u64::from(deepest)
+    }
+
+    fn stats(&self, bvh_depth: u64) -> BakedStats {
+        let rows = &self.operator.rows;
+        let grid = &self.display.grid;
+        let bytes = |length: usize, size: usize| (length * size) as u64;
+        let weights = |w: &Weights| bytes(w.starts.len(), 4) + bytes(w.entries.len(), 8);
+        let bounces = self.bounces.as_ref();
+        BakedStats {
+            points_per_level: self.level_starts.windows(2).map(|w| u64::from(w[1] - w[0])).collect(),
+            senders: self.senders() as u64,
+            active_rows: rows.iter().filter(|r| r.active != 0).count() as u64,
+            links: self.operator.links.len() as u64,
+            longest_row: rows.iter().map(|r| u64::from(r.count)).max().unwrap_or(0),
+            pull_weights: self.pull.entries.len() as u64,
+            parent_weights: self.parents.entries.len() as u64,
+            bounce_links: bounces.map_or(0, |b| b.links.len() as u64),
+            planes: self.display.planes.len() as u64,
+            grid_cells: grid.slots.iter().filter(|s| s.start != GridSlot::EMPTY).count() as u64,
+            longest_list: grid
+                .slots
+                .iter()
+                .filter_map(|s| grid.entries.get(s.start as usize))
+                .map(|&n| u64::from(n))
+                .max()
+                .unwrap_or(0),
+            bvh_nodes: self.bvh.nodes.len() as u64,
+            bvh_triangles: self.bvh.triangles.len() as u64,
+            bvh_depth,
+            memory: bytes(self.points.len(), 32 + 48 + 16)
+                + bytes(self.operator.links.len(), 8)
+                + weights(&self.pull)
+                + weights(&self.parents)
+                + bounces.map_or(0, |b| bytes(b.starts.len(), 4) + bytes(b.links.len(), 16))
+                + bytes(self.display.planes.len(), 16)
+                + bytes(grid.slots.len(), 16)
+                + bytes(grid.entries.len(), 4)
+                + bytes(self.bvh.nodes.len(), 32)
+                + bytes(self.bvh.triangles.len(), 48),
+        }
+    }
+}
+
+fn unit(n: Vec3) -> bool {
+    (n.length_squared() - 1.0).abs() <= 2.0 * TOLERANCE
+}
+
+fn sound_starts(weights: &Weights) -> bool {
+    weights.starts.is_sorted()
+        && weights.starts.first() == Some(&0)
+        && weights.starts.last().map(|&s| s as usize) == Some(weights.entries.len())
+}
+
+/// Weights of a row: finite, not negative, and those of each group (one where `group` says nothing) sum to one.
+fn check_sums(
+    check: &mut Check,
+    place: &'static str,
+    i: usize,
+    row: &[crate::basis::WeightEntry],
+    group: impl Fn(u32) -> Option<usize>,
+) {
+    let sound = row.iter().all(|w| (0.0..=1.0 + TOLERANCE).contains(&w.weight));
+    check.item(sound, place, i, || "a weight is not within 0 to 1".into());
+    for part in row.chunk_by(|a, b| group(a.index) == group(b.index)) {
+        let sum: f32 = part.iter().map(|w| w.weight).sum();
+        check.item((sum - 1.0).abs() <= TOLERANCE, place, i, || format!("weights sum to {sum}"));
+    }
+}

@@ -1,0 +1,148 @@
+//! The `.mgi` container: what is written is what is read, the same bytes every time, and files are replaced as a whole or not at all.
+
+mod asset_support;
+
+use asset_support::{build, makes};
+use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
+use bevy_meshless_gi::samples::GridSlot;
+
+#[test]
+fn scenes_come_back_bit_by_bit() {
+    for make in makes() {
+        let scene = build(&make);
+        let stats = scene.validate().unwrap();
+        assert_eq!(stats.links, scene.operator.links.len() as u64);
+        assert_eq!(stats.points_per_level.len(), make.levels.len());
+        let bytes = scene.to_bytes().unwrap();
+        let back = BakedScene::from_bytes(&bytes, &Limits::default()).unwrap();
+        assert_eq!(back, scene, "seed {}", make.seed);
+        assert_eq!(back.to_bytes().unwrap(), bytes);
+        // Must fail: the comparison notices one bit.
+        let mut other = back.clone();
+        other.points[0].position[0] = f32::from_bits(other.points[0].position[0].to_bits() ^ 1);
+        assert_ne!(other, scene);
+        assert_ne!(other.to_bytes().unwrap(), bytes);
+    }
+}
+
+#[test]
+fn a_grid_that_can_be_built_again_is_left_out() {
+    let [plain, stored] = [0, 1].map(|i| build(&makes()[i]));
+    let sections = |scene: &BakedScene| scene.to_bytes().unwrap()[12];
+    // Two for the baked bounces, two for the grid.
+    assert_eq!(sections(&stored), sections(&plain) + 4);
+}
+
+/// Breaks a valid scene in one place; validation must name that place.
+#[test]
+fn validation_finds_what_is_broken() {
+    type Break = fn(&mut BakedScene);
+    let breaks: &[(&str, Break)] = &[
+        ("points", |s| s.points[1].position[2] = f32::NAN),
+        ("points", |s| s.points[1].normal[0] += 0.5),
+        ("points", |s| s.points[1].radius = 0.0),
+        ("points", |s| s.points[1].planes = 4 | 1 << 24),
+        ("surfaces", |s| s.surfaces[0].albedo[1] = 1.5),
+        ("surfaces", |s| s.surfaces[0].emission[1] = f32::INFINITY),
+        ("surfaces", |s| s.surfaces.truncate(3)),
+        ("levels", |s| s.level_starts[1] = 100),
+        ("levels", |s| s.level_starts.clear()),
+        ("sender levels", |s| s.sender_levels = 0),
+        ("sender levels", |s| s.sender_levels = 9),
+        ("planes", |s| s.display.planes[0][3] = f32::NAN),
+        ("parents", |s| s.parents.entries[0].index = 90),
+        ("parents", |s| s.parents.entries[0].weight = f32::NAN),
+        ("parents", |s| s.parents.entries[0].weight = 0.9),
+        ("parent rows", |s| *s.parents.starts.last_mut().unwrap() += 1),
+        ("pull", |s| s.pull.entries[0].index = 0),
+        ("pull", |s| s.pull.entries[0].index = u32::MAX),
+        ("pull", |s| s.pull.entries[0].weight = -1.0),
+        ("pull rows", |s| s.pull.starts[1] = 100),
+        ("rows", |s| s.operator.rows[0].start = 1),
+        ("rows", |s| s.operator.rows[1].count += 1),
+        ("rows", |s| s.operator.rows[0].scale = f32::INFINITY),
+        ("rows", |s| s.operator.rows[0].active = 0),
+        ("links", |s| s.operator.links[0].z_sender |= 0xffff_0000),
+        ("links", |s| s.operator.links[0].xy = 0x7c00),
+        ("bounce links", |s| s.bounces.as_mut().unwrap().links[0].sender = 8),
+        ("bounce rows", |s| s.bounces.as_mut().unwrap().starts[1] = 60),
+        ("grid", |s| s.display.grid.cell_size = 0.0),
+        ("grid", |s| s.display.grid.slots.iter_mut().for_each(|s| s.start = 0)),
+        ("grid", |s| s.display.grid.slots.truncate(7)),
+        ("grid entries", |s| s.display.grid.entries[1] = 17),
+        ("grid slots", |s| {
+            let slot = s.display.grid.slots.iter_mut().find(|s| s.start != GridSlot::EMPTY);
+            slot.unwrap().start += 1;
+        }),
+        ("bvh nodes", |s| s.bvh.nodes[0].first = 0),
+        ("bvh nodes", |s| s.bvh.nodes[0].first = 4),
+        ("bvh nodes", |s| s.bvh.nodes[2].first = 1),
+        ("bvh nodes", |s| s.bvh.nodes[1].count = 100),
+        ("bvh nodes", |s| s.bvh.nodes[1].min[0] = f32::NAN),
+        ("bvh", |s| s.bvh.nodes.clear()),
+        ("bvh", |s| s.bvh.nodes[1].count = 2),
+        ("bvh triangles", |s| s.bvh.triangles[0].b[1] = f32::NAN),
+    ];
+    for (place, broken) in breaks {
+        let mut scene = build(&makes()[1]);
+        assert!(scene.validate().is_ok());
+        broken(&mut scene);
+        let found = scene.validate().expect_err(place);
+        assert!(found.iter().any(|v| v.place == *place), "{place}: {found:?}");
+        assert!(matches!(scene.to_bytes(), Err(AssetError::Invalid(_))), "{place}");
+    }
+}
+
+#[test]
+fn reading_says_what_is_wrong() {
+    let good = build(&makes()[0]).to_bytes().unwrap();
+    let read = |bytes: &[u8]| BakedScene::from_bytes(bytes, &Limits::default()).unwrap_err();
+    assert!(matches!(read(b""), AssetError::NotMgi));
+    assert!(matches!(read(b"glTF\x02\0\0\0, but no light in it at all"), AssetError::NotMgi));
+    assert!(matches!(read(&good[..20]), AssetError::Truncated { .. }));
+    assert!(matches!(read(&good[..good.len() - 1]), AssetError::Truncated { .. }));
+    let mut longer = good.clone();
+    longer.push(0);
+    assert!(matches!(read(&longer), AssetError::Header { .. }));
+    let mut newer = good.clone();
+    newer[8] = 77;
+    assert!(matches!(read(&newer), AssetError::Version { found: 77, .. }));
+    let mut flipped = good.clone();
+    flipped[40] ^= 1;
+    assert!(matches!(read(&flipped), AssetError::Checksum { place: "header" }));
+    let mut flipped = good.clone();
+    *flipped.last_mut().unwrap() ^= 1;
+    assert!(matches!(read(&flipped), AssetError::Checksum { place: "bvh triangles" }));
+    let small = Limits { max_bytes: 1000 };
+    assert!(matches!(
+        BakedScene::from_bytes(&good, &small),
+        Err(AssetError::Limit { allowed: 1000, .. })
+    ));
+}
+
+#[test]
+fn files_are_replaced_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("level.mgi");
+    let (a, b) = (build(&makes()[0]), build(&makes()[1]));
+    let size = a.write(&path).unwrap();
+    assert_eq!(size, std::fs::metadata(&path).unwrap().len());
+    assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), a);
+    b.write(&path).unwrap();
+    assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), b);
+    // A scene that is not valid leaves the file as it is.
+    let mut broken = a.clone();
+    broken.points[0].radius = -1.0;
+    assert!(broken.write(&path).unwrap_err().is_content());
+    assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), b);
+    // No temporary file is left behind.
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    for unwritable in [folder.path().join("no/such/folder.mgi"), folder.path().to_owned()] {
+        let error = a.write(&unwritable).unwrap_err();
+        assert!(matches!(error, AssetError::Io { .. }) && !error.is_content(), "{error}");
+    }
+    let error = BakedScene::read(&folder.path().join("none.mgi"), &Limits::default()).unwrap_err();
+    assert!(matches!(&error, AssetError::Io { .. }) && error.to_string().contains("none.mgi"));
+    let limits = Limits { max_bytes: 100 };
+    assert!(matches!(BakedScene::read(&path, &limits), Err(AssetError::Limit { .. })));
+}

@@ -1,0 +1,249 @@
+//! Small synthetic scenes that pass validation and use every part of the format.
+#![allow(dead_code, reason = "each test binary uses its own part of this module")]
+
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
+use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
+use bevy_meshless_gi::samples::{HashedGrid, Point};
+use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use glam::Vec3;
+
+/// Counted random numbers (SplitMix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Below `n`; 0 for n = 0.
+    pub fn below(&mut self, n: usize) -> usize {
+        if n == 0 { 0 } else { (self.next() % n as u64) as usize }
+    }
+
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f32 {
+        (self.next() >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    fn signed(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
+    }
+}
+
+/// What a synthetic scene has.
+#[derive(Clone, Copy)]
+pub struct Make {
+    pub seed: u64,
+    pub levels: &'static [u32],
+    pub sender_levels: u32,
+    pub form: SenderForm,
+    pub bounces: bool,
+    /// Cells larger than the bake makes them, so that the grid has to be stored.
+    pub own_grid: bool,
+    pub triangles: usize,
+}
+
+/// One scene of each sort.
+pub fn makes() -> Vec<Make> {
+    let plain = Make {
+        seed: 1,
+        levels: &[3, 5, 9],
+        sender_levels: 2,
+        form: SenderForm::Averages,
+        bounces: false,
+        own_grid: false,
+        triangles: 3,
+    };
+    vec![
+        plain,
+        Make {
+            seed: 2,
+            bounces: true,
+            own_grid: true,
+            ..plain
+        },
+        Make {
+            seed: 3,
+            levels: &[2, 4, 3, 6],
+            sender_levels: 3,
+            form: SenderForm::Differences,
+            ..plain
+        },
+        Make {
+            seed: 4,
+            levels: &[1],
+            sender_levels: 1,
+            triangles: 0,
+            ..plain
+        },
+        Make {
+            seed: 5,
+            levels: &[4, 7],
+            sender_levels: 2,
+            bounces: true,
+            triangles: 8,
+            ..plain
+        },
+    ]
+}
+
+fn row(random: &mut Random, range: std::ops::Range<u32>, most: usize) -> Vec<WeightEntry> {
+    let mut picked: Vec<u32> = range.filter(|_| random.next().is_multiple_of(2)).take(most).collect();
+    picked.sort_unstable();
+    let weights: Vec<f32> = picked.iter().map(|_| 0.1 + random.unit()).collect();
+    let sum: f32 = weights.iter().sum();
+    picked
+        .into_iter()
+        .zip(weights)
+        .map(|(index, w)| WeightEntry { index, weight: w / sum })
+        .collect()
+}
+
+pub fn build(make: &Make) -> BakedScene {
+    let r = &mut Random(make.seed.wrapping_mul(0x1234_5678_9abc_def1));
+    let mut starts = vec![0u32];
+    for n in make.levels {
+        starts.push(starts.last().unwrap() + n);
+    }
+    let count = *starts.last().unwrap() as usize;
+    let senders = starts[make.sender_levels as usize];
+    let radius = 0.7;
+    let planes: Vec<[f32; 4]> = (0..4).map(|_| r.signed().normalize().extend(r.unit()).to_array()).collect();
+    let points: Vec<Point> = (0..count)
+        .map(|i| Point {
+            planes: (i as u32 % 4) | ((i as u32 % 2) << 24),
+            ..Point::new(r.signed(), (r.signed() + Vec3::splat(1.5)).normalize(), radius)
+        })
+        .collect();
+    let surfaces = (0..count)
+        .map(|i| PointSurface {
+            albedo: [0.7, r.unit(), 0.3],
+            emission: if i % 5 == 0 { [1.0, 2.0, r.unit()] } else { [0.0; 3] },
+            sky: (r.signed() * 0.4).to_array(),
+            ..PointSurface::default()
+        })
+        .collect();
+    let last = make.levels.len() - 1;
+    let mut pull = Vec::new();
+    let mut parents = Vec::new();
+    for l in 0..make.levels.len() {
+        for _ in 0..make.levels[l] {
+            if l < make.sender_levels as usize {
+                pull.push(if l < last { row(r, starts[l + 1]..starts[l + 2], 4) } else { Vec::new() });
+            }
+            parents.push(match make.form {
+                SenderForm::Averages if l > 0 => row(r, starts[l - 1]..starts[l], 4),
+                SenderForm::Averages => Vec::new(),
+                SenderForm::Differences => (0..l).flat_map(|k| row(r, starts[k]..starts[k + 1], 3)).collect(),
+            });
+        }
+    }
+    let mut links = Vec::new();
+    let rows = (0..count)
+        .map(|i| {
+            let start = links.len() as u32;
+            let active = u32::from(i % 3 != 2);
+            if active == 1 {
+                for s in (0..=senders).filter(|s| !(s + i as u32).is_multiple_of(3)).take(6) {
+                    links.push(Link::pack(r.signed() * 0.05, 0.05, s as u16));
+                }
+            }
+            Row {
+                start,
+                count: links.len() as u32 - start,
+                scale: 0.05 * active as f32,
+                active,
+            }
+        })
+        .collect();
+    let bounces = make.bounces.then(|| {
+        let coarsest = make.levels[0];
+        BounceOperator {
+            starts: (0..=coarsest).map(|k| 2 * k).collect(),
+            links: (0..2 * coarsest)
+                .map(|k| BounceLink {
+                    gain: [r.unit() * 0.1; 3],
+                    sender: k % senders,
+                })
+                .collect(),
+            bounces: 3,
+        }
+    });
+    let cell = if make.own_grid { 1.5 } else { radius };
+    let grid = HashedGrid::build(count, cell, |i| {
+        let mut b = support_bounds(&points[i]);
+        if make.own_grid {
+            b.max += 0.4;
+        }
+        b
+    });
+    let triangles: Vec<BvhTriangle> = (0..make.triangles)
+        .map(|_| BvhTriangle {
+            a: r.signed().to_array(),
+            b: r.signed().to_array(),
+            c: r.signed().to_array(),
+            ..BvhTriangle::default()
+        })
+        .collect();
+    BakedScene {
+        bvh: Bvh {
+            nodes: chain(triangles.len()),
+            triangles,
+        },
+        points,
+        surfaces,
+        level_starts: starts,
+        sender_levels: make.sender_levels,
+        pull: Weights::from_rows(pull),
+        parents: Weights::from_rows(parents),
+        operator: Operator {
+            form: make.form,
+            rows,
+            links,
+        },
+        bounces,
+        display: Display { radius, planes, grid },
+        info: BakeInfo {
+            version: "0.0.0".into(),
+            fingerprint: "00".repeat(32),
+            recipe: "()".into(),
+            triangles: make.triangles as u64,
+            bounds: [[-1.0; 3], [1.0; 3]],
+            viewpoints: vec![[0.1, 0.2, 0.3]],
+            bounces: 3,
+            ..BakeInfo::default()
+        },
+    }
+}
+
+/// A tree that takes one triangle off at each level.
+fn chain(triangles: usize) -> Vec<BvhNode> {
+    let node = |first: u32, count: u32| BvhNode {
+        min: [-1.1; 3],
+        first,
+        max: [1.1; 3],
+        count,
+    };
+    let mut nodes = Vec::new();
+    match triangles {
+        0 => {}
+        1 => nodes.push(node(0, 1)),
+        n => {
+            nodes.push(node(1, 0));
+            for i in 0..n - 1 {
+                nodes.push(node(i as u32, 1));
+                nodes.push(if i + 2 == n {
+                    node(i as u32 + 1, 1)
+                } else {
+                    node(2 * i as u32 + 3, 0)
+                });
+            }
+        }
+    }
+    nodes
+}
