@@ -39,7 +39,12 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     all.sort_by(f64::total_cmp);
     let at = ((all.len() as f64 * 0.99) as usize).min(all.len() - 1);
     Errors {
-        nrmse: ((square - noise).max(0.0) / power).sqrt(),
+        // A comparison, not `max`: that would turn NaN into a perfect score.
+        nrmse: if square < noise {
+            0.0
+        } else {
+            ((square - noise) / power).sqrt()
+        },
         raw_nrmse: (square / power).sqrt(),
         bias: sum / total,
         p99: all[at] / (power / all.len() as f64).sqrt(),
@@ -68,5 +73,13 @@ mod tests {
         assert!(errors(&values, &reference, &noise).nrmse < 1e-3);
         assert_eq!(errors(&reference, &reference, &none), Errors::default());
         assert_eq!(errors(&none, &none, &none), Errors::default());
+    }
+
+    #[test]
+    fn a_value_that_is_not_a_number_is_no_perfect_score() {
+        let mut values = vec![Vec3::ONE; 10];
+        values[3].y = f32::NAN;
+        let e = errors(&values, &[Vec3::ONE; 10], &[Vec3::ZERO; 10]);
+        assert!(e.nrmse.is_nan() && e.bias.is_nan(), "{e:?}");
     }
 }

@@ -105,6 +105,8 @@ pub fn direct_irradiance(
             let position =
                 center + u * (2.0 * random.unit() - 1.0) + v * (2.0 * random.unit() - 1.0);
             let facing = u.cross(v);
+            // The lamp's own model may lie in its plane: the shadow ray ends a little before it.
+            let position = position + facing.normalize_or_zero() * geometry.lift(position);
             // Area 4 |u × v| and the emitter's cosine together: 4 (u × v) · direction.
             shadowed(
                 lamp(position, radiance, f32::INFINITY).map(|(e, toward, position)| {

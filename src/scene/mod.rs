@@ -5,20 +5,26 @@
 
 mod bvh;
 mod bvh_build;
+#[cfg(feature = "cli")]
+mod description;
 mod error;
 mod geometry;
 #[cfg(feature = "gltf")]
 mod gltf;
+mod implicit;
 mod light;
 mod material;
 mod mesh;
 mod watertight;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
+#[cfg(feature = "cli")]
+pub use description::SceneDescription;
 pub use error::SceneError;
 pub use geometry::{Bounds, Geometry, Hit, Ray, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes};
+pub use implicit::{ImplicitObject, ImplicitScene, Shape};
 pub use light::Light;
 pub use material::{Material, Texture, Wrap};
 pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};

@@ -1,0 +1,401 @@
+//! Analytic implicit surfaces as [`Geometry`]: the proof that nothing in basis or transport leans on triangles ([L08] §5.1).
+//!
+//! A scene is a list of shapes, each the zero set of a function that never overstates the distance to it and is positive
+//! outside. Rays march by that distance, which can't step over a surface. Where the distance becomes small, or the ray
+//! starts next to a surface, steps of a fixed smallest size look for a change of sign instead, and bisection finds the root:
+//! a ray that starts on a surface leaves it without being caught by it, and one that grazes is decided by a sign.
+//!
+//! Limits: features thinner than [`ImplicitScene::tolerance`] can be missed; a ray that touches a surface without
+//! passing through it counts as a miss.
+
+use super::{Bounds, Geometry, Hit, Ray, Surface};
+use core::f32::consts::PI;
+use glam::Vec3;
+
+/// Steps after which a ray is given up as a miss.
+const MOST_STEPS: u32 = 4096;
+/// Halvings of the interval in which a sign changes: an f32's worth.
+const HALVINGS: u32 = 30;
+
+/// A solid whose surface is an implicit function's zero set. Lengths in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Its centre.
+        center: Vec3,
+        /// Its radius.
+        radius: f32,
+    },
+    /// Everything on the far side of a plane: points with n·x < offset.
+    HalfSpace {
+        /// Unit normal n, out of the solid.
+        normal: Vec3,
+        /// n·x on the plane.
+        offset: f32,
+    },
+    /// A box along the axes.
+    Cuboid {
+        /// Its centre.
+        center: Vec3,
+        /// Half its edges.
+        half: Vec3,
+    },
+    /// The room inside a box along the axes: everything outside of the box is solid, its surface faces inwards.
+    Room {
+        /// Its centre.
+        center: Vec3,
+        /// Half its edges.
+        half: Vec3,
+    },
+    /// The hollow inside a ball: everything outside is solid.
+    Cavity {
+        /// Its centre.
+        center: Vec3,
+        /// Its radius.
+        radius: f32,
+    },
+    /// A ring.
+    Torus {
+        /// Its centre.
+        center: Vec3,
+        /// Unit axis.
+        axis: Vec3,
+        /// From the centre to the middle of the tube.
+        major: f32,
+        /// Radius of the tube.
+        minor: f32,
+    },
+}
+
+impl Shape {
+    /// A lower bound of the distance to the surface, exact near it; negative inside.
+    #[must_use]
+    pub fn distance(&self, p: Vec3) -> f32 {
+        match *self {
+            Self::Sphere { center, radius } => (p - center).length() - radius,
+            Self::Cavity { center, radius } => radius - (p - center).length(),
+            Self::HalfSpace { normal, offset } => p.dot(normal) - offset,
+            Self::Cuboid { center, half } => to_box(p - center, half),
+            Self::Room { center, half } => -to_box(p - center, half),
+            Self::Torus {
+                center,
+                axis,
+                major,
+                minor,
+            } => {
+                let q = p - center;
+                let height = q.dot(axis);
+                let ring = (q - axis * height).length() - major;
+                (ring * ring + height * height).sqrt() - minor
+            }
+        }
+    }
+
+    fn bounds(&self) -> Option<Bounds> {
+        let around = |center: Vec3, half: Vec3| {
+            Some(Bounds {
+                min: center - half,
+                max: center + half,
+            })
+        };
+        match *self {
+            Self::Sphere { center, radius } | Self::Cavity { center, radius } => {
+                around(center, Vec3::splat(radius))
+            }
+            Self::Cuboid { center, half } | Self::Room { center, half } => around(center, half),
+            Self::Torus {
+                center,
+                major,
+                minor,
+                ..
+            } => around(center, Vec3::splat(major + minor)),
+            Self::HalfSpace { .. } => None,
+        }
+    }
+}
+
+fn to_box(p: Vec3, half: Vec3) -> f32 {
+    let q = p.abs() - half;
+    q.max(Vec3::ZERO).length() + q.max_element().min(0.0)
+}
+
+/// A shape with what it does to light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImplicitObject {
+    /// The solid.
+    pub shape: Shape,
+    /// Diffuse reflectance, linear RGB in [0, 1].
+    pub albedo: Vec3,
+    /// Emitted radiance, W/(m² sr).
+    pub radiance: Vec3,
+}
+
+/// A union of solids.
+#[derive(Clone, Debug)]
+pub struct ImplicitScene {
+    objects: Vec<ImplicitObject>,
+    bounds: Bounds,
+    tolerance: f32,
+}
+
+impl ImplicitScene {
+    /// The union of `objects`. Half-spaces have no bounds of their own: they count as far as the other shapes reach.
+    /// Albedo is clamped to [0, 1].
+    #[must_use]
+    pub fn new(mut objects: Vec<ImplicitObject>) -> Self {
+        for object in &mut objects {
+            object.albedo = object.albedo.clamp(Vec3::ZERO, Vec3::ONE);
+        }
+        let bounds = objects
+            .iter()
+            .filter_map(|o| o.shape.bounds())
+            .fold(Bounds::EMPTY, |b, s| b.join(s.min).join(s.max));
+        let far = bounds.min.abs().max(bounds.max.abs()).max_element();
+        let far = if far.is_finite() { far } else { 1.0 };
+        Self {
+            objects,
+            bounds,
+            // A dozen roundings of the largest coordinate: below this a distance's sign is noise.
+            tolerance: 16.0 * f32::EPSILON * far.max(1e-3),
+        }
+    }
+
+    /// Surfaces nearer than this (metres) to each other can't be told apart.
+    #[must_use]
+    pub fn tolerance(&self) -> f32 {
+        self.tolerance
+    }
+
+    /// Distance to the union and which object is nearest. Infinite without objects.
+    #[must_use]
+    pub fn distance(&self, p: Vec3) -> (f32, usize) {
+        let mut best = (f32::INFINITY, 0);
+        for (i, object) in self.objects.iter().enumerate() {
+            let d = object.shape.distance(p);
+            if d < best.0 {
+                best = (d, i);
+            }
+        }
+        best
+    }
+
+    /// The first place along the ray where the sign of the distance changes.
+    fn march(&self, ray: &Ray) -> Option<f32> {
+        let size = self.bounds.size().length();
+        let center = self.bounds.center();
+        let reach = if self.objects.is_empty() || !ray.origin.is_finite() {
+            return None;
+        } else if size > 0.0 {
+            // Half-spaces may lie beyond the box; ten times its size is where the scene ends.
+            (ray.origin - center).length() + 10.0 * size
+        } else {
+            1e6
+        };
+        let end = ray.max_t.min(reach);
+        // On which side the ray starts is decided a step ahead, off the surface that it may start on.
+        let smallest = 8.0 * self.tolerance;
+        let mut before = smallest;
+        let mut d = self.distance(ray.at(before)).0;
+        let inside = d < 0.0;
+        for _ in 0..MOST_STEPS {
+            if before >= end {
+                return None;
+            }
+            let t = before + d.abs().max(smallest);
+            let next = self.distance(ray.at(t)).0;
+            if (next < 0.0) != inside {
+                // A sign change between `before` and `t`: halve.
+                let (mut low, mut high) = (before, t);
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (low + high);
+                    if (self.distance(ray.at(middle)).0 < 0.0) == inside {
+                        low = middle;
+                    } else {
+                        high = middle;
+                    }
+                }
+                return (high > 0.0 && high < ray.max_t).then_some(high);
+            }
+            (before, d) = (t, next);
+        }
+        None
+    }
+
+    /// The gradient of an object's distance by central differences.
+    fn gradient(&self, object: usize, p: Vec3) -> Vec3 {
+        let h = 64.0 * self.tolerance;
+        let at = |q: Vec3| self.objects[object].shape.distance(q);
+        let slope = |axis: Vec3| at(p + axis * h) - at(p - axis * h);
+        Vec3::new(slope(Vec3::X), slope(Vec3::Y), slope(Vec3::Z)).normalize_or(Vec3::Y)
+    }
+}
+
+impl Geometry for ImplicitScene {
+    fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    fn cast(&self, ray: &Ray) -> Option<Hit> {
+        let t = self.march(ray)?;
+        Some(Hit {
+            t,
+            primitive: self.distance(ray.at(t)).1 as u32,
+            uv: [0.0; 2],
+        })
+    }
+
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+        let length = (to - from).length();
+        length > 0.0
+            && self
+                .march(&Ray::segment(from, (to - from) / length, length))
+                .is_some()
+    }
+
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let position = ray.at(hit.t);
+        let object = (hit.primitive as usize).min(self.objects.len().saturating_sub(1));
+        let Some(&ImplicitObject {
+            albedo, radiance, ..
+        }) = self.objects.get(object)
+        else {
+            return Surface {
+                position,
+                normal: -ray.direction,
+                albedo: Vec3::ZERO,
+                emission: Vec3::ZERO,
+                front: true,
+            };
+        };
+        let outward = self.gradient(object, position);
+        let front = outward.dot(ray.direction) <= 0.0;
+        Surface {
+            position,
+            normal: if front { outward } else { -outward },
+            albedo,
+            emission: PI * radiance,
+            front,
+        }
+    }
+
+    fn lift(&self, p: Vec3) -> f32 {
+        let size = self.bounds.size().max_element().max(p.abs().max_element());
+        (1e-5 * size).max(16.0 * self.tolerance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{Random, uniform_sphere};
+    use glam::Vec2;
+
+    fn object(shape: Shape) -> ImplicitObject {
+        ImplicitObject {
+            shape,
+            albedo: Vec3::splat(0.5),
+            radiance: Vec3::ZERO,
+        }
+    }
+
+    fn ball(center: Vec3, radius: f32) -> ImplicitObject {
+        object(Shape::Sphere { center, radius })
+    }
+
+    #[test]
+    fn a_sphere_is_met_where_the_quadratic_says() {
+        let center = Vec3::new(1.0, 2.0, -3.0);
+        let scene = ImplicitScene::new(vec![ball(center, 1.5)]);
+        let mut hits = 0;
+        for k in 0..20_000 {
+            let mut r = Random::new(1, 0, k);
+            let origin = center + 4.0 * uniform_sphere(Vec2::new(r.unit(), r.unit()));
+            let direction =
+                (center + 1.8 * uniform_sphere(Vec2::new(r.unit(), r.unit())) - origin).normalize();
+            let ray = Ray::new(origin, direction);
+            let q = (origin - center).as_dvec3();
+            let b = q.dot(direction.as_dvec3());
+            let discriminant = b * b - q.length_squared() + 2.25;
+            let found = scene.cast(&ray);
+            if discriminant.abs() < 1e-3 {
+                continue;
+            }
+            assert_eq!(found.is_some(), discriminant > 0.0, "ray {k}");
+            if let Some(hit) = found {
+                hits += 1;
+                let t = -b - discriminant.sqrt();
+                assert!(
+                    (f64::from(hit.t) - t).abs() < 1e-3,
+                    "ray {k}: {} and {t}",
+                    hit.t
+                );
+                let surface = scene.surface(&ray, &hit);
+                assert!(surface.front);
+                assert!((surface.normal - (surface.position - center).normalize()).length() < 2e-2);
+            }
+        }
+        assert!((5_000..19_000).contains(&hits), "{hits}");
+    }
+
+    #[test]
+    fn rays_from_a_surface_leave_it_and_a_room_is_closed() {
+        let room = ImplicitScene::new(vec![
+            object(Shape::Room {
+                center: Vec3::ZERO,
+                half: Vec3::new(2.0, 1.0, 3.0),
+            }),
+            ball(Vec3::new(0.5, -0.5, 0.0), 0.5),
+            object(Shape::Torus {
+                center: Vec3::new(-1.0, 0.2, 1.0),
+                axis: Vec3::Y,
+                major: 0.5,
+                minor: 0.1,
+            }),
+        ]);
+        let mut met = [0; 3];
+        let mut ray = Ray::new(Vec3::new(0.0, 0.5, -1.0), Vec3::X);
+        for k in 0..100_000 {
+            let hit = room
+                .cast(&ray)
+                .unwrap_or_else(|| panic!("ray {k} left the room: {ray:?}"));
+            met[hit.primitive as usize] += 1;
+            let s = room.surface(&ray, &hit);
+            assert!(room.distance(s.position).0.abs() < 1e-5);
+            let start = s.position + s.normal * room.lift(s.position);
+            assert!(room.distance(start).0 > 0.0, "lifted off on the free side");
+            assert!(
+                room.occluded(start, start - s.normal * 0.01),
+                "and the surface blocks"
+            );
+            let mut r = Random::new(2, 0, k);
+            let d = uniform_sphere(Vec2::new(r.unit(), r.unit()));
+            ray = Ray::new(start, (d + s.normal * 1.001).normalize());
+        }
+        assert!(met.iter().all(|&m| m > 200), "{met:?}");
+    }
+
+    #[test]
+    fn planes_bound_segments_and_nothing_is_nothing() {
+        let floor = ImplicitScene::new(vec![
+            object(Shape::HalfSpace {
+                normal: Vec3::Y,
+                offset: 0.0,
+            }),
+            object(Shape::Cuboid {
+                center: Vec3::new(0.0, 1.0, 0.0),
+                half: Vec3::splat(0.25),
+            }),
+        ]);
+        assert!(floor.occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, -1.0, 0.0)));
+        assert!(!floor.occluded(Vec3::new(3.0, 1.0, 0.0), Vec3::new(3.0, 0.1, 0.0)));
+        assert!(floor.occluded(Vec3::new(-1.0, 1.0, 0.0), Vec3::new(1.0, 1.0, 0.0)));
+        let hit = floor
+            .cast(&Ray::new(Vec3::new(0.1, 2.0, 0.1), -Vec3::Y))
+            .unwrap();
+        assert!(hit.primitive == 1 && (hit.t - 0.75).abs() < 1e-5);
+        let nothing = ImplicitScene::new(Vec::new());
+        assert!(nothing.cast(&Ray::new(Vec3::ZERO, Vec3::X)).is_none());
+        assert!(!nothing.occluded(Vec3::ZERO, Vec3::X));
+    }
+}
