@@ -73,7 +73,7 @@ fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
         // At a vertex, at the middle of an edge.
         0 | 1 => {
             let [a, b, c] = triangles[r.below(triangles.len())];
-            let target = if k % 8 == 0 {
+            let target = if k.is_multiple_of(8) {
                 a
             } else {
                 [a + b, b + c, c + a][r.below(3)] * 0.5

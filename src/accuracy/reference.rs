@@ -191,11 +191,11 @@ pub fn irradiance(
             normal = seen.normal;
             indirect += throughput * lamps(position, normal, &mut random);
         }
-        for (sum, value) in
-            sums.iter_mut()
-                .zip([direct, direct * direct, indirect, indirect * indirect])
-        {
-            *sum += value.as_dvec3();
+        // Squares in double precision: their difference to the squared mean is small.
+        let (direct, indirect) = (direct.as_dvec3(), indirect.as_dvec3());
+        let values = [direct, direct * direct, indirect, indirect * indirect];
+        for (sum, value) in sums.iter_mut().zip(values) {
+            *sum += value;
         }
     }
     let count = f64::from(settings.paths.max(1));
