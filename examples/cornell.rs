@@ -119,12 +119,19 @@ fn setup(
 /// Where the lamp may be: inside the box.
 const REACH: (Vec3, Vec3) = (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5));
 
+type TheCamera<'w, 's> = Query<
+    'w,
+    's,
+    (&'static Camera, &'static GlobalTransform),
+    (With<MeshlessGiCamera>, Without<DirectOnly>),
+>;
+
 fn move_lamp(
     mut lamp: Single<&mut Transform, With<Lamp>>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,
     windows: Query<&Window>,
-    camera: Query<(&Camera, &GlobalTransform), (With<MeshlessGiCamera>, Without<DirectOnly>)>,
+    camera: TheCamera,
     time: Res<Time>,
 ) {
     let axis = |plus, minus| {

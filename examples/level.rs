@@ -181,9 +181,16 @@ fn baked(
     }
 }
 
+type TheLamp<'w, 's> = Single<
+    'w,
+    's,
+    (&'static mut Transform, &'static mut Visibility),
+    (With<Lamp>, Without<Camera3d>),
+>;
+
 fn walk(
     mut camera: Single<&mut Transform, (With<Camera3d>, Without<Lamp>)>,
-    mut lamp: Single<(&mut Transform, &mut Visibility), (With<Lamp>, Without<Camera3d>)>,
+    mut lamp: TheLamp,
     mut sun: Single<&mut DirectionalLight>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,

@@ -44,6 +44,8 @@
 
 mod asset;
 mod bake_task;
+#[cfg(feature = "gltf")]
+mod build_step;
 mod check;
 mod components;
 mod composite;
@@ -51,6 +53,9 @@ mod compute;
 mod diagnostics;
 mod extract;
 mod gizmos;
+#[cfg(feature = "gltf")]
+mod level;
+mod loader;
 pub mod prelude;
 mod readback;
 mod sets;
@@ -58,6 +63,8 @@ mod transform;
 
 pub use asset::MeshlessGiAsset;
 pub use bake_task::{BakeTaskError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
+#[cfg(feature = "gltf")]
+pub use build_step::{AssetBuild, AssetBuildError, process_assets};
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
@@ -67,6 +74,12 @@ pub use diagnostics::{
     MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
 };
 pub use gizmos::MeshlessGiGizmos;
+#[cfg(feature = "gltf")]
+pub use level::{
+    BAKE_VERSION, MeshlessGiBakeProcessor, MeshlessGiBakeSettings, MeshlessGiRecipeLoader,
+    RecipeLoadError,
+};
+pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
 pub use readback::MeshlessGiCoefficients;
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
@@ -108,12 +121,17 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<MeshlessGiFindings>()
             .init_resource::<MeshlessGiCoefficients>()
             .init_asset::<MeshlessGiAsset>()
+            .register_asset_loader(MeshlessGiLoader)
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
             .add_systems(
                 PreUpdate,
                 bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
+        #[cfg(feature = "gltf")]
+        app.register_asset_loader(MeshlessGiRecipeLoader)
+            .register_asset_processor(MeshlessGiBakeProcessor)
+            .set_default_asset_processor::<MeshlessGiBakeProcessor>("gi.ron");
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }
