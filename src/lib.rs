@@ -37,3 +37,11 @@ pub mod transport;
 
 #[cfg(feature = "bevy")]
 pub use plugin::prelude;
+
+// The documents' examples are compiled as documentation tests.
+#[cfg(all(doctest, feature = "engine"))]
+#[doc = include_str!("../README.md")]
+struct Readme;
+#[cfg(all(doctest, feature = "gltf"))]
+#[doc = include_str!("../docs/GUIDE.md")]
+struct Guide;
