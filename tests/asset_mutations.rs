@@ -209,7 +209,11 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
                 0 => 8 + 4 * r.below(6),
                 _ => 32 + 40 * r.below(rows) + [0, 4, 8, 16, 24, 32][r.below(6)],
             };
-            let value = if r.below(2) == 0 { NASTY[r.below(NASTY.len())] } else { r.next() >> r.below(64) };
+            let value = if r.below(2) == 0 {
+                NASTY[r.below(NASTY.len())]
+            } else {
+                r.next() >> r.below(64)
+            };
             let width = [4, 8][r.below(2)].min(file.len() - at);
             file[at..at + width].copy_from_slice(&value.to_le_bytes()[..width]);
             fix_header(&mut file);
@@ -278,7 +282,14 @@ fn mutate(seeds: &[Seed], r: &mut Random) -> Vec<u8> {
 /// A frame with every kernel on it.
 fn walk(scene: &BakedScene) -> Vec3 {
     let mut frame = CpuFrame::new(scene);
-    frame.set_lights(scene, &[FrameLight::point(Vec3::new(0.2, 0.9, 0.1), Vec3::ONE, f32::INFINITY)]);
+    frame.set_lights(
+        scene,
+        &[FrameLight::point(
+            Vec3::new(0.2, 0.9, 0.1),
+            Vec3::ONE,
+            f32::INFINITY,
+        )],
+    );
     let mut sum = Vec3::ZERO;
     for baked_bounces in [false, true] {
         frame.solve(
@@ -293,7 +304,9 @@ fn walk(scene: &BakedScene) -> Vec3 {
         for p in scene.points.iter().take(4) {
             sum += frame.irradiance(scene, p.x(), p.n()).unwrap_or_default();
         }
-        sum += frame.irradiance(scene, Vec3::new(1e9, -0.0, -1e-30), Vec3::Y).unwrap_or_default();
+        sum += frame
+            .irradiance(scene, Vec3::new(1e9, -0.0, -1e-30), Vec3::Y)
+            .unwrap_or_default();
     }
     sum
 }
@@ -321,7 +334,11 @@ fn mutations_are_refused_or_harmless() {
     let total = (1_000_000.0 * intensity) as u64;
     let seeds = seeds();
     for seed in &seeds {
-        assert_eq!(put_together(&seed.parts), seed.file, "this test reads the format as it is written");
+        assert_eq!(
+            put_together(&seed.parts),
+            seed.file,
+            "this test reads the format as it is written"
+        );
         assert!(BakedScene::from_bytes(&seed.file, &Limits { max_bytes: LIMIT }).is_ok());
     }
     let limits = Limits { max_bytes: LIMIT };
@@ -365,7 +382,10 @@ fn mutations_are_refused_or_harmless() {
     // Every check is reached, the deep ones often.
     if total >= 100_000 {
         assert!(outcomes.iter().all(|&n| n > total / 5000), "{outcomes:?}");
-        assert!(outcomes[7] > total / 50 && outcomes[0] > total / 50, "{outcomes:?}");
+        assert!(
+            outcomes[7] > total / 50 && outcomes[0] > total / 50,
+            "{outcomes:?}"
+        );
     }
 }
 

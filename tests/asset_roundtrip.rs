@@ -53,7 +53,9 @@ fn validation_finds_what_is_broken() {
         ("parents", |s| s.parents.entries[0].index = 90),
         ("parents", |s| s.parents.entries[0].weight = f32::NAN),
         ("parents", |s| s.parents.entries[0].weight = 0.9),
-        ("parent rows", |s| *s.parents.starts.last_mut().unwrap() += 1),
+        ("parent rows", |s| {
+            *s.parents.starts.last_mut().unwrap() += 1
+        }),
         ("pull", |s| s.pull.entries[0].index = 0),
         ("pull", |s| s.pull.entries[0].index = u32::MAX),
         ("pull", |s| s.pull.entries[0].weight = -1.0),
@@ -64,14 +66,25 @@ fn validation_finds_what_is_broken() {
         ("rows", |s| s.operator.rows[0].active = 0),
         ("links", |s| s.operator.links[0].z_sender |= 0xffff_0000),
         ("links", |s| s.operator.links[0].xy = 0x7c00),
-        ("bounce links", |s| s.bounces.as_mut().unwrap().links[0].sender = 8),
-        ("bounce rows", |s| s.bounces.as_mut().unwrap().starts[1] = 60),
+        ("bounce links", |s| {
+            s.bounces.as_mut().unwrap().links[0].sender = 8
+        }),
+        ("bounce rows", |s| {
+            s.bounces.as_mut().unwrap().starts[1] = 60
+        }),
         ("grid", |s| s.display.grid.cell_size = 0.0),
-        ("grid", |s| s.display.grid.slots.iter_mut().for_each(|s| s.start = 0)),
+        ("grid", |s| {
+            s.display.grid.slots.iter_mut().for_each(|s| s.start = 0)
+        }),
         ("grid", |s| s.display.grid.slots.truncate(7)),
         ("grid entries", |s| s.display.grid.entries[1] = 17),
         ("grid slots", |s| {
-            let slot = s.display.grid.slots.iter_mut().find(|s| s.start != GridSlot::EMPTY);
+            let slot = s
+                .display
+                .grid
+                .slots
+                .iter_mut()
+                .find(|s| s.start != GridSlot::EMPTY);
             slot.unwrap().start += 1;
         }),
         ("bvh nodes", |s| s.bvh.nodes[0].first = 0),
@@ -88,8 +101,14 @@ fn validation_finds_what_is_broken() {
         assert!(scene.validate().is_ok());
         broken(&mut scene);
         let found = scene.validate().expect_err(place);
-        assert!(found.iter().any(|v| v.place == *place), "{place}: {found:?}");
-        assert!(matches!(scene.to_bytes(), Err(AssetError::Invalid(_))), "{place}");
+        assert!(
+            found.iter().any(|v| v.place == *place),
+            "{place}: {found:?}"
+        );
+        assert!(
+            matches!(scene.to_bytes(), Err(AssetError::Invalid(_))),
+            "{place}"
+        );
     }
 }
 
@@ -98,21 +117,38 @@ fn reading_says_what_is_wrong() {
     let good = build(&makes()[0]).to_bytes().unwrap();
     let read = |bytes: &[u8]| BakedScene::from_bytes(bytes, &Limits::default()).unwrap_err();
     assert!(matches!(read(b""), AssetError::NotMgi));
-    assert!(matches!(read(b"glTF\x02\0\0\0, but no light in it at all"), AssetError::NotMgi));
+    assert!(matches!(
+        read(b"glTF\x02\0\0\0, but no light in it at all"),
+        AssetError::NotMgi
+    ));
     assert!(matches!(read(&good[..20]), AssetError::Truncated { .. }));
-    assert!(matches!(read(&good[..good.len() - 1]), AssetError::Truncated { .. }));
+    assert!(matches!(
+        read(&good[..good.len() - 1]),
+        AssetError::Truncated { .. }
+    ));
     let mut longer = good.clone();
     longer.push(0);
     assert!(matches!(read(&longer), AssetError::Header { .. }));
     let mut newer = good.clone();
     newer[8] = 77;
-    assert!(matches!(read(&newer), AssetError::Version { found: 77, .. }));
+    assert!(matches!(
+        read(&newer),
+        AssetError::Version { found: 77, .. }
+    ));
     let mut flipped = good.clone();
     flipped[40] ^= 1;
-    assert!(matches!(read(&flipped), AssetError::Checksum { place: "header" }));
+    assert!(matches!(
+        read(&flipped),
+        AssetError::Checksum { place: "header" }
+    ));
     let mut flipped = good.clone();
     *flipped.last_mut().unwrap() ^= 1;
-    assert!(matches!(read(&flipped), AssetError::Checksum { place: "bvh triangles" }));
+    assert!(matches!(
+        read(&flipped),
+        AssetError::Checksum {
+            place: "bvh triangles"
+        }
+    ));
     let small = Limits { max_bytes: 1000 };
     assert!(matches!(
         BakedScene::from_bytes(&good, &small),
@@ -137,12 +173,21 @@ fn files_are_replaced_whole_or_not_at_all() {
     assert_eq!(BakedScene::read(&path, &Limits::default()).unwrap(), b);
     // No temporary file is left behind.
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-    for unwritable in [folder.path().join("no/such/folder.mgi"), folder.path().to_owned()] {
+    for unwritable in [
+        folder.path().join("no/such/folder.mgi"),
+        folder.path().to_owned(),
+    ] {
         let error = a.write(&unwritable).unwrap_err();
-        assert!(matches!(error, AssetError::Io { .. }) && !error.is_content(), "{error}");
+        assert!(
+            matches!(error, AssetError::Io { .. }) && !error.is_content(),
+            "{error}"
+        );
     }
     let error = BakedScene::read(&folder.path().join("none.mgi"), &Limits::default()).unwrap_err();
     assert!(matches!(&error, AssetError::Io { .. }) && error.to_string().contains("none.mgi"));
     let limits = Limits { max_bytes: 100 };
-    assert!(matches!(BakedScene::read(&path, &limits), Err(AssetError::Limit { .. })));
+    assert!(matches!(
+        BakedScene::read(&path, &limits),
+        Err(AssetError::Limit { .. })
+    ));
 }

@@ -1,8 +1,9 @@
-//! Columns: how an array of plain structs becomes bytes that compress well, and back.
+//! How an array of plain structs becomes bytes that compress well, and back.
 //!
-//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a word. Field after field,
-//! the values of all items are written: first all lowest bytes, then all next ones (byte planes), so that
-//! signs and exponents, which hardly vary, lie side by side. Ascending numbers are written as differences.
+//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a word. In columns, the values of all items are
+//! written field after field: first all lowest bytes, then all next ones (byte planes), so that signs and exponents, which hardly
+//! vary, lie side by side. That serves what is different in every item, links and weights. What comes again as a whole, normals,
+//! colours and corners of triangles, compresses better item after item. Ascending numbers are written as differences.
 
 use bytemuck::Pod;
 
@@ -104,22 +105,100 @@ impl Field {
     }
 }
 
-/// Bytes of one item in columns.
-pub(super) const fn item_bytes(fields: &[Field]) -> usize {
-    let mut sum = 0;
-    let mut i = 0;
-    while i < fields.len() {
-        sum += fields[i].bytes();
-        i += 1;
-    }
-    sum
+/// Which fields of a struct are stored, and in which order.
+#[derive(Clone, Copy)]
+pub(super) struct Layout {
+    fields: &'static [Field],
+    columns: bool,
 }
 
+impl Layout {
+    /// Field after field, in byte planes.
+    pub const fn columns(fields: &'static [Field]) -> Self {
+        Self {
+            fields,
+            columns: true,
+        }
+    }
+
+    /// Item after item.
+    pub const fn rows(fields: &'static [Field]) -> Self {
+        Self {
+            fields,
+            columns: false,
+        }
+    }
+
+    /// Stored bytes of one item.
+    pub const fn item_bytes(self) -> usize {
+        let mut sum = 0;
+        let mut i = 0;
+        while i < self.fields.len() {
+            sum += self.fields[i].bytes();
+            i += 1;
+        }
+        sum
+    }
+
+    /// Items to bytes.
+    pub fn encode<T: Pod>(self, items: &[T]) -> Vec<u8> {
+        if self.columns {
+            return to_columns(items, self.fields);
+        }
+        let words: &[u32] = bytemuck::cast_slice(items);
+        let mut out = Vec::with_capacity(items.len() * self.item_bytes());
+        let mut before = [0; MOST_FIELDS];
+        for item in words.chunks_exact(size_of::<T>() / 4) {
+            for (field, before) in self.fields.iter().zip(&mut before) {
+                let value = field.get(item[field.word]);
+                let coded = if field.delta {
+                    field.step(*before, value)
+                } else {
+                    value
+                };
+                out.extend_from_slice(&coded.to_le_bytes()[..field.bytes()]);
+                *before = value;
+            }
+        }
+        out
+    }
+
+    /// Bytes to items. `raw` must be `count` times [`item_bytes`](Self::item_bytes) long. Words that no field names are zero.
+    pub fn decode<T: Pod>(self, raw: &[u8], count: usize) -> Vec<T> {
+        debug_assert_eq!(raw.len(), count * self.item_bytes());
+        if self.columns {
+            return from_columns(raw, count, self.fields);
+        }
+        let mut items = vec![T::zeroed(); count];
+        let words: &mut [u32] = bytemuck::cast_slice_mut(&mut items);
+        let mut rest = raw;
+        let mut before = [0; MOST_FIELDS];
+        for item in words.chunks_exact_mut(size_of::<T>() / 4) {
+            for (field, before) in self.fields.iter().zip(&mut before) {
+                let (bytes, behind) = rest.split_at(field.bytes());
+                rest = behind;
+                let mut value = [0; 4];
+                value[..bytes.len()].copy_from_slice(bytes);
+                let mut value = u32::from_le_bytes(value);
+                if field.delta {
+                    value = field.walk(*before, value);
+                    *before = value;
+                }
+                field.put(&mut item[field.word], value);
+            }
+        }
+        items
+    }
+}
+
+/// More fields than any struct has.
+const MOST_FIELDS: usize = 12;
+
 /// Items to columns.
-pub(super) fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
+fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
     let stride = size_of::<T>() / 4;
     let words: &[u32] = bytemuck::cast_slice(items);
-    let mut out = Vec::with_capacity(items.len() * item_bytes(fields));
+    let mut out = Vec::with_capacity(size_of_val(items));
     let mut column = Vec::with_capacity(items.len());
     for field in fields {
         column.clear();
@@ -140,9 +219,8 @@ pub(super) fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {
     out
 }
 
-/// Columns to items. `raw` must be `count` times [`item_bytes`] long. Words that no field names are zero.
-pub(super) fn from_columns<T: Pod>(raw: &[u8], count: usize, fields: &[Field]) -> Vec<T> {
-    debug_assert_eq!(raw.len(), count * item_bytes(fields));
+/// Columns to items.
+fn from_columns<T: Pod>(raw: &[u8], count: usize, fields: &[Field]) -> Vec<T> {
     let stride = size_of::<T>() / 4;
     let mut items = vec![T::zeroed(); count];
     let words: &mut [u32] = bytemuck::cast_slice_mut(&mut items);
@@ -171,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_come_back() {
+    fn items_come_back() {
         let items: Vec<[u32; 2]> = (0..1000u32)
             .map(|i| {
                 let h = i.wrapping_mul(0x9e37_79b9);
@@ -179,16 +257,27 @@ mod tests {
             })
             .chain([[0, u32::MAX], [u32::MAX, 0], [0x8000_0000, 0x7fff_8000]])
             .collect();
-        for fields in [
-            &[Field::word(0), Field::word(1)][..],
-            &[Field::word(1).delta(), Field::low(0), Field::high(0).delta()],
-            &[Field::low(0).delta(), Field::high(0), Field::word(1).delta()],
-        ] {
-            let raw = to_columns(&items, fields);
-            assert_eq!(raw.len(), items.len() * item_bytes(fields));
-            assert_eq!(from_columns::<[u32; 2]>(&raw, items.len(), fields), items);
+        const FIELDS: [&[Field]; 3] = [
+            &[Field::word(0), Field::word(1)],
+            &[
+                Field::word(1).delta(),
+                Field::low(0),
+                Field::high(0).delta(),
+            ],
+            &[
+                Field::low(0).delta(),
+                Field::high(0),
+                Field::word(1).delta(),
+            ],
+        ];
+        for fields in FIELDS {
+            for layout in [Layout::columns(fields), Layout::rows(fields)] {
+                let raw = layout.encode(&items);
+                assert_eq!(raw.len(), items.len() * layout.item_bytes());
+                assert_eq!(layout.decode::<[u32; 2]>(&raw, items.len()), items);
+                assert!(layout.encode::<[u32; 2]>(&[]).is_empty());
+            }
         }
-        assert!(to_columns::<[u32; 2]>(&[], &[Field::word(0)]).is_empty());
     }
 
     #[test]

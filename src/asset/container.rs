@@ -105,6 +105,9 @@ struct Entry<'a> {
     body: &'a [u8],
 }
 
+/// How many items a section has, and its raw bytes.
+pub(super) type Content<'a> = (usize, Cow<'a, [u8]>);
+
 /// A file whose header and table are sound, and small enough.
 pub(super) struct Container<'a> {
     entries: Vec<Entry<'a>>,
@@ -122,7 +125,11 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
 
 impl<'a> Container<'a> {
     /// Reads header and table, and checks both against the bytes, `kinds` and `limits`.
-    pub fn parse(bytes: &'a [u8], kinds: &'static [Kind], limits: &Limits) -> Result<Self, AssetError> {
+    pub fn parse(
+        bytes: &'a [u8],
+        kinds: &'static [Kind],
+        limits: &Limits,
+    ) -> Result<Self, AssetError> {
         let header = |problem: String| AssetError::Header { problem };
         let found = bytes.len() as u64;
         if bytes.len() < MAGIC.len() || bytes[..MAGIC.len()] != MAGIC {
@@ -175,7 +182,10 @@ impl<'a> Container<'a> {
             let compression = (u32_at(row, 4) >> 16) as u16;
             let (items, stored, raw) = (u64_at(row, 8), u64_at(row, 16), u64_at(row, 24));
             if version != kind.version {
-                return Err(wrong(format!("version {version}, expected {}", kind.version)));
+                return Err(wrong(format!(
+                    "version {version}, expected {}",
+                    kind.version
+                )));
             }
             if items > kind.most || items.checked_mul(kind.raw) != Some(raw) {
                 return Err(wrong(format!("{items} items cannot be {raw} bytes")));
@@ -192,7 +202,10 @@ impl<'a> Container<'a> {
                 return Err(wrong("a reserved field is not zero".into()));
             }
             if stored > rest.len() as u64 {
-                return Err(wrong(format!("{stored} bytes, but {} are left", rest.len())));
+                return Err(wrong(format!(
+                    "{stored} bytes, but {} are left",
+                    rest.len()
+                )));
             }
             let (body, behind) = rest.split_at(stored as usize);
             rest = behind;
@@ -208,9 +221,9 @@ impl<'a> Container<'a> {
         if !rest.is_empty() {
             return Err(header(format!("{} bytes belong to no section", rest.len())));
         }
-        let decoded = entries
-            .iter()
-            .fold(0u64, |sum, e| sum.saturating_add(e.items.saturating_mul(e.kind.memory)));
+        let decoded = entries.iter().fold(0u64, |sum, e| {
+            sum.saturating_add(e.items.saturating_mul(e.kind.memory))
+        });
         let largest = entries.iter().map(|e| e.raw).max().unwrap_or(0);
         let memory = decoded.saturating_add(largest).saturating_add(SLACK);
         if memory > limits.max_bytes {
@@ -229,7 +242,7 @@ impl<'a> Container<'a> {
     }
 
     /// Items and raw bytes of a section; None where the file has none of this kind.
-    pub fn section(&self, kind: &Kind) -> Result<Option<(usize, Cow<'a, [u8]>)>, AssetError> {
+    pub fn section(&self, kind: &Kind) -> Result<Option<Content<'a>>, AssetError> {
         let Some(entry) = self.entries.iter().find(|e| e.kind.code == kind.code) else {
             return Ok(None);
         };

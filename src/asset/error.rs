@@ -35,7 +35,9 @@ pub enum AssetError {
     #[error("not a .mgi file: it does not start with the format's eight bytes")]
     NotMgi,
     /// Written in another layout.
-    #[error("format version {found}, but this program reads version {expected}: bake the level again")]
+    #[error(
+        "format version {found}, but this program reads version {expected}: bake the level again"
+    )]
     Version {
         /// In the file.
         found: u32,

@@ -63,7 +63,10 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
             return File::options().write(true).open(&target)?.write_all(bytes);
         }
         if there.permissions().readonly() {
-            return Err(io::Error::new(io::ErrorKind::PermissionDenied, "is read-only"));
+            return Err(io::Error::new(
+                io::ErrorKind::PermissionDenied,
+                "is read-only",
+            ));
         }
     }
     let (temporary, mut file) = create_beside(&target)?;

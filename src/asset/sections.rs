@@ -1,10 +1,10 @@
-//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which columns.
+//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which layout.
 //!
 //! Lossless: what is read equals what was written. Left out is what follows from the rest: where rows start (their lengths are stored), the
 //! fields that are not used, and the display's grid, where building it again gives the same one.
 
 use super::baked::{BakedScene, Display, PointSurface};
-use super::codec::{Field, from_columns, item_bytes, to_columns};
+use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::info::BakeInfo;
@@ -14,7 +14,7 @@ use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use bytemuck::Pod;
 
-const POINT: &[Field] = &[
+const POINT: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -23,8 +23,8 @@ const POINT: &[Field] = &[
     Field::word(5),
     Field::word(6),
     Field::word(7).delta(),
-];
-const SURFACE: &[Field] = &[
+]);
+const SURFACE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -34,27 +34,37 @@ const SURFACE: &[Field] = &[
     Field::word(8),
     Field::word(9),
     Field::word(10),
-];
-const COUNT: &[Field] = &[Field::word(0)];
-const INDEX: &[Field] = &[Field::word(0).delta()];
-const WEIGHT: &[Field] = &[Field::word(0).delta(), Field::word(1)];
+]);
+const COUNT: Layout = Layout::columns(&[Field::word(0)]);
+const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
+const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
 /// `start` follows from the counts.
-const ROW: &[Field] = &[Field::word(1), Field::word(2), Field::low(3)];
-const LINK: &[Field] = &[
+const ROW: Layout = Layout::columns(&[Field::word(1), Field::word(2), Field::low(3)]);
+const LINK: Layout = Layout::columns(&[
     Field::low(0),
     Field::high(0),
     Field::low(1),
     Field::high(1).delta(),
-];
-const BOUNCE: &[Field] = &[
+]);
+const BOUNCE: Layout = Layout::columns(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
     Field::word(3).delta(),
-];
-const PLANE: &[Field] = &[Field::word(0), Field::word(1), Field::word(2), Field::word(3)];
-const SLOT: &[Field] = &[Field::word(0), Field::word(1), Field::word(2), Field::word(3)];
-const NODE: &[Field] = &[
+]);
+const PLANE: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+]);
+const SLOT: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+]);
+const NODE: Layout = Layout::columns(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -63,8 +73,8 @@ const NODE: &[Field] = &[
     Field::word(6),
     Field::word(3).delta(),
     Field::word(7),
-];
-const TRIANGLE: &[Field] = &[
+]);
+const TRIANGLE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -74,17 +84,17 @@ const TRIANGLE: &[Field] = &[
     Field::word(8),
     Field::word(9),
     Field::word(10),
-];
+]);
 
 /// Most items of any array: what an index of 32 bits can reach.
 const MOST: u64 = u32::MAX as u64;
 
-const fn kind<T>(code: u32, name: &'static str, fields: &[Field]) -> Kind {
+const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
     Kind {
         code,
         name,
         version: 1,
-        raw: item_bytes(fields) as u64,
+        raw: layout.item_bytes() as u64,
         memory: size_of::<T>() as u64,
         most: MOST,
     }
@@ -170,7 +180,10 @@ impl BakedScene {
         self.validate().map_err(AssetError::Invalid)?;
         let info = ron::to_string(&self.info).map_err(|e| broken(INFO, e))?;
         if info.len() as u64 > INFO.most {
-            return Err(broken(INFO, format!("{} bytes of text, at most {}", info.len(), INFO.most)));
+            return Err(broken(
+                INFO,
+                format!("{} bytes of text, at most {}", info.len(), INFO.most),
+            ));
         }
         let grid = &self.display.grid;
         let rebuilt = rebuild_grid(&self.points, grid.cell_size, u64::MAX).as_ref() == Some(grid);
@@ -226,20 +239,39 @@ impl BakedScene {
     pub fn from_bytes(bytes: &[u8], limits: &Limits) -> Result<Self, AssetError> {
         let file = Container::parse(bytes, &KINDS, limits)?;
         let shape: Vec<u32> = items(&file, SHAPE, COUNT)?;
-        let &[sender_levels, form, radius, cell_size, grid_stored, has_bounces, bounces] = shape.as_slice() else {
-            return Err(broken(SHAPE, format!("{} words instead of {SHAPE_WORDS}", shape.len())));
+        let &[
+            sender_levels,
+            form,
+            radius,
+            cell_size,
+            grid_stored,
+            has_bounces,
+            bounces,
+        ] = shape.as_slice()
+        else {
+            return Err(broken(
+                SHAPE,
+                format!("{} words instead of {SHAPE_WORDS}", shape.len()),
+            ));
         };
         let form = match form {
             0 => SenderForm::Averages,
             1 => SenderForm::Differences,
-            other => return Err(broken(SHAPE, format!("unknown form {other} of the operator"))),
+            other => {
+                return Err(broken(
+                    SHAPE,
+                    format!("unknown form {other} of the operator"),
+                ));
+            }
         };
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
         let mut start = 0u32;
         for row in &mut rows {
             row.start = start;
-            start = start.checked_add(row.count).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
+            start = start
+                .checked_add(row.count)
+                .ok_or_else(|| broken(ROWS, "the counts overflow"))?;
         }
         let cell_size = f32::from_bits(cell_size);
         let grid = match grid_stored {
@@ -308,23 +340,28 @@ fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
     }
 }
 
-fn section<T: Pod>(kind: &'static Kind, fields: &[Field], items: &[T]) -> Section {
+fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
     Section {
         kind,
         items: items.len(),
-        raw: to_columns(items, fields),
+        raw: layout.encode(items),
     }
 }
 
-fn items<T: Pod>(file: &Container<'_>, kind: &Kind, fields: &[Field]) -> Result<Vec<T>, AssetError> {
-    let (count, raw) = file.section(kind)?.ok_or_else(|| broken(kind, "is missing"))?;
-    Ok(from_columns(&raw, count, fields))
+fn items<T: Pod>(file: &Container<'_>, kind: &Kind, layout: Layout) -> Result<Vec<T>, AssetError> {
+    let (count, raw) = file
+        .section(kind)?
+        .ok_or_else(|| broken(kind, "is missing"))?;
+    Ok(layout.decode(&raw, count))
 }
 
 fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
     for kind in kinds {
         if file.has(kind) {
-            return Err(broken(kind, "is there, but the section `shape` says that it is not"));
+            return Err(broken(
+                kind,
+                "is there, but the section `shape` says that it is not",
+            ));
         }
     }
     Ok(())
@@ -337,10 +374,12 @@ fn counts(starts: &[u32]) -> Vec<u32> {
 
 /// Where rows start, from their lengths.
 fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
-    let (count, raw) = file.section(kind)?.ok_or_else(|| broken(kind, "is missing"))?;
+    let (count, raw) = file
+        .section(kind)?
+        .ok_or_else(|| broken(kind, "is missing"))?;
     let mut starts = Vec::with_capacity(count + 1);
     starts.push(0u32);
-    starts.extend(from_columns::<u32>(&raw, count, COUNT));
+    starts.extend(COUNT.decode::<u32>(&raw, count));
     for i in 1..starts.len() {
         starts[i] = starts[i]
             .checked_add(starts[i - 1])
@@ -357,7 +396,9 @@ fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weight
 }
 
 fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
-    let (_, raw) = file.section(INFO)?.ok_or_else(|| broken(INFO, "is missing"))?;
+    let (_, raw) = file
+        .section(INFO)?
+        .ok_or_else(|| broken(INFO, "is missing"))?;
     let text = std::str::from_utf8(&raw).map_err(|e| broken(INFO, e))?;
     ron::from_str(text).map_err(|e| broken(INFO, e))
 }
@@ -366,9 +407,15 @@ fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
 /// so small beside the functions that no bake made them.
 fn rebuild_grid(points: &[Point], cell_size: f32, most_bytes: u64) -> Option<HashedGrid> {
     if !(cell_size.is_finite() && cell_size > 0.0) {
-        return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes).map(|g| HashedGrid { cell_size, ..g });
+        return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes)
+            .map(|g| HashedGrid { cell_size, ..g });
     }
     // Cells are as large as the largest function: a box touches 4 of them along each axis at most.
     let most = most_bytes.min(64 * 88 * points.len() as u64 + 1024);
-    HashedGrid::build_within(points.len(), cell_size, |i| support_bounds(&points[i]), most)
+    HashedGrid::build_within(
+        points.len(),
+        cell_size,
+        |i| support_bounds(&points[i]),
+        most,
+    )
 }

@@ -80,7 +80,13 @@ impl Check {
         self.0.len() >= MOST_VIOLATIONS
     }
 
-    fn item(&mut self, ok: bool, place: &'static str, index: usize, problem: impl FnOnce() -> String) {
+    fn item(
+        &mut self,
+        ok: bool,
+        place: &'static str,
+        index: usize,
+        problem: impl FnOnce() -> String,
+    ) {
         if !ok && !self.full() {
             self.0.push(Violation {
                 place,
@@ -127,7 +133,9 @@ impl BakedScene {
     /// Lengths of arrays and levels.
     fn check_shape(&self, check: &mut Check) {
         let (points, starts) = (self.points.len(), &self.level_starts);
-        check.whole(starts.len() >= 2, "levels", || "there must be one at least".into());
+        check.whole(starts.len() >= 2, "levels", || {
+            "there must be one at least".into()
+        });
         check.whole(starts.is_sorted(), "levels", || "do not ascend".into());
         check.whole(
             starts.first() == Some(&0) && starts.last().map(|&s| s as usize) == Some(points),
@@ -137,13 +145,21 @@ impl BakedScene {
         let levels = starts.len().saturating_sub(1);
         let sender_levels = self.sender_levels as usize;
         let sound = (1..=levels).contains(&sender_levels);
-        check.whole(sound, "sender levels", || format!("{sender_levels} of {levels} levels"));
-        let senders = if sound { starts[sender_levels] as usize } else { 0 };
+        check.whole(sound, "sender levels", || {
+            format!("{sender_levels} of {levels} levels")
+        });
+        let senders = if sound {
+            starts[sender_levels] as usize
+        } else {
+            0
+        };
         check.whole(senders <= Link::MAX_SENDERS, "senders", || {
             format!("{senders}, at most {}", Link::MAX_SENDERS)
         });
         let mut length = |place, found: usize, expected: usize| {
-            check.whole(found == expected, place, || format!("{found} instead of {expected}"));
+            check.whole(found == expected, place, || {
+                format!("{found} instead of {expected}")
+            });
         };
         length("surfaces", self.surfaces.len(), points);
         length("pull rows", self.pull.len(), senders);
@@ -151,18 +167,28 @@ impl BakedScene {
         length("rows", self.operator.rows.len(), points);
         if let Some(bounces) = &self.bounces {
             let coarsest = starts.get(1).map_or(0, |&s| s as usize);
-            length("bounce rows", bounces.starts.len().saturating_sub(1), coarsest);
+            length(
+                "bounce rows",
+                bounces.starts.len().saturating_sub(1),
+                coarsest,
+            );
         }
     }
 
     fn check_points(&self, check: &mut Check) {
         let radius = self.display.radius;
-        check.whole(radius.is_finite() && radius >= 0.0, "display radius", || {
-            format!("{radius} m")
-        });
+        check.whole(
+            radius.is_finite() && radius >= 0.0,
+            "display radius",
+            || format!("{radius} m"),
+        );
         for (i, p) in self.points.iter().enumerate() {
-            check.item(p.x().is_finite(), "points", i, || format!("position {}", p.x()));
-            check.item(unit(p.n()), "points", i, || format!("normal {} is not of unit length", p.n()));
+            check.item(p.x().is_finite(), "points", i, || {
+                format!("position {}", p.x())
+            });
+            check.item(unit(p.n()), "points", i, || {
+                format!("normal {} is not of unit length", p.n())
+            });
             check.item(p.radius.is_finite() && p.radius > 0.0, "points", i, || {
                 format!("radius {} m", p.radius)
             });
@@ -175,25 +201,37 @@ impl BakedScene {
             }
         }
         for (i, s) in self.surfaces.iter().enumerate() {
-            let within = |v: [f32; 3], low: f32, high: f32| v.iter().all(|c| (low..=high).contains(c));
-            check.item(within(s.albedo, 0.0, 1.0 + TOLERANCE), "surfaces", i, || {
-                format!("albedo {:?}", s.albedo)
-            });
+            let within =
+                |v: [f32; 3], low: f32, high: f32| v.iter().all(|c| (low..=high).contains(c));
+            check.item(
+                within(s.albedo, 0.0, 1.0 + TOLERANCE),
+                "surfaces",
+                i,
+                || format!("albedo {:?}", s.albedo),
+            );
             check.item(within(s.emission, 0.0, f32::MAX), "surfaces", i, || {
                 format!("emission {:?}", s.emission)
             });
-            check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || format!("sky {:?}", s.sky));
+            check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || {
+                format!("sky {:?}", s.sky)
+            });
         }
         for (i, plane) in self.display.planes.iter().enumerate() {
-            check.item(Vec4::from_array(*plane).is_finite(), "planes", i, || format!("{plane:?}"));
+            check.item(Vec4::from_array(*plane).is_finite(), "planes", i, || {
+                format!("{plane:?}")
+            });
         }
     }
 
     /// Pull rows name lit points on finer levels, parents rows points on coarser levels: both walks end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
-        check.whole(all && sound_starts(&self.parents), "parent rows", || "do not ascend to the end of the weights".into());
-        check.whole(sound_starts(&self.pull), "pull rows", || "do not ascend to the end of the weights".into());
+        check.whole(all && sound_starts(&self.parents), "parent rows", || {
+            "do not ascend to the end of the weights".into()
+        });
+        check.whole(sound_starts(&self.pull), "pull rows", || {
+            "do not ascend to the end of the weights".into()
+        });
         if !check.0.is_empty() {
             return;
         }
@@ -214,9 +252,12 @@ impl BakedScene {
             }
             for i in level.start..level.end.min(self.senders()) {
                 for w in self.pull.row(i) {
-                    check.item((level.end..lit).contains(&(w.index as usize)), "pull", i, || {
-                        format!("child {} is not lit, or not on a finer level", w.index)
-                    });
+                    check.item(
+                        (level.end..lit).contains(&(w.index as usize)),
+                        "pull",
+                        i,
+                        || format!("child {} is not lit, or not on a finer level", w.index),
+                    );
                 }
                 check_sums(check, "pull", i, self.pull.row(i), |_| None);
             }
@@ -235,7 +276,9 @@ impl BakedScene {
                 format!("starts at link {} instead of {end}", row.start)
             });
             end += u64::from(row.count);
-            check.item(row.active <= 1, "rows", i, || format!("active is {}", row.active));
+            check.item(row.active <= 1, "rows", i, || {
+                format!("active is {}", row.active)
+            });
             check.item(row.active == 1 || row.count == 0, "rows", i, || {
                 format!("is not active, but has {} links", row.count)
             });
@@ -248,7 +291,12 @@ impl BakedScene {
         });
         for (i, link) in links.iter().enumerate() {
             let v = link.vector();
-            check.item(v.abs().max_element() <= 1.0 + TOLERANCE && v.is_finite(), "links", i, || format!("vector {v}"));
+            check.item(
+                v.abs().max_element() <= 1.0 + TOLERANCE && v.is_finite(),
+                "links",
+                i,
+                || format!("vector {v}"),
+            );
             check.item(link.sender() as usize <= senders, "links", i, || {
                 format!("sender {} of {senders}", link.sender())
             });
@@ -279,7 +327,9 @@ impl BakedScene {
         let grid = &self.display.grid;
         let (slots, entries) = (&grid.slots, &grid.entries);
         let size = grid.cell_size;
-        check.whole(size.is_finite() && size > 0.0, "grid", || format!("cells of {size} m"));
+        check.whole(size.is_finite() && size > 0.0, "grid", || {
+            format!("cells of {size} m")
+        });
         let taken = slots.iter().filter(|s| s.start != GridSlot::EMPTY).count();
         check.whole(
             slots.len().is_power_of_two() && 2 * taken <= slots.len(),
@@ -291,12 +341,17 @@ impl BakedScene {
         while at < entries.len() && !check.full() {
             let count = entries[at] as usize;
             let Some(list) = entries[at + 1..].get(..count) else {
-                check.item(false, "grid entries", at, || format!("a list of {count} is cut off"));
+                check.item(false, "grid entries", at, || {
+                    format!("a list of {count} is cut off")
+                });
                 return;
             };
-            check.item(list.iter().all(|&p| (p as usize) < self.points.len()), "grid entries", at, || {
-                format!("names a point beyond the {}", self.points.len())
-            });
+            check.item(
+                list.iter().all(|&p| (p as usize) < self.points.len()),
+                "grid entries",
+                at,
+                || format!("names a point beyond the {}", self.points.len()),
+            );
             at += 1 + count;
         }
         // A slot that starts within a list might name what is no point.
@@ -312,7 +367,9 @@ impl BakedScene {
         lists.extend(walk());
         for (i, slot) in slots.iter().enumerate() {
             let sound = slot.start == GridSlot::EMPTY || lists.binary_search(&slot.start).is_ok();
-            check.item(sound, "grid slots", i, || format!("no list starts at {}", slot.start));
+            check.item(sound, "grid slots", i, || {
+                format!("no list starts at {}", slot.start)
+            });
         }
     }
 
@@ -331,11 +388,16 @@ impl BakedScene {
         for (i, node) in nodes.iter().enumerate() {
             let depth = depths[i];
             deepest = deepest.max(depth);
-            check.item(depth > 0, "bvh nodes", i, || "has no parent before it".into());
-            let (min, max) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
-            check.item(min.is_finite() && max.is_finite() && min.cmple(max).all(), "bvh nodes", i, || {
-                format!("box from {min} to {max}")
+            check.item(depth > 0, "bvh nodes", i, || {
+                "has no parent before it".into()
             });
+            let (min, max) = (Vec3::from_array(node.min), Vec3::from_array(node.max));
+            check.item(
+                min.is_finite() && max.is_finite() && min.cmple(max).all(),
+                "bvh nodes",
+                i,
+                || format!("box from {min} to {max}"),
+            );
             let first = node.first as usize;
             if node.count > 0 {
                 leaves += u64::from(node.count);
@@ -349,7 +411,9 @@ impl BakedScene {
                 check.item(depth <= DEEPEST, "bvh nodes", i, || "is too deep".into());
                 if behind && depth <= DEEPEST {
                     for child in [first, first + 1] {
-                        check.item(depths[child] == 0, "bvh nodes", child, || "has two parents".into());
+                        check.item(depths[child] == 0, "bvh nodes", child, || {
+                            "has two parents".into()
+                        });
                         depths[child] = depth + 1;
                     }
                 }
@@ -359,11 +423,16 @@ impl BakedScene {
             }
         }
         check.whole(leaves <= triangles.len() as u64, "bvh", || {
-            format!("leaves have {leaves} triangles, but there are {}", triangles.len())
+            format!(
+                "leaves have {leaves} triangles, but there are {}",
+                triangles.len()
+            )
         });
         for (i, t) in triangles.iter().enumerate() {
             let finite = [t.a, t.b, t.c].iter().flatten().all(|c| c.is_finite());
-            check.item(finite, "bvh triangles", i, || "a vertex is not finite".into());
+            check.item(finite, "bvh triangles", i, || {
+                "a vertex is not finite".into()
+            });
         }
         u64::from(deepest)
     }
@@ -375,7 +444,11 @@ impl BakedScene {
         let weights = |w: &Weights| bytes(w.starts.len(), 4) + bytes(w.entries.len(), 8);
         let bounces = self.bounces.as_ref();
         BakedStats {
-            points_per_level: self.level_starts.windows(2).map(|w| u64::from(w[1] - w[0])).collect(),
+            points_per_level: self
+                .level_starts
+                .windows(2)
+                .map(|w| u64::from(w[1] - w[0]))
+                .collect(),
             senders: self.senders() as u64,
             active_rows: rows.iter().filter(|r| r.active != 0).count() as u64,
             links: self.operator.links.len() as u64,
@@ -384,7 +457,11 @@ impl BakedScene {
             parent_weights: self.parents.entries.len() as u64,
             bounce_links: bounces.map_or(0, |b| b.links.len() as u64),
             planes: self.display.planes.len() as u64,
-            grid_cells: grid.slots.iter().filter(|s| s.start != GridSlot::EMPTY).count() as u64,
+            grid_cells: grid
+                .slots
+                .iter()
+                .filter(|s| s.start != GridSlot::EMPTY)
+                .count() as u64,
             longest_list: grid
                 .slots
                 .iter()
@@ -427,10 +504,14 @@ fn check_sums(
     row: &[crate::basis::WeightEntry],
     group: impl Fn(u32) -> Option<usize>,
 ) {
-    let sound = row.iter().all(|w| (0.0..=1.0 + TOLERANCE).contains(&w.weight));
+    let sound = row
+        .iter()
+        .all(|w| (0.0..=1.0 + TOLERANCE).contains(&w.weight));
     check.item(sound, place, i, || "a weight is not within 0 to 1".into());
     for part in row.chunk_by(|a, b| group(a.index) == group(b.index)) {
         let sum: f32 = part.iter().map(|w| w.weight).sum();
-        check.item((sum - 1.0).abs() <= TOLERANCE, place, i, || format!("weights sum to {sum}"));
+        check.item((sum - 1.0).abs() <= TOLERANCE, place, i, || {
+            format!("weights sum to {sum}")
+        });
     }
 }

@@ -1,5 +1,8 @@
 //! Small synthetic scenes that pass validation and use every part of the format.
-#![allow(dead_code, reason = "each test binary uses its own part of this module")]
+#![allow(
+    dead_code,
+    reason = "each test binary uses its own part of this module"
+)]
 
 use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
@@ -22,7 +25,11 @@ impl Random {
 
     /// Below `n`; 0 for n = 0.
     pub fn below(&mut self, n: usize) -> usize {
-        if n == 0 { 0 } else { (self.next() % n as u64) as usize }
+        if n == 0 {
+            0
+        } else {
+            (self.next() % n as u64) as usize
+        }
     }
 
     /// In [0, 1).
@@ -93,14 +100,20 @@ pub fn makes() -> Vec<Make> {
 }
 
 fn row(random: &mut Random, range: std::ops::Range<u32>, most: usize) -> Vec<WeightEntry> {
-    let mut picked: Vec<u32> = range.filter(|_| random.next().is_multiple_of(2)).take(most).collect();
+    let mut picked: Vec<u32> = range
+        .filter(|_| random.next().is_multiple_of(2))
+        .take(most)
+        .collect();
     picked.sort_unstable();
     let weights: Vec<f32> = picked.iter().map(|_| 0.1 + random.unit()).collect();
     let sum: f32 = weights.iter().sum();
     picked
         .into_iter()
         .zip(weights)
-        .map(|(index, w)| WeightEntry { index, weight: w / sum })
+        .map(|(index, w)| WeightEntry {
+            index,
+            weight: w / sum,
+        })
         .collect()
 }
 
@@ -113,17 +126,27 @@ pub fn build(make: &Make) -> BakedScene {
     let count = *starts.last().unwrap() as usize;
     let senders = starts[make.sender_levels as usize];
     let radius = 0.7;
-    let planes: Vec<[f32; 4]> = (0..4).map(|_| r.signed().normalize().extend(r.unit()).to_array()).collect();
+    let planes: Vec<[f32; 4]> = (0..4)
+        .map(|_| r.signed().normalize().extend(r.unit()).to_array())
+        .collect();
     let points: Vec<Point> = (0..count)
         .map(|i| Point {
             planes: (i as u32 % 4) | ((i as u32 % 2) << 24),
-            ..Point::new(r.signed(), (r.signed() + Vec3::splat(1.5)).normalize(), radius)
+            ..Point::new(
+                r.signed(),
+                (r.signed() + Vec3::splat(1.5)).normalize(),
+                radius,
+            )
         })
         .collect();
     let surfaces = (0..count)
         .map(|i| PointSurface {
             albedo: [0.7, r.unit(), 0.3],
-            emission: if i % 5 == 0 { [1.0, 2.0, r.unit()] } else { [0.0; 3] },
+            emission: if i % 5 == 0 {
+                [1.0, 2.0, r.unit()]
+            } else {
+                [0.0; 3]
+            },
             sky: (r.signed() * 0.4).to_array(),
             ..PointSurface::default()
         })
@@ -134,12 +157,18 @@ pub fn build(make: &Make) -> BakedScene {
     for l in 0..make.levels.len() {
         for _ in 0..make.levels[l] {
             if l < make.sender_levels as usize {
-                pull.push(if l < last { row(r, starts[l + 1]..starts[l + 2], 4) } else { Vec::new() });
+                pull.push(if l < last {
+                    row(r, starts[l + 1]..starts[l + 2], 4)
+                } else {
+                    Vec::new()
+                });
             }
             parents.push(match make.form {
                 SenderForm::Averages if l > 0 => row(r, starts[l - 1]..starts[l], 4),
                 SenderForm::Averages => Vec::new(),
-                SenderForm::Differences => (0..l).flat_map(|k| row(r, starts[k]..starts[k + 1], 3)).collect(),
+                SenderForm::Differences => (0..l)
+                    .flat_map(|k| row(r, starts[k]..starts[k + 1], 3))
+                    .collect(),
             });
         }
     }
@@ -149,7 +178,10 @@ pub fn build(make: &Make) -> BakedScene {
             let start = links.len() as u32;
             let active = u32::from(i % 3 != 2);
             if active == 1 {
-                for s in (0..=senders).filter(|s| !(s + i as u32).is_multiple_of(3)).take(6) {
+                for s in (0..=senders)
+                    .filter(|s| !(s + i as u32).is_multiple_of(3))
+                    .take(6)
+                {
                     links.push(Link::pack(r.signed() * 0.05, 0.05, s as u16));
                 }
             }
@@ -207,7 +239,11 @@ pub fn build(make: &Make) -> BakedScene {
             links,
         },
         bounces,
-        display: Display { radius, planes, grid },
+        display: Display {
+            radius,
+            planes,
+            grid,
+        },
         info: BakeInfo {
             version: "0.0.0".into(),
             fingerprint: "00".repeat(32),
