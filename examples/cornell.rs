@@ -85,7 +85,12 @@ fn setup(
         bevy::light::NotShadowCaster,
     ));
     let look = Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
-    commands.spawn((Camera3d::default(), MeshlessGiCamera::default(), look));
+    commands.spawn((
+        Camera3d::default(),
+        IsDefaultUiCamera,
+        MeshlessGiCamera::default(),
+        look,
+    ));
     let off = MeshlessGiCamera {
         enabled: false,
         ..default()
@@ -96,13 +101,6 @@ fn setup(
         ..default()
     };
     commands.spawn((DirectOnly, Camera3d::default(), asleep, off, look));
-    // The text has a camera of its own, over both views.
-    let over = Camera {
-        order: 2,
-        clear_color: ClearColorConfig::None,
-        ..default()
-    };
-    commands.spawn((Camera2d, over, IsDefaultUiCamera));
     commands.spawn((
         Help,
         Text::default(),
