@@ -25,6 +25,7 @@ use bevy_meshless_gi::plugin::{
     MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiGizmos, MeshlessGiStatus, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 
 fn main() -> AppExit {
     App::new()
@@ -54,7 +55,7 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let quads = common::cornell_box();
+    let quads = cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
         ..default()
@@ -62,7 +63,7 @@ fn setup(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiBake::spawn(common::level(&quads), recipe),
+        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
 

@@ -21,6 +21,7 @@ use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 
@@ -130,7 +131,7 @@ fn setup(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let quads = common::cornell_box();
+    let quads = cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
         ..default()
@@ -138,7 +139,7 @@ fn setup(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiBake::spawn(common::level(&quads), recipe),
+        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     commands.spawn((

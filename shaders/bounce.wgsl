@@ -28,7 +28,12 @@ fn sweep(
     if j < params.finest_sender && pull_starts[j] != pull_starts[j + 1u] {
         return;
     }
-    let e = max(irradiance_dot(irradiance[j], points[j].normal), vec3f(0.0));
+    var e = irradiance_dot(irradiance[j], points[j].normal);
+    if params.differences == 0u {
+        // What comes straight from the sky is reflected in `direct` already.
+        e -= params.sky * max(dot(surfaces[j].sky, points[j].normal), 0.0);
+    }
+    e = max(e, vec3f(0.0));
     senders[j] = direct[j] + vec4f(surfaces[j].albedo * e, 0.0);
 }
 

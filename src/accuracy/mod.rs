@@ -1,10 +1,14 @@
-//! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, and a
-//! renderer for pictures on the CPU.
+//! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, a baked
+//! scene evaluated at single places, and a renderer for pictures on the CPU.
 
+mod direct;
+mod evaluate;
 mod metrics;
 mod reference;
 mod render;
 
+pub use direct::GlowLight;
+pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use metrics::{Errors, errors};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,

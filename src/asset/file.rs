@@ -53,22 +53,12 @@ impl BakedScene {
 /// # Errors
 /// Those of the operating system; the temporary file is gone then.
 pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    // Through a link: to what it points to.
-    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    if let Ok(there) = target.metadata() {
-        if there.is_dir() {
-            return Err(io::Error::new(io::ErrorKind::IsADirectory, "is a folder"));
+    let target = match writable_target(path)? {
+        Target::Device(device) => {
+            return File::options().write(true).open(&device)?.write_all(bytes);
         }
-        if !there.is_file() {
-            return File::options().write(true).open(&target)?.write_all(bytes);
-        }
-        if there.permissions().readonly() {
-            return Err(io::Error::new(
-                io::ErrorKind::PermissionDenied,
-                "is read-only",
-            ));
-        }
-    }
+        Target::File(target) => target,
+    };
     let (temporary, mut file) = create_beside(&target)?;
     let written = file
         .write_all(bytes)
@@ -79,6 +69,49 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
         let _ = std::fs::remove_file(&temporary);
     }
     written
+}
+
+/// Finds out whether [`write_file`] could write there, and leaves everything as it was: for a check before long work.
+///
+/// # Errors
+/// Those of the operating system.
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    match writable_target(path)? {
+        Target::File(target) => {
+            let (temporary, _) = create_beside(&target)?;
+            std::fs::remove_file(temporary)
+        }
+        // Opening a pipe waits for its reader.
+        Target::Device(_) => Ok(()),
+    }
+}
+
+/// Where writing to a path ends.
+enum Target {
+    /// A regular file, there or not.
+    File(PathBuf),
+    /// A pipe or a device.
+    Device(PathBuf),
+}
+
+fn writable_target(path: &Path) -> io::Result<Target> {
+    // Through a link: to what it points to.
+    let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if let Ok(there) = target.metadata() {
+        if there.is_dir() {
+            return Err(io::Error::new(io::ErrorKind::IsADirectory, "is a folder"));
+        }
+        if !there.is_file() {
+            return Ok(Target::Device(target));
+        }
+        if there.permissions().readonly() {
+            return Err(io::Error::new(
+                io::ErrorKind::PermissionDenied,
+                "is read-only",
+            ));
+        }
+    }
+    Ok(Target::File(target))
 }
 
 /// A new file beside `target`, of a name that nobody has.

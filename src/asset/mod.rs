@@ -16,7 +16,7 @@ mod validate;
 
 pub use baked::{BakedScene, Display, PointSurface};
 pub use error::{AssetError, Limits};
-pub use file::write_file;
+pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;
 pub use info::BakeInfo;
 pub use validate::{BakedStats, Violation};

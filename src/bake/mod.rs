@@ -5,11 +5,13 @@
 //! counted. Threads are those of the rayon pool that the call runs in.
 
 mod estimate;
+mod level;
 mod progress;
 mod recipe;
 mod signals;
 mod stats;
 
+pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
 pub use stats::{BakeStats, StageSeconds};

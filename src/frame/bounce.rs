@@ -10,7 +10,8 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for those of coarser ones that `pull` leaves alone.
+/// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for those of coarser ones that `pull` leaves alone. What E⃗_j
+/// has straight from the sky is left out: f⁰_j reflects it already. (Rows of differences have no link to the sky.)
 pub fn sweep(
     params: &SolveParams,
     points: &[Point],
@@ -24,7 +25,14 @@ pub fn sweep(
         if (j as u32) < params.finest_sender && !pull.row(j).is_empty() {
             continue;
         }
-        let e = irradiance[j].dot(points[j].n()).max(Vec3::ZERO);
+        let mut e = irradiance[j].dot(points[j].n());
+        if params.differences == 0 {
+            e -= Vec3::from_array(params.sky)
+                * Vec3::from_array(surfaces[j].sky)
+                    .dot(points[j].n())
+                    .max(0.0);
+        }
+        let e = e.max(Vec3::ZERO);
         let further = Vec3::from_array(surfaces[j].albedo) * e;
         senders[j] = (Vec4::from_array(direct[j]) + further.extend(0.0)).to_array();
     }

@@ -15,7 +15,7 @@
 
 use super::asset::MeshlessGiAsset;
 use super::components::MeshlessGi;
-use crate::bake::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
+use crate::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
@@ -23,30 +23,14 @@ use bevy::log::{error, info};
 use bevy::reflect::prelude::*;
 use bevy::tasks::futures::check_ready;
 use bevy::tasks::{AsyncComputeTaskPool, Task, TaskPool};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-
-/// Why a bake in the background gave nothing.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum BakeTaskError {
-    /// The bake says why.
-    #[error(transparent)]
-    Bake(#[from] BakeError),
-    /// No threads to bake on.
-    #[error("no threads could be started for the bake: {0}")]
-    Threads(String),
-    /// A defect of this crate: the bake panicked. Please report it with the level.
-    #[error("the bake panicked: {0}")]
-    Panicked(String),
-}
 
 /// A bake under way. When it is done the entity gets a [`MeshlessGi`] and an event [`MeshlessGiBaked`]; when it fails, a
 /// [`MeshlessGiBakeFailed`]. Dropping it cancels the bake.
 #[derive(Component)]
 pub struct MeshlessGiBake {
     progress: Arc<Progress>,
-    task: Task<Result<Baked, BakeTaskError>>,
+    task: Task<Result<Baked, BakeLevelError>>,
 }
 
 impl MeshlessGiBake {
@@ -56,7 +40,7 @@ impl MeshlessGiBake {
         let progress = Arc::new(Progress::default());
         let told = progress.clone();
         let task = AsyncComputeTaskPool::get_or_init(TaskPool::default)
-            .spawn(async move { bake_level(&level, &recipe, &told) });
+            .spawn(async move { bake_level(&level, &recipe, bake_threads(), &told) });
         Self { progress, task }
     }
 
@@ -94,36 +78,9 @@ pub struct MeshlessGiBaked {
     pub estimated_nrmse: f32,
 }
 
-/// Bakes on threads of its own and turns a panic into an error: neither a game nor an asset processor may hang on it.
-pub(crate) fn bake_level(
-    level: &TriangleMesh,
-    recipe: &Recipe,
-    progress: &Progress,
-) -> Result<Baked, BakeTaskError> {
-    let threads =
-        std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1));
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .thread_name(|i| format!("meshless gi bake {i}"))
-        .build()
-        .map_err(|e| BakeTaskError::Threads(e.to_string()))?;
-    let source = BakeSource {
-        geometry: level,
-        bvh: level.bvh(),
-        primitives: level.len() as u64,
-        content_hash: level.content_hash(),
-    };
-    let baked = pool.install(|| catch_unwind(AssertUnwindSafe(|| bake(&source, recipe, progress))));
-    match baked {
-        Ok(result) => Ok(result?),
-        Err(panic) => {
-            let text = panic.downcast_ref::<&str>().map(ToString::to_string);
-            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-            Err(BakeTaskError::Panicked(
-                text.unwrap_or_else(|| "no message".into()),
-            ))
-        }
-    }
+/// Threads for a bake beside a running game: one less than the machine has.
+pub(crate) fn bake_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).

@@ -12,10 +12,10 @@
 //! would hang Bevy's asset processor for ever.
 
 use super::asset::MeshlessGiAsset;
-use super::bake_task::{BakeTaskError, bake_level};
+use super::bake_task::bake_threads;
 use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
 use crate::asset::AssetError;
-use crate::bake::{Progress, Recipe, RecipeError};
+use crate::bake::{BakeLevelError, Progress, Recipe, RecipeError, bake_level};
 use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes};
 use bevy::asset::io::{Reader, Writer};
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
@@ -94,7 +94,7 @@ pub enum RecipeLoadError {
         /// Which level.
         path: String,
         /// Why.
-        why: BakeTaskError,
+        why: BakeLevelError,
     },
 }
 
@@ -118,7 +118,7 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         info!("baking `{}` ({} triangles)", scene, level.len());
         // The thread that loads assets must stay free: a bake takes seconds to minutes.
         let baked = AsyncComputeTaskPool::get_or_init(TaskPool::default)
-            .spawn(async move { bake_level(&level, &recipe, &Progress::default()) })
+            .spawn(async move { bake_level(&level, &recipe, bake_threads(), &Progress::default()) })
             .await
             .map_err(|why| RecipeLoadError::Bake {
                 path: scene.clone(),

@@ -62,7 +62,7 @@ mod sets;
 mod transform;
 
 pub use asset::MeshlessGiAsset;
-pub use bake_task::{BakeTaskError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
+pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 #[cfg(feature = "gltf")]
 pub use build_step::{AssetBuild, AssetBuildError, process_assets};
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};

@@ -11,6 +11,7 @@ use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use obvhs::cwbvh::CwBvh;
 use obvhs::ray::RayHit;
+use std::time::{Duration, Instant};
 
 /// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
 const FARTHEST: f32 = 1e9;
@@ -75,6 +76,7 @@ pub struct TriangleMesh {
     textures: Vec<Texture>,
     bounds: Bounds,
     wide: CwBvh,
+    bvh_time: Duration,
     problems: MeshProblems,
 }
 
@@ -143,7 +145,9 @@ impl TriangleMesh {
             .flat_map(|f| f.corners)
             .fold(Bounds::EMPTY, Bounds::join);
         let corners: Vec<_> = faces.iter().map(|f| f.corners).collect();
+        let began = Instant::now();
         let wide = build_wide(&corners);
+        let bvh_time = began.elapsed();
         let faces: Vec<Face> = wide
             .primitive_indices
             .iter()
@@ -161,6 +165,7 @@ impl TriangleMesh {
             textures,
             bounds,
             wide,
+            bvh_time,
             problems,
         }
     }
@@ -219,6 +224,12 @@ impl TriangleMesh {
     #[must_use]
     pub fn problems(&self) -> &MeshProblems {
         &self.problems
+    }
+
+    /// How long building the hierarchy that a bake's rays walk took.
+    #[must_use]
+    pub fn bvh_time(&self) -> Duration {
+        self.bvh_time
     }
 
     #[cfg(feature = "gltf")]

@@ -5,6 +5,7 @@
 
 mod bvh;
 mod bvh_build;
+mod cornell;
 #[cfg(feature = "cli")]
 mod description;
 mod error;
@@ -18,6 +19,7 @@ mod mesh;
 mod watertight;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
+pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "cli")]
 pub use description::SceneDescription;
 pub use error::SceneError;

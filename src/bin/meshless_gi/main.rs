@@ -1,1 +1,69 @@
-fn main() {}
+//! The tool: bakes levels, evaluates, inspects and validates bakes, and shows what it is about without a file and without a GPU.
+//!
+//! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong usage; 3 could not read or write. Standard
+//! output carries results only; work that takes longer shows its progress on standard error where that is a terminal.
+
+mod bake;
+mod error;
+mod eval;
+mod inspect;
+mod output;
+mod points;
+mod progress;
+mod validate;
+
+use clap::{Parser, Subcommand};
+use error::ToolError;
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+
+/// Bakes indirect light and looks into bakes.
+#[derive(Parser)]
+#[command(
+    name = "meshless_gi",
+    version,
+    after_help = "Exit codes: 0 done, 1 the input is not valid, 2 wrong usage, 3 could not read or write."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Bake a level: a .glb or .gltf file, or a recipe (.gi.ron) that names one.
+    Bake(bake::Args),
+    /// Direct and indirect irradiance at given points, by the way that a frame takes.
+    Eval(eval::Args),
+    /// What is in a bake.
+    Inspect(inspect::Args),
+    /// Whether a bake is whole: exit code 0, or 1 with the list of what is wrong.
+    Validate(validate::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(why) => {
+            // Help and the version come this way too. Whoever closed the pipe does not want to read them.
+            let _ = why.print();
+            return ExitCode::from(if why.use_stderr() { error::USAGE } else { 0 });
+        }
+    };
+    let run = || match cli.command {
+        Command::Bake(args) => bake::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
+        Command::Validate(args) => validate::run(&args),
+    };
+    let failed = match catch_unwind(AssertUnwindSafe(run)) {
+        Ok(Ok(())) => return ExitCode::SUCCESS,
+        Ok(Err(failed)) => failed,
+        // The panic has told its place already.
+        Err(_) => ToolError::Input("this is a defect of meshless_gi; please report it".into()),
+    };
+    // Without a standard error there is nobody to tell.
+    let _ = writeln!(std::io::stderr(), "error: {failed}");
+    ExitCode::from(failed.code())
+}

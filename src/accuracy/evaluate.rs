@@ -1,0 +1,358 @@
+//! A baked scene under lights, evaluated at single places: what a frame shows there, direct and indirect light apart.
+//!
+//! In a frame the light that comes straight from the sky and from emissive surfaces travels through links, with the indirect light. By linearity it
+//! can be taken out again: a solve on black surfaces has that part alone, and the difference of the two is what was reflected at least once. In its
+//! place the direct light is integrated as it is. Emission takes its first step through a link where the light of lamps takes it by projection, so
+//! that it needs one sweep more for as many reflections: it is solved on its own.
+
+use super::GlowLight;
+use crate::asset::BakedScene;
+use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, project, splat};
+use crate::scene::{Light, TriangleMesh};
+use glam::Vec3;
+
+/// Patches of a rectangle light where it is projected onto the points.
+const PATCHES: u32 = 64;
+/// Patches of a rectangle light where its direct light is asked for.
+const FINE_PATCHES: u32 = 1024;
+/// Reflections beyond which nothing is looked for.
+const MOST_BOUNCES: u32 = 1024;
+/// Change of the light, relative to it, at which further reflections are left out.
+const CONVERGED: f32 = 1e-4;
+
+/// How many diffuse reflections count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounces {
+    /// So many at most; one at least.
+    Count(u32),
+    /// As many as change anything.
+    All,
+}
+
+/// Light at a place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evaluated {
+    /// Irradiance that comes straight from lamps, sky and emissive surfaces, W/m².
+    pub direct: Vec3,
+    /// Irradiance that was diffusely reflected at least once, W/m²; none where no basis function reaches.
+    pub indirect: Option<Vec3>,
+}
+
+/// A baked scene under lights.
+pub struct Evaluator<'a> {
+    scene: &'a BakedScene,
+    /// Vector irradiance at the points, reflected light only.
+    values: Vec<VectorIrradiance>,
+    lamps: Vec<FrameLight>,
+    glow: GlowLight<'a>,
+    /// Reflections that were simulated; none where the bake's own were used.
+    bounces: Option<u32>,
+}
+
+impl<'a> Evaluator<'a> {
+    /// Solves `scene` under `lights`. `meshes` is the scene's geometry, for what emissive surfaces and the sky send directly.
+    #[must_use]
+    pub fn new(
+        scene: &'a BakedScene,
+        meshes: &'a [TriangleMesh],
+        lights: &[Light],
+        bounces: Bounces,
+    ) -> Self {
+        let expand = |patches: u32| -> Vec<FrameLight> {
+            lights
+                .iter()
+                .flat_map(|light| FrameLight::expand(light, patches))
+                .collect()
+        };
+        let sky: Vec3 = lights
+            .iter()
+            .filter_map(|light| match light {
+                Light::Sky { radiance } => Some(*radiance),
+                _ => None,
+            })
+            .sum();
+        let (mut values, used) = solve(scene, &expand(PATCHES), sky, bounces);
+        let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+        if emits {
+            let once_more = match bounces {
+                Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
+                Bounces::All => Bounces::All,
+            };
+            add(&mut values, 1.0, &solve_emission(scene, once_more));
+        }
+        if emits || sky != Vec3::ZERO {
+            let mut black = scene.clone();
+            for surface in &mut black.surfaces {
+                surface.albedo = [0.0; 3];
+            }
+            let mut unreflected = CpuFrame::new(&black);
+            let both = FrameSettings {
+                emission: 1.0,
+                ..settings(sky, 1)
+            };
+            unreflected.solve(&black, &both);
+            add(&mut values, -1.0, unreflected.values());
+        }
+        Self {
+            scene,
+            values,
+            lamps: expand(FINE_PATCHES),
+            glow: GlowLight::new(meshes, sky),
+            bounces: used,
+        }
+    }
+
+    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see [`GlowLight::irradiance`].
+    #[must_use]
+    pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
+        let scene = self.scene;
+        let extent = project::extent(scene);
+        let lamps: Vec3 = self
+            .lamps
+            .iter()
+            .map(|light| {
+                Vec3::from_array(light.color) * project::project_at(&scene.bvh, extent, light, x, n)
+            })
+            .sum();
+        let indirect = splat::splat(&scene.points, &scene.display, &self.values, x, n);
+        Evaluated {
+            direct: finite(lamps + self.glow.irradiance(x, n, stream)),
+            indirect: indirect.map(finite),
+        }
+    }
+
+    /// Reflections that were simulated by sweeps; none where the bake's own further bounces were used.
+    #[must_use]
+    pub fn bounces(&self) -> Option<u32> {
+        self.bounces
+    }
+}
+
+/// Live settings for so many reflections, without emission.
+fn settings(sky: Vec3, bounces: u32) -> FrameSettings {
+    FrameSettings {
+        sky,
+        baked_bounces: false,
+        emission: 0.0,
+        ..FrameSettings::bounces(bounces)
+    }
+}
+
+/// The light of lamps and sky, and how many reflections were simulated by sweeps.
+fn solve(
+    scene: &BakedScene,
+    lamps: &[FrameLight],
+    sky: Vec3,
+    bounces: Bounces,
+) -> (Vec<VectorIrradiance>, Option<u32>) {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, lamps);
+    if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
+        let baked = FrameSettings {
+            baked_bounces: true,
+            ..settings(sky, scene.info.bounces)
+        };
+        frame.solve(scene, &baked);
+        return (frame.values().to_vec(), None);
+    }
+    let count = sweep(scene, &mut frame, &settings(sky, 1), bounces);
+    (frame.values().to_vec(), Some(count))
+}
+
+/// The light of emissive surfaces, the first step through links counted as a reflection.
+fn solve_emission(scene: &BakedScene, bounces: Bounces) -> Vec<VectorIrradiance> {
+    let mut frame = CpuFrame::new(scene);
+    let alone = FrameSettings {
+        emission: 1.0,
+        ..settings(Vec3::ZERO, 1)
+    };
+    sweep(scene, &mut frame, &alone, bounces);
+    frame.values().to_vec()
+}
+
+/// Solves with so many reflections and returns how many those were.
+fn sweep(
+    scene: &BakedScene,
+    frame: &mut CpuFrame,
+    settings: &FrameSettings,
+    bounces: Bounces,
+) -> u32 {
+    let mut solve = |count: u32| {
+        let settings = FrameSettings {
+            sweeps: count.max(1) - 1,
+            ..*settings
+        };
+        frame.solve(scene, &settings);
+        frame.values().to_vec()
+    };
+    match bounces {
+        Bounces::Count(count) => {
+            solve(count);
+            count.max(1)
+        }
+        Bounces::All => {
+            let mut count = 8;
+            let mut before = solve(count);
+            while count < MOST_BOUNCES {
+                count *= 2;
+                let after = solve(count);
+                if change(&before, &after) < CONVERGED {
+                    break;
+                }
+                before = after;
+            }
+            count
+        }
+    }
+}
+
+fn add(values: &mut [VectorIrradiance], weight: f32, more: &[VectorIrradiance]) {
+    for (value, more) in values.iter_mut().zip(more) {
+        value.add_scaled(weight, more);
+    }
+}
+
+/// ‖a − b‖ / ‖b‖; 0 where there is no light.
+fn change(a: &[VectorIrradiance], b: &[VectorIrradiance]) -> f32 {
+    let (mut difference, mut power) = (0.0f64, 0.0f64);
+    for (a, b) in a.iter().zip(b) {
+        for (a, b) in [(a.x, b.x), (a.y, b.y), (a.z, b.z)] {
+            for c in 0..3 {
+                difference += f64::from(a[c] - b[c]).powi(2);
+                power += f64::from(b[c]).powi(2);
+            }
+        }
+    }
+    if power > 0.0 {
+        (difference / power).sqrt() as f32
+    } else {
+        0.0
+    }
+}
+
+/// Light too bright for a number becomes the largest number.
+fn finite(e: Vec3) -> Vec3 {
+    let one = |c: f32| {
+        if c.is_nan() {
+            0.0
+        } else {
+            c.clamp(0.0, f32::MAX)
+        }
+    };
+    Vec3::new(one(e.x), one(e.y), one(e.z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accuracy::{ReferenceSettings, errors, irradiance_at_all};
+    use crate::bake::{Preset, Progress, Recipe, bake_level};
+    use crate::scene::{cornell_box, mesh_of_quads};
+
+    #[test]
+    fn what_glows_is_direct_light_and_only_its_reflections_are_indirect() {
+        let mut quads = cornell_box();
+        // The top of the tall block glows.
+        quads[9].material.emissive = Vec3::new(5.0, 4.0, 3.0);
+        let mesh = mesh_of_quads(&quads);
+        let recipe = Recipe {
+            preset: Preset::Draft,
+            ..Recipe::default()
+        };
+        let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+            .unwrap()
+            .scene;
+        let lights = [Light::Sky {
+            radiance: Vec3::new(0.1, 0.2, 0.4),
+        }];
+        let places: Vec<(Vec3, Vec3)> = (0..40)
+            .map(|k| {
+                let t = k as f32 / 40.0;
+                let back = Vec3::new(1.8 * t - 0.9, (1.6 * 7.0 * t) % 1.6 + 0.1, -1.0);
+                let floor = Vec3::new(1.8 * t - 0.9, 0.0, 0.85);
+                if k % 2 == 0 {
+                    (back, Vec3::Z)
+                } else {
+                    (floor, Vec3::Y)
+                }
+            })
+            .collect();
+        let settings = ReferenceSettings {
+            paths: 8192,
+            bounces: Some(3),
+            seed: 5,
+        };
+        let reference = irradiance_at_all(&mesh, &lights, &places, &settings);
+        // The block's top is small: what hits it by chance takes many paths to count.
+        let unreflected = ReferenceSettings {
+            paths: 1 << 16,
+            bounces: Some(0),
+            ..settings
+        };
+        let straight = irradiance_at_all(&mesh, &lights, &places, &unreflected);
+        let meshes = [mesh];
+        let ours = Evaluator::new(&scene, &meshes, &lights, Bounces::Count(3));
+        let (mut direct, mut indirect) = (Vec::new(), Vec::new());
+        for (k, (x, n)) in places.iter().enumerate() {
+            let found = ours.at(*x, *n, k as u64);
+            direct.push(found.direct);
+            indirect.push(found.indirect.expect("covered"));
+        }
+        let pick = |of: fn(&crate::accuracy::Irradiance) -> Vec3, from: &[_]| -> Vec<Vec3> {
+            from.iter().map(of).collect()
+        };
+        let compare = |values: &[Vec3]| {
+            let (right, noise) = (
+                pick(|i| i.indirect, &reference),
+                pick(|i| i.indirect_error, &reference),
+            );
+            errors(values, &right, &noise)
+        };
+        let none = vec![Vec3::ZERO; places.len()];
+        let straight = errors(&direct, &pick(|i| i.direct, &straight), &none);
+        assert!(straight.nrmse < 0.01, "{straight:?}");
+        let reflected = compare(&indirect);
+        assert!(
+            reflected.nrmse < 0.15 && reflected.bias.abs() < 0.05,
+            "{reflected:?}"
+        );
+        // Told apart the wrong way it would be far off.
+        let together: Vec<Vec3> = direct.iter().zip(&indirect).map(|(d, i)| *d + *i).collect();
+        assert!(compare(&together).nrmse > 0.5, "{:?}", compare(&together));
+    }
+
+    #[test]
+    fn all_bounces_are_more_than_four_and_no_more_than_change_anything() {
+        let mesh = mesh_of_quads(&cornell_box());
+        let recipe = Recipe {
+            preset: Preset::Draft,
+            levels: Some(4),
+            rays: Some(64),
+            ..Recipe::default()
+        };
+        let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+            .unwrap()
+            .scene;
+        let light = [Light::Point {
+            position: Vec3::new(0.0, 1.8, 0.2),
+            intensity: Vec3::ONE,
+            range: f32::INFINITY,
+        }];
+        let at = |bounces| {
+            Evaluator::new(&scene, &[], &light, bounces)
+                .at(Vec3::new(0.0, 0.0, 0.8), Vec3::Y, 0)
+                .indirect
+                .expect("covered")
+                .y
+        };
+        let [one, four, many, all] = [
+            Bounces::Count(1),
+            Bounces::Count(4),
+            Bounces::Count(200),
+            Bounces::All,
+        ]
+        .map(at);
+        assert!(one < 0.9 * four && four < 0.999 * all, "{one} {four} {all}");
+        assert!((many / all - 1.0).abs() < 1e-3, "{many} {all}");
+    }
+}

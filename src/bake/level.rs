@@ -1,0 +1,95 @@
+//! A level's bake from the outside: threads of its own, and no panic that reaches the caller. What the tool and the plugin share.
+
+use super::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
+use crate::scene::TriangleMesh;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Instant;
+
+/// Why a level's bake gave nothing.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BakeLevelError {
+    /// The bake says why.
+    #[error(transparent)]
+    Bake(#[from] BakeError),
+    /// No threads to bake on.
+    #[error("no threads could be started for the bake: {0}")]
+    Threads(String),
+    /// A defect of this crate: the bake panicked. Please report it with the level.
+    #[error("the bake panicked: {0}")]
+    Panicked(String),
+}
+
+/// Bakes `level` on `threads` threads of its own (0: one for each processor) and turns a panic into an error: neither a game nor an asset
+/// processor may hang on it.
+///
+/// # Errors
+/// See [`BakeLevelError`].
+pub fn bake_level(
+    level: &TriangleMesh,
+    recipe: &Recipe,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Baked, BakeLevelError> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("meshless gi bake {i}"))
+        .build()
+        .map_err(|e| BakeLevelError::Threads(e.to_string()))?;
+    let whole = || {
+        let began = Instant::now();
+        if !progress.set(Stage::Bvh, 0.0) {
+            return Err(BakeError::Cancelled);
+        }
+        let source = BakeSource {
+            geometry: level,
+            bvh: level.bvh(),
+            primitives: level.len() as u64,
+            content_hash: level.content_hash(),
+        };
+        let seconds = began.elapsed().as_secs_f64();
+        let mut baked = bake(&source, recipe, progress)?;
+        baked.stats.seconds.bvh += seconds;
+        baked.stats.seconds.total += seconds;
+        Ok(baked)
+    };
+    match pool.install(|| catch_unwind(AssertUnwindSafe(whole))) {
+        Ok(result) => Ok(result?),
+        Err(panic) => {
+            let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+            Err(BakeLevelError::Panicked(
+                text.unwrap_or_else(|| "no message".into()),
+            ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Material, TriangleMesh};
+    use glam::Vec3;
+
+    #[test]
+    fn a_level_that_cannot_be_baked_says_why() {
+        let none = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
+        let bake = |progress: &Progress| bake_level(&none, &Recipe::default(), 1, progress);
+        assert!(matches!(
+            bake(&Progress::default()),
+            Err(BakeLevelError::Bake(BakeError::NothingReached { .. }))
+        ));
+        let stopped = Progress::default();
+        stopped.cancel();
+        assert!(matches!(
+            bake(&stopped),
+            Err(BakeLevelError::Bake(BakeError::Cancelled))
+        ));
+        let wrong = Recipe {
+            viewpoints: vec![[f32::NAN, Vec3::X.y, 0.0]],
+            ..Recipe::default()
+        };
+        let error = bake_level(&none, &wrong, 1, &Progress::default()).unwrap_err();
+        assert!(error.to_string().contains("viewpoints"), "{error}");
+    }
+}

@@ -1,0 +1,393 @@
+//! `bake`: a level or a recipe to a `.mgi` file, with statistics.
+
+use super::error::ToolError;
+use super::output::{self, Table};
+use super::progress;
+use bevy_meshless_gi::asset::check_writable;
+use bevy_meshless_gi::bake::{
+    BakeError, BakeLevelError, BakeStats, Baked, Preset, Recipe, RecipeError, Rule, Settings,
+    bake_level, cast_gather_rays,
+};
+use bevy_meshless_gi::scene::{LoadedScene, TriangleMesh, load_gltf};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// More threads help nobody.
+const MOST_THREADS: i64 = 1024;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The level (.glb, .gltf), or a recipe (.gi.ron) that names one.
+    scene: PathBuf,
+    /// Where the bake goes.
+    #[arg(short, long, value_name = "OUT.mgi")]
+    output: PathBuf,
+    /// A recipe for the level; the options below go before what it says.
+    #[arg(long, value_name = "FILE")]
+    recipe: Option<PathBuf>,
+    #[command(flatten)]
+    options: Options,
+    /// Threads; 0 for one a processor. The result does not depend on it.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MOST_THREADS))]
+    threads: u32,
+    /// Write statistics as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+    /// Afterwards cast the gather's rays again and do nothing else with them: what is the least that the bake could take.
+    #[arg(long)]
+    yardstick: bool,
+}
+
+/// What goes before the recipe. Left out: as the recipe says, or as follows from the scene's size.
+#[derive(clap::Args)]
+struct Options {
+    /// How much care to take [draft, medium, high; medium if left out].
+    #[arg(long, hide_possible_values = true, value_parser = preset())]
+    preset: Option<Preset>,
+    /// A place in free space from which light can be seen, metres; may be given several times.
+    #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
+    viewpoints: Vec<[f32; 3]>,
+    /// Disk radius of the coarsest level, metres.
+    #[arg(long, value_name = "R", allow_hyphen_values = true)]
+    coarse_radius: Option<f32>,
+    /// Levels of points, 1 to 12.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    levels: Option<u32>,
+    /// How many of them, from the coarsest, send light.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    sender_levels: Option<u32>,
+    /// Rays a point, 16 to 65536.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    rays: Option<u32>,
+    /// Diffuse reflections, 1 to 64.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    bounces: Option<u32>,
+    /// Which links are kept [bounded, l08; bounded if left out].
+    #[arg(long, hide_possible_values = true, value_parser = rule())]
+    rule: Option<Rule>,
+    /// Threshold of the rule, 0 to 1.
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    epsilon: Option<f32>,
+    /// Bake again, finer, until the estimated error (NRMSE, 0.05 for 5 %) is at most this.
+    #[arg(long, value_name = "E", allow_hyphen_values = true)]
+    max_error: Option<f32>,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    seed: Option<u64>,
+}
+
+fn preset() -> impl TypedValueParser<Value = Preset> {
+    PossibleValuesParser::new(["draft", "medium", "high"]).map(|word| match word.as_str() {
+        "draft" => Preset::Draft,
+        "high" => Preset::High,
+        _ => Preset::Medium,
+    })
+}
+
+fn rule() -> impl TypedValueParser<Value = Rule> {
+    PossibleValuesParser::new(["bounded", "l08"]).map(|word| match word.as_str() {
+        "l08" => Rule::L08,
+        _ => Rule::Bounded,
+    })
+}
+
+fn viewpoint(text: &str) -> Result<[f32; 3], String> {
+    let mut parts = text.split(',').map(|c| c.trim().parse::<f32>());
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some(Ok(x)), Some(Ok(y)), Some(Ok(z)), None)
+            if [x, y, z].iter().all(|c| c.is_finite()) =>
+        {
+            Ok([x, y, z])
+        }
+        _ => Err("three finite numbers with commas between them are needed, as in -1,2.5,0".into()),
+    }
+}
+
+impl Options {
+    /// Puts the options into a recipe.
+    fn apply(&self, recipe: &mut Recipe) {
+        fn over<T: Copy>(to: &mut Option<T>, option: Option<T>) {
+            *to = option.or(*to);
+        }
+        recipe.preset = self.preset.unwrap_or(recipe.preset);
+        recipe.rule = self.rule.unwrap_or(recipe.rule);
+        recipe.seed = self.seed.unwrap_or(recipe.seed);
+        if !self.viewpoints.is_empty() {
+            recipe.viewpoints.clone_from(&self.viewpoints);
+        }
+        over(&mut recipe.coarse_radius, self.coarse_radius);
+        over(&mut recipe.levels, self.levels);
+        over(&mut recipe.sender_levels, self.sender_levels);
+        over(&mut recipe.rays, self.rays);
+        over(&mut recipe.bounces, self.bounces);
+        over(&mut recipe.epsilon, self.epsilon);
+        over(&mut recipe.max_error, self.max_error);
+    }
+}
+
+/// What the statistics file holds.
+#[derive(Serialize)]
+struct Statistics<'a> {
+    #[serde(flatten)]
+    bake: &'a BakeStats,
+    #[serde(flatten)]
+    yardstick: Option<Yardstick>,
+}
+
+/// The gather's rays, cast again and nothing else.
+#[derive(Clone, Copy, Serialize)]
+struct Yardstick {
+    /// Seconds for as many rays as the gather cast.
+    yardstick_seconds: f64,
+    /// Rays that were cast to measure it.
+    yardstick_rays: u64,
+    /// The bake's total over that.
+    total_over_yardstick: f64,
+}
+
+pub fn run(args: &Args) -> Result<(), ToolError> {
+    let began = Instant::now();
+    let (recipe, level) = what_to_bake(args)?;
+    // Before a long bake, not after it.
+    for path in [Some(&args.output), args.stats.as_ref()]
+        .into_iter()
+        .flatten()
+    {
+        if [Some(&level), Some(&args.scene), args.recipe.as_ref()]
+            .into_iter()
+            .flatten()
+            .any(|input| same_file(input, path))
+        {
+            return Err(ToolError::Usage(format!(
+                "{} is both read and written",
+                path.display()
+            )));
+        }
+        check_writable(path).map_err(|why| ToolError::write(path, &why))?;
+    }
+    if args.stats.as_ref().is_some_and(|s| *s == args.output) {
+        return Err(ToolError::Usage("-o and --stats name the same file".into()));
+    }
+
+    let mesh = load(&level)?;
+    let loaded = began.elapsed().as_secs_f64();
+    let tree = mesh.bvh_time().as_secs_f64();
+    let threads = args.threads as usize;
+    let Baked { scene, mut stats } =
+        progress::watch(|progress| bake_level(&mesh, &recipe, threads, progress))
+            .map_err(|why| failed(args, &level, &why))?;
+    stats.seconds.load = loaded - tree;
+    stats.seconds.bvh += tree;
+    let writing = Instant::now();
+    stats.bytes = scene
+        .write(&args.output)
+        .map_err(|why| ToolError::asset(&args.output, &why))?;
+    stats.seconds.write = writing.elapsed().as_secs_f64();
+    stats.seconds.total = began.elapsed().as_secs_f64();
+
+    let yardstick = match args.yardstick {
+        true => Some(measure(&mesh, &scene, &stats, threads)?),
+        false => None,
+    };
+    if let Some(path) = &args.stats {
+        let all = Statistics {
+            bake: &stats,
+            yardstick,
+        };
+        let mut text =
+            serde_json::to_vec_pretty(&all).map_err(|why| ToolError::write(path, &why))?;
+        text.push(b'\n');
+        bevy_meshless_gi::asset::write_file(path, &text)
+            .map_err(|why| ToolError::write(path, &why))?;
+    }
+    output::print(&summary(&args.output, &stats, yardstick))
+}
+
+/// The recipe with the options in it, and the level's file.
+fn what_to_bake(args: &Args) -> Result<(Recipe, PathBuf), ToolError> {
+    let name = args.scene.to_string_lossy().to_lowercase();
+    if name.ends_with(".ply") {
+        return Err(ToolError::input(
+            &args.scene,
+            &"point clouds (.ply) are not supported yet; a level is a .glb or .gltf file",
+        ));
+    }
+    let is_recipe = name.ends_with(".ron");
+    let recipe_file = match (is_recipe, &args.recipe) {
+        (true, Some(_)) => {
+            return Err(ToolError::Usage(format!(
+                "{} is a recipe: --recipe would be a second one",
+                args.scene.display()
+            )));
+        }
+        (true, None) => Some(&args.scene),
+        (false, recipe) => recipe.as_ref(),
+    };
+    let mut recipe = match recipe_file {
+        Some(path) => read_recipe(path)?,
+        None => Recipe::default(),
+    };
+    let level = match (is_recipe, &recipe.scene) {
+        (false, _) => args.scene.clone(),
+        (true, Some(scene)) => args.scene.parent().unwrap_or(Path::new("")).join(scene),
+        (true, None) => {
+            return Err(ToolError::input(
+                &args.scene,
+                &"the recipe names no level: add `scene: \"level.glb\"`",
+            ));
+        }
+    };
+    if level.to_string_lossy().to_lowercase().ends_with(".ron") {
+        return Err(ToolError::input(
+            &args.scene,
+            &format!("`scene` is {}, not a level", level.display()),
+        ));
+    }
+    // What stands in a file is input, what stands on the command line is usage.
+    if let Some(path) = recipe_file {
+        sound(&recipe).map_err(|why| ToolError::input(path, &why))?;
+    }
+    args.options.apply(&mut recipe);
+    sound(&recipe).map_err(|why| ToolError::Usage(why.to_string()))?;
+    Ok((recipe, level))
+}
+
+fn read_recipe(path: &Path) -> Result<Recipe, ToolError> {
+    let bytes = std::fs::read(path).map_err(|why| ToolError::read(path, &why))?;
+    let text =
+        String::from_utf8(bytes).map_err(|_| ToolError::input(path, &"the recipe is not text"))?;
+    Recipe::from_ron(&text).map_err(|why| ToolError::input(path, &why))
+}
+
+/// Each value on its own, and all together, for a level of any size.
+fn sound(recipe: &Recipe) -> Result<(), RecipeError> {
+    recipe.settings(1.0, 1.0).map(|_| ())
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => false,
+    }
+}
+
+/// Reads a level, and remarks on what was not taken as it stands there.
+fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
+    let step = progress::Step::new(format!("reading {}", path.display()));
+    let LoadedScene {
+        mesh,
+        problems,
+        notes,
+        ..
+    } = load_gltf(path)?;
+    drop(step);
+    for note in &notes {
+        output::note(note);
+    }
+    let told = |count: u64, what: &str| {
+        if count > 0 {
+            output::note(&format!("{} {what}", output::count(count)));
+        }
+    };
+    told(
+        problems.dropped(),
+        "triangles without area or without numbers were left out",
+    );
+    told(
+        problems.albedo_clamped,
+        "materials reflected more than all light: clamped",
+    );
+    told(
+        problems.bad_emission,
+        "materials emitted what light can't be: their emission was dropped",
+    );
+    told(
+        problems.bad_texture,
+        "materials named textures that are not there",
+    );
+    Ok(mesh)
+}
+
+/// A bake that failed: the level's fault, or the recipe's.
+fn failed(args: &Args, level: &Path, why: &BakeLevelError) -> ToolError {
+    match why {
+        BakeLevelError::Bake(BakeError::Recipe(why)) => match &args.recipe {
+            Some(path) => ToolError::input(path, why),
+            None => ToolError::input(&args.scene, why),
+        },
+        BakeLevelError::Threads(_) => ToolError::Usage(why.to_string()),
+        _ => ToolError::input(level, why),
+    }
+}
+
+fn measure(
+    mesh: &TriangleMesh,
+    scene: &bevy_meshless_gi::asset::BakedScene,
+    stats: &BakeStats,
+    threads: usize,
+) -> Result<Yardstick, ToolError> {
+    let settings: Settings = ron::from_str(&scene.info.recipe)
+        .map_err(|why| ToolError::Input(format!("the bake's own recipe: {why}")))?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|why| ToolError::Usage(why.to_string()))?;
+    let step = progress::Step::new("casting the rays again");
+    let began = Instant::now();
+    // The sum keeps the work from being left out.
+    std::hint::black_box(
+        pool.install(|| cast_gather_rays(mesh, scene, settings.rays, settings.seed)),
+    );
+    let seconds = began.elapsed().as_secs_f64();
+    drop(step);
+    let rows = scene.operator.rows.iter().filter(|r| r.active != 0).count();
+    let rays = rows as u64 * u64::from(settings.rays);
+    let yardstick_seconds = seconds * stats.gather_rays as f64 / rays.max(1) as f64;
+    Ok(Yardstick {
+        yardstick_seconds,
+        yardstick_rays: rays,
+        total_over_yardstick: stats.seconds.total / yardstick_seconds.max(1e-9),
+    })
+}
+
+fn summary(path: &Path, stats: &BakeStats, yardstick: Option<Yardstick>) -> String {
+    let s = &stats.seconds;
+    let mut table = Table::default();
+    table
+        .row("file", format!("{}, {}", path.display(), output::bytes(stats.bytes)))
+        .row("triangles", output::count(stats.triangles))
+        .row("points", output::sum(&stats.points_per_level))
+        .row("senders", output::count(stats.senders))
+        .row("links", output::count(stats.links))
+        .row(
+            "rays",
+            format!(
+                "{}, {} of them gathered",
+                output::count(stats.rays),
+                output::count(stats.gather_rays)
+            ),
+        )
+        .row(
+            "estimated error",
+            output::error(stats.estimated_nrmse, stats.estimated_nrmse_interval),
+        )
+        .row(
+            "seconds",
+            format!(
+                "{:.2} on {} threads: load {:.2}, bvh {:.2}, points {:.2}, gather {:.2}, refine {:.2}, bounces {:.2}, estimate {:.2}, write {:.2}",
+                s.total, stats.threads, s.load, s.bvh, s.points, s.gather, s.refine, s.bounces, s.estimate, s.write
+            ),
+        );
+    if let Some(y) = yardstick {
+        table.row(
+            "yardstick",
+            format!(
+                "{:.2} s for the gather's rays alone; the bake took {:.1} times that",
+                y.yardstick_seconds, y.total_over_yardstick
+            ),
+        );
+    }
+    table.text()
+}

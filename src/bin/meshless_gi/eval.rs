@@ -1,0 +1,121 @@
+//! `eval`: direct and indirect irradiance of a bake at given points, by the way that a frame takes.
+
+use super::error::ToolError;
+use super::points::{self, COLUMNS, Place};
+use super::{output, progress};
+use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
+use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
+use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
+use rayon::prelude::*;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The bake.
+    bake: PathBuf,
+    /// Lights, and the geometry files that were baked.
+    #[arg(long, value_name = "SCENE.json")]
+    scene: PathBuf,
+    /// Points: a header, and at least the columns px,py,pz,nx,ny,nz.
+    #[arg(long, value_name = "POINTS.csv")]
+    points: PathBuf,
+    /// Where the irradiances go, in the order of the points; W/m² on the side of the normal.
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: PathBuf,
+    /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
+    #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = bounces)]
+    bounces: Option<Bounces>,
+    /// Tier of the operator. This version bakes one, number 0, with all links.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    tier: u32,
+}
+
+fn bounces(text: &str) -> Result<Bounces, String> {
+    match (text, text.parse()) {
+        ("all", _) => Ok(Bounces::All),
+        (_, Ok(count @ 1..=1024)) => Ok(Bounces::Count(count)),
+        _ => Err("a number from 1 to 1024, or `all`, is needed".into()),
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), ToolError> {
+    if args.tier != 0 {
+        return Err(ToolError::Usage(format!(
+            "{} has no tier {}: there is one, number 0",
+            args.bake.display(),
+            args.tier
+        )));
+    }
+    let baked = BakedScene::read(&args.bake, &Limits::default())
+        .map_err(|why| ToolError::asset(&args.bake, &why))?;
+    let description = SceneDescription::read(&args.scene)?;
+    let places = points::read(&args.points)?;
+    check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
+    let meshes = geometry(&baked, &description)?;
+
+    let step = progress::Step::new(format!("{} points", output::count(places.len() as u64)));
+    let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info.bounces));
+    let evaluator = Evaluator::new(&baked, &meshes, &description.lights, bounces);
+    let values: Vec<Evaluated> = places
+        .par_iter()
+        .enumerate()
+        .map(|(i, place)| evaluator.at(place.position, place.normal, i as u64))
+        .collect();
+    drop(step);
+    write_file(&args.output, table(&places, &values).as_bytes())
+        .map_err(|why| ToolError::write(&args.output, &why))
+}
+
+/// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it may be missing.
+fn geometry(
+    baked: &BakedScene,
+    description: &SceneDescription,
+) -> Result<Vec<TriangleMesh>, ToolError> {
+    let sky = description
+        .lights
+        .iter()
+        .any(|light| matches!(light, Light::Sky { .. }));
+    let needed = sky || baked.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+    let mut meshes = Vec::new();
+    for path in &description.geometry {
+        match load_gltf(path) {
+            Ok(level) => meshes.push(level.mesh),
+            Err(why) if why.is_io() && !needed => {
+                output::note(&format!("{why}; nothing in the bake needs it"));
+            }
+            Err(why) => return Err(why.into()),
+        }
+    }
+    if needed && meshes.is_empty() {
+        return Err(ToolError::Input(
+            "the scene names no geometry: without it the direct light of the sky and of emissive surfaces is not known".into(),
+        ));
+    }
+    let triangles: u64 = meshes.iter().map(|m| m.len() as u64).sum();
+    if !meshes.is_empty() && triangles != baked.info.triangles {
+        output::note(&format!(
+            "the scene has {} triangles, the bake was made from {}: it may be of another level",
+            output::count(triangles),
+            output::count(baked.info.triangles)
+        ));
+    }
+    Ok(meshes)
+}
+
+fn table(places: &[Place], values: &[Evaluated]) -> String {
+    let mut out = COLUMNS.join(",");
+    out += ",direct_r,direct_g,direct_b,indirect_r,indirect_g,indirect_b,covered\n";
+    for (place, value) in places.iter().zip(values) {
+        let (d, i) = (value.direct, value.indirect.unwrap_or_default());
+        let covered = u8::from(value.indirect.is_some());
+        out += &place.text.join(",");
+        // Writing to a text cannot fail.
+        let _ = writeln!(
+            out,
+            ",{},{},{},{},{},{},{covered}",
+            d.x, d.y, d.z, i.x, i.y, i.z
+        );
+    }
+    out
+}

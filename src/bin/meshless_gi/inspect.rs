@@ -1,0 +1,135 @@
+//! `inspect`: what is in a bake, as a table or as JSON.
+
+use super::error::ToolError;
+use super::output::{self, Table};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, Limits};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// The bake.
+    bake: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), ToolError> {
+    let failed = |why: AssetError| ToolError::asset(&args.bake, &why);
+    let scene = BakedScene::read(&args.bake, &Limits::default()).map_err(failed)?;
+    let stats = scene
+        .validate()
+        .map_err(|wrong| failed(AssetError::Invalid(wrong)))?;
+    let size = std::fs::metadata(&args.bake)
+        .map_err(|why| ToolError::read(&args.bake, &why))?
+        .len();
+    output::print(&if args.json {
+        format!("{:#}\n", as_json(&scene, &stats, size))
+    } else {
+        as_table(&args.bake, &scene, &stats, size)
+    })
+}
+
+fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Value {
+    json!({
+        "info": scene.info,
+        "stats": stats,
+        "bytes": size,
+        "levels": scene.levels(),
+        "sender_levels": scene.sender_levels,
+        "points": scene.points.len(),
+        "lit_points": scene.lit_points(),
+        "sender_form": format!("{:?}", scene.operator.form),
+        "display_radius": scene.display.radius,
+    })
+}
+
+fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> String {
+    let info: &BakeInfo = &scene.info;
+    let place = |p: [f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
+    let mut table = Table::default();
+    table
+        .row(
+            "file",
+            format!("{}, {}", path.display(), output::bytes(size)),
+        )
+        .row("memory", output::bytes(stats.memory))
+        .row("baked by", format!("version {}", info.version))
+        .row("fingerprint", info.fingerprint.clone())
+        .row("recipe", info.recipe.clone())
+        .row("triangles", output::count(info.triangles))
+        .row(
+            "box",
+            format!("{} to {} m", place(info.bounds[0]), place(info.bounds[1])),
+        )
+        .row(
+            "viewpoints",
+            match info.viewpoints.as_slice() {
+                [] => "none".into(),
+                [one] => place(*one),
+                [one, ..] => format!("{}, the first {}", info.viewpoints.len(), place(*one)),
+            },
+        )
+        .row("rays", output::count(info.rays))
+        .row("points", output::sum(&stats.points_per_level))
+        .row(
+            "senders",
+            format!(
+                "{} on {} of {} levels",
+                output::count(stats.senders),
+                scene.sender_levels,
+                scene.levels()
+            ),
+        )
+        .row("rows", output::count(stats.active_rows))
+        .row(
+            "links",
+            format!(
+                "{}, at most {} a row, as {}",
+                output::count(stats.links),
+                output::count(stats.longest_row),
+                format!("{:?}", scene.operator.form).to_lowercase()
+            ),
+        )
+        .row(
+            "bounces",
+            match stats.bounce_links {
+                0 => format!("{}, in the frame", info.bounces),
+                links => format!("{}, baked: {} links", info.bounces, output::count(links)),
+            },
+        )
+        .row(
+            "display",
+            format!(
+                "radius {} m, {} clip planes, {} cells, at most {} points a cell",
+                scene.display.radius,
+                output::count(stats.planes),
+                output::count(stats.grid_cells),
+                output::count(stats.longest_list)
+            ),
+        )
+        .row(
+            "shadow rays",
+            format!(
+                "{} triangles in {} nodes, {} deep",
+                output::count(stats.bvh_triangles),
+                output::count(stats.bvh_nodes),
+                stats.bvh_depth
+            ),
+        )
+        .row(
+            "estimated error",
+            output::error(
+                f64::from(info.estimated_nrmse),
+                f64::from(info.estimated_nrmse_interval),
+            ),
+        )
+        .row(
+            "link error",
+            format!("{:.3} % of a row's largest", 100.0 * info.link_error),
+        )
+        .row("uncovered", format!("{:.3} %", 100.0 * info.uncovered))
+        .row("largest row sum", format!("{:.3}", info.largest_row_sum));
+    table.text()
+}

@@ -1,0 +1,155 @@
+//! The built-in scene: a Cornell box, for the demo, the examples and tests. Coloured walls that a lamp's light bleeds from, two blocks that shade.
+
+use super::{Material, TriangleMesh};
+use glam::{Quat, Vec3};
+
+/// A flat four-sided surface, its corners counter-clockwise as seen from its front.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quad {
+    /// Metres.
+    pub corners: [Vec3; 4],
+    /// What it is made of; textures are not used.
+    pub material: Material,
+}
+
+const WHITE: Vec3 = Vec3::new(0.73, 0.71, 0.68);
+const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
+const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
+
+/// A room of 2 m, open towards +Z, red on the left, green on the right, with two blocks on its floor. The floor is at y = 0, its centre in the
+/// origin.
+#[must_use]
+pub fn cornell_box() -> Vec<Quad> {
+    let v = Vec3::new;
+    let wall = |colour, corners| Quad {
+        corners,
+        material: Material::diffuse(colour),
+    };
+    let corner = |x: f32, y: f32, z: f32| v(x, 1.0 + y, z);
+    let mut quads = vec![
+        wall(
+            WHITE,
+            [
+                corner(-1.0, -1.0, -1.0),
+                corner(-1.0, -1.0, 1.0),
+                corner(1.0, -1.0, 1.0),
+                corner(1.0, -1.0, -1.0),
+            ],
+        ),
+        wall(
+            WHITE,
+            [
+                corner(-1.0, 1.0, -1.0),
+                corner(1.0, 1.0, -1.0),
+                corner(1.0, 1.0, 1.0),
+                corner(-1.0, 1.0, 1.0),
+            ],
+        ),
+        wall(
+            WHITE,
+            [
+                corner(-1.0, -1.0, -1.0),
+                corner(1.0, -1.0, -1.0),
+                corner(1.0, 1.0, -1.0),
+                corner(-1.0, 1.0, -1.0),
+            ],
+        ),
+        wall(
+            RED,
+            [
+                corner(-1.0, -1.0, 1.0),
+                corner(-1.0, -1.0, -1.0),
+                corner(-1.0, 1.0, -1.0),
+                corner(-1.0, 1.0, 1.0),
+            ],
+        ),
+        wall(
+            GREEN,
+            [
+                corner(1.0, -1.0, -1.0),
+                corner(1.0, -1.0, 1.0),
+                corner(1.0, 1.0, 1.0),
+                corner(1.0, 1.0, -1.0),
+            ],
+        ),
+    ];
+    quads.extend(block(v(-0.35, 0.0, -0.35), v(0.6, 1.2, 0.6), 0.3));
+    quads.extend(block(v(0.35, 0.0, 0.35), v(0.6, 0.6, 0.6), -0.3));
+    quads
+}
+
+/// A box that stands on `foot`, turned by `turn` radians about the vertical, without its underside.
+fn block(foot: Vec3, size: Vec3, turn: f32) -> Vec<Quad> {
+    let rotation = Quat::from_rotation_y(turn);
+    let at = |x: f32, y: f32, z: f32| {
+        foot + rotation * (Vec3::new(x, y, z) * size * Vec3::new(0.5, 1.0, 0.5))
+    };
+    let face = |corners| Quad {
+        corners,
+        material: Material::diffuse(WHITE),
+    };
+    let side = |a: [f32; 2], b: [f32; 2]| {
+        face([
+            at(a[0], 0.0, a[1]),
+            at(b[0], 0.0, b[1]),
+            at(b[0], 1.0, b[1]),
+            at(a[0], 1.0, a[1]),
+        ])
+    };
+    vec![
+        side([-1.0, 1.0], [1.0, 1.0]),
+        side([1.0, 1.0], [1.0, -1.0]),
+        side([1.0, -1.0], [-1.0, -1.0]),
+        side([-1.0, -1.0], [-1.0, 1.0]),
+        face([
+            at(-1.0, 1.0, 1.0),
+            at(1.0, 1.0, 1.0),
+            at(1.0, 1.0, -1.0),
+            at(-1.0, 1.0, -1.0),
+        ]),
+    ]
+}
+
+/// The surfaces as the bake takes them: two triangles each.
+#[must_use]
+pub fn mesh_of_quads(quads: &[Quad]) -> TriangleMesh {
+    let halves = |q: &Quad| {
+        let [a, b, c, d] = q.corners;
+        [[a, b, c], [a, c, d]]
+    };
+    TriangleMesh::new(
+        quads.iter().flat_map(halves).collect(),
+        (0..2 * quads.len() as u32).map(|i| i / 2).collect(),
+        quads.iter().map(|q| q.material.clone()).collect(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Geometry, Ray};
+
+    #[test]
+    fn every_surface_faces_the_inside() {
+        let quads = cornell_box();
+        assert_eq!(quads.len(), 15);
+        let mesh = mesh_of_quads(&quads);
+        assert_eq!((mesh.len(), mesh.problems().dropped()), (30, 0));
+        // Seen from the middle of the room, above the blocks.
+        let eye = Vec3::new(0.0, 1.5, 0.6);
+        for (i, quad) in quads.iter().enumerate().filter(|(i, _)| *i < 5) {
+            let to = quad.corners.iter().sum::<Vec3>() / 4.0 - eye;
+            let ray = Ray::new(eye, (to + 0.2 * Vec3::Y).normalize());
+            let hit = mesh.cast(&ray).expect("a wall");
+            let seen = mesh.surface(&ray, &hit);
+            assert!(seen.front, "quad {i}");
+        }
+        let out = Ray::new(eye, Vec3::Z);
+        assert!(mesh.cast(&out).is_none(), "open in front");
+        for (x, colour) in [(Vec3::NEG_X, RED), (Vec3::X, GREEN)] {
+            let ray = Ray::new(eye, x);
+            let hit = mesh.cast(&ray).expect("a wall");
+            assert_eq!(mesh.surface(&ray, &hit).albedo, colour);
+        }
+    }
+}
