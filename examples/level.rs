@@ -176,7 +176,7 @@ fn baked(
         let [min, max] = bake.scene.info.bounds.map(Vec3::from_array);
         **camera =
             Transform::from_translation((*place).into()).looking_at(0.5 * (min + max), Vec3::Y);
-        lamp.translation = place;
+        lamp.translation = (*place).into();
         *moved = true;
     }
 }
