@@ -4,10 +4,12 @@
 //! output carries results only; work that takes longer shows its progress on standard error where that is a terminal.
 
 mod bake;
+mod demo;
 mod error;
 mod eval;
 mod inspect;
 mod output;
+mod picture;
 mod points;
 mod progress;
 mod validate;
@@ -36,6 +38,8 @@ enum Command {
     Bake(bake::Args),
     /// Direct and indirect irradiance at given points, by the way that a frame takes.
     Eval(eval::Args),
+    /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
+    Demo(demo::Args),
     /// What is in a bake.
     Inspect(inspect::Args),
     /// Whether a bake is whole: exit code 0, or 1 with the list of what is wrong.
@@ -53,6 +57,7 @@ fn main() -> ExitCode {
     };
     let run = || match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Validate(args) => validate::run(&args),
