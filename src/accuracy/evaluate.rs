@@ -322,6 +322,59 @@ mod tests {
     }
 
     #[test]
+    fn lamps_are_as_the_reference_has_them_near_and_far() {
+        let mesh = mesh_of_quads(&cornell_box());
+        let recipe = Recipe {
+            preset: Preset::Draft,
+            levels: Some(2),
+            sender_levels: Some(1),
+            coarse_radius: Some(0.4),
+            extra_levels: Some(0),
+            rays: Some(16),
+            ..Recipe::default()
+        };
+        let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+            .unwrap()
+            .scene;
+        // A long panel that hangs half a metre before the back wall and shines down and at the wall.
+        let lights = [Light::Rect {
+            center: Vec3::new(0.0, 1.7, -0.5),
+            u: Vec3::new(0.5, 0.0, 0.0),
+            v: Vec3::new(0.0, -0.1, 0.1),
+            radiance: Vec3::new(3.0, 2.0, 1.0),
+        }];
+        let places: Vec<(Vec3, Vec3)> = (0..64)
+            .map(|k| {
+                let (a, b) = ((k % 8) as f32 / 4.0 - 0.875, (k / 8) as f32 / 4.0 - 0.875);
+                match k % 2 {
+                    0 => (Vec3::new(a, 1.0 + b, -1.0), Vec3::Z),
+                    _ => (Vec3::new(a, 2.0, b), Vec3::NEG_Y),
+                }
+            })
+            .collect();
+        let settings = ReferenceSettings {
+            paths: 1 << 15,
+            bounces: Some(0),
+            seed: 5,
+        };
+        let right: Vec<Vec3> = irradiance_at_all(&mesh, &lights, &places, &settings)
+            .iter()
+            .map(|e| e.direct)
+            .collect();
+        let meshes = [mesh];
+        let ours = Evaluator::new(&scene, &meshes, &lights, Bounces::Count(1));
+        let mut found: Vec<Vec3> = (0..)
+            .zip(&places)
+            .map(|(k, (x, n))| ours.at(*x, *n, k).direct)
+            .collect();
+        let none = vec![Vec3::ZERO; places.len()];
+        let e = errors(&found, &right, &none);
+        assert!(e.nrmse < 0.005 && e.p99 < 0.02, "{e:?}");
+        found.iter_mut().for_each(|e| *e *= 1.01);
+        assert!(errors(&found, &right, &none).nrmse > 0.005);
+    }
+
+    #[test]
     fn all_bounces_are_more_than_four_and_no_more_than_change_anything() {
         let mesh = mesh_of_quads(&cornell_box());
         let recipe = Recipe {

@@ -56,6 +56,9 @@ pub struct Step(ProgressBar);
 impl Step {
     pub fn new(what: impl Into<String>) -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} {elapsed}") {
+            bar.set_style(style);
+        }
         bar.set_message(what.into());
         bar.enable_steady_tick(Duration::from_millis(100));
         Self(bar)
