@@ -27,7 +27,7 @@ pub struct PointSurface {
     pub pad2: f32,
 }
 
-/// The flat display basis ([L08] §4.1 "Flattening"): the same points, one level, one radius.
+/// The flat display basis (\[L08\] §4.1 "Flattening"): the same points, one level, one radius.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Display {
     /// Radius of every function, metres (each point's `radius` says the same).
@@ -54,7 +54,7 @@ pub struct BakedScene {
     pub pull: Weights,
     /// Row i (a point): the coarser functions that cover it. For [`SenderForm::Averages`](crate::transport::SenderForm)
     /// those of the nearest coarser level that covers it, weights that sum to one; for `Differences` those of all coarser
-    /// levels, weights that sum to one per level ([L08] Eq. (17) "all-parents"). Empty on the coarsest level.
+    /// levels, weights that sum to one per level (\[L08\] Eq. (17) "all-parents"). Empty on the coarsest level.
     pub parents: Weights,
     /// The one-bounce operator.
     pub operator: Operator,

@@ -24,7 +24,7 @@ pub enum Rule {
     /// Rows keep their mass, with a bound on what they blur, see [`crate::transport::bounded`].
     #[default]
     Bounded,
-    /// [L08] Figure 5 as published, see [`crate::transport::l08`].
+    /// \[L08\] Figure 5 as published, see [`crate::transport::l08`].
     L08,
 }
 
@@ -46,7 +46,7 @@ pub struct Recipe {
     pub scene: Option<String>,
     /// How much care to take.
     pub preset: Preset,
-    /// Places in free space from which light can be seen, metres; found by itself where empty ([L08] §2.3).
+    /// Places in free space from which light can be seen, metres; found by itself where empty (\[L08\] §2.3).
     pub viewpoints: Vec<[f32; 3]>,
     /// Disk radius of the coarsest level, metres.
     pub coarse_radius: Option<f32>,
@@ -66,7 +66,7 @@ pub struct Recipe {
     pub bounce_mode: BounceMode,
     /// Which links are kept.
     pub rule: Rule,
-    /// Threshold of the rule: the bound on what a row blurs (`Bounded`), or ε of [L08] Figure 5.
+    /// Threshold of the rule: the bound on what a row blurs (`Bounded`), or ε of \[L08\] Figure 5.
     pub epsilon: Option<f32>,
     /// Difference to the parents' value below which a receiver needs no row (`Bounded`).
     pub tolerance: Option<f32>,

@@ -31,10 +31,10 @@ pub struct HierarchySettings {
     pub most: Vec<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// C of the functions that senders are written in. None takes those of the hierarchy ([L08] uses one basis for both and
+    /// C of the functions that senders are written in. None takes those of the hierarchy (\[L08\] uses one basis for both and
     /// asks, in §5.2, for different ones: smoothness is for receivers; tight senders blur less and are looked up faster).
     pub sender_overlap: Option<f32>,
-    /// Whether functions stop at walls. Off is [L08].
+    /// Whether functions stop at walls. Off is \[L08\].
     pub clip: bool,
     /// Whether particles drop their first bounces.
     pub drop_first: bool,
@@ -194,7 +194,7 @@ impl Hierarchy {
         self.level_starts.partition_point(|&s| s as usize <= i) - 1
     }
 
-    /// The parents of the points of level `l` with B_k(p_i) ([L08] §2.1, Eq. (17)), appended to `out`, which must hold those of the coarser levels. `all` asks
+    /// The parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)), appended to `out`, which must hold those of the coarser levels. `all` asks
     /// for those of all coarser levels, weights that sum to one for each; else only those of the nearest coarser level that covers the point.
     pub fn append_parents(&self, l: usize, all: bool, out: &mut Weights) {
         let rows: Vec<Vec<WeightEntry>> = self
@@ -233,7 +233,7 @@ impl Hierarchy {
     }
 
     /// Pull rows of the senders: each function's children (points of the next level that it covers) with weights w_k(p_c) that
-    /// sum to one ([L08] §2.1 "Pull-Push Approximation": "the weighted average of function values in its children").
+    /// sum to one (\[L08\] §2.1 "Pull-Push Approximation": "the weighted average of function values in its children").
     #[must_use]
     pub fn pull(&self) -> Weights {
         let levels = self.senders.len();
@@ -376,7 +376,7 @@ impl Hierarchy {
         Weights::from_rows(rows)
     }
 
-    /// The flat basis: all points on one level ([L08] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the basis is as fine
+    /// The flat basis: all points on one level (\[L08\] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the basis is as fine
     /// as its points are dense. Also says how many rays it took.
     #[must_use]
     pub fn flat(&self, geometry: &dyn Geometry, clip: bool) -> (LevelBasis, u64) {

@@ -3,7 +3,7 @@
 use crate::samples::{Point, dist};
 use glam::{Vec3, Vec4};
 
-/// K(t) of [L08] Eq. (9) for t = r / r_j: 2t³ − 3t² + 1 up to 1, then 0.
+/// K(t) of \[L08\] Eq. (9) for t = r / r_j: 2t³ − 3t² + 1 up to 1, then 0.
 #[must_use]
 #[inline]
 pub fn kernel(t: f32) -> f32 {
@@ -14,7 +14,7 @@ pub fn kernel(t: f32) -> f32 {
     }
 }
 
-/// w_j(x, n) of [L08] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the function's clip planes. `planes` is the
+/// w_j(x, n) of \[L08\] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the function's clip planes. `planes` is the
 /// array that `point.planes` points into.
 #[must_use]
 #[inline]

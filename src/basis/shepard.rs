@@ -18,7 +18,7 @@ pub struct LevelBasis {
     pub grid: HashedGrid,
 }
 
-/// The box around the support of a function: an ellipsoid squashed along its normal ([L08] Eq. (10)).
+/// The box around the support of a function: an ellipsoid squashed along its normal (\[L08\] Eq. (10)).
 #[must_use]
 pub fn support_bounds(point: &Point) -> Bounds {
     // Semi-axes r across and r / (1 + F) along n: half extent along axis k is r · sqrt(1 − n_k² + n_k² / (1 + F)²).
@@ -54,7 +54,7 @@ impl LevelBasis {
         }
     }
 
-    /// Weights w_j(x, n) of all functions that cover the place ([L08] Eq. (8)), not normalised, appended to `out`. Returns their sum.
+    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalised, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         let mut sum = 0.0;
@@ -68,7 +68,7 @@ impl LevelBasis {
         sum
     }
 
-    /// The basis functions B_j(x, n) that are not zero, [L08] Eq. (2): weights that sum to one. Replaces `out`; false, and `out` empty,
+    /// The basis functions B_j(x, n) that are not zero, \[L08\] Eq. (2): weights that sum to one. Replaces `out`; false, and `out` empty,
     /// where no function covers the place.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {

@@ -1,4 +1,4 @@
-//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j ([L08] Eq. (14) with D1's links). The shader gives a row
+//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\] Eq. (14) with D1's links). The shader gives a row
 //! to [`LANES`] threads, each of which sums every [`LANES`]-th link; the sums differ by rounding only.
 
 use super::layout::VectorIrradiance;

@@ -1,5 +1,5 @@
 //! Kernel `bounce`: the senders' radiosity after further reflections. Live: one Jacobi step of f = f⁰ + ρ G f on the finest sender level
-//! (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the coarsest points only ([L08] §3.2; design D2 (a)).
+//! (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the coarsest points only (\[L08\] §3.2; design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::asset::PointSurface;

@@ -1,4 +1,4 @@
-//! Kernel `flatten`: brings all points to one level ([L08] §4.1 "Flattening"), so that the screen needs one basis only. A point without a row of
+//! Kernel `flatten`: brings all points to one level (\[L08\] §4.1 "Flattening"), so that the screen needs one basis only. A point without a row of
 //! its own takes what the coarser functions say there.
 
 use super::layout::VectorIrradiance;
@@ -33,7 +33,7 @@ pub fn averages(
         });
 }
 
-/// Differences: the value of a point is its own difference and those of all coarser functions there ([L08] Eq. (17)). All levels at once, for
+/// Differences: the value of a point is its own difference and those of all coarser functions there (\[L08\] Eq. (17)). All levels at once, for
 /// the differences are not changed. `applied` is zero for inactive points.
 pub fn differences(
     parents: &Weights,

@@ -1,4 +1,4 @@
-//! Kernel `pull`: a sender's coefficient is the mean of the next finer level over its support ([L08] §2.1, the "pull" half of pull-push). One
+//! Kernel `pull`: a sender's coefficient is the mean of the next finer level over its support (\[L08\] §2.1, the "pull" half of pull-push). One
 //! dispatch a level, fine to coarse.
 
 use crate::basis::Weights;

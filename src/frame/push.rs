@@ -1,4 +1,4 @@
-//! Kernel `push`: from averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser levels ([L08] Eq. (7)). One dispatch a level, coarse to
+//! Kernel `push`: from averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser levels (\[L08\] Eq. (7)). One dispatch a level, coarse to
 //! fine. Only operators in the form of differences need it.
 
 use crate::basis::Weights;

@@ -1,4 +1,4 @@
-//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of [L08] §4.1, with the
+//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of \[L08\] §4.1, with the
 //! Shepard quotient of Eq. (3) over the weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
 
 use super::gbuffer;

@@ -9,7 +9,7 @@ use glam::Vec3;
 pub struct Point {
     /// Position, metres.
     pub position: [f32; 3],
-    /// Radius r of the support of its basis function, metres ([L08] Eq. (9)).
+    /// Radius r of the support of its basis function, metres (\[L08\] Eq. (9)).
     pub radius: f32,
     /// Unit normal.
     pub normal: [f32; 3],

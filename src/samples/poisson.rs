@@ -21,7 +21,7 @@ const MOST_PARTICLES: u64 = 1 << 18;
 pub struct DiskSettings {
     /// Disk radius R, metres.
     pub radius: f32,
-    /// Reject candidates whose openness is below R / 6 ([L08] §2.3).
+    /// Reject candidates whose openness is below R / 6 (\[L08\] §2.3).
     pub open_only: bool,
     /// Most points the level may have.
     pub most: usize,
@@ -150,7 +150,7 @@ pub fn fill_level(geometry: &dyn Geometry, viewpoints: &[Vec3], settings: &DiskS
     out
 }
 
-/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under [L08] Eq. (11), `most` at most.
+/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under \[L08\] Eq. (11), `most` at most.
 #[must_use]
 pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<Candidate> {
     let mut points: Vec<Candidate> = Vec::new();

@@ -10,7 +10,7 @@
 //! independent and cancels in the mean, so that noise does not make links (design D4). A small share of the plain variation of a over the
 //! group (as for a light that differs by one between siblings) guards against lights unlike the training lights.
 //!
-//! [L08]'s rule drops links below a fixed ε instead and is kept as the baseline, see [`super::l08`].
+//! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see [`super::l08`].
 
 use super::gather::Gathered;
 use super::refine::{SIGNALS, Signals};

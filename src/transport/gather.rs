@@ -16,7 +16,7 @@ use glam::{Vec2, Vec3, Vec3A};
 pub enum Deposit {
     /// The finest that covers the hit: the rows keep their mass.
     Finest,
-    /// Every level, as [L08] Eq. (16) has it.
+    /// Every level, as \[L08\] Eq. (16) has it.
     All,
 }
 

@@ -1,6 +1,6 @@
-//! Rule `l08`: the adaptive refinement of [L08] Figure 5 as published, the baseline that rule `bounded` is measured against.
+//! Rule `l08`: the adaptive refinement of \[L08\] Figure 5 as published, the baseline that rule `bounded` is measured against.
 //!
-//! Links are differences on both sides: senders carry differences to coarser levels ([L08] Eq. (7)), receivers encode what their parents do not
+//! Links are differences on both sides: senders carry differences to coarser levels (\[L08\] Eq. (7)), receivers encode what their parents do not
 //! already say (Eq. (17)). A link to a coarsest sender is kept when its magnitude exceeds ε; one to a finer sender when also its
 //! variation among the sender's neighbours does; a receiver's children are looked at when any of its links was kept.
 //!
@@ -14,7 +14,7 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Same-level functions that cover each sender's point: the neighbours of [L08] §2.1 ("B_i(p_n) ≠ 0"), both ways.
+/// Same-level functions that cover each sender's point: the neighbours of \[L08\] §2.1 ("B_i(p_n) ≠ 0"), both ways.
 #[must_use]
 pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
     let count = hierarchy.level_starts[sender_levels] as usize;
@@ -38,7 +38,7 @@ pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> 
 /// Row, sky, uncovered part, row sum, and the time of gathering and of deciding.
 type Gathered1 = (RawRow, Vec3A, f32, f32, [Duration; 2]);
 
-/// The rows of [L08] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
+/// The rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
 pub fn refine_l08(
     scene: &GatherScene<'_>,
     parents: &Weights,

@@ -69,7 +69,7 @@ pub enum SenderForm {
     /// Radiosity averaged over the sender's support, the pulled values f_j; rows stand alone and keep their mass
     /// (rule `bounded`). An inactive point takes the weighted mean of its parents one level up.
     Averages,
-    /// Differences to the coarser levels, α_j of [L08] Eq. (7); rows are differences too, Eq. (17) (rule `l08`).
+    /// Differences to the coarser levels, α_j of \[L08\] Eq. (7); rows are differences too, Eq. (17) (rule `l08`).
     Differences,
 }
 
@@ -95,8 +95,8 @@ pub struct BounceLink {
     pub sender: u32,
 }
 
-/// The baked second and later bounces, S = T + T² + … ([L08] Eq. (15)) without its first and last gather: from the
-/// senders' direct radiosity to the further radiosity of the coarsest points ([L08] §3.2: "using only the coarsest
+/// The baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last gather: from the
+/// senders' direct radiosity to the further radiosity of the coarsest points (\[L08\] §3.2: "using only the coarsest
 /// functions as receivers").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BounceOperator {
