@@ -22,7 +22,7 @@ const PATCHES: u32 = 64;
 /// Diffuse reflections of a frame; the reference has all.
 const BOUNCES: u32 = 12;
 /// Paths of the reference for each of the samples of a pixel, in two halves that know nothing of each other.
-const PATHS: u32 = 64;
+const PATHS: u32 = 40;
 
 #[derive(clap::Args)]
 pub struct Args {
