@@ -13,7 +13,7 @@
 //! | Space | indirect light on and off |
 //! | Tab | one view, or direct light alone beside both |
 //! | V | the picture, indirect light alone, or irradiance |
-//! | G | the points of the bake, then the non-zero coefficients, then none |
+//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 
 mod common;
 
@@ -22,7 +22,7 @@ use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
 use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{
-    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiGizmos, MeshlessGiStatus, MeshlessGiView,
+    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiStatus, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
@@ -78,6 +78,8 @@ fn setup(
             color: Color::linear_rgb(1.0, 0.95, 0.85),
             intensity: 60_000.0,
             shadow_maps_enabled: true,
+            // The lamp may come close to a wall; what is nearer than this would cast no shadow.
+            shadow_map_near_z: 0.01,
             ..default()
         },
         Transform::from_xyz(0.0, 1.6, 0.0),
@@ -179,13 +181,7 @@ fn switch(
         side_by_side.0 = !side_by_side.0;
     }
     if keys.just_pressed(KeyCode::KeyG) {
-        let (config, group) = gizmos.config_mut::<MeshlessGiGizmos>();
-        (config.enabled, group.points, group.coefficients) =
-            match (config.enabled, group.coefficients) {
-                (false, _) => (true, true, false),
-                (true, false) => (true, false, true),
-                (true, true) => (false, true, false),
-            };
+        common::next_gizmos(&mut gizmos);
     }
 }
 
@@ -216,6 +212,7 @@ fn tell(
     failed: Query<&MeshlessGiBakeFailed>,
     cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
     status: Res<MeshlessGiStatus>,
+    side_by_side: Res<SideBySide>,
 ) {
     let state = if let Some(bake) = under_way.iter().next() {
         let (stage, done) = bake.progress();
@@ -231,8 +228,13 @@ fn tell(
             counters.projected_slots
         )
     };
+    let halves = if side_by_side.0 {
+        "\nleft: direct light alone; right: with indirect light"
+    } else {
+        ""
+    };
     let text = format!(
-        "{state}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    Tab: side by side    V: view    G: points"
+        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light\nTab: side by side    V: view    G: points"
     );
     if help.0 != text {
         help.0 = text;

@@ -12,15 +12,15 @@
 //! | L | the lamp on and off |
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
-//! | G | the points of the bake |
+//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+
+mod common;
 
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::input::mouse::AccumulatedMouseMotion;
 use bevy::prelude::*;
 use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{
-    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked, MeshlessGiGizmos,
-};
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Geometry, TriangleMesh, load_gltf};
 use std::path::{Path, PathBuf};
@@ -131,6 +131,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
             intensity: 800.0 * (0.05 * size).powi(2).max(1.0) * 40.0,
             range: 2.0 * size,
             shadow_maps_enabled: true,
+            shadow_map_near_z: 1e-3 * size,
             ..default()
         },
         Transform::from_translation(bounds.center()),
@@ -243,8 +244,7 @@ fn switch(
         camera.enabled = !camera.enabled;
     }
     if keys.just_pressed(KeyCode::KeyG) {
-        let (config, _) = gizmos.config_mut::<MeshlessGiGizmos>();
-        config.enabled = !config.enabled;
+        common::next_gizmos(&mut gizmos);
     }
 }
 

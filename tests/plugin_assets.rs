@@ -15,10 +15,11 @@ use bevy_meshless_gi::plugin::{
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, TriangleMesh};
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
-use plugin_support::glb::glb;
+use plugin_support::glb::{glb, gltf};
 use plugin_support::scenes::{Room, cornell};
 use std::path::Path;
 use std::process::Command;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// An app without renderer and window.
@@ -56,7 +57,12 @@ fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
     let file = folder.path().join("room.mgi");
     let (room, bake) = cornell();
     std::fs::write(&file, bake.to_bytes().unwrap()).unwrap();
-    let mut app = bare_app(folder.path());
+    let (mut app, told) = warnings(|| bare_app(folder.path()));
+    assert_eq!(told.len(), 1, "one warning: {told:?}");
+    assert!(
+        told[0].contains("no renderer") && told[0].contains("stays off"),
+        "{told:?}"
+    );
     let handle: Handle<MeshlessGiAsset> = app.world().resource::<AssetServer>().load("room.mgi");
     app.world_mut().spawn(MeshlessGi(handle.clone()));
     let loaded = |app: &mut App| {
@@ -119,7 +125,13 @@ fn a_device_that_lacks_what_we_need_gets_a_picture_and_no_indirect_light() {
     });
     app.add_plugins((plugins, MeshlessGiPlugin::default()));
     app.insert_resource(GlobalAmbientLight::NONE);
-    ready(&mut app);
+    let ((), told) = warnings(|| ready(&mut app));
+    assert_eq!(told.len(), 1, "one warning: {told:?}");
+    assert!(
+        told[0].contains("stays off, because")
+            && told[0].contains("maxStorageTexturesPerShaderStage"),
+        "{told:?}"
+    );
     let (room, bake) = cornell();
     let asset = app
         .world_mut()
@@ -138,11 +150,12 @@ fn a_device_that_lacks_what_we_need_gets_a_picture_and_no_indirect_light() {
         },
         Transform::from_xyz(0.0, 1.5, 0.3),
     ));
-    run(&mut app, 3);
-    assert!(
-        picture(&mut app, &image).mean() > 0.01,
-        "the rest of the app draws"
-    );
+    let (mean, told) = warnings(|| {
+        run(&mut app, 3);
+        picture(&mut app, &image).mean()
+    });
+    assert!(mean > 0.01, "the rest of the app draws");
+    assert!(told.is_empty(), "it is not told again: {told:?}");
     assert_eq!(
         app.world().resource::<MeshlessGiStatus>().get().frame,
         0,
@@ -237,6 +250,32 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
         assert!(app.world().get::<MeshlessGi>(entity).is_none());
     }
 
+    // Bevy's pools stay free, for its pipelines for instance, however small they are.
+    let pool = bevy::tasks::AsyncComputeTaskPool::get();
+    let slow = Recipe {
+        rays: Some(60_000),
+        preset: Preset::High,
+        ..Recipe::default()
+    };
+    let many: Vec<Entity> = (0..pool.thread_num())
+        .map(|_| {
+            let bake = MeshlessGiBake::spawn(level(&room), slow.clone());
+            app.world_mut().spawn(bake).id()
+        })
+        .collect();
+    app.update();
+    let begun = Instant::now();
+    assert_eq!(bevy::tasks::block_on(pool.spawn(async { 7 })), 7);
+    assert!(begun.elapsed() < Duration::from_secs(5));
+    app.update();
+    for baking in many {
+        assert!(
+            app.world().get::<MeshlessGiBake>(baking).is_some(),
+            "still under way"
+        );
+        app.world_mut().despawn(baking);
+    }
+
     // A bake that would take minutes stops when its entity goes.
     let long = Recipe {
         rays: Some(60_000),
@@ -273,6 +312,55 @@ fn process_here() {
         Err(AssetBuildError::Failed(failed)) => println!("FAILED {failed:?}"),
         Err(why) => panic!("{why}"),
     }
+}
+
+/// What the plugin warns of while `work` runs on this thread.
+fn warnings<T>(work: impl FnOnce() -> T) -> (T, Vec<String>) {
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let subscriber = Warnings(told.clone());
+    let value = bevy::log::tracing::subscriber::with_default(subscriber, work);
+    let told = told.lock().unwrap().clone();
+    (value, told)
+}
+
+/// Keeps the plugin's warnings and errors.
+struct Warnings(Arc<Mutex<Vec<String>>>);
+
+impl bevy::log::tracing::Subscriber for Warnings {
+    fn enabled(&self, metadata: &bevy::log::tracing::Metadata<'_>) -> bool {
+        metadata.target().starts_with("bevy_meshless_gi")
+            && *metadata.level() <= bevy::log::Level::WARN
+    }
+    fn new_span(
+        &self,
+        _: &bevy::log::tracing::span::Attributes<'_>,
+    ) -> bevy::log::tracing::span::Id {
+        bevy::log::tracing::span::Id::from_u64(1)
+    }
+    fn record(&self, _: &bevy::log::tracing::span::Id, _: &bevy::log::tracing::span::Record<'_>) {}
+    fn record_follows_from(
+        &self,
+        _: &bevy::log::tracing::span::Id,
+        _: &bevy::log::tracing::span::Id,
+    ) {
+    }
+    fn event(&self, event: &bevy::log::tracing::Event<'_>) {
+        struct Message<'a>(&'a mut Vec<String>);
+        impl bevy::log::tracing::field::Visit for Message<'_> {
+            fn record_debug(
+                &mut self,
+                field: &bevy::log::tracing::field::Field,
+                value: &dyn std::fmt::Debug,
+            ) {
+                if field.name() == "message" {
+                    self.0.push(format!("{value:?}"));
+                }
+            }
+        }
+        event.record(&mut Message(&mut self.0.lock().unwrap()));
+    }
+    fn enter(&self, _: &bevy::log::tracing::span::Id) {}
+    fn exit(&self, _: &bevy::log::tracing::span::Id) {}
 }
 
 /// Prints errors and what the plugin tells: a log in a few lines.
@@ -361,6 +449,31 @@ fn the_asset_processor_bakes_recipes() {
     std::fs::write(levels.join("room.glb"), glb(&room.recoloured(|c| 0.5 * c))).unwrap();
     assert_eq!(process(root.path()).matches("LOG baked").count(), 1);
     assert_ne!(load(&output).info.fingerprint, first.info.fingerprint);
+
+    // So do the recipe, and a file that a level names.
+    let finer = recipe.replace("rays: 64", "rays: 96");
+    std::fs::write(levels.join("room.gi.ron"), &finer).unwrap();
+    let text = process(root.path());
+    assert_eq!(text.matches("LOG baked").count(), 1, "{text}");
+    assert!(load(&output).info.recipe.contains("rays:96"));
+    std::fs::write(levels.join("room.gi.ron"), recipe).unwrap();
+    let (json, binary) = gltf(&room, "parts.bin");
+    std::fs::write(levels.join("parts.gltf"), json).unwrap();
+    std::fs::write(levels.join("parts.bin"), &binary).unwrap();
+    let of_parts = recipe.replace("room.glb", "parts.gltf");
+    std::fs::write(levels.join("parts.gi.ron"), of_parts).unwrap();
+    assert_eq!(process(root.path()).matches("LOG baked").count(), 2);
+    let parts = root
+        .path()
+        .join("imported_assets/Default/levels/parts.gi.ron");
+    let before = load(&parts);
+    assert_eq!(process(root.path()).matches("LOG baked").count(), 0);
+    let mut smaller = room.clone();
+    smaller.0.truncate(5);
+    smaller.0.extend([smaller.0[4]; 5]);
+    std::fs::write(levels.join("parts.bin"), gltf(&smaller, "parts.bin").1).unwrap();
+    assert_eq!(process(root.path()).matches("LOG baked").count(), 1);
+    assert_ne!(load(&parts).info.fingerprint, before.info.fingerprint);
 
     // The app that ships loads what was baked, by the recipe's name.
     let mut app = App::new();

@@ -3,113 +3,21 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiCoefficients, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
-    MeshlessGiGizmos, MeshlessGiStatus, MeshlessGiView,
+    MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
+use plugin_support::stage::{
+    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
+    view, work,
+};
 use std::f32::consts::PI;
-
-/// The largest mean FLIP between the plugin's frame and the CPU's.
-const MOST: f32 = 0.02;
-
-/// Candela of the test's lamps.
-const CANDELA: f32 = 1500.0;
-
-/// From the front; not quite from the middle, where the edges of the room would pass through centres of pixels and be a matter of rounding.
-fn view() -> Transform {
-    Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
-}
-
-fn bevy_lamp() -> PointLight {
-    PointLight {
-        intensity: CANDELA * 4.0 * PI,
-        range: 20.0,
-        ..default()
-    }
-}
-
-fn lamp(position: Vec3) -> Light {
-    Light::Point {
-        position,
-        intensity: Vec3::splat(CANDELA),
-        range: 20.0,
-    }
-}
-
-/// Shows indirect light alone.
-fn indirect() -> MeshlessGiCamera {
-    MeshlessGiCamera {
-        view: MeshlessGiView::Indirect,
-        ..default()
-    }
-}
-
-/// What the plugin simulates by default.
-fn settings() -> FrameSettings {
-    FrameSettings {
-        emission: 998.0,
-        ..FrameSettings::bounces(4)
-    }
-}
-
-/// A room with its bake on one root.
-fn spawn_room(app: &mut App, root: Transform) -> Entity {
-    let (room, bake) = cornell();
-    let asset = app
-        .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
-    room.spawn(app, root);
-    root
-}
-
-fn counters(app: &App) -> MeshlessGiCounters {
-    app.world().resource::<MeshlessGiStatus>().get()
-}
-
-/// Writes a picture where `MGI_TEST_PICTURES` names a folder.
-fn keep(name: &str, picture: &Picture) {
-    if let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") {
-        picture.save(&std::path::Path::new(&folder).join(format!("{name}.png")));
-    }
-}
-
-#[track_caller]
-fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
-    keep(name, &reference.beside(test));
-    assert!(
-        reference.mean() > 0.003,
-        "{name}: the CPU's picture is dark ({})",
-        reference.mean()
-    );
-    let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
-    println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
-    assert!(
-        d <= MOST && nrmse <= 0.03,
-        "{name}: FLIP {d}, NRMSE {nrmse}"
-    );
-    // The test can fail: a picture upside down does, and one half as bright again.
-    let mut turned = test.clone();
-    turned.pixels.reverse();
-    assert!(
-        flip(reference, &turned) > MOST,
-        "{name}: a picture upside down is not told apart"
-    );
-    let mut brighter = test.clone();
-    brighter.pixels.iter_mut().flatten().for_each(|v| *v *= 1.5);
-    assert!(
-        flip(reference, &brighter) > MOST,
-        "{name}: a brighter picture is not told apart"
-    );
-}
 
 #[test]
 fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
@@ -278,17 +186,6 @@ fn eight_lamps(app: &mut App) -> Vec<Entity> {
                 .id()
         })
         .collect()
-}
-
-/// What a frame's counters say of the stages that lights at rest must not run.
-fn work(c: &MeshlessGiCounters) -> [u32; 4] {
-    [
-        Stage::Project,
-        Stage::PullPush,
-        Stage::Apply,
-        Stage::Flatten,
-    ]
-    .map(|s| c.dispatches_of(s))
 }
 
 #[test]

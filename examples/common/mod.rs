@@ -1,9 +1,26 @@
-//! What the examples share: the built-in Cornell box as Bevy's meshes.
+//! What the examples share: the built-in Cornell box as Bevy's meshes, and what the gizmos' key does.
+#![allow(dead_code, reason = "each example uses its part")]
 
 use bevy::asset::RenderAssetUsages;
+use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
+use bevy_meshless_gi::plugin::MeshlessGiGizmos;
 use bevy_meshless_gi::scene::Quad;
+
+/// Draws the next of: the points, the radii of a level, the non-zero coefficients, nothing.
+pub fn next_gizmos(store: &mut GizmoConfigStore) {
+    let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+    let next = match (config.enabled, group.points, group.radii) {
+        (false, ..) => 0,
+        (true, true, _) => 1,
+        (true, false, true) => 2,
+        (true, false, false) => 3,
+    };
+    config.enabled = next < 3;
+    (group.points, group.radii, group.coefficients) = (next == 0, next == 1, next == 2);
+    group.level = group.radii.then_some(1);
+}
 
 /// Spawns the surfaces as children of `root`, rough and without reflections.
 pub fn spawn_quads(

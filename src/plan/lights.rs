@@ -32,6 +32,15 @@ pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
         && like(a.spot_offset, b.spot_offset)
 }
 
+/// True when a transport computed with colour `a` serves colour `b`: alike within 1e-5 of the larger one, channel by channel. A scene
+/// root that turns together with its lights gives that much rounding.
+#[must_use]
+pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
+    a.iter()
+        .zip(b)
+        .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
+}
+
 /// False when no light of `light` can arrive in the box: it ends before.
 #[must_use]
 pub fn reaches(light: &FrameLight, bounds: Bounds) -> bool {
@@ -66,18 +75,31 @@ pub struct Slots {
     pub stale: bool,
 }
 
-/// The slots of one scene.
-#[derive(Clone, Debug, Default)]
-pub struct SlotTable {
+/// The slots of one scene. `K` is what the caller knows a light by.
+#[derive(Clone, Debug)]
+pub struct SlotTable<K = u64> {
     /// First come, first slot; a freed slot is taken again.
     slots: Vec<Option<Slot>>,
     /// The colours that the device's transport was computed with, slot by slot.
     applied: Vec<[f32; 3]>,
     /// The slots of each light, by the caller's key.
-    owners: BTreeMap<u64, Vec<u32>>,
+    owners: BTreeMap<K, Vec<u32>>,
+    /// A slot that the device's transport counted is no longer in the table.
+    lost: bool,
 }
 
-impl SlotTable {
+impl<K> Default for SlotTable<K> {
+    fn default() -> Self {
+        Self {
+            slots: Vec::new(),
+            applied: Vec::new(),
+            owners: BTreeMap::new(),
+            lost: false,
+        }
+    }
+}
+
+impl<K: Copy + Ord> SlotTable<K> {
     /// An empty table.
     #[must_use]
     pub fn new() -> Self {
@@ -96,20 +118,17 @@ impl SlotTable {
         self.slots.is_empty()
     }
 
-    /// Takes the frame's lights, in the bake's local space, and says what changed. Lights are known by their key; a key
-    /// that is missing has gone. A light that is black or does not reach `bounds` keeps its slots and its projection.
+    /// Takes the frame's lights, in the bake's local space, and says what changed. Lights are known by their key, each of which
+    /// comes once; a key that is missing has gone. A light that is black or does not reach `bounds` keeps its slots and its projection.
     /// Moves by less than 1e-5 of the box's diagonal do not count (a scene root that moves together with its lights
     /// gives that much rounding).
-    pub fn update(&mut self, lights: &[(u64, Vec<FrameLight>)], bounds: Bounds) -> Slots {
+    pub fn update(&mut self, lights: &[(K, Vec<FrameLight>)], bounds: Bounds) -> Slots {
         let tolerance = 1e-5 * bounds.size().length();
-        let gone: Vec<u64> = self
+        let here: BTreeMap<K, usize> = lights.iter().map(|(k, s)| (*k, s.len())).collect();
+        let gone: Vec<K> = self
             .owners
             .iter()
-            .filter(|(key, held)| {
-                !lights
-                    .iter()
-                    .any(|(k, s)| k == *key && s.len() == held.len())
-            })
+            .filter(|(key, held)| here.get(*key) != Some(&held.len()))
             .map(|(&key, _)| key)
             .collect();
         for key in gone {
@@ -117,6 +136,8 @@ impl SlotTable {
                 self.slots[slot as usize] = None;
             }
         }
+        let used = self.slots.iter().rposition(Option::is_some);
+        self.slots.truncate(used.map_or(0, |last| last + 1));
         for (key, parts) in lights {
             if !self.owners.contains_key(key) {
                 let taken = parts.iter().map(|&part| self.take(part)).collect();
@@ -132,8 +153,13 @@ impl SlotTable {
                 }
             }
         }
+        self.lost |= self
+            .applied
+            .iter()
+            .skip(self.slots.len())
+            .any(|c| *c != [0.0; 3]);
         self.applied.resize(self.slots.len(), [0.0; 3]);
-        let mut stale = false;
+        let mut stale = self.lost;
         let changes = self
             .slots
             .iter_mut()
@@ -154,7 +180,7 @@ impl SlotTable {
                     }
                 } else if !slot.projected.is_some_and(valid) {
                     SlotChange::Geometry
-                } else if colour != applied {
+                } else if !shines_alike(colour, applied) {
                     SlotChange::Colour
                 } else {
                     SlotChange::None
@@ -183,10 +209,13 @@ impl SlotTable {
             .collect()
     }
 
-    /// The device has projected these slots as they are wanted.
+    /// The device has projected these slots from [`lights`](Self::lights). One that did not ask for it was not given its
+    /// geometry, so nothing is known about its projection.
     pub fn mark_projected(&mut self, slots: &[u32]) {
         for &i in slots {
-            if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut) {
+            if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut)
+                && slot.change == SlotChange::Geometry
+            {
                 slot.projected = Some(slot.wanted);
             }
         }
@@ -195,6 +224,7 @@ impl SlotTable {
     /// The device has run the transport with the wanted colours.
     pub fn mark_applied(&mut self) {
         self.applied = self.lights().iter().map(|l| l.color).collect();
+        self.lost = false;
     }
 
     /// The device holds nothing any more.
@@ -203,6 +233,7 @@ impl SlotTable {
             slot.projected = None;
         }
         self.applied.fill([0.0; 3]);
+        self.lost = false;
     }
 
     fn take(&mut self, part: FrameLight) -> u32 {
@@ -324,6 +355,47 @@ mod tests {
                 .changes,
             [SlotChange::None]
         );
+    }
+
+    #[test]
+    fn a_light_that_was_dark_at_first_is_projected_when_it_shines() {
+        let mut table = SlotTable::new();
+        let dark = table.update(&[(1, lamp(1.0, 0.0)), (2, lamp(2.0, 1.0))], BOX);
+        assert_eq!(dark.changes, [SlotChange::None, SlotChange::Geometry]);
+        // Even where somebody projects all slots: the dark one was not there to be projected.
+        assert_eq!(table.lights()[0], FrameLight::default());
+        table.mark_projected(&[0, 1]);
+        table.mark_applied();
+        let lit = table.update(&[(1, lamp(1.0, 1.0)), (2, lamp(2.0, 1.0))], BOX);
+        assert_eq!(lit.changes, [SlotChange::Geometry, SlotChange::None]);
+    }
+
+    #[test]
+    fn slots_at_the_end_go_with_their_lights() {
+        let all: Vec<(u64, Vec<FrameLight>)> = (0..100).map(|k| (k, lamp(1.0, 1.0))).collect();
+        let mut table = SlotTable::new();
+        let first = table.update(&all, BOX);
+        settle(&mut table, &first.changes);
+        for _ in 0..2 {
+            // Until the transport has run, it is known to be wrong.
+            let fewer = table.update(&all[..3], BOX);
+            assert_eq!((fewer.changes.len(), fewer.stale), (3, true));
+        }
+        table.mark_applied();
+        assert!(!table.update(&all[..3], BOX).stale);
+        let none = table.update(&[], BOX);
+        assert_eq!((none.changes.len(), none.stale), (0, true));
+    }
+
+    #[test]
+    fn rounding_of_a_colour_is_no_change_and_adds_up() {
+        let mut table = SlotTable::new();
+        let first = table.update(&[(1, lamp(1.0, 1.0))], BOX);
+        settle(&mut table, &first.changes);
+        let then = |table: &mut SlotTable, c| table.update(&[(1, lamp(1.0, c))], BOX).changes;
+        assert_eq!(then(&mut table, 1.000_005), [SlotChange::None]);
+        assert_eq!(then(&mut table, 1.000_02), [SlotChange::Colour]);
+        assert_eq!(then(&mut table, 0.0), [SlotChange::Colour]);
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! | the frame | what runs |
 //! |---|---|
 //! | no camera asks, or no baked scene is in view, or its asset is not there | nothing: no buffer, no pipeline |
-//! | a scene is in view for the first time, or was baked again | upload, project every lit slot, transport, display |
+//! | a scene is in view for the first time, or was baked again | upload, project every slot that shines, transport, display |
 //! | one of eight lights moved | its slots are projected, transport, display |
 //! | a light changed its colour, or the sky or the emission changed | transport, display; nothing is projected |
 //! | all lights at rest | display alone |
@@ -22,6 +22,6 @@ mod pass;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};
-pub use lights::{SlotTable, Slots, projects_alike, reaches};
+pub use lights::{SlotTable, Slots, projects_alike, reaches, shines_alike};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use state::{FrameState, SceneId, SceneState, SlotChange, ViewId, ViewState};

@@ -33,7 +33,7 @@ pub struct SceneState {
     pub shown: bool,
     /// Bytes of the largest buffer that the scene needs on the device.
     pub largest_buffer: u64,
-    /// One entry a light slot.
+    /// One entry a light slot. Where the device does not hold the bake, every slot that shines is [`SlotChange::Geometry`].
     pub slots: Vec<SlotChange>,
     /// The sky's radiance, the emission or the number of bounces differ from what the device last computed.
     pub settings_changed: bool,

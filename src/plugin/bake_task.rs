@@ -10,10 +10,11 @@
 //! }
 //! ```
 //!
-//! The bake runs on threads of its own, one less than the machine has, so that the game stays alive. Despawning the entity or
-//! removing the component cancels it.
+//! The bake runs on threads of its own, one less than the machine has, so that the game stays alive; none of Bevy's task pools
+//! waits for it. Despawning the entity or removing the component cancels it.
 
 use super::asset::MeshlessGiAsset;
+use super::background::Background;
 use super::components::MeshlessGi;
 use crate::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
@@ -21,8 +22,6 @@ use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
 use bevy::log::{error, info};
 use bevy::reflect::prelude::*;
-use bevy::tasks::futures::check_ready;
-use bevy::tasks::{AsyncComputeTaskPool, Task, TaskPool};
 use std::sync::Arc;
 
 /// A bake under way. When it is done the entity gets a [`MeshlessGi`] and an event [`MeshlessGiBaked`]; when it fails, a
@@ -30,18 +29,28 @@ use std::sync::Arc;
 #[derive(Component)]
 pub struct MeshlessGiBake {
     progress: Arc<Progress>,
-    task: Task<Result<Baked, BakeLevelError>>,
+    work: Result<Baking, String>,
 }
 
+/// A bake on another thread.
+pub(crate) type Baking = Background<Result<Baked, BakeLevelError>>;
+
 impl MeshlessGiBake {
-    /// Starts a bake of `level` on the `AsyncComputeTaskPool`.
+    /// Starts a bake of `level`.
     #[must_use]
     pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
         let progress = Arc::new(Progress::default());
-        let told = progress.clone();
-        let task = AsyncComputeTaskPool::get_or_init(TaskPool::default)
-            .spawn(async move { bake_level(&level, &recipe, bake_threads(), &told) });
-        Self { progress, task }
+        let work =
+            bake_in_background(level, recipe, progress.clone()).map_err(|why| why.to_string());
+        Self { progress, work }
+    }
+
+    /// The result, once, when it is there.
+    fn take(&mut self) -> Option<Result<Baked, BakeLevelError>> {
+        match &mut self.work {
+            Ok(work) => work.take(),
+            Err(why) => Some(Err(BakeLevelError::Threads(std::mem::take(why)))),
+        }
     }
 
     /// What the bake is doing, and how much of that is done, 0 to 1.
@@ -79,8 +88,19 @@ pub struct MeshlessGiBaked {
 }
 
 /// Threads for a bake beside a running game: one less than the machine has.
-pub(crate) fn bake_threads() -> usize {
+fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
+}
+
+/// Starts [`bake_level`] on a thread of its own.
+pub(crate) fn bake_in_background(
+    level: TriangleMesh,
+    recipe: Recipe,
+    progress: Arc<Progress>,
+) -> std::io::Result<Baking> {
+    Background::spawn("meshless gi bake", move || {
+        bake_level(&level, &recipe, bake_threads(), &progress)
+    })
 }
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
@@ -90,7 +110,7 @@ pub(crate) fn collect_bakes(
     mut assets: ResMut<Assets<MeshlessGiAsset>>,
 ) {
     for (entity, mut under_way) in &mut bakes {
-        let Some(result) = check_ready(&mut under_way.task) else {
+        let Some(result) = under_way.take() else {
             continue;
         };
         let mut commands = commands.entity(entity);

@@ -4,11 +4,16 @@
 //! too bright and flat. Each finding is told once, with what to set.
 
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
-use bevy::camera::Camera;
+use super::extract::draws_gbuffer;
+use bevy::camera::{Camera, Hdr};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::ecs::prelude::*;
-use bevy::light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume};
+use bevy::light::{
+    AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe,
+};
 use bevy::log::warn;
 use bevy::pbr::DefaultOpaqueRendererMethod;
+use bevy::render::view::Msaa;
 
 /// What a check may find. Kept as data so that tests read it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -22,6 +27,10 @@ pub enum MeshlessGiFinding {
     EnvironmentMap,
     /// An `IrradianceVolume` shines beside a baked scene.
     IrradianceVolume,
+    /// A light probe has an `EnvironmentMapLight` with diffuse light.
+    LightProbe,
+    /// A camera has [`MeshlessGiCamera`] but not what that brought: a prepass is gone, or it takes several samples a pixel.
+    NoGbuffer,
     /// Opaque materials are drawn forward, where the composite cannot reach them.
     ForwardMaterials,
 }
@@ -46,6 +55,14 @@ impl MeshlessGiFinding {
             Self::IrradianceVolume => {
                 "An `IrradianceVolume` and a baked scene are both visible: deferred pixels get both. Remove the volume, or set its \
                  `intensity` to 0."
+            }
+            Self::LightProbe => {
+                "A light probe with an `EnvironmentMapLight` and a baked scene are both visible: its diffuse part is added to \
+                 indirect light. Give it a black `diffuse_map` and keep its reflections."
+            }
+            Self::NoGbuffer => {
+                "A camera with `MeshlessGiCamera` shows no indirect light: it must keep the `Hdr`, `DepthPrepass`, `NormalPrepass`, \
+                 `DeferredPrepass` and `Msaa::Off` that the component brings."
             }
             Self::ForwardMaterials => {
                 "`DefaultOpaqueRendererMethod` is forward: only materials with `opaque_render_method: Deferred` receive indirect \
@@ -73,7 +90,15 @@ pub(crate) fn check(
         &MeshlessGiCamera,
         Option<&AmbientLight>,
         Option<&EnvironmentMapLight>,
+        Option<&Msaa>,
+        (
+            Has<Hdr>,
+            Has<DepthPrepass>,
+            Has<NormalPrepass>,
+            Has<DeferredPrepass>,
+        ),
     )>,
+    probes: Query<&EnvironmentMapLight, With<LightProbe>>,
     ambient: Option<Res<GlobalAmbientLight>>,
     volumes: Query<&IrradianceVolume>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
@@ -83,10 +108,14 @@ pub(crate) fn check(
         return;
     }
     let mut found = Vec::new();
-    for (_, _, own, environment) in cameras
+    for (_, _, own, environment, msaa, (hdr, depth, normal, deferred)) in cameras
         .iter()
         .filter(|(c, gi, ..)| c.is_active && gi.enabled)
     {
+        if !draws_gbuffer(hdr, depth, normal, deferred, msaa) {
+            found.push(MeshlessGiFinding::NoGbuffer);
+            continue;
+        }
         // A camera's own ambient light takes the place of the global one.
         match own {
             Some(own) if own.brightness > 0.0 => found.push(MeshlessGiFinding::CameraAmbient),
@@ -97,6 +126,9 @@ pub(crate) fn check(
         }
         if environment.is_some_and(|e| e.intensity > 0.0) {
             found.push(MeshlessGiFinding::EnvironmentMap);
+        }
+        if probes.iter().any(|e| e.intensity > 0.0) {
+            found.push(MeshlessGiFinding::LightProbe);
         }
         if volumes.iter().any(|v| v.intensity > 0.0) {
             found.push(MeshlessGiFinding::IrradianceVolume);

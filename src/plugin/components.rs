@@ -18,6 +18,8 @@ use bevy::transform::components::Transform;
 /// Lights a scene indirectly with a bake. Goes on the scene's root: its [`GlobalTransform`](bevy::transform::components::GlobalTransform)
 /// moves, turns and scales the bake. A scale that is not the same along all axes cannot be followed; its mean is taken,
 /// with one warning.
+///
+/// `RenderLayers` on the root say which cameras show the bake and which lights take part in it; layer 0 without them.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Transform, Visibility, MeshlessGiLighting)]
@@ -55,7 +57,7 @@ impl Default for MeshlessGiLighting {
 #[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off)]
 #[component(on_insert = one_sample_a_pixel)]
 pub struct MeshlessGiCamera {
-    /// Off costs nothing.
+    /// Off runs none of our passes, and what no other camera needs on the device goes. The prepasses stay: they belong to the camera.
     pub enabled: bool,
     /// Multiplies the indirect light. 1 is what physics says.
     pub intensity: f32,

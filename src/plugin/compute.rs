@@ -6,7 +6,7 @@
 use super::components::MeshlessGiLighting;
 use super::composite::ViewRuntime;
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
-use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene};
+use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
@@ -26,13 +26,13 @@ use std::sync::Arc;
 /// A baked scene's instance: its lights' slots, and what the device holds of it.
 pub(crate) struct SceneRuntime {
     pub bake: Arc<BakedScene>,
-    pub slots: SlotTable,
+    pub slots: SlotTable<LightKey>,
     pub frame: Option<GpuFrame>,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
     idle_frames: u32,
-    /// Bytes of a buffer that did not fit the device, from a failed upload.
-    largest_buffer: u64,
+    /// From a failed upload: bytes of a buffer that did not fit the device, and how many slots there were.
+    too_large: Option<(u64, usize)>,
     read_back: Option<CoefficientReadback>,
 }
 
@@ -71,7 +71,12 @@ fn bounds(bake: &BakedScene) -> Bounds {
 
 impl GiRender {
     /// Follows scenes that came, went or were baked again, and describes the frame for the plan.
-    fn observe(&mut self, world: &ExtractedGi, largest_binding: u64) -> FrameState {
+    fn observe(
+        &mut self,
+        world: &ExtractedGi,
+        largest_binding: u64,
+        coefficients: &MeshlessGiCoefficients,
+    ) -> FrameState {
         let mut state = FrameState {
             device_able: true,
             largest_binding,
@@ -84,6 +89,7 @@ impl GiRender {
         for id in gone {
             self.release(id);
             self.scenes.remove(&id);
+            coefficients.forget(id.0);
         }
         for view in &world.views {
             state.views.push(ViewState {
@@ -94,10 +100,11 @@ impl GiRender {
             });
         }
         for scene in &world.scenes {
-            let seen = world
-                .views
-                .iter()
-                .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
+            let seen = scene.shown
+                && world
+                    .views
+                    .iter()
+                    .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
             state
                 .scenes
                 .push(self.observe_scene(scene, &world.lights, seen, world.read_back));
@@ -136,7 +143,7 @@ impl GiRender {
             frame: None,
             solved: None,
             idle_frames: 0,
-            largest_buffer: 0,
+            too_large: None,
             read_back: None,
         });
         runtime.idle_frames = if seen {
@@ -146,8 +153,9 @@ impl GiRender {
         };
         if seen {
             let local_from_world = placement.matrix();
-            let lights: Vec<(u64, Vec<FrameLight>)> = lights
+            let lights: Vec<(LightKey, Vec<FrameLight>)> = lights
                 .iter()
+                .filter(|l| l.layers.intersects(&scene.layers))
                 .map(|l| {
                     let parts = FrameLight::expand(&l.light, l.patches);
                     (
@@ -166,7 +174,11 @@ impl GiRender {
         state.resident = runtime.frame.is_some();
         state.settings_changed = runtime.solved != Some(frame_settings(&scene.lighting));
         state.idle_frames = runtime.idle_frames;
-        state.largest_buffer = runtime.largest_buffer;
+        // Fewer lights need less.
+        runtime.too_large = runtime
+            .too_large
+            .filter(|(_, slots)| runtime.slots.len() >= *slots);
+        state.largest_buffer = runtime.too_large.map_or(0, |(bytes, _)| bytes);
         state
     }
 
@@ -261,12 +273,19 @@ pub(crate) fn compute(
     mut ctx: RenderContext,
 ) {
     let render = &mut *render;
+    if device.is_changed() {
+        // A new device after the loss of one: nothing of the old one is of use.
+        *render = GiRender {
+            frame: render.frame,
+            ..GiRender::default()
+        };
+    }
     render.frame += 1;
     let limits = device.limits();
     let largest = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
-    let state = render.observe(&world, largest);
+    let state = render.observe(&world, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
         render.release(id);
@@ -302,11 +321,15 @@ pub(crate) fn compute(
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_compute");
+    let mut failed = Vec::new();
     for scene in &world.scenes {
         let Some(runtime) = render.scenes.get_mut(&scene.id) else {
             continue;
         };
         let settings = frame_settings(&scene.lighting);
+        if plan.find(Stage::ReadBack, scene.id).is_none() && runtime.read_back.take().is_some() {
+            coefficients.forget(scene.id.0);
+        }
         if let Err(why) = runtime.record(
             scene.id,
             &plan,
@@ -316,14 +339,18 @@ pub(crate) fn compute(
             ctx.command_encoder(),
         ) {
             warn!("a baked scene stays dark: {why}");
-            runtime.frame = None;
-            runtime.largest_buffer = match why {
+            let bytes = match why {
                 GpuError::TooLarge { bytes, .. } => bytes,
                 _ => u64::MAX,
             };
+            runtime.too_large = Some((bytes, runtime.slots.len()));
+            failed.push(scene.id);
         }
     }
     span.end(ctx.command_encoder());
+    for id in failed {
+        render.release(id);
+    }
     render.plan = plan;
 }
 
@@ -359,16 +386,12 @@ impl SceneRuntime {
             self.slots.mark_applied();
             self.solved = Some(*settings);
         }
-        if plan.find(Stage::ReadBack, id).is_some() {
-            if let Some(values) = frame.buffers().output(Pass::Apply) {
-                self.read_back
-                    .get_or_insert_with(|| {
-                        CoefficientReadback::new(kernels.device(), values.size())
-                    })
-                    .copy(encoder, values);
-            }
-        } else {
-            self.read_back = None;
+        if plan.find(Stage::ReadBack, id).is_some()
+            && let Some(values) = frame.buffers().output(Pass::Apply)
+        {
+            self.read_back
+                .get_or_insert_with(|| CoefficientReadback::new(kernels.device(), values.size()))
+                .copy(encoder, values);
         }
         Ok(())
     }

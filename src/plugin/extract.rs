@@ -1,7 +1,8 @@
 //! Reads scenes, cameras and lights out of the main world, once a frame.
 //!
 //! Lights are read from their own components, not from Bevy's extracted lights: those lack every light that no camera
-//! sees. A light that `InheritedVisibility` hides is off. Units follow bevy_pbr: point and spot lights give
+//! sees. A light that `InheritedVisibility` hides is off. A light takes part in a baked scene, and a camera shows one, where their
+//! `RenderLayers` meet those of the scene's root. Units follow bevy_pbr: point and spot lights give
 //! lumens / (4π) in every direction, directional lights their lux, rectangles lumens / (π · area).
 
 use super::asset::MeshlessGiAsset;
@@ -14,7 +15,7 @@ use crate::asset::BakedScene;
 use crate::plan::{SceneId, ViewId};
 use crate::scene::Light;
 use bevy::asset::Assets;
-use bevy::camera::visibility::InheritedVisibility;
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::camera::{Camera, Hdr, primitives::Aabb, primitives::Frustum};
 use bevy::color::{Color, LinearRgba};
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
@@ -37,6 +38,7 @@ pub(crate) struct ExtractedScene {
     pub bake: Option<Arc<BakedScene>>,
     pub placement: Option<Placement>,
     pub shown: bool,
+    pub layers: RenderLayers,
     pub lighting: MeshlessGiLighting,
 }
 
@@ -50,9 +52,23 @@ pub(crate) struct ExtractedGiView {
 
 /// A light of the main world, in world space, and how many patches it is worth.
 pub(crate) struct ExtractedGiLight {
-    pub key: u64,
+    /// The entity, and which of its lights: it may have one of each kind.
+    pub key: LightKey,
+    pub layers: RenderLayers,
     pub light: Light,
     pub patches: u32,
+}
+
+/// What a light is known by.
+pub(crate) type LightKey = (u64, LightKind);
+
+/// Bevy's kinds of lights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum LightKind {
+    Point,
+    Spot,
+    Directional,
+    Rect,
 }
 
 /// All that the frame knows.
@@ -74,6 +90,7 @@ type Scenes<'w, 's> = Query<
         &'static MeshlessGiLighting,
         &'static GlobalTransform,
         &'static InheritedVisibility,
+        Option<&'static RenderLayers>,
     ),
 >;
 
@@ -86,6 +103,7 @@ type Cameras<'w, 's> = Query<
         &'static MeshlessGiCamera,
         &'static Frustum,
         Option<&'static Msaa>,
+        Option<&'static RenderLayers>,
         (
             Has<Hdr>,
             Has<DepthPrepass>,
@@ -101,6 +119,7 @@ pub(crate) struct LightParts {
     entity: Entity,
     transform: &'static GlobalTransform,
     visibility: &'static InheritedVisibility,
+    layers: Option<&'static RenderLayers>,
     gi: Option<&'static MeshlessGiLight>,
 }
 
@@ -133,6 +152,17 @@ fn cone(light: &SpotLight) -> (f32, f32) {
     (light.inner_angle.min(outer), outer)
 }
 
+/// Whether a camera has all that [`MeshlessGiCamera`] brought.
+pub(crate) fn draws_gbuffer(
+    hdr: bool,
+    depth: bool,
+    normal: bool,
+    deferred: bool,
+    msaa: Option<&Msaa>,
+) -> bool {
+    hdr && depth && normal && deferred && msaa.is_none_or(|m| *m == Msaa::Off)
+}
+
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,
@@ -158,7 +188,7 @@ pub(crate) fn extract(
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
-    for (entity, gi, lighting, transform, visibility) in &scenes {
+    for (entity, gi, lighting, transform, visibility, layers) in &scenes {
         let placement = Placement::new(transform);
         if placement.is_some_and(|p| p.distorted) && warned.insert(entity) {
             warn!(
@@ -171,14 +201,21 @@ pub(crate) fn extract(
             bake: assets.get(&gi.0).map(|asset| asset.scene.clone()),
             placement,
             shown: visibility.get(),
+            layers: layers.cloned().unwrap_or_default(),
             lighting: lighting.clone(),
         });
     }
-    for (entity, camera, settings, frustum, msaa, (hdr, depth, normal, deferred)) in &cameras {
+    for (entity, camera, settings, frustum, msaa, layers, (hdr, depth, normal, deferred)) in
+        &cameras
+    {
         if !camera.is_active {
             continue;
         }
+        let layers = layers.cloned().unwrap_or_default();
         let sees = |scene: &&ExtractedScene| {
+            if !layers.intersects(&scene.layers) {
+                return false;
+            }
             let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
                 return false;
             };
@@ -193,7 +230,7 @@ pub(crate) fn extract(
         let view = ExtractedGiView {
             id: ViewId(entity.to_bits()),
             settings: settings.clone(),
-            has_gbuffer: hdr && depth && normal && deferred && msaa.is_none_or(|m| *m == Msaa::Off),
+            has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
         };
         out.views.push(view);
@@ -202,9 +239,10 @@ pub(crate) fn extract(
     if out.scenes.is_empty() || out.views.is_empty() {
         return;
     }
-    let mut push = |parts: &LightPartsItem, light| {
+    let mut push = |parts: &LightPartsItem, kind, light| {
         out.lights.push(ExtractedGiLight {
-            key: parts.entity.to_bits(),
+            key: (parts.entity.to_bits(), kind),
+            layers: parts.layers.cloned().unwrap_or_default(),
             light,
             patches: parts
                 .gi
@@ -217,6 +255,7 @@ pub(crate) fn extract(
         let intensity = rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI));
         push(
             &parts,
+            LightKind::Point,
             Light::Point {
                 position: parts.transform.translation(),
                 intensity,
@@ -228,6 +267,7 @@ pub(crate) fn extract(
         let (inner, outer) = cone(light);
         push(
             &parts,
+            LightKind::Spot,
             Light::Spot {
                 position: parts.transform.translation(),
                 direction: parts.transform.forward().as_vec3(),
@@ -241,6 +281,7 @@ pub(crate) fn extract(
     for (parts, light) in &directionals {
         push(
             &parts,
+            LightKind::Directional,
             Light::Directional {
                 direction: parts.transform.forward().as_vec3(),
                 irradiance: rgb(light.color) * (parts.factor() * light.illuminance),
@@ -258,6 +299,7 @@ pub(crate) fn extract(
         if area > 0.0 {
             push(
                 &parts,
+                LightKind::Rect,
                 Light::Rect {
                     center: parts.transform.translation(),
                     u: u.into(),

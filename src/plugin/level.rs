@@ -12,10 +12,10 @@
 //! would hang Bevy's asset processor for ever.
 
 use super::asset::MeshlessGiAsset;
-use super::bake_task::bake_threads;
+use super::bake_task::bake_in_background;
 use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
 use crate::asset::AssetError;
-use crate::bake::{BakeLevelError, Progress, Recipe, RecipeError, bake_level};
+use crate::bake::{BakeLevelError, Progress, Recipe, RecipeError};
 use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes};
 use bevy::asset::io::{Reader, Writer};
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
@@ -23,9 +23,9 @@ use bevy::asset::{AssetLoader, AssetPath, LoadContext, ParseAssetPathError, Read
 use bevy::log::info;
 use bevy::reflect::TypePath;
 use bevy::tasks::futures_lite::AsyncWriteExt;
-use bevy::tasks::{AsyncComputeTaskPool, TaskPool};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Changes whenever equal input may bake to other bytes. Part of the processor's settings, so that Bevy bakes again.
 pub const BAKE_VERSION: u32 = 1;
@@ -116,14 +116,15 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
         let level = read_level(&scene, context).await?;
         info!("baking `{}` ({} triangles)", scene, level.len());
-        // The thread that loads assets must stay free: a bake takes seconds to minutes.
-        let baked = AsyncComputeTaskPool::get_or_init(TaskPool::default)
-            .spawn(async move { bake_level(&level, &recipe, bake_threads(), &Progress::default()) })
-            .await
-            .map_err(|why| RecipeLoadError::Bake {
-                path: scene.clone(),
-                why,
-            })?;
+        // The threads that load assets and compile shaders must stay free: a bake takes seconds to minutes.
+        let failed = |why| RecipeLoadError::Bake {
+            path: scene.clone(),
+            why,
+        };
+        let cancel = CancelOnDrop(Arc::new(Progress::default()));
+        let work = bake_in_background(level, recipe, cancel.0.clone())
+            .map_err(|why| failed(BakeLevelError::Threads(why.to_string())))?;
+        let baked = work.await.map_err(failed)?;
         info!(
             "baked `{scene}` in {:.1} s: {} points, {} links, estimated error {:.1} %",
             baked.stats.seconds.total,
@@ -136,6 +137,15 @@ impl AssetLoader for MeshlessGiRecipeLoader {
 
     fn extensions(&self) -> &[&str] {
         &["gi.ron"]
+    }
+}
+
+/// Stops the bake of a load that nobody waits for any more.
+struct CancelOnDrop(Arc<Progress>);
+
+impl Drop for CancelOnDrop {
+    fn drop(&mut self) {
+        self.0.cancel();
     }
 }
 

@@ -40,9 +40,10 @@
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
 //!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light.
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
-//! - Where two baked scenes overlap, a surface that both cover gets both.
+//! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
+mod background;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_step;

@@ -77,10 +77,16 @@ pub fn run(app: &mut App, frames: usize) {
 
 /// What a camera of the test draws to: halves, without tonemapping, so that pixels are scene-linear.
 pub fn target(app: &mut App) -> Handle<Image> {
+    let image = drawable(WIDTH, HEIGHT);
+    app.world_mut().resource_mut::<Assets<Image>>().add(image)
+}
+
+/// An image that a camera can draw to and a test can read; a multiple of 32 wide.
+pub fn drawable(width: u32, height: u32) -> Image {
     let mut image = Image::new_uninit(
         Extent3d {
-            width: WIDTH,
-            height: HEIGHT,
+            width,
+            height,
             depth_or_array_layers: 1,
         },
         TextureDimension::D2,
@@ -89,7 +95,7 @@ pub fn target(app: &mut App) -> Handle<Image> {
     );
     image.texture_descriptor.usage =
         TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
-    app.world_mut().resource_mut::<Assets<Image>>().add(image)
+    image
 }
 
 /// A camera without tonemapping that clears to black.
@@ -132,10 +138,14 @@ pub fn picture(app: &mut App, target: &Handle<Image>) -> Picture {
         .take()
         .expect("the picture arrives; a validation error stops the renderer");
     let half = |at: usize| f16::from_le_bytes([bytes[at], bytes[at + 1]]).to_f32();
+    let images = app.world().resource::<Assets<Image>>();
+    let size = images.get(target).expect("the target is there").size();
+    let (width, height) = (size.x as usize, size.y as usize);
+    assert_eq!(bytes.len(), 8 * width * height, "rows without padding");
     Picture {
-        width: WIDTH as usize,
-        height: HEIGHT as usize,
-        pixels: (0..(WIDTH * HEIGHT) as usize)
+        width,
+        height,
+        pixels: (0..width * height)
             .map(|i| [half(8 * i), half(8 * i + 2), half(8 * i + 4)])
             .collect(),
     }

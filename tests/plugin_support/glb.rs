@@ -2,8 +2,13 @@
 
 use super::scenes::Room;
 
-/// Binary glTF of the room: one mesh, one primitive and material a surface.
-pub fn glb(room: &Room) -> Vec<u8> {
+/// The room as JSON that names its buffer `uri`, and the buffer.
+pub fn gltf(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
+    document(room, &format!(r#","uri":"{uri}""#))
+}
+
+/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer.
+fn document(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
     let mut binary: Vec<u8> = Vec::new();
     let mut views = Vec::new();
     let mut accessors = Vec::new();
@@ -54,8 +59,8 @@ pub fn glb(room: &Room) -> Vec<u8> {
             r#"{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":0}}}}"#
         ));
     }
-    let mut json = format!(
-        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"buffers":[{{"byteLength":{}}}],"bufferViews":[{}],"accessors":[{}],"materials":[{}],"meshes":[{{"primitives":[{}]}}]}}"#,
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"buffers":[{{"byteLength":{}{uri}}}],"bufferViews":[{}],"accessors":[{}],"materials":[{}],"meshes":[{{"primitives":[{}]}}]}}"#,
         binary.len(),
         views.join(","),
         accessors.join(","),
@@ -63,6 +68,12 @@ pub fn glb(room: &Room) -> Vec<u8> {
         primitives.join(",")
     )
     .into_bytes();
+    (json, binary)
+}
+
+/// Binary glTF of the room.
+pub fn glb(room: &Room) -> Vec<u8> {
+    let (mut json, mut binary) = document(room, "");
     json.resize(json.len().next_multiple_of(4), b' ');
     binary.resize(binary.len().next_multiple_of(4), 0);
     let mut out = Vec::new();

@@ -5,3 +5,4 @@ pub mod app;
 pub mod flip;
 pub mod glb;
 pub mod scenes;
+pub mod stage;

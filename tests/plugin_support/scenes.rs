@@ -280,7 +280,23 @@ pub fn cpu_indirect_sized(
     camera: Transform,
     lights: &[Light],
     settings: &FrameSettings,
+    size: [u32; 2],
+) -> Picture {
+    let plain = |_: &Quad, surface: Surface| surface;
+    cpu_indirect_textured(room, bake, root, camera, lights, settings, size, plain)
+}
+
+/// As [`cpu_indirect_sized`], with surfaces that textures have changed.
+#[expect(clippy::too_many_arguments, reason = "all of them matter")]
+pub fn cpu_indirect_textured(
+    room: &Room,
+    bake: &BakedScene,
+    root: Transform,
+    camera: Transform,
+    lights: &[Light],
+    settings: &FrameSettings,
     [wide, high]: [u32; 2],
+    textured: impl Fn(&Quad, Surface) -> Surface,
 ) -> Picture {
     let local_from_world = root.to_matrix().inverse();
     let lights: Vec<FrameLight> = lights
@@ -314,7 +330,7 @@ pub fn cpu_indirect_sized(
         let Some(hit) = seen.cast(&ray) else {
             return [0.0; 3];
         };
-        let surface = seen.surface(&ray, &hit);
+        let surface = textured(&seen.0[hit.primitive as usize], seen.surface(&ray, &hit));
         let e = frame
             .irradiance(bake, surface.position, surface.normal)
             .unwrap_or(Vec3::ZERO);

@@ -1,0 +1,89 @@
+//! Work on a thread of its own, awaited from anywhere.
+//!
+//! Bevy's task pools have one thread each on small machines, and Bevy itself needs them all the time: the
+//! `AsyncComputeTaskPool` compiles pipelines. A bake of seconds to minutes on it would leave the window empty until the end.
+
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Waker};
+
+/// What the thread leaves behind.
+enum State<T> {
+    Running(Option<Waker>),
+    Done(T),
+    Taken,
+}
+
+/// The result of work on another thread: a future. Dropping it does not stop the work.
+pub(crate) struct Background<T>(Arc<Mutex<State<T>>>);
+
+impl<T: Send + 'static> Background<T> {
+    /// Runs `work`, which must not panic, on a new thread called `name`.
+    ///
+    /// # Errors
+    /// What the system says when it gives no thread.
+    pub fn spawn(name: &str, work: impl FnOnce() -> T + Send + 'static) -> std::io::Result<Self> {
+        let state = Arc::new(Mutex::new(State::Running(None)));
+        let to = state.clone();
+        std::thread::Builder::new()
+            .name(name.into())
+            .spawn(move || {
+                let done = State::Done(work());
+                let before = std::mem::replace(
+                    &mut *to.lock().unwrap_or_else(PoisonError::into_inner),
+                    done,
+                );
+                if let State::Running(Some(waker)) = before {
+                    waker.wake();
+                }
+            })?;
+        Ok(Self(state))
+    }
+
+    /// The result, once, as soon as it is there.
+    pub fn take(&mut self) -> Option<T> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::replace(&mut *state, State::Taken) {
+            State::Done(value) => Some(value),
+            before => {
+                *state = before;
+                None
+            }
+        }
+    }
+}
+
+impl<T: Send + 'static> Future for Background<T> {
+    type Output = T;
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<T> {
+        // First the waker, then the look: a thread that ends in between wakes.
+        if let State::Running(waker) = &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
+            *waker = Some(context.waker().clone());
+        }
+        self.take().map_or(Poll::Pending, Poll::Ready)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn what_the_thread_makes_arrives_once() {
+        let (go, wait) = std::sync::mpsc::channel::<()>();
+        let mut work = Background::spawn("test", move || wait.recv().map(|()| 7)).unwrap();
+        assert!(work.take().is_none(), "it waits");
+        go.send(()).unwrap();
+        assert_eq!(bevy::tasks::block_on(&mut work), Ok(7));
+        assert!(work.take().is_none(), "it was taken");
+    }
+
+    #[test]
+    fn whoever_waits_is_woken() {
+        let work = Background::spawn("test", || std::thread::sleep(Duration::from_millis(20)));
+        bevy::tasks::block_on(work.unwrap());
+    }
+}

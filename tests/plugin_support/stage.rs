@@ -1,0 +1,117 @@
+//! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and the comparison of pictures.
+
+use super::flip::{Picture, flip};
+use super::scenes::cornell;
+use bevy::prelude::*;
+use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus, MeshlessGiView};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use std::f32::consts::PI;
+
+/// The largest mean FLIP between the plugin's frame and the CPU's.
+pub const MOST: f32 = 0.02;
+
+/// Candela of the test's lamps.
+pub const CANDELA: f32 = 1500.0;
+
+/// From the front; not quite from the middle, where the edges of the room would pass through centres of pixels and be a matter of rounding.
+pub fn view() -> Transform {
+    Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
+}
+
+pub fn bevy_lamp() -> PointLight {
+    PointLight {
+        intensity: CANDELA * 4.0 * PI,
+        range: 20.0,
+        ..default()
+    }
+}
+
+pub fn lamp(position: Vec3) -> Light {
+    Light::Point {
+        position,
+        intensity: Vec3::splat(CANDELA),
+        range: 20.0,
+    }
+}
+
+/// Shows indirect light alone.
+pub fn indirect() -> MeshlessGiCamera {
+    MeshlessGiCamera {
+        view: MeshlessGiView::Indirect,
+        ..default()
+    }
+}
+
+/// What the plugin simulates by default.
+pub fn settings() -> FrameSettings {
+    FrameSettings {
+        emission: 998.0,
+        ..FrameSettings::bounces(4)
+    }
+}
+
+/// A room with its bake on one root.
+pub fn spawn_room(app: &mut App, root: Transform) -> Entity {
+    let (room, bake) = cornell();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+    room.spawn(app, root);
+    root
+}
+
+pub fn counters(app: &App) -> MeshlessGiCounters {
+    app.world().resource::<MeshlessGiStatus>().get()
+}
+
+/// Writes a picture where `MGI_TEST_PICTURES` names a folder.
+pub fn keep(name: &str, picture: &Picture) {
+    if let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") {
+        picture.save(&std::path::Path::new(&folder).join(format!("{name}.png")));
+    }
+}
+
+#[track_caller]
+pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
+    keep(name, &reference.beside(test));
+    assert!(
+        reference.mean() > 0.003,
+        "{name}: the CPU's picture is dark ({})",
+        reference.mean()
+    );
+    let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
+    println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
+    assert!(
+        d <= MOST && nrmse <= 0.03,
+        "{name}: FLIP {d}, NRMSE {nrmse}"
+    );
+    // The test can fail: a picture upside down does, and one half as bright again.
+    let mut turned = test.clone();
+    turned.pixels.reverse();
+    assert!(
+        flip(reference, &turned) > MOST,
+        "{name}: a picture upside down is not told apart"
+    );
+    let mut brighter = test.clone();
+    brighter.pixels.iter_mut().flatten().for_each(|v| *v *= 1.5);
+    assert!(
+        flip(reference, &brighter) > MOST,
+        "{name}: a brighter picture is not told apart"
+    );
+}
+
+/// What a frame's counters say of the stages that lights at rest must not run.
+pub fn work(c: &MeshlessGiCounters) -> [u32; 4] {
+    [
+        Stage::Project,
+        Stage::PullPush,
+        Stage::Apply,
+        Stage::Flatten,
+    ]
+    .map(|s| c.dispatches_of(s))
+}

@@ -1,0 +1,600 @@
+//! The running plugin and what a game does to it: lamps that switch, layers, textures, windows that change their size, things
+//! that come and go, and who may see what.
+
+mod plugin_support;
+
+use bevy::asset::RenderAssetUsages;
+use bevy::camera::visibility::RenderLayers;
+use bevy::camera::{Exposure, Hdr, RenderTarget};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::ecs::reflect::AppTypeRegistry;
+use bevy::prelude::*;
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{
+    MeshlessGiBakeFailed, MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiGizmos, MeshlessGiSettings, MeshlessGiView,
+};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
+use plugin_support::flip::flip;
+use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
+use plugin_support::stage::{
+    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
+    work,
+};
+use std::any::TypeId;
+
+/// A room, a camera that shows indirect light alone, and the camera's target.
+fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
+    let root = spawn_room(app, Transform::IDENTITY);
+    let image = target(app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    (root, eye, image)
+}
+
+fn spawn_lamp(app: &mut App, place: Vec3) -> Entity {
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)))
+        .id()
+}
+
+fn cpu(lights: &[Light]) -> plugin_support::flip::Picture {
+    let (room, bake) = cornell();
+    let at = Transform::IDENTITY;
+    cpu_indirect(&room, &bake, at, view(), lights, &settings())
+}
+
+#[test]
+fn lamps_that_are_dark_at_first_light_up_when_they_are_switched_on() {
+    let mut app = app();
+    let (_, _, image) = room_and_camera(&mut app);
+    let places = [
+        Vec3::new(-0.5, 1.6, 0.3),
+        Vec3::new(0.5, 1.5, 0.3),
+        Vec3::new(0.0, 1.0, 0.7),
+    ];
+    let hidden = spawn_lamp(&mut app, places[0]);
+    app.world_mut()
+        .entity_mut(hidden)
+        .insert(Visibility::Hidden);
+    let dim = spawn_lamp(&mut app, places[1]);
+    let lumens = bevy_lamp().intensity;
+    let set = |app: &mut App, lumens| {
+        app.world_mut()
+            .get_mut::<PointLight>(dim)
+            .unwrap()
+            .intensity = lumens;
+    };
+    set(&mut app, 0.0);
+    let far = spawn_lamp(&mut app, Vec3::new(0.0, 900.0, 0.0));
+    run(&mut app, 3);
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lamps are dark");
+
+    for (i, lamp) in [hidden, dim, far].into_iter().enumerate() {
+        match i {
+            0 => {
+                app.world_mut().entity_mut(lamp).insert(Visibility::Visible);
+            }
+            1 => set(&mut app, lumens),
+            _ => {
+                let mut at = app.world_mut().get_mut::<Transform>(lamp).unwrap();
+                at.translation = places[2];
+            }
+        }
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(c.projected_slots, 1, "lamp {i}: {}", c.plan);
+        let lit: Vec<Light> = places[..=i]
+            .iter()
+            .map(|p| plugin_support::stage::lamp(*p))
+            .collect();
+        assert_alike(
+            &format!("switched_{i}"),
+            &cpu(&lit),
+            &picture(&mut app, &image),
+        );
+    }
+}
+
+#[test]
+fn eighty_lamps_and_forty_more() {
+    let mut app = app();
+    let (_, _, image) = room_and_camera(&mut app);
+    let place = |i: usize| {
+        let (x, y, z) = ((i % 5) as f32, (i / 5 % 4) as f32, (i / 20) as f32);
+        Vec3::new(0.35 * (x - 2.0), 1.2 + 0.2 * y, 0.25 * (z - 2.0))
+    };
+    let some = |app: &mut App, range: std::ops::Range<usize>| {
+        range
+            .map(|i| {
+                let lamp = PointLight {
+                    intensity: bevy_lamp().intensity / 20.0,
+                    ..bevy_lamp()
+                };
+                let at = Transform::from_translation(place(i));
+                app.world_mut().spawn((lamp, at)).id()
+            })
+            .collect::<Vec<_>>()
+    };
+    let lamps = some(&mut app, 0..80);
+    run(&mut app, 1);
+    let first = counters(&app);
+    assert_eq!(
+        (first.projected_slots, first.dispatches_of(Stage::Project)),
+        (80, 1),
+        "{}",
+        first.plan
+    );
+    let more = some(&mut app, 80..120);
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(c.projected_slots, 40, "only the new ones: {}", c.plan);
+    let dim = |p: Vec3| Light::Point {
+        position: p,
+        intensity: Vec3::splat(CANDELA / 20.0),
+        range: 20.0,
+    };
+    let all: Vec<Light> = (0..120).map(|i| dim(place(i))).collect();
+    assert_alike("many_lamps", &cpu(&all), &picture(&mut app, &image));
+
+    // One moves, and then all but three go.
+    let bytes = counters(&app).bytes;
+    let to = Vec3::new(0.0, 0.4, 0.6);
+    app.world_mut()
+        .get_mut::<Transform>(lamps[7])
+        .unwrap()
+        .translation = to;
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(c.projected_slots, 1, "{}", c.plan);
+    for lamp in lamps[10..].iter().chain(&more).chain(&lamps[..7]) {
+        app.world_mut().despawn(*lamp);
+    }
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!((c.projected_slots, c.bytes), (0, bytes), "{}", c.plan);
+    let left = [dim(to), dim(place(8)), dim(place(9))];
+    assert_alike("three_lamps", &cpu(&left), &picture(&mut app, &image));
+}
+
+#[test]
+fn layers_say_who_shows_and_who_lights() {
+    let mut app = app();
+    let (root, eye, image) = room_and_camera(&mut app);
+    let places = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
+    spawn_lamp(&mut app, places[0]);
+    let elsewhere = spawn_lamp(&mut app, places[1]);
+    app.world_mut()
+        .entity_mut(elsewhere)
+        .insert(RenderLayers::layer(3));
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(c.projected_slots, 1, "{}", c.plan);
+    assert_alike(
+        "one_layer",
+        &cpu(&[lamp(places[0])]),
+        &picture(&mut app, &image),
+    );
+
+    let both = RenderLayers::from_layers(&[0, 3]);
+    app.world_mut().entity_mut(root).insert(both);
+    run(&mut app, 1);
+    assert_eq!(counters(&app).projected_slots, 1);
+    assert_alike(
+        "both_layers",
+        &cpu(&places.map(lamp)),
+        &picture(&mut app, &image),
+    );
+
+    app.world_mut()
+        .entity_mut(root)
+        .insert(RenderLayers::layer(5));
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(
+        c.active_scenes, 0,
+        "another layer than the camera's: {}",
+        c.plan
+    );
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(RenderLayers::from_layers(&[0, 5]));
+    run(&mut app, 1);
+    assert_eq!(counters(&app).active_scenes, 1);
+}
+
+#[test]
+fn a_root_that_turns_with_its_lamps_costs_nothing() {
+    let mut app = app();
+    let (root, ..) = room_and_camera(&mut app);
+    for place in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
+        let lamp = spawn_lamp(&mut app, place);
+        app.world_mut().entity_mut(lamp).insert(ChildOf(root));
+    }
+    run(&mut app, 2);
+    for i in 1..20 {
+        let mut at = app.world_mut().get_mut::<Transform>(root).unwrap();
+        at.rotation = Quat::from_euler(EulerRot::YXZ, 0.05 * i as f32, 0.01 * i as f32, 0.02);
+        at.translation.z = -0.1 * i as f32;
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(work(&c), [0; 4], "turn {i}: {}", c.plan);
+    }
+}
+
+#[test]
+fn what_is_hidden_or_gone_gives_back_what_it_held() {
+    let mut app = app();
+    let (root, eye, _) = room_and_camera(&mut app);
+    let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.3));
+    app.world_mut()
+        .resource_mut::<MeshlessGiSettings>()
+        .keep_frames = 3;
+    run(&mut app, 2);
+    let shown = counters(&app);
+    let holds = |app: &App| {
+        let c = counters(app);
+        (c.pipelines, c.buffers, c.bytes)
+    };
+    assert!(shown.pipelines > 0 && shown.buffers > 0 && shown.bytes > 0);
+
+    for visibility in [Visibility::Hidden, Visibility::Inherited] {
+        app.world_mut().entity_mut(root).insert(visibility);
+        run(&mut app, 6);
+        let held = holds(&app);
+        match visibility {
+            Visibility::Hidden => assert_eq!(held, (0, 0, 0), "{}", counters(&app).plan),
+            _ => assert_eq!(held, (shown.pipelines, shown.buffers, shown.bytes)),
+        }
+    }
+
+    // A camera: its parameters and textures go at once, the scene's buffers after a while.
+    let image = target(&mut app);
+    let second = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    run(&mut app, 2);
+    assert!(holds(&app).2 > shown.bytes);
+    app.world_mut().despawn(second);
+    run(&mut app, 1);
+    assert_eq!(holds(&app), (shown.pipelines, shown.buffers, shown.bytes));
+    app.world_mut()
+        .get_mut::<MeshlessGiCamera>(eye)
+        .unwrap()
+        .enabled = false;
+    run(&mut app, 6);
+    assert_eq!(holds(&app), (0, 0, 0), "no camera asks");
+    app.world_mut()
+        .get_mut::<MeshlessGiCamera>(eye)
+        .unwrap()
+        .enabled = true;
+    run(&mut app, 1);
+    assert_eq!(counters(&app).projected_slots, 1);
+    app.world_mut().despawn(eye);
+    run(&mut app, 6);
+    assert_eq!(holds(&app), (0, 0, 0), "the camera has gone");
+
+    // The scene, with coefficients that the gizmos asked for.
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let mut store = app
+        .world_mut()
+        .resource_mut::<bevy::gizmos::config::GizmoConfigStore>();
+    let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+    (config.enabled, group.coefficients) = (true, true);
+    run(&mut app, 5);
+    let back = |app: &App| app.world().resource::<MeshlessGiCoefficients>().of(root);
+    assert!(back(&app).is_some());
+    app.world_mut().despawn(lamp);
+    run(&mut app, 1);
+    app.world_mut().despawn(root);
+    run(&mut app, 1);
+    assert_eq!(holds(&app), (0, 0, 0), "the scene has gone");
+    run(&mut app, 2);
+    assert!(back(&app).is_none(), "and its coefficients");
+}
+
+#[test]
+fn a_target_that_changes_its_size_is_followed() {
+    let mut app = app();
+    let (_, _, image) = room_and_camera(&mut app);
+    let place = Vec3::new(0.2, 1.5, 0.4);
+    spawn_lamp(&mut app, place);
+    run(&mut app, 3);
+    assert_alike("before", &cpu(&[lamp(place)]), &picture(&mut app, &image));
+    let bytes = counters(&app).bytes;
+    let (room, bake) = cornell();
+    for [w, h] in [[96, 128], [160, 64]] {
+        app.world_mut()
+            .resource_mut::<Assets<Image>>()
+            .insert(&image, drawable(w, h))
+            .expect("the handle is known");
+        run(&mut app, 3);
+        let resized = cpu_indirect_sized(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &[lamp(place)],
+            &settings(),
+            [w, h],
+        );
+        assert_alike(
+            &format!("resized_{w}"),
+            &resized,
+            &picture(&mut app, &image),
+        );
+        let c = counters(&app);
+        assert_eq!(
+            work(&c),
+            [0; 4],
+            "a size is no reason to compute: {}",
+            c.plan
+        );
+        let pixels = i64::from(w * h) - i64::from(WIDTH * HEIGHT);
+        assert_eq!(c.bytes as i64 - bytes as i64, 8 * pixels);
+    }
+}
+
+/// One texel.
+fn texel(app: &mut App, rgba: [u8; 4], format: TextureFormat) -> Handle<Image> {
+    let size = Extent3d {
+        width: 1,
+        height: 1,
+        depth_or_array_layers: 1,
+    };
+    let usages = RenderAssetUsages::all();
+    let image = Image::new_fill(size, TextureDimension::D2, &rgba, format, usages);
+    app.world_mut().resource_mut::<Assets<Image>>().add(image)
+}
+
+#[test]
+fn normal_maps_and_base_colour_textures_count() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    let (_, _, image) = room_and_camera(&mut app);
+    let place = Vec3::new(0.2, 1.5, 0.4);
+    spawn_lamp(&mut app, place);
+
+    let (bump, tint) = ([204, 128, 229, 255], [255, 128, 200, 255]);
+    let normal_map = texel(&mut app, bump, TextureFormat::Rgba8Unorm);
+    let colour = texel(&mut app, tint, TextureFormat::Rgba8UnormSrgb);
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    for (_, material) in materials.iter_mut() {
+        material.normal_map_texture = Some(normal_map.clone());
+        material.base_color_texture = Some(colour.clone());
+    }
+    let mut meshes = app.world_mut().resource_mut::<Assets<Mesh>>();
+    for (_, mesh) in meshes.iter_mut() {
+        let Some(bevy::mesh::VertexAttributeValues::Float32x3(corners)) =
+            mesh.attribute(Mesh::ATTRIBUTE_POSITION)
+        else {
+            continue;
+        };
+        let u = (Vec3::from(corners[1]) - Vec3::from(corners[0])).normalize();
+        let uv = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, uv);
+        mesh.insert_attribute(Mesh::ATTRIBUTE_TANGENT, vec![[u.x, u.y, u.z, 1.0]; 4]);
+    }
+    run(&mut app, 4);
+
+    let bump = Vec3::from([bump[0], bump[1], bump[2]].map(|b| f32::from(b) / 127.5 - 1.0));
+    let tint = Color::srgb_u8(tint[0], tint[1], tint[2]).to_linear();
+    let tint = Vec3::new(tint.red, tint.green, tint.blue);
+    let draw = |bumpy: bool, tinted: bool| {
+        cpu_indirect_textured(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &[lamp(place)],
+            &settings(),
+            [WIDTH, HEIGHT],
+            |quad, mut surface| {
+                let (u, v) = (quad.u.normalize(), quad.v.normalize());
+                if bumpy {
+                    surface.normal =
+                        (bump.x * u + bump.y * v + bump.z * surface.normal).normalize();
+                }
+                if tinted {
+                    surface.albedo *= tint;
+                }
+                surface
+            },
+        )
+    };
+    let both = draw(true, true);
+    for other in [draw(false, true), draw(true, false)] {
+        assert!(flip(&both, &other) > MOST, "each of them shows");
+    }
+    assert_alike("textured", &both, &picture(&mut app, &image));
+}
+
+#[test]
+fn indirect_light_comes_before_transparency_and_tonemapping() {
+    let mut app = app();
+    let (_, eye, image) = room_and_camera(&mut app);
+    let place = Vec3::new(0.2, 1.5, 0.4);
+    spawn_lamp(&mut app, place);
+    // A pane of tinted glass in front of the camera.
+    let (alpha, tint) = (0.4, [0.05, 0.1, 0.3]);
+    let mesh = app
+        .world_mut()
+        .resource_mut::<Assets<Mesh>>()
+        .add(Rectangle::new(4.0, 4.0));
+    let glass = app
+        .world_mut()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial {
+            base_color: Color::LinearRgba(LinearRgba::new(tint[0], tint[1], tint[2], alpha)),
+            alpha_mode: AlphaMode::Blend,
+            unlit: true,
+            ..default()
+        });
+    let pane = Transform::from_translation(Vec3::new(0.0, 1.0, 3.0));
+    app.world_mut()
+        .spawn((Mesh3d(mesh), MeshMaterial3d(glass), pane));
+    run(&mut app, 4);
+    let bare = cpu(&[lamp(place)]);
+    let mut through = bare.clone();
+    for pixel in &mut through.pixels {
+        for (value, tint) in pixel.iter_mut().zip(tint) {
+            *value = (1.0 - alpha) * *value + alpha * tint;
+        }
+    }
+    assert_alike("glass", &through, &picture(&mut app, &image));
+
+    // x / (1 + x) of the sum: after the pane, and after indirect light.
+    app.world_mut()
+        .entity_mut(eye)
+        .insert((Tonemapping::Reinhard, Exposure { ev100: 7.7 }));
+    run(&mut app, 4);
+    let mut mapped = bare.clone();
+    let mut wrong = bare;
+    for (pixel, wrong) in mapped.pixels.iter_mut().zip(&mut wrong.pixels) {
+        for ((value, wrong), tint) in pixel.iter_mut().zip(wrong).zip(tint) {
+            let sum = (1.0 - alpha) * 4.0 * *value + alpha * tint;
+            *wrong = sum;
+            *value = sum / (1.0 + sum);
+        }
+    }
+    assert!(flip(&mapped, &wrong) > MOST, "tonemapping shows");
+    assert_alike("tonemapped", &mapped, &picture(&mut app, &image));
+}
+
+#[test]
+fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
+    let mut app = app();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    // Bevy's own choice of samples must not win.
+    let eye = app
+        .world_mut()
+        .spawn((
+            camera(&image, view()),
+            Msaa::Sample4,
+            MeshlessGiCamera::default(),
+        ))
+        .id();
+    let entity = app.world().entity(eye);
+    assert!(
+        entity.contains::<Hdr>()
+            && entity.contains::<DepthPrepass>()
+            && entity.contains::<NormalPrepass>()
+            && entity.contains::<DeferredPrepass>()
+    );
+    assert_eq!(entity.get::<Msaa>(), Some(&Msaa::Off));
+    assert!(matches!(
+        entity.get::<RenderTarget>(),
+        Some(RenderTarget::Image(_))
+    ));
+    run(&mut app, 2);
+    assert_eq!(counters(&app).active_scenes, 1);
+    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+
+    app.world_mut().entity_mut(eye).remove::<Hdr>();
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(c.active_scenes, 0, "{}", c.plan);
+    assert_eq!(
+        app.world().resource::<MeshlessGiFindings>().0,
+        [MeshlessGiFinding::NoGbuffer]
+    );
+}
+
+#[test]
+fn every_tuning_type_is_reflected_and_registered() {
+    let app = app();
+    let registry = app.world().resource::<AppTypeRegistry>().read();
+    let names = |ids: &[TypeId], data: TypeId| {
+        for id in ids {
+            let found = registry.get(*id).expect("the type is registered");
+            assert!(
+                found.data_by_id(data).is_some(),
+                "{}",
+                found.type_info().type_path()
+            );
+        }
+    };
+    let components = [
+        TypeId::of::<MeshlessGi>(),
+        TypeId::of::<MeshlessGiBakeFailed>(),
+        TypeId::of::<MeshlessGiCamera>(),
+        TypeId::of::<MeshlessGiLight>(),
+        TypeId::of::<MeshlessGiLighting>(),
+    ];
+    names(&components, TypeId::of::<ReflectComponent>());
+    names(
+        &[TypeId::of::<MeshlessGiSettings>()],
+        TypeId::of::<ReflectResource>(),
+    );
+    let mut all = components.to_vec();
+    all.extend([
+        TypeId::of::<MeshlessGiSettings>(),
+        TypeId::of::<MeshlessGiView>(),
+        TypeId::of::<MeshlessGiGizmos>(),
+    ]);
+    names(
+        &all,
+        TypeId::of::<bevy::reflect::std_traits::ReflectDefault>(),
+    );
+}
+
+#[test]
+fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_lamps() {
+    let mut app = app();
+    let (root, _, image) = room_and_camera(&mut app);
+    let place = Transform::from_xyz(0.2, 1.5, 0.4).looking_to(Vec3::new(-0.3, -0.4, -1.0), Vec3::Y);
+    let sun = DirectionalLight {
+        illuminance: 900.0,
+        ..default()
+    };
+    let both = app.world_mut().spawn((bevy_lamp(), sun, place)).id();
+    run(&mut app, 1);
+    assert_eq!(counters(&app).projected_slots, 2);
+    let lights = [
+        lamp(place.translation),
+        Light::Directional {
+            direction: place.forward().as_vec3(),
+            irradiance: Vec3::splat(900.0),
+        },
+    ];
+    assert_alike("two_lamps", &cpu(&lights), &picture(&mut app, &image));
+    app.world_mut()
+        .entity_mut(both)
+        .remove::<DirectionalLight>();
+    run(&mut app, 1);
+    assert_alike("one_left", &cpu(&lights[..1]), &picture(&mut app, &image));
+
+    let (room, bake) = cornell();
+    let change = |app: &mut App, set: fn(&mut MeshlessGiLighting)| {
+        set(&mut app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap());
+        run(app, 1);
+        let c = counters(app);
+        assert_eq!(c.projected_slots, 0, "{}", c.plan);
+        assert!(c.dispatches_of(Stage::Apply) > 0, "{}", c.plan);
+    };
+    change(&mut app, |l| l.bounces = 1);
+    change(&mut app, |l| l.emission = 0.0);
+    change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
+    let changed = bevy_meshless_gi::frame::FrameSettings {
+        sky: Vec3::new(30.0, 40.0, 60.0),
+        emission: 0.0,
+        ..bevy_meshless_gi::frame::FrameSettings::bounces(1)
+    };
+    let cpu = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights[..1],
+        &changed,
+    );
+    assert_alike("sky", &cpu, &picture(&mut app, &image));
+}
