@@ -112,8 +112,10 @@ fn setup(
             position_type: PositionType::Absolute,
             top: px(8),
             left: px(8),
+            padding: UiRect::all(px(4)),
             ..default()
         },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
     ));
 }
 

@@ -71,6 +71,7 @@ fn main() -> ExitCode {
             name,
             mesh: Some(level),
             preset,
+            start: Transform::default(),
         })
         .add_systems(Startup, setup)
         .add_systems(Update, (walk, switch, tell))
@@ -92,6 +93,8 @@ struct Level {
     name: PathBuf,
     mesh: Option<TriangleMesh>,
     preset: Preset,
+    /// Where the camera starts.
+    start: Transform,
 }
 
 #[derive(Component)]
@@ -115,6 +118,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
         MeshlessGiBake::spawn(mesh, recipe),
     ));
     let eye = bounds.center() + Vec3::new(0.25 * bounds.size().x, -0.1 * bounds.size().y, 0.0);
+    level.start = Transform::from_translation(eye).looking_at(bounds.center(), Vec3::Y);
     commands.spawn((
         Camera3d::default(),
         Projection::from(PerspectiveProjection {
@@ -122,7 +126,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
             ..default()
         }),
         MeshlessGiCamera::default(),
-        Transform::from_translation(eye).looking_at(bounds.center(), Vec3::Y),
+        level.start,
     ));
     commands.spawn((
         Lamp,
@@ -152,19 +156,21 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
             position_type: PositionType::Absolute,
             top: px(8),
             left: px(8),
+            padding: UiRect::all(px(4)),
             ..default()
         },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
     ));
 }
 
-/// The bake is done: a viewpoint that it found is a good place to stand.
+/// The bake is done: viewpoints that it found are good places for who has not walked yet, and for the lamp.
 fn baked(
     event: On<MeshlessGiBaked>,
     scenes: Query<&MeshlessGi>,
     bakes: Res<Assets<MeshlessGiAsset>>,
+    level: Res<Level>,
     mut camera: Single<&mut Transform, (With<Camera3d>, Without<Lamp>)>,
     mut lamp: Single<&mut Transform, (With<Lamp>, Without<Camera3d>)>,
-    mut moved: Local<bool>,
 ) {
     let Some(bake) = scenes
         .get(event.entity)
@@ -173,13 +179,16 @@ fn baked(
     else {
         return;
     };
-    if let (false, Some(place)) = (*moved, bake.scene.info.viewpoints.first()) {
-        let [min, max] = bake.scene.info.bounds.map(Vec3::from_array);
-        **camera =
-            Transform::from_translation((*place).into()).looking_at(0.5 * (min + max), Vec3::Y);
-        lamp.translation = (*place).into();
-        *moved = true;
-    }
+    let places = &bake.scene.info.viewpoints;
+    let (Some(place), true) = (places.first(), **camera == level.start) else {
+        return;
+    };
+    let place = Vec3::from_array(*place);
+    let [min, max] = bake.scene.info.bounds.map(Vec3::from_array);
+    let ahead = (0.5 * (min + max) - place).with_y(0.0);
+    **camera = Transform::from_translation(place)
+        .looking_to(ahead.try_normalize().unwrap_or(Vec3::NEG_Z), Vec3::Y);
+    lamp.translation = places.get(1).map_or(place, |p| Vec3::from_array(*p));
 }
 
 type TheLamp<'w, 's> = Single<

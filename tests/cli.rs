@@ -450,6 +450,39 @@ fn inspect_tells_what_is_there() {
 }
 
 #[test]
+fn validate_finds_what_is_stale() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (level, bake) = (at("level.glb"), at("level.mgi"));
+    for (options, level_of) in [
+        (
+            &["--preset", "draft", "--rays", "64"][..],
+            "cornell/cornell.glb",
+        ),
+        (
+            &["--preset", "draft", "--rays", "64", "--viewpoint", "0,1,0"][..],
+            "cornell/cornell.glb",
+        ),
+    ] {
+        fs::copy(data(level_of), &level).unwrap();
+        let mut arguments = vec!["bake", text(&level), "-o", text(&bake)];
+        arguments.extend(options);
+        expect(DONE, &arguments);
+        let check = ["validate", text(&bake), "--level", text(&level)];
+        assert!(expect(DONE, &check).0.contains(": valid"));
+        fs::copy(data("rooms_open/rooms_open.glb"), &level).unwrap();
+        let (list, why) = expect(INPUT, &check);
+        assert!(
+            list.contains("stale") && list.contains("level.glb"),
+            "{list}"
+        );
+        assert!(why.contains("stale") && why.contains("level.mgi"), "{why}");
+        // Without the level it is a valid bake.
+        expect(DONE, &["validate", text(&bake)]);
+    }
+}
+
+#[test]
 fn validate_finds_what_is_damaged() {
     let (folder, bake, _) = baked();
     assert!(

@@ -9,11 +9,13 @@ mod level;
 mod progress;
 mod recipe;
 mod signals;
+mod stale;
 mod stats;
 
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
+pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
 use crate::asset::{BakeInfo, BakedScene, Display, PointSurface};
@@ -338,12 +340,7 @@ fn assemble(
 
     let packed = pack(&refined.rows, &refined.sky, senders, form);
     let size = source.geometry.bounds();
-    let mut fingerprint = blake3::Hasher::new();
-    fingerprint.update(&source.content_hash);
     let settings_text = ron::to_string(settings).unwrap_or_default();
-    fingerprint.update(settings_text.as_bytes());
-    fingerprint.update(format!("{:?}", recipe.viewpoints).as_bytes());
-    fingerprint.update(env!("CARGO_PKG_VERSION").as_bytes());
     stats.links = packed.operator.links.len() as u64;
     stats.active_rows = refined.rows.iter().filter(|r: &&RawRow| r.active).count() as u64;
     stats.uncovered = refined.uncovered;
@@ -367,7 +364,11 @@ fn assemble(
         bvh: source.bvh.clone(),
         info: BakeInfo {
             version: env!("CARGO_PKG_VERSION").into(),
-            fingerprint: fingerprint.finalize().to_hex().to_string(),
+            fingerprint: stale::fingerprint_of(
+                &source.content_hash,
+                &settings_text,
+                &recipe.viewpoints,
+            ),
             recipe: settings_text,
             triangles: source.primitives,
             rays: stats.rays,

@@ -3,6 +3,7 @@
 use super::asset::MeshlessGiAsset;
 use crate::asset::{AssetError, BakedScene, Limits};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
+use bevy::log::warn;
 use bevy::reflect::TypePath;
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +50,7 @@ impl AssetLoader for MeshlessGiLoader {
         &self,
         reader: &mut dyn Reader,
         settings: &Self::Settings,
-        _context: &mut LoadContext<'_>,
+        context: &mut LoadContext<'_>,
     ) -> Result<MeshlessGiAsset, MeshlessGiLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
@@ -59,7 +60,15 @@ impl AssetLoader for MeshlessGiLoader {
         let limits = Limits {
             max_bytes: settings.max_bytes,
         };
-        Ok(BakedScene::from_bytes(&bytes, &limits)?.into())
+        let scene = BakedScene::from_bytes(&bytes, &limits)?;
+        let (theirs, ours) = (&scene.info.version, env!("CARGO_PKG_VERSION"));
+        if theirs != ours {
+            warn!(
+                "`{}` was baked by version {theirs} of the crate, this is {ours}: bake it again",
+                context.path()
+            );
+        }
+        Ok(scene.into())
     }
 
     fn extensions(&self) -> &[&str] {
