@@ -21,7 +21,7 @@ const PATHS: u32 = 512;
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
-    /// Root over the lamps' mean square NRMSE, the reference's own variance subtracted.
+    /// Root mean square over the lamps of each one's NRMSE, without the reference's own noise.
     pub nrmse: f32,
     /// Half width of its 95 % confidence interval.
     pub interval: f32,
@@ -53,7 +53,7 @@ pub fn estimate_error(
         ..FrameSettings::bounces(bounces)
     };
     let mut frame = CpuFrame::new(scene);
-    // Per place and lamp: squared error less the reference's variance, relative to the lamp's mean square.
+    // Per place and lamp: squared error relative to the lamp's mean square.
     let mut parts: Vec<f64> = Vec::new();
     for (k, &position) in lamps.iter().enumerate() {
         if !progress.set(Stage::Estimate, k as f32 / lamps.len() as f32) {
@@ -66,30 +66,32 @@ pub fn estimate_error(
         };
         frame.set_lights(scene, &FrameLight::expand(&lamp, 1));
         frame.solve(scene, &settings);
-        let truth = irradiance_at_all(
-            &Lit { geometry },
-            &[lamp],
-            &places,
-            &ReferenceSettings {
-                paths: PATHS,
-                bounces: Some(bounces),
-                seed: seed.wrapping_add(k as u64),
-            },
-        );
+        // Two references that know nothing of each other: the product of the differences to them has the bake's squared error as its mean, whatever
+        // their own noise.
+        let [first, second] = [0, 1].map(|half| {
+            irradiance_at_all(
+                &Lit { geometry },
+                &[lamp],
+                &places,
+                &ReferenceSettings {
+                    paths: PATHS / 2,
+                    bounces: Some(bounces),
+                    seed: seed.wrapping_add(2 * k as u64 + half),
+                },
+            )
+        });
         rays += places.len() as u64 * u64::from(PATHS) * 2 * u64::from(bounces);
-        let power: f64 = truth
+        let products = first
             .iter()
-            .map(|t| f64::from(t.indirect.length_squared()))
-            .sum::<f64>()
-            / truth.len().max(1) as f64;
+            .zip(&second)
+            .map(|(a, b)| f64::from(a.indirect.dot(b.indirect)));
+        let power = products.sum::<f64>() / first.len().max(1) as f64;
         if power <= 0.0 {
             continue;
         }
-        for (&(x, n), t) in places.iter().zip(&truth) {
+        for ((&(x, n), a), b) in places.iter().zip(&first).zip(&second) {
             let value = frame.irradiance(scene, x, n).unwrap_or(Vec3::ZERO);
-            let square = f64::from((value - t.indirect).length_squared())
-                - f64::from(t.indirect_error.length_squared());
-            parts.push(square / power);
+            parts.push(f64::from((value - a.indirect).dot(value - b.indirect)) / power);
         }
     }
     let count = parts.len().max(1) as f64;
