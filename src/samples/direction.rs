@@ -90,26 +90,49 @@ mod tests {
         }
     }
 
-    /// The closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4).
+    /// Σ w ω and Σ w ω x² of one set of directions.
+    fn moments(count: u32, direction: impl Fn(u32) -> (Vec3, f32)) -> (Vec3, Vec3) {
+        (0..count).fold((Vec3::ZERO, Vec3::ZERO), |(first, second), i| {
+            let (d, w) = direction(i);
+            assert!(d.is_normalized() && w > 0.0);
+            (first + w * d, second + w * d * d.x * d.x)
+        })
+    }
+
+    /// The closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4): without bias over all shifts, and with
+    /// at most half the error that as many independent directions of the same density have.
     #[test]
     fn gather_weights_integrate_closed_forms() {
+        const SHIFTS: u32 = 400;
         for count in [64u32, 256, 1000] {
-            let shift = Vec2::new(0.37, 0.71);
-            let mut first = Vec3::ZERO;
-            let mut second = Vec3::ZERO;
-            for i in 0..count {
-                let (d, w) = gather_direction(i, count, shift);
-                assert!(d.is_normalized() && w > 0.0);
-                first += w * d;
-                second += w * d * d.x * d.x;
+            let (mut mean, mut lattice_error, mut random_error) = ([Vec3::ZERO; 2], 0.0, 0.0);
+            for trial in 0..SHIFTS {
+                let mut r = Random::new(7, u64::from(count), u64::from(trial));
+                let shift = Vec2::new(r.unit(), r.unit());
+                let (first, second) = moments(count, |i| gather_direction(i, count, shift));
+                let off = [first - Vec3::Z, second - Vec3::Z * 0.25];
+                for (m, o) in mean.iter_mut().zip(off) {
+                    *m += o / SHIFTS as f32;
+                    lattice_error += o.length_squared();
+                }
+                let shifts: Vec<Vec2> = (0..count).map(|_| Vec2::new(r.unit(), r.unit())).collect();
+                // One direction of a lattice of one is one random direction; its weight is for a set of one.
+                let (first, second) = moments(count, |i| {
+                    let (d, w) = gather_direction(0, 1, shifts[i as usize]);
+                    (d, w / count as f32)
+                });
+                random_error +=
+                    (first - Vec3::Z).length_squared() + (second - Vec3::Z * 0.25).length_squared();
             }
             assert!(
-                (first - Vec3::Z).length() < 2.0 / count as f32 + 0.01,
-                "{count}: {first}"
+                lattice_error < 0.25 * random_error,
+                "{count}: {lattice_error} {random_error}"
             );
+            // Four standard errors of the mean, from the errors just measured.
+            let bound = 4.0 * lattice_error.sqrt() / SHIFTS as f32;
             assert!(
-                (second - Vec3::Z * 0.25).length() < 2.0 / count as f32 + 0.01,
-                "{count}: {second}"
+                mean.iter().all(|m| m.length() < bound),
+                "{count}: {mean:?} {bound}"
             );
         }
     }
