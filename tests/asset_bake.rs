@@ -50,6 +50,8 @@ fn bakes_come_back_from_their_files() {
         sender_levels: Some(2),
         extra_levels: Some(0),
         rays: Some(64),
+        epsilon: Some(0.06),
+        tolerance: Some(0.03),
         ..Recipe::default()
     };
     for recipe in [

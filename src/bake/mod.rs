@@ -24,7 +24,7 @@ use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bvh, Geometry};
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
-    bounce_operator, bounded::SenderTree, l08, pack, refine_bounded,
+    SenderTree, bounce_operator, cast_only, l08, pack, refine_bounded,
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -162,7 +162,6 @@ fn bake_once(
         });
     }
     let sender_levels = settings.sender_levels as usize;
-    let senders = hierarchy.level_starts[sender_levels] as usize;
     let tree = hierarchy.tree();
     let pull = match settings.rule {
         Rule::Bounded => {
@@ -191,23 +190,23 @@ fn bake_once(
     let told = |done| progress.set(Stage::Transport, done);
     let (refined, form) = match settings.rule {
         Rule::Bounded => {
-            let signals = signals::training_signals(
+            let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
+            let (training, rays) = signals::train(
+                &gathering,
                 &hierarchy,
-                geometry,
                 &viewpoints,
                 &pull,
-                senders,
-                settings.seed,
+                &tree,
                 drop_first,
             );
-            stats.rays += signals.rays;
-            let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
+            stats.rays += rays;
             let bounded = BoundedSettings {
                 epsilon: settings.epsilon,
                 tolerance: settings.tolerance,
                 always: sender_levels.max(1),
                 extra_levels: settings.extra_levels as usize,
                 extra_points: settings.extra_points as usize,
+                extra_rays: settings.rays_of_level(settings.levels as usize),
             };
             let mut receivers = Receivers {
                 hierarchy: &mut hierarchy,
@@ -219,7 +218,7 @@ fn bake_once(
                     &gathering,
                     &mut receivers,
                     &tree,
-                    &signals.values,
+                    &training,
                     &bounded,
                     &told,
                 ),
@@ -241,7 +240,7 @@ fn bake_once(
         }
     };
     let refined = refined.ok_or(BakeError::Cancelled)?;
-    let (flat, rays) = hierarchy.flat(geometry, settings.walls);
+    let (flat, rays) = hierarchy.flat(geometry, &viewpoints, &building);
     stats.rays += rays;
     let transport_seconds = transport_began.elapsed().as_secs_f64();
     stats.seconds.gather = transport_seconds * refined.gather_share;
@@ -407,18 +406,27 @@ fn finish(
     Ok(baked)
 }
 
-/// Casts the rays of the operator's gather and does nothing else with them: the yardstick for the cost of everything else. Returns how many rays
-/// hit something.
+/// Casts the rays of the operator's gather and does nothing else with them: the yardstick for the cost of everything else. Returns how many it
+/// cast.
 #[must_use]
-pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, rays: u32, seed: u64) -> u64 {
+pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, settings: &Settings) -> u64 {
+    let rows = &scene.operator.rows;
     scene
-        .points
-        .par_iter()
-        .zip(&scene.operator.rows)
+        .level_starts
+        .windows(2)
         .enumerate()
-        .filter(|(_, (_, row))| row.active != 0)
-        .map(|(i, (point, _))| {
-            crate::transport::cast_only(geometry, point.x(), point.n(), i, rays, seed)
+        .map(|(level, bounds)| {
+            let rays = settings.rays_of_level(level);
+            let active = (bounds[0] as usize..bounds[1] as usize)
+                .into_par_iter()
+                .filter(|&i| rows[i].active != 0)
+                .map(|i| {
+                    let p = &scene.points[i];
+                    // The hits are used, so that no compiler leaves the work out.
+                    std::hint::black_box(cast_only(geometry, p.x(), p.n(), i, rays, settings.seed));
+                })
+                .count();
+            active as u64 * u64::from(rays)
         })
         .sum()
 }

@@ -58,7 +58,7 @@ pub struct Recipe {
     pub extra_levels: Option<u32>,
     /// Most points of all added levels together.
     pub extra_points: Option<u32>,
-    /// Rays a gather, 16 to 65536.
+    /// Rays a gather, 16 to 65536; points of added levels take half.
     pub rays: Option<u32>,
     /// Diffuse reflections, 1 to 64.
     pub bounces: Option<u32>,
@@ -132,6 +132,7 @@ pub struct Settings {
 struct Care {
     /// Points wanted on the finest level.
     points: f32,
+    sender_levels: u32,
     extra_levels: u32,
     /// Most points on the levels that are added where light asks for them.
     extra_points: f32,
@@ -145,27 +146,31 @@ impl Preset {
         match self {
             Self::Draft => Care {
                 points: 8_000.0,
+                sender_levels: 4,
                 extra_levels: 2,
-                extra_points: 8_000.0,
+                extra_points: 16_000.0,
                 rays: 256,
-                epsilon: 0.06,
-                tolerance: 0.03,
+                epsilon: 0.03,
+                tolerance: 0.06,
             },
             Self::Medium => Care {
                 points: 32_000.0,
+                sender_levels: 5,
                 extra_levels: 3,
-                extra_points: 64_000.0,
+                extra_points: 128_000.0,
                 rays: 1024,
-                epsilon: 0.01,
+                epsilon: 0.003,
                 tolerance: 0.02,
             },
+            // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
             Self::High => Care {
-                points: 120_000.0,
-                extra_levels: 3,
-                extra_points: 240_000.0,
+                points: 40_000.0,
+                sender_levels: 5,
+                extra_levels: 4,
+                extra_points: 400_000.0,
                 rays: 2048,
-                epsilon: 0.015,
-                tolerance: 0.005,
+                epsilon: 0.002,
+                tolerance: 0.01,
             },
         }
     }
@@ -266,14 +271,7 @@ impl Recipe {
         self.check()?;
         let care = self.preset.care();
         let levels = self.levels.unwrap_or(5);
-        let sender_levels = self
-            .sender_levels
-            .unwrap_or(4)
-            .min(if self.sender_levels.is_none() {
-                levels
-            } else {
-                12
-            });
+        let sender_levels = self.sender_levels.unwrap_or(care.sender_levels.min(levels));
         if sender_levels > levels {
             return Err(RecipeError::OutOfRange {
                 field: "sender_levels",
@@ -319,6 +317,15 @@ impl Recipe {
 }
 
 impl Settings {
+    /// Rays a gather at a point of this level. Levels that were added stand for little surface each and are many: half as many do.
+    #[must_use]
+    pub fn rays_of_level(&self, level: usize) -> u32 {
+        match level < self.levels as usize {
+            true => self.rays,
+            false => (self.rays / 2).max(16),
+        }
+    }
+
     /// Most points of each level: senders must fit the operator's 16-bit index, all of them memory.
     #[must_use]
     pub fn most_points(&self) -> Vec<usize> {

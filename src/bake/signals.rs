@@ -1,20 +1,16 @@
-//! Training lights: what a handful of lamps in the level's free space would make of the senders' radiosity. The refinement asks them whether a
-//! receiver says anything that its parents do not.
+//! Training lamps: what lamps in the level's free space make of the senders' radiosity, see [`Training`].
 
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
-use crate::transport::SIGNALS;
+use crate::transport::{
+    Gathering, SIGNALS, SenderTree, Signals, Training, coarse_rows, mean_squares,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Radiosities of the senders for every training light.
-pub struct TrainingSignals {
-    /// One row a sender, W/m².
-    pub values: Vec<[f32; SIGNALS]>,
-    /// Rays cast.
-    pub rays: u64,
-}
+/// Batches of [`SIGNALS`] lamps that the exposures are averaged over; the first of them are the training lamps.
+const BATCHES: usize = 8;
 
 /// Places in free space: half-way between the bounces of importance particles, those with the most room around them of the ones tried: a lamp a
 /// hair's breadth from a wall says much of that wall and nothing of the level.
@@ -53,25 +49,69 @@ pub fn free_places(
     (places, traced.rays)
 }
 
-/// Projects white point lamps of 1 W/sr at free places and pulls them to the senders ([L08] §2.1).
+/// Trains on white point lamps of 1 W/sr at free places, pulled to the senders ([L08] §2.1). Also says how many rays it took.
 #[must_use]
-pub fn training_signals(
+pub fn train(
+    gathering: &Gathering<'_>,
     hierarchy: &Hierarchy,
-    geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     pull: &Weights,
-    senders: usize,
-    seed: u64,
+    tree: &SenderTree,
     drop_first: bool,
-) -> TrainingSignals {
-    let (lamps, mut rays) = free_places(geometry, viewpoints, SIGNALS, seed, drop_first);
-    let lit = pull
-        .entries
-        .iter()
-        .map(|w| w.index as usize + 1)
-        .max()
-        .unwrap_or(0)
-        .max(senders);
+) -> (Training, u64) {
+    let geometry = gathering.geometry;
+    let senders = tree.parent.len();
+    let (lamps, mut rays) = free_places(
+        geometry,
+        viewpoints,
+        BATCHES * SIGNALS,
+        gathering.seed,
+        drop_first,
+    );
+    let rows = coarse_rows(&gathering.scene(hierarchy), senders);
+    rays += rows.len() as u64 * u64::from(gathering.rays);
+    let mut signals = Vec::new();
+    let mut exposure = vec![0.0f32; senders];
+    let mut counted = 0;
+    for batch in lamps.chunks(SIGNALS) {
+        // The training lamps are pulled from the level behind the senders, as a frame pulls them; for the exposures the senders themselves will do.
+        let lit = match signals.is_empty() {
+            true => pull.entries.iter().map(|w| w.index as usize + 1).max(),
+            false => None,
+        };
+        let lit = lit.unwrap_or(0).max(senders);
+        let mut values = radiosity(hierarchy, geometry, batch, pull, lit, senders);
+        rays += (lit * batch.len()) as u64;
+        let scale = mean_squares(&rows, &values).map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
+        counted += scale.iter().filter(|&&s| s > 0.0).count();
+        for (sum, row) in exposure.iter_mut().zip(&mut values) {
+            for (value, scale) in row.iter_mut().zip(scale) {
+                *sum += *value * *value * scale;
+                *value *= scale.sqrt();
+            }
+        }
+        if signals.is_empty() {
+            signals = values;
+        }
+    }
+    signals.resize(senders, [0.0; SIGNALS]);
+    for e in &mut exposure {
+        *e /= counted.max(1) as f32;
+    }
+    let sky = rows.iter().map(|row| row.1 * row.1).sum::<f32>() / rows.len().max(1) as f32;
+    let sky = if sky > 0.0 { 1.0 / sky } else { 0.0 };
+    (Training::new(signals, exposure, sky, tree), rays)
+}
+
+/// Radiosity of the senders for each lamp, pulled from the first `lit` points.
+fn radiosity(
+    hierarchy: &Hierarchy,
+    geometry: &dyn Geometry,
+    lamps: &[Vec3],
+    pull: &Weights,
+    lit: usize,
+    senders: usize,
+) -> Vec<[f32; SIGNALS]> {
     let mut values: Vec<[f32; SIGNALS]> = hierarchy.surfaces[..lit]
         .par_iter()
         .map(|s| {
@@ -79,7 +119,7 @@ pub fn training_signals(
             // Rec. 709 luminance stands for the three channels.
             let albedo = s.albedo.dot(Vec3::new(0.2126, 0.7152, 0.0722));
             let mut row = [0.0; SIGNALS];
-            for (value, &lamp) in row.iter_mut().zip(&lamps) {
+            for (value, &lamp) in row.iter_mut().zip(lamps) {
                 let to = lamp - start;
                 let square = to.length_squared();
                 let cosine = to.dot(s.normal);
@@ -90,20 +130,24 @@ pub fn training_signals(
             row
         })
         .collect();
-    rays += (lit * lamps.len()) as u64;
-    // Fine to coarse: children have higher indices than their parents.
+    pull_up(&mut values, pull, lit, senders);
+    values.truncate(senders);
+    values
+}
+
+/// Fine to coarse: children have higher indices than their parents. Children that were not lit leave a sender its own value.
+fn pull_up(values: &mut Signals, pull: &Weights, lit: usize, senders: usize) {
     for k in (0..senders).rev() {
         let row = pull.row(k);
-        if !row.is_empty() {
-            let mut mean = [0.0; SIGNALS];
-            for w in row {
-                for (m, v) in mean.iter_mut().zip(&values[w.index as usize]) {
-                    *m += w.weight * v;
-                }
-            }
-            values[k] = mean;
+        if row.is_empty() || row.iter().any(|w| w.index as usize >= lit) {
+            continue;
         }
+        let mut mean = [0.0; SIGNALS];
+        for w in row {
+            for (m, v) in mean.iter_mut().zip(&values[w.index as usize]) {
+                *m += w.weight * v;
+            }
+        }
+        values[k] = mean;
     }
-    values.truncate(senders);
-    TrainingSignals { values, rays }
 }

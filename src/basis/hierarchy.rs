@@ -376,23 +376,63 @@ impl Hierarchy {
         Weights::from_rows(rows)
     }
 
-    /// The flat basis: all points on one level (\[L08\] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the basis is as fine
-    /// as its points are dense. Also says how many rays it took.
+    /// The flat basis: all points on one level (\[L08\] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the
+    /// basis is as fine as its points are dense. Also says how many rays it took.
     #[must_use]
-    pub fn flat(&self, geometry: &dyn Geometry, clip: bool) -> (LevelBasis, u64) {
+    pub fn flat(
+        &self,
+        geometry: &dyn Geometry,
+        viewpoints: &[Vec3],
+        settings: &HierarchySettings,
+    ) -> (LevelBasis, u64) {
         let base = self.senders.len().max(1);
-        let points: Vec<Point> = self
+        let finest: Vec<usize> = self
             .surfaces
             .par_iter()
             .map_init(Vec::new, |found, s| {
-                let finest = (0..self.levels.len())
+                (0..self.levels.len())
                     .rev()
                     .find(|&l| self.levels[l].weights(s.position, s.normal, found))
-                    .unwrap_or(base - 1);
-                let radius = self.levels[finest].points.first().map_or(0.0, |p| p.radius);
-                Point::new(s.position, s.normal, radius)
+                    .unwrap_or(base - 1)
             })
             .collect();
+        let radius = |l: usize| self.levels[l].points.first().map_or(0.0, |p| p.radius);
+        let mut points: Vec<Point> = self
+            .surfaces
+            .iter()
+            .zip(&finest)
+            .map(|(s, &l)| Point::new(s.position, s.normal, radius(l)))
+            .collect();
+        // Between points that finer levels cover, a place may lie that these do not reach. Importance particles find such places, and the functions
+        // that reach one get their own level's radius back.
+        let traced = trace_particles(
+            geometry,
+            viewpoints,
+            0..32_768,
+            settings.seed ^ 0x68_6f,
+            settings.drop_first,
+        );
+        let tight = LevelBasis::new(points.clone(), Vec::new());
+        let widen: Vec<Vec<usize>> = traced
+            .candidates
+            .par_iter()
+            .map_init(Vec::new, |found, c| {
+                let (x, n) = (c.surface.position, c.surface.normal);
+                if tight.weights(x, n, found) {
+                    return Vec::new();
+                }
+                (base - 1..self.levels.len())
+                    .rev()
+                    .find(|&l| self.levels[l].weights(x, n, found))
+                    .map_or_else(Vec::new, |l| {
+                        let first = self.level_starts[l];
+                        found.iter().map(|w| (first + w.index) as usize).collect()
+                    })
+            })
+            .collect();
+        for i in widen.into_iter().flatten() {
+            points[i].radius = radius(self.level_of(i));
+        }
         let all: Vec<Candidate> = self
             .surfaces
             .iter()
@@ -401,7 +441,8 @@ impl Hierarchy {
                 free: surface.position,
             })
             .collect();
-        with_planes(geometry, points, &[&all], clip)
+        let (flat, cast) = with_planes(geometry, points, &[&all], settings.clip);
+        (flat, cast + traced.rays)
     }
 }
 

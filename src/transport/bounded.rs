@@ -7,14 +7,19 @@
 //! sum stays as it was gathered, so truncation neither darkens nor brightens.
 //!
 //! A change is estimated as the product of what the even rays and the odd rays say of it, four times: the noise of the two is
-//! independent and cancels in the mean, so that noise does not make links (design D4). A small share of the plain variation of a over the
-//! group (as for a light that differs by one between siblings) guards against lights unlike the training lights.
+//! independent and cancels in the mean, so that noise does not make links (design D4). To it comes a share of what the group
+//! would change if each sender were lit on its own, as strongly as lamps light it at all ([`Training::exposure`]): it guards against lights unlike
+//! the training lights.
 //!
 //! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see [`super::l08`].
 
 use super::gather::Gathered;
-use super::refine::{SIGNALS, Signals};
+use super::training::{SIGNALS, Training};
 use glam::Vec3A;
+
+/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets centimetre-scale light beside ledges go
+/// unseen, four times as much makes twice the links for no less error.
+const GUARD: f32 = 0.25;
 
 /// The sender hierarchy as a tree: every sender below the coarsest level belongs to the parent that weighs most.
 #[derive(Debug)]
@@ -64,17 +69,12 @@ struct Group {
     rank: f32,
 }
 
-/// Share of the plain variation in a group's change, see above. Measured on the reference scenes: more makes links without less error.
-const GUARD: f32 = 0.02;
-
 /// What the cut of a row is measured by.
 #[derive(Clone, Copy)]
 pub struct CutMeasure<'a> {
-    /// Radiosity of every sender for every training light.
-    pub signals: &'a Signals,
-    /// One over the mean square irradiance of each training light.
-    pub inverse_square: &'a [f32; SIGNALS],
-    /// Bound on the change, relative to the light's root mean square.
+    /// The lights to come.
+    pub training: &'a Training,
+    /// Bound on the change, relative to the root mean square of the light.
     pub epsilon: f32,
 }
 
@@ -112,7 +112,7 @@ pub fn cut_row(
             let parent = members[0].0;
             let split = members.iter().any(|&(_, c)| scratch.state[c as usize] == 2);
             if !split {
-                let change = group_change(gathered, tree, n, measure, parent, members);
+                let change = group_change(gathered, tree, n, measure.training, parent, members);
                 scratch.groups.push(Group {
                     parent,
                     first: first as u32,
@@ -176,25 +176,23 @@ fn group_change(
     gathered: &Gathered,
     tree: &SenderTree,
     n: Vec3A,
-    measure: &CutMeasure<'_>,
+    training: &Training,
     parent: u32,
     members: &[(u32, u32)],
 ) -> f32 {
-    let of_parent = &measure.signals[parent as usize];
+    let of_parent = &training.signals[parent as usize];
     let mut even = [0.0f32; SIGNALS];
     let mut odd = [0.0f32; SIGNALS];
-    let mut mean = [0.0f32; 2];
-    let mut square = 0.0f32;
+    let mut sums = [0.0f32; 2];
     for &(_, c) in members {
         let [a, b] = gathered.sums[c as usize];
         let (a, b) = (a.dot(n), b.dot(n));
-        mean[0] += a;
-        mean[1] += b;
-        square += a * b;
+        sums[0] += a;
+        sums[1] += b;
         for (((e, o), f), p) in even
             .iter_mut()
             .zip(&mut odd)
-            .zip(&measure.signals[c as usize])
+            .zip(&training.signals[c as usize])
             .zip(of_parent)
         {
             let d = f - p;
@@ -202,13 +200,21 @@ fn group_change(
             *o += b * d;
         }
     }
-    let mut change = 0.0;
-    for ((e, o), inverse) in even.iter().zip(&odd).zip(measure.inverse_square) {
-        change += e * o * inverse;
+    let mut coherent = 0.0;
+    for (e, o) in even.iter().zip(&odd) {
+        coherent += 4.0 * e * o;
     }
-    // Σ (a − mean)(b − mean) over all children; those that were not met have a = b = 0.
-    let variation = square - mean[0] * mean[1] / tree.children[parent as usize] as f32;
-    (4.0 * (change / SIGNALS as f32 + GUARD * variation)).max(0.0)
+    // Σ (a − mean)(b − mean) E² over all children; those that were not met have a = b = 0.
+    let [a_mean, b_mean] = sums.map(|s| s / tree.children[parent as usize] as f32);
+    let both = |a: f32, b: f32| 4.0 * a * b;
+    let unmet = both(a_mean, b_mean);
+    let mut single = unmet * training.family[parent as usize];
+    for &(_, c) in members {
+        let [a, b] = gathered.sums[c as usize];
+        let (a, b) = (a.dot(n), b.dot(n));
+        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[c as usize];
+    }
+    (coherent / SIGNALS as f32 + GUARD * single).max(0.0)
 }
 
 #[cfg(test)]
@@ -245,7 +251,7 @@ mod tests {
     }
 
     /// A signal per training light: random at the finest senders, means above.
-    fn signals(tree: &SenderTree, amplitude: f32) -> Vec<[f32; SIGNALS]> {
+    fn training(tree: &SenderTree, amplitude: f32) -> Training {
         let mut random = Random::new(5, 9, 9);
         let mut f = vec![[0.0f32; SIGNALS]; 74];
         for row in &mut f[10..] {
@@ -259,13 +265,18 @@ mod tests {
                 own.iter().map(|&c| f[c][t]).sum::<f32>() / own.len() as f32
             });
         }
-        f
+        let exposure = f
+            .iter()
+            .map(|row| row.iter().map(|f| f * f).sum::<f32>() / SIGNALS as f32)
+            .collect();
+        Training::new(f, exposure, 0.0, tree)
     }
 
     #[test]
     fn rows_keep_their_mass_and_the_bound() {
         let tree = tree();
-        let f = signals(&tree, 2.0);
+        let training = training(&tree, 2.0);
+        let f = &training.signals;
         let mut gathered = Gathered::new(74);
         let mut scratch = CutScratch::default();
         let mut sizes = [0; 6];
@@ -282,8 +293,7 @@ mod tests {
                     .map(|&j| (j, gathered.link(j)))
                     .collect();
                 let measure = CutMeasure {
-                    signals: &f,
-                    inverse_square: &[1.0; SIGNALS],
+                    training: &training,
                     epsilon,
                 };
                 let links = cut_row(&mut gathered, &tree, Vec3A::Z, &measure, &mut scratch);
@@ -320,9 +330,9 @@ mod tests {
         let tree = tree();
         let mut gathered = Gathered::new(74);
         fill(&mut gathered, 0, true);
+        let training = training(&tree, 2.0);
         let measure = CutMeasure {
-            signals: &signals(&tree, 2.0),
-            inverse_square: &[1.0; SIGNALS],
+            training: &training,
             epsilon: 1e-3,
         };
         let links = cut_row(

@@ -7,9 +7,12 @@ mod neumann;
 mod operator;
 mod pack;
 mod refine;
+mod training;
 
+pub use bounded::SenderTree;
 pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather};
 pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 pub use pack::{Packed, pack};
-pub use refine::{BoundedSettings, RawRow, Receivers, Refined, SIGNALS, Signals, refine_bounded};
+pub use refine::{BoundedSettings, RawRow, Receivers, Refined, refine_bounded};
+pub use training::{SIGNALS, Signals, Training, coarse_rows, mean_squares};

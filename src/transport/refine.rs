@@ -1,25 +1,26 @@
-//! Which receivers get a row of their own, and their rows: the driver of rule `bounded`.
+//! Which receivers get a row, and where there are more of them: the driver of rule `bounded`.
 //!
 //! Like [L08] Figure 5 it goes down the receiver hierarchy level by level and refines only where it must. Where [L08] looks at single links,
-//! this looks at what the rows would say for a set of training lights: a receiver whose parents already say the same, within a tolerance
-//! relative to the light's root mean square, takes its value from them (the `flatten` kernel interpolates) and its children are not looked
-//! at. Rows that are kept stand alone: they replace the interpolated value, not a difference to it, so nothing cancels and nothing is lost.
+//! this looks at what a whole row says: each receiver is gathered and what its parents say is subtracted ([L08] Eq. (17)); the error that
+//! their mean would make is estimated from the difference (see [`super::training`]). Receivers of a level that covers everything whose
+//! error is below a tolerance take their parents' mean (the `flatten` kernel interpolates). Rows that are kept stand alone: they replace the
+//! interpolated value, so nothing cancels and nothing is lost.
+//!
+//! Where receivers of the finest level still differ from their parents, a finer level is added around them, and so on: beside ledges and in
+//! corners light changes over centimetres. A receiver of level l stands for a surface of R_l², so the tolerance doubles from level to
+//! level: what remains is spread evenly over the surface.
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
+use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Training lights a bake uses.
-pub const SIGNALS: usize = 16;
-
-/// The vector irradiance at a point for each training light, and for a sky of unit radiosity.
-type Response = [Vec3A; SIGNALS + 1];
-
-/// Radiosity of every sender for every training light, W/m².
-pub type Signals = [[f32; SIGNALS]];
+/// The vector irradiance at a point for each training lamp, and for a sky of unit radiosity, by the even and by the odd rays.
+type Response = [[Vec3A; SIGNALS + 1]; 2];
 
 /// A row before packing.
 #[derive(Clone, Debug, Default)]
@@ -54,7 +55,8 @@ pub struct Refined {
 pub struct BoundedSettings {
     /// Bound on what a row blurs, relative to the light's root mean square, see [`super::bounded`].
     pub epsilon: f32,
-    /// Difference to the parents' value, relative to the root mean square of the light, below which a receiver needs no row.
+    /// Difference to the parents' value, relative to the root mean square of the light, below which a receiver of the finest level that covers
+    /// everything needs no row and no finer receivers around it.
     pub tolerance: f32,
     /// Levels whose points always get a row.
     pub always: usize,
@@ -62,6 +64,8 @@ pub struct BoundedSettings {
     pub extra_levels: usize,
     /// Most points that all added levels may have together.
     pub extra_points: usize,
+    /// Rays a receiver of the added levels.
+    pub extra_rays: u32,
 }
 
 /// What refinement works on, and what it adds to.
@@ -74,9 +78,12 @@ pub struct Receivers<'a> {
     pub building: &'a HierarchySettings,
 }
 
+/// What came of one receiver.
 struct Gather1 {
     row: RawRow,
+    leaves: Vec<(u32, Vec3)>,
     response: Response,
+    sky: Vec3A,
     error: f32,
     uncovered: f32,
     row_sum: f32,
@@ -84,65 +91,74 @@ struct Gather1 {
     other_time: Duration,
 }
 
-/// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents say. `progress` is told how much is done and may stop
-/// the work by answering false; then nothing comes back.
+/// Room for one receiver; one a thread.
+struct Room {
+    gathered: Gathered,
+    cut: CutScratch,
+    kept: Vec<(u32, [Vec3A; 2])>,
+}
+
+/// What is known of the points so far.
+#[derive(Default)]
+struct Known {
+    responses: Vec<Response>,
+    errors: Vec<f32>,
+    /// The gathered rows before they were cut; nothing for points that inherit.
+    leaves: Vec<Vec<(u32, Vec3)>>,
+}
+
+/// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents
+/// say. `progress` is told how much is done and may stop the work by answering false; then nothing comes back.
 pub fn refine_bounded(
     gathering: &Gathering<'_>,
     receivers: &mut Receivers<'_>,
     tree: &SenderTree,
-    signals: &Signals,
+    training: &Training,
     settings: &BoundedSettings,
     progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Option<Refined> {
     let senders = tree.parent.len();
     let mut out = Refined::default();
-    let mut responses: Vec<Response> = Vec::new();
-    let mut errors: Vec<f32> = Vec::new();
-    let inverse_square =
-        coarse_mean_squares(&gathering.scene(receivers.hierarchy), senders, signals)
-            .map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
-    let mut of_lights = [0.0; SIGNALS];
-    of_lights.copy_from_slice(&inverse_square[..SIGNALS]);
+    let mut known = Known::default();
     let measure = CutMeasure {
-        signals,
-        inverse_square: &of_lights,
+        training,
         epsilon: settings.epsilon,
     };
     let mut uncovered = 0.0f64;
     let mut times = [Duration::ZERO; 2];
     let base_levels = receivers.hierarchy.levels.len();
+    let tolerance =
+        |l: usize| settings.tolerance * (1u32 << (l + 1).saturating_sub(base_levels)) as f32;
     let mut extra_points = settings.extra_points;
     let mut l = 0;
     loop {
         if l == receivers.hierarchy.levels.len() {
-            // Ask for more where the last level's receivers were far from their parents, the farthest first.
-            if l >= base_levels + settings.extra_levels || extra_points == 0 {
+            if l >= base_levels + settings.extra_levels {
                 break;
             }
-            let mut wanting: Vec<usize> = receivers
-                .hierarchy
-                .level(l - 1)
-                .filter(|&i| errors[i] > settings.tolerance)
-                .collect();
-            wanting.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
-            wanting.truncate((extra_points / 4).max(1));
-            let added = receivers.hierarchy.add_level(
-                gathering.geometry,
-                &wanting,
-                extra_points,
-                receivers.building,
-            );
+            let last = l + 1 == base_levels + settings.extra_levels;
+            let most = if last {
+                extra_points
+            } else {
+                extra_points.div_ceil(2)
+            };
+            let added = add_level(gathering, receivers, &known.errors, tolerance(l - 1), most);
             if added == 0 {
                 break;
             }
             extra_points -= added;
-            receivers
-                .hierarchy
-                .append_parents(l, false, receivers.parents);
         }
         let hierarchy = &*receivers.hierarchy;
         let parents = &*receivers.parents;
-        let scene = &gathering.scene(hierarchy);
+        let rays = if l < base_levels {
+            gathering.rays
+        } else {
+            settings.extra_rays
+        };
+        let scene = &GatherScene {
+            rays,
+            ..gathering.scene(hierarchy)
+        };
         let points = hierarchy.len();
         let level = hierarchy.level(l);
         let wanted: Vec<bool> = level
@@ -153,46 +169,21 @@ pub fn refine_bounded(
                     || row.is_empty()
                     || row
                         .iter()
-                        .any(|w| errors[w.index as usize] > settings.tolerance)
+                        .any(|w| known.errors[w.index as usize] > tolerance(l - 1))
             })
             .collect();
         let mut results: Vec<Option<Gather1>> = Vec::with_capacity(level.len());
         const CHUNK: usize = 1024;
         for chunk in level.clone().collect::<Vec<_>>().chunks(CHUNK) {
             results.par_extend(chunk.par_iter().map_init(
-                || (Gathered::new(senders), CutScratch::default()),
-                |(gathered, scratch), &i| {
-                    wanted[i - level.start].then(|| {
-                        let began = Instant::now();
-                        gather(scene, i, gathered);
-                        let gather_time = began.elapsed();
-                        let (halves, row_sum) = respond(gathered, signals);
-                        let n = hierarchy.surfaces[i].normal.into();
-                        let error = if parents.row(i).is_empty() {
-                            f32::INFINITY
-                        } else {
-                            difference(
-                                &halves,
-                                &interpolate(&responses, parents.row(i)),
-                                n,
-                                &inverse_square,
-                            )
-                        };
-                        let response = std::array::from_fn(|t| halves[0][t] + halves[1][t]);
-                        let links = cut_row(gathered, tree, n, &measure, scratch);
-                        Gather1 {
-                            row: RawRow {
-                                links,
-                                active: true,
-                            },
-                            response,
-                            error,
-                            gather_time,
-                            other_time: began.elapsed() - gather_time,
-                            uncovered: gathered.uncovered,
-                            row_sum: row_sum.dot(n),
-                        }
-                    })
+                || Room {
+                    gathered: Gathered::new(senders),
+                    cut: CutScratch::default(),
+                    kept: Vec::new(),
+                },
+                |room, &i| {
+                    wanted[i - level.start]
+                        .then(|| receive(scene, parents, &out, &known, tree, &measure, i, room))
                 },
             ));
             if !progress((level.start + results.len()) as f32 / points as f32) {
@@ -200,38 +191,172 @@ pub fn refine_bounded(
             }
         }
         for (i, result) in level.clone().zip(results) {
-            let Some(one) = result else {
-                let expected = interpolate(&responses, parents.row(i));
-                out.sky.push(expected[SIGNALS].into());
+            let inherited = |known: &mut Known, out: &mut Refined| {
+                let row = parents.row(i);
+                out.sky.push(interpolate_sky(&out.sky, row).into());
                 out.rows.push(RawRow::default());
-                responses.push(expected);
-                errors.push(0.0);
+                known.responses.push(interpolate(&known.responses, row));
+                known.leaves.push(Vec::new());
+            };
+            let Some(one) = result else {
+                inherited(&mut known, &mut out);
+                known.errors.push(0.0);
                 continue;
             };
             out.gathered += 1;
+            out.rays += u64::from(rays);
             times[0] += one.gather_time;
             times[1] += one.other_time;
             uncovered += f64::from(one.uncovered);
             out.largest_row_sum = out.largest_row_sum.max(one.row_sum);
-            let keep = l < settings.always || one.error > 0.5 * settings.tolerance;
-            errors.push(one.error);
-            if keep {
-                out.sky.push(one.response[SIGNALS].into());
-                responses.push(one.response);
+            known.errors.push(one.error);
+            if l < settings.always || l >= base_levels || one.error > 0.5 * tolerance(l) {
+                out.sky.push(one.sky.into());
                 out.rows.push(one.row);
+                known.responses.push(one.response);
+                // Nobody asks the last level.
+                known
+                    .leaves
+                    .push(match l + 1 < base_levels + settings.extra_levels {
+                        true => one.leaves,
+                        false => Vec::new(),
+                    });
             } else {
-                let expected = interpolate(&responses, parents.row(i));
-                out.sky.push(expected[SIGNALS].into());
-                responses.push(expected);
-                out.rows.push(RawRow::default());
+                inherited(&mut known, &mut out);
             }
         }
         l += 1;
     }
-    out.rays = out.gathered * u64::from(gathering.rays);
     out.uncovered = uncovered / out.gathered.max(1) as f64;
     out.gather_share = share(times);
     Some(out)
+}
+
+/// Adds a level around the receivers of the finest level whose error is above `tolerance`, those with the largest errors first. Returns how
+/// many points it has.
+fn add_level(
+    gathering: &Gathering<'_>,
+    receivers: &mut Receivers<'_>,
+    errors: &[f32],
+    tolerance: f32,
+    most: usize,
+) -> usize {
+    let l = receivers.hierarchy.levels.len();
+    let mut wanting: Vec<usize> = receivers
+        .hierarchy
+        .level(l - 1)
+        .filter(|&i| errors[i] > tolerance)
+        .collect();
+    wanting.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
+    wanting.truncate(most / 4);
+    if wanting.is_empty() {
+        return 0;
+    }
+    let added =
+        receivers
+            .hierarchy
+            .add_level(gathering.geometry, &wanting, most, receivers.building);
+    if added > 0 {
+        receivers
+            .hierarchy
+            .append_parents(l, false, receivers.parents);
+    }
+    added
+}
+
+/// Gathers and cuts one receiver.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one receiver among all the others"
+)]
+fn receive(
+    scene: &GatherScene<'_>,
+    parents: &Weights,
+    done: &Refined,
+    known: &Known,
+    tree: &SenderTree,
+    measure: &CutMeasure<'_>,
+    i: usize,
+    room: &mut Room,
+) -> Gather1 {
+    let began = Instant::now();
+    let gathered = &mut room.gathered;
+    gather(scene, i, gathered);
+    let gather_time = began.elapsed();
+    let training = measure.training;
+    let n: Vec3A = scene.hierarchy.surfaces[i].normal.into();
+    let (response, row_sum) = respond(gathered, &training.signals);
+    let sky = gathered.sky;
+    let row = parents.row(i);
+    room.kept.clear();
+    let touched = gathered.touched.iter();
+    room.kept
+        .extend(touched.map(|&j| (j, gathered.sums[j as usize])));
+    let links = cut_row(gathered, tree, n, measure, &mut room.cut);
+    let mut error = f32::INFINITY;
+    if !row.is_empty() {
+        for &(j, sums) in &room.kept {
+            gathered.sums[j as usize] = sums;
+        }
+        subtract(gathered, done, known, parents, row);
+        let coherent = difference(
+            &response,
+            &interpolate(&known.responses, row),
+            n,
+            training.sky,
+        );
+        let single: f32 = gathered
+            .touched
+            .iter()
+            .map(|&j| {
+                let [a, b] = gathered.sums[j as usize];
+                4.0 * a.dot(n) * b.dot(n) * training.exposure[j as usize]
+            })
+            .sum();
+        error = (coherent + single).max(0.0).sqrt();
+    }
+    Gather1 {
+        row: RawRow {
+            links,
+            active: true,
+        },
+        leaves: room
+            .kept
+            .iter()
+            .map(|&(j, [a, b])| (j, (a + b).into()))
+            .collect(),
+        response,
+        sky,
+        error,
+        uncovered: gathered.uncovered,
+        row_sum: row_sum.dot(n),
+        gather_time,
+        other_time: began.elapsed() - gather_time,
+    }
+}
+
+/// Subtracts from `gathered` what the parents in `row` see: their rows before they were cut, and those of the points that they in turn inherit from.
+fn subtract(
+    gathered: &mut Gathered,
+    done: &Refined,
+    known: &Known,
+    parents: &Weights,
+    row: &[WeightEntry],
+) {
+    let mut open: BTreeMap<u32, f32> = row.iter().map(|w| (w.index, w.weight)).collect();
+    // Parents have lower indices than their children: taken from the top, each point comes once.
+    while let Some((k, weight)) = open.pop_last() {
+        for &(j, link) in &known.leaves[k as usize] {
+            let half = Vec3A::from(link) * (-0.5 * weight);
+            gathered.deposit(j, 0, half);
+            gathered.deposit(j, 1, half);
+        }
+        if !done.rows[k as usize].active {
+            for w in parents.row(k as usize) {
+                *open.entry(w.index).or_default() += weight * w.weight;
+            }
+        }
+    }
 }
 
 /// The first of two times over their sum.
@@ -239,8 +364,8 @@ pub(super) fn share([first, second]: [Duration; 2]) -> f64 {
     first.as_secs_f64() / (first + second).as_secs_f64().max(1e-9)
 }
 
-/// What the even and the odd rays of a gathered row say for each training light, and the row's mass. The sky is not split.
-fn respond(gathered: &Gathered, signals: &Signals) -> ([Response; 2], Vec3A) {
+/// What the even and the odd rays of a gathered row say for each training lamp, and the row's mass. The sky is not split.
+fn respond(gathered: &Gathered, signals: &Signals) -> (Response, Vec3A) {
     let mut response = [[Vec3A::ZERO; SIGNALS + 1]; 2];
     let mut row_sum = Vec3A::ZERO;
     for &j in &gathered.touched {
@@ -259,57 +384,34 @@ fn respond(gathered: &Gathered, signals: &Signals) -> ([Response; 2], Vec3A) {
 
 /// What a point's parents say.
 fn interpolate(responses: &[Response], parents: &[WeightEntry]) -> Response {
-    let mut expected = [Vec3A::ZERO; SIGNALS + 1];
+    let mut expected = [[Vec3A::ZERO; SIGNALS + 1]; 2];
     for w in parents {
-        for (e, p) in expected.iter_mut().zip(&responses[w.index as usize]) {
-            *e += w.weight * *p;
+        for (expected, parent) in expected.iter_mut().zip(&responses[w.index as usize]) {
+            for (e, p) in expected.iter_mut().zip(parent) {
+                *e += w.weight * *p;
+            }
         }
     }
     expected
 }
 
-/// Mean square irradiance of each training light over the coarsest points: the scale that errors are measured on.
-fn coarse_mean_squares(
-    scene: &GatherScene<'_>,
-    senders: usize,
-    signals: &Signals,
-) -> [f32; SIGNALS + 1] {
-    let level = scene.hierarchy.level(0);
-    let squares: Vec<[f32; SIGNALS + 1]> = level
-        .clone()
-        .into_par_iter()
-        .map_init(
-            || Gathered::new(senders),
-            |gathered, i| {
-                gather(scene, i, gathered);
-                let n = Vec3A::from(scene.hierarchy.surfaces[i].normal);
-                let [even, odd] = respond(gathered, signals).0;
-                std::array::from_fn(|t| (even[t] + odd[t]).dot(n).powi(2))
-            },
-        )
-        .collect();
-    let mut sums = [0.0f64; SIGNALS + 1];
-    for point in squares {
-        for (s, e) in sums.iter_mut().zip(point) {
-            *s += f64::from(e);
-        }
-    }
-    sums.map(|s| (s / level.len().max(1) as f64) as f32)
+/// What a point's parents see of the sky.
+fn interpolate_sky(sky: &[Vec3], parents: &[WeightEntry]) -> Vec3A {
+    parents
+        .iter()
+        .map(|w| w.weight * Vec3A::from(sky[w.index as usize]))
+        .sum()
 }
 
-/// Root mean square over the training lights of the difference, relative to each light's root mean square: the product of what the two halves
-/// say, whose noise is independent. The part along the normal counts whole; the tangential part, which only normal maps see, a tenth of its square.
-fn difference(
-    halves: &[Response; 2],
-    expected: &Response,
-    n: Vec3A,
-    inverse_square: &[f32; SIGNALS + 1],
-) -> f32 {
+/// Mean square over the training lamps of the difference: the product of what the two halves say, whose noise is independent. The
+/// part along the normal counts whole; the tangential part, which only normal maps see, a tenth of its square.
+fn difference(found: &Response, expected: &Response, n: Vec3A, sky: f32) -> f32 {
     let mut sum = 0.0;
     for t in 0..=SIGNALS {
-        let a = 2.0 * halves[0][t] - expected[t];
-        let b = 2.0 * halves[1][t] - expected[t];
-        sum += (0.9 * a.dot(n) * b.dot(n) + 0.1 * a.dot(b)) * inverse_square[t];
+        let a = found[0][t] - expected[0][t];
+        let b = found[1][t] - expected[1][t];
+        let scale = if t < SIGNALS { 1.0 } else { sky };
+        sum += (0.9 * a.dot(n) * b.dot(n) + 0.1 * a.dot(b)) * scale;
     }
-    (sum / (SIGNALS + 1) as f32).max(0.0).sqrt()
+    4.0 * sum / (SIGNALS + 1) as f32
 }

@@ -1,0 +1,120 @@
+//! What refinement knows of the lights to come: a handful of training lamps, and how brightly lamps make each sender shine at all.
+//!
+//! An error of a row matters where light is. The training lamps measure the coherent part of an error, that of light which covers many senders at once;
+//! sixteen of them cannot have lit every corner. So for every sender there is also its exposure, the root mean square of its radiosity over many more
+//! lamps: an error that sits in single senders, as beside a lit ledge, counts with the square of their exposures as if each were lit on its
+//! own. All are relative: each lamp is scaled so that the root mean square of its indirect irradiance over the coarsest points is one.
+
+use super::bounded::SenderTree;
+use super::gather::{GatherScene, Gathered, gather};
+use glam::Vec3A;
+use rayon::prelude::*;
+
+/// Training lamps a bake uses.
+pub const SIGNALS: usize = 16;
+
+/// Radiosity of every sender for [`SIGNALS`] lamps, W/m² or relative, see [`Training`].
+pub type Signals = [[f32; SIGNALS]];
+
+/// The lights that refinement asks.
+#[derive(Debug)]
+pub struct Training {
+    /// Relative radiosity of every sender for every training lamp.
+    pub signals: Vec<[f32; SIGNALS]>,
+    /// Mean square relative radiosity of every sender over all lamps.
+    pub exposure: Vec<f32>,
+    /// Sum of `exposure` over each sender's children.
+    pub family: Vec<f32>,
+    /// One over the mean square irradiance of a sky of unit radiosity; 0 where there is none.
+    pub sky: f32,
+}
+
+impl Training {
+    /// From relative radiosities and exposures, one a sender.
+    #[must_use]
+    pub fn new(
+        signals: Vec<[f32; SIGNALS]>,
+        exposure: Vec<f32>,
+        sky: f32,
+        tree: &SenderTree,
+    ) -> Self {
+        let mut family = vec![0.0; exposure.len()];
+        for (i, &p) in tree.parent.iter().enumerate() {
+            if p as usize != i {
+                family[p as usize] += exposure[i];
+            }
+        }
+        Self {
+            signals,
+            exposure,
+            family,
+            sky,
+        }
+    }
+}
+
+/// A gathered row along its point's normal: senders and F·n, and the sky's share.
+pub type NormalRow = (Vec<(u32, f32)>, f32);
+
+/// The rows of the coarsest points, on which lamps are scaled.
+#[must_use]
+pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
+    scene
+        .hierarchy
+        .level(0)
+        .into_par_iter()
+        .map_init(
+            || Gathered::new(senders),
+            |gathered, i| {
+                gather(scene, i, gathered);
+                let n = Vec3A::from(scene.hierarchy.surfaces[i].normal);
+                let links = gathered.touched.iter();
+                let links = links.map(|&j| (j, gathered.link(j).dot(n)));
+                (links.collect(), gathered.sky.dot(n))
+            },
+        )
+        .collect()
+}
+
+/// Mean square irradiance of each lamp over `rows`.
+#[must_use]
+pub fn mean_squares(rows: &[NormalRow], signals: &Signals) -> [f32; SIGNALS] {
+    let squares: Vec<[f64; SIGNALS]> = rows
+        .par_iter()
+        .map(|(links, _)| {
+            let mut e = [0.0f64; SIGNALS];
+            for &(j, a) in links {
+                for (e, &f) in e.iter_mut().zip(&signals[j as usize]) {
+                    *e += f64::from(a * f);
+                }
+            }
+            e.map(|e| e * e)
+        })
+        .collect();
+    let mut sums = [0.0; SIGNALS];
+    for square in &squares {
+        for (s, e) in sums.iter_mut().zip(square) {
+            *s += e;
+        }
+    }
+    sums.map(|s| (s / rows.len().max(1) as f64) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn squares_and_families() {
+        let rows = vec![(vec![(0, 0.5), (1, 0.25)], 0.25), (vec![(1, 1.0)], 0.0)];
+        let mut signals = vec![[0.0; SIGNALS]; 3];
+        signals[0][0] = 2.0;
+        signals[1] = [4.0; SIGNALS];
+        let squares = mean_squares(&rows, &signals);
+        // (1 + 1)² and 4² over two; 1² and 4² over two.
+        assert_eq!(&squares[..2], &[10.0, 8.5]);
+        let tree = SenderTree::new(&[0, 0, 0], &[0, 1, 3]);
+        let training = Training::new(signals, vec![9.0, 1.0, 2.0], 0.0, &tree);
+        assert_eq!(training.family, [3.0, 0.0, 0.0]);
+    }
+}
