@@ -31,16 +31,21 @@ fn place(pixel: vec2u, depth: f32, texel: vec4u) -> Place {
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let near = grid_near(x, params.cell_size, params.slot_mask);
     var numerator = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var cover = 0.0;
     var denominator = 0.0;
     for (var at = near.x; at < near.x + near.y; at++) {
         let j = grid_entries[at];
-        let w = weight(points[j], x, n);
+        let point = points[j];
+        let w = weight(point, x, n);
         if w > 0.0 {
-            denominator += w;
-            add_scaled(&numerator, w, values[j]);
+            // By the surface that the function spreads over.
+            let v = w / (point.radius * point.radius);
+            cover += w;
+            denominator += v;
+            add_scaled(&numerator, v, values[j]);
         }
     }
-    if denominator <= NO_COVER {
+    if cover <= NO_COVER {
         return vec4f(0.0);
     }
     return vec4f(max(irradiance_dot(numerator, n) / denominator, vec3f(0.0)), 1.0);

@@ -165,9 +165,9 @@ fn bake_once(
     let tree = hierarchy.tree();
     let pull = match settings.rule {
         Rule::Bounded => {
-            let (areas, rays) = hierarchy.areas(geometry, &viewpoints, &tree, &building);
+            let (shown, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
-            hierarchy.tree_pull(&tree, &areas)
+            hierarchy.tree_pull(&tree, &shown)
         }
         Rule::L08 => hierarchy.pull(),
     };

@@ -6,9 +6,11 @@
 //! candidate; the planes that cut off most blocked places and no visible one are kept, four at most.
 
 use super::kernel::kernel;
-use crate::samples::{Point, dist};
-use crate::scene::{Geometry, Ray};
+use super::{LevelBasis, support_bounds};
+use crate::samples::{Candidate, HashedGrid, Point, dist};
+use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec3, Vec4};
+use rayon::prelude::*;
 
 /// Planes a function may have at most: what the display can afford to test.
 const MOST_PLANES: usize = 4;
@@ -16,6 +18,9 @@ const MOST_PLANES: usize = 4;
 const LOSS: f32 = 0.5;
 /// Height above the surface, in radii, from which one looks: over gravel, not over walls.
 const EYE: f32 = 0.1;
+
+/// Places at most that a function looks at for its clip planes.
+const MOST_LOOKS: usize = 64;
 
 /// The clip planes of one function: `around` are surface places (x, n) in and near its support. Returns planes (n, d) with n·x + d ≥ 0
 /// on the function's side, and adds the rays cast to `rays`.
@@ -93,4 +98,50 @@ pub fn clip_planes(
         places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
     }
     kept
+}
+
+/// Gives each function its clip planes, looking at the places in `around`. Also says how many rays it took.
+pub(super) fn with_planes(
+    geometry: &dyn Geometry,
+    mut points: Vec<Point>,
+    around: &[&[Candidate]],
+    clip: bool,
+) -> (LevelBasis, u64) {
+    if !clip || points.is_empty() {
+        return (LevelBasis::new(points, Vec::new()), 0);
+    }
+    // The places by cell; a place is looked up from the cell of the function's centre, so its box is as large as a support.
+    let places: Vec<(Vec3, Vec3)> = around
+        .iter()
+        .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
+        .collect();
+    // Functions of several radii: each looks through the cells that its support touches, of a grid as fine as the smallest.
+    let smallest = points.iter().fold(f32::INFINITY, |a, p| a.min(p.radius));
+    let grid = HashedGrid::build(places.len(), smallest, |i| Bounds {
+        min: places[i].0,
+        max: places[i].0,
+    });
+    let found: Vec<(Vec<[f32; 4]>, u64)> = points
+        .par_iter()
+        .map_init(Vec::new, |near, point| {
+            near.clear();
+            grid.for_each_in(support_bounds(point), |i| near.push(i));
+            // Coarse functions among fine points need not look at all of them.
+            let stride = near.len().div_ceil(MOST_LOOKS);
+            let around = near
+                .iter()
+                .step_by(stride.max(1))
+                .map(|&i| places[i as usize]);
+            let mut rays = 0;
+            (clip_planes(geometry, point, around, &mut rays), rays)
+        })
+        .collect();
+    let mut planes: Vec<[f32; 4]> = Vec::new();
+    let mut rays = 0;
+    for (point, (own, cast)) in points.iter_mut().zip(found) {
+        point.planes = planes.len() as u32 | (own.len() as u32) << 24;
+        planes.extend(own);
+        rays += cast;
+    }
+    (LevelBasis::new(points, planes), rays)
 }

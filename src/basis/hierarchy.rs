@@ -1,21 +1,17 @@
-//! The hierarchy of functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip planes, parents and children, and the flat
-//! basis made of the same points ([L08] §4.1).
+//! The hierarchy of functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip planes, parents and children.
 
-use super::clip::clip_planes;
-use super::{LevelBasis, WeightEntry, Weights, support_bounds};
+use super::clip::with_planes;
+use super::{LevelBasis, WeightEntry, Weights};
 use crate::samples::{
-    Candidate, DiskSettings, HashedGrid, Point, fill_level, local_candidates, throw_darts,
+    Candidate, DiskSettings, Point, fill_level, local_candidates, order, throw_darts,
     trace_particles,
 };
-use crate::scene::{Bounds, Geometry, Surface};
+use crate::scene::{Geometry, Surface};
 use glam::Vec3;
 use rayon::prelude::*;
 
 /// C of r = C · R on the coarsest and on the finest level ([L08] §2.3).
 const OVERLAP: [f32; 2] = [1.5, 2.5];
-
-/// Places at most that a function looks at for its clip planes.
-const MOST_LOOKS: usize = 64;
 
 /// How to build a hierarchy.
 #[derive(Clone, Debug)]
@@ -86,7 +82,9 @@ impl Hierarchy {
             if disks.truncated {
                 truncated.push(l);
             }
-            filled.push(disks.points);
+            let mut points = disks.points;
+            order(&mut points, &geometry.bounds());
+            filled.push(points);
             if !progress(0.7 * (l + 1) as f32 / settings.levels as f32) {
                 return None;
             }
@@ -157,7 +155,8 @@ impl Hierarchy {
             settings.seed.wrapping_add(l as u64),
         );
         self.rays += rays;
-        let filled = throw_darts(candidates, disk, most);
+        let mut filled = throw_darts(candidates, disk, most);
+        order(&mut filled, &geometry.bounds());
         if filled.is_empty() {
             return 0;
         }
@@ -294,24 +293,32 @@ impl Hierarchy {
             .collect()
     }
 
-    /// How much surface each point of the tree stands for, in arbitrary units: how often importance particles, which visit a closed scene evenly,
-    /// land nearest to it. Poisson disks keep their distance but not their area; a plain mean over them is off by per cents. Also says how many
-    /// rays it took.
+    /// How much surface each point of the tree shows to the rest of the scene, in arbitrary units, once for every sender level: how often
+    /// importance particles, which visit a closed scene evenly, land nearest to it after a flight longer than the level's functions reach. Who
+    /// takes a coarse sender's mean for its children looks from afar and does not see into the cracks between them; a plain mean by area
+    /// counts their darkness, and loses per cents of the light. Also says how many rays it took.
     #[must_use]
-    pub fn areas(
+    pub fn shown_areas(
         &self,
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],
         tree: &[u32],
         settings: &HierarchySettings,
-    ) -> (Vec<f32>, u64) {
+    ) -> (Vec<Vec<f32>>, u64) {
         const SAMPLES: usize = 24;
         let last = (self.senders.len()).min(self.levels.len() - 1);
         let first = self.level_starts[last];
         let leaves = &self.levels[last];
-        // Nobody is without a share: a point that no particle came near stands for one.
-        let mut areas = vec![0.0f32; tree.len()];
-        areas[first as usize..].fill(1.0);
+        let reach: Vec<f32> = self
+            .senders
+            .iter()
+            .map(|level| level.points.first().map_or(0.0, |p| p.radius))
+            .collect();
+        // Nobody is without a share: a point that no particle came near stands for next to nothing.
+        let mut areas = vec![vec![0.0f32; tree.len()]; reach.len()];
+        for level in &mut areas {
+            level[first as usize..].fill(0.01);
+        }
         let mut rays = 0;
         let mut found = 0;
         let mut start = 0;
@@ -326,7 +333,7 @@ impl Hierarchy {
             start += 8192;
             rays += traced.rays;
             found += traced.candidates.len();
-            let nearest: Vec<u32> = traced
+            let nearest: Vec<(u32, f32)> = traced
                 .candidates
                 .par_iter()
                 .map_init(Vec::new, |weights, c| {
@@ -338,35 +345,40 @@ impl Hierarchy {
                             best = (w.weight, w.index);
                         }
                     }
-                    best.1
+                    // The free place is half-way along the flight.
+                    (best.1, 2.0 * c.free.distance(c.surface.position))
                 })
                 .collect();
-            for leaf in nearest {
+            for (leaf, flight) in nearest {
                 if leaf != u32::MAX {
-                    areas[(first + leaf) as usize] += 1.0;
+                    for (level, &reach) in areas.iter_mut().zip(&reach) {
+                        level[(first + leaf) as usize] += if flight > reach { 1.0 } else { 0.01 };
+                    }
                 }
             }
         }
         // Children have higher indices than their parents.
-        for i in (0..tree.len()).rev() {
-            if tree[i] as usize != i {
-                areas[tree[i] as usize] += areas[i];
+        for level in &mut areas {
+            for i in (0..tree.len()).rev() {
+                if tree[i] as usize != i {
+                    level[tree[i] as usize] += level[i];
+                }
             }
         }
         (areas, rays)
     }
 
-    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own children by the surface they stand for. A place then
+    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own children by the surface they show. A place then
     /// counts in one sender of each level, so that a row which hands mass to a parent gets the very mean of what it handed over.
     #[must_use]
-    pub fn tree_pull(&self, tree: &[u32], areas: &[f32]) -> Weights {
+    pub fn tree_pull(&self, tree: &[u32], shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> =
             vec![Vec::new(); self.level_starts[self.senders.len()] as usize];
         for (i, &parent) in tree.iter().enumerate() {
             if parent as usize != i {
                 rows[parent as usize].push(WeightEntry {
                     index: i as u32,
-                    weight: areas[i],
+                    weight: shown[self.level_of(parent as usize)][i],
                 });
             }
         }
@@ -374,75 +386,6 @@ impl Hierarchy {
             normalise(row);
         }
         Weights::from_rows(rows)
-    }
-
-    /// The flat basis: all points on one level (\[L08\] §4.1 "Flattening"). Each has the radius of the finest level that covers it, so that the
-    /// basis is as fine as its points are dense. Also says how many rays it took.
-    #[must_use]
-    pub fn flat(
-        &self,
-        geometry: &dyn Geometry,
-        viewpoints: &[Vec3],
-        settings: &HierarchySettings,
-    ) -> (LevelBasis, u64) {
-        let base = self.senders.len().max(1);
-        let finest: Vec<usize> = self
-            .surfaces
-            .par_iter()
-            .map_init(Vec::new, |found, s| {
-                (0..self.levels.len())
-                    .rev()
-                    .find(|&l| self.levels[l].weights(s.position, s.normal, found))
-                    .unwrap_or(base - 1)
-            })
-            .collect();
-        let radius = |l: usize| self.levels[l].points.first().map_or(0.0, |p| p.radius);
-        let mut points: Vec<Point> = self
-            .surfaces
-            .iter()
-            .zip(&finest)
-            .map(|(s, &l)| Point::new(s.position, s.normal, radius(l)))
-            .collect();
-        // Between points that finer levels cover, a place may lie that these do not reach. Importance particles find such places, and the functions
-        // that reach one get their own level's radius back.
-        let traced = trace_particles(
-            geometry,
-            viewpoints,
-            0..32_768,
-            settings.seed ^ 0x68_6f,
-            settings.drop_first,
-        );
-        let tight = LevelBasis::new(points.clone(), Vec::new());
-        let widen: Vec<Vec<usize>> = traced
-            .candidates
-            .par_iter()
-            .map_init(Vec::new, |found, c| {
-                let (x, n) = (c.surface.position, c.surface.normal);
-                if tight.weights(x, n, found) {
-                    return Vec::new();
-                }
-                (base - 1..self.levels.len())
-                    .rev()
-                    .find(|&l| self.levels[l].weights(x, n, found))
-                    .map_or_else(Vec::new, |l| {
-                        let first = self.level_starts[l];
-                        found.iter().map(|w| (first + w.index) as usize).collect()
-                    })
-            })
-            .collect();
-        for i in widen.into_iter().flatten() {
-            points[i].radius = radius(self.level_of(i));
-        }
-        let all: Vec<Candidate> = self
-            .surfaces
-            .iter()
-            .map(|&surface| Candidate {
-                surface,
-                free: surface.position,
-            })
-            .collect();
-        let (flat, cast) = with_planes(geometry, points, &[&all], settings.clip);
-        (flat, cast + traced.rays)
     }
 }
 
@@ -471,50 +414,4 @@ fn to_points(candidates: &[Candidate], radius: f32) -> Vec<Point> {
         .iter()
         .map(|c| Point::new(c.surface.position, c.surface.normal, radius))
         .collect()
-}
-
-/// Gives each function its clip planes, looking at the places in `around`.
-fn with_planes(
-    geometry: &dyn Geometry,
-    mut points: Vec<Point>,
-    around: &[&[Candidate]],
-    clip: bool,
-) -> (LevelBasis, u64) {
-    if !clip || points.is_empty() {
-        return (LevelBasis::new(points, Vec::new()), 0);
-    }
-    // The places by cell; a place is looked up from the cell of the function's centre, so its box is as large as a support.
-    let places: Vec<(Vec3, Vec3)> = around
-        .iter()
-        .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
-        .collect();
-    // Functions of several radii: each looks through the cells that its support touches, of a grid as fine as the smallest.
-    let smallest = points.iter().fold(f32::INFINITY, |a, p| a.min(p.radius));
-    let grid = HashedGrid::build(places.len(), smallest, |i| Bounds {
-        min: places[i].0,
-        max: places[i].0,
-    });
-    let found: Vec<(Vec<[f32; 4]>, u64)> = points
-        .par_iter()
-        .map_init(Vec::new, |near, point| {
-            near.clear();
-            grid.for_each_in(support_bounds(point), |i| near.push(i));
-            // Coarse functions among fine points need not look at all of them.
-            let stride = near.len().div_ceil(MOST_LOOKS);
-            let around = near
-                .iter()
-                .step_by(stride.max(1))
-                .map(|&i| places[i as usize]);
-            let mut rays = 0;
-            (clip_planes(geometry, point, around, &mut rays), rays)
-        })
-        .collect();
-    let mut planes: Vec<[f32; 4]> = Vec::new();
-    let mut rays = 0;
-    for (point, (own, cast)) in points.iter_mut().zip(found) {
-        point.planes = planes.len() as u32 | (own.len() as u32) << 24;
-        planes.extend(own);
-        rays += cast;
-    }
-    (LevelBasis::new(points, planes), rays)
 }

@@ -1,6 +1,7 @@
 //! How light is written down: the multilevel Shepard basis of \[L08\] §2.
 
 mod clip;
+mod flat;
 mod hierarchy;
 mod kernel;
 mod shepard;

@@ -1,5 +1,8 @@
 //! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of \[L08\] §4.1, with the
 //! Shepard quotient of Eq. (3) over the weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
+//!
+//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each weight is divided by r², the surface that its function
+//! spreads over: a wide function says nothing where narrow ones know better.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -24,15 +27,19 @@ pub fn splat_vector(
         return None;
     }
     let mut numerator = VectorIrradiance::default();
+    let mut cover = 0.0;
     let mut denominator = 0.0;
     for &j in display.grid.near(x) {
-        let w = weight(&points[j as usize], &display.planes, x, n);
+        let point = &points[j as usize];
+        let w = weight(point, &display.planes, x, n);
         if w > 0.0 {
-            denominator += w;
-            numerator.add_scaled(w, &values[j as usize]);
+            let v = w / (point.radius * point.radius);
+            cover += w;
+            denominator += v;
+            numerator.add_scaled(v, &values[j as usize]);
         }
     }
-    if denominator <= NO_COVER {
+    if cover <= NO_COVER {
         return None;
     }
     let mut out = VectorIrradiance::default();

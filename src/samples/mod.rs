@@ -3,6 +3,7 @@
 mod direction;
 mod distance;
 mod grid;
+mod morton;
 mod openness;
 mod particles;
 mod point;
@@ -13,6 +14,7 @@ mod viewpoints;
 pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
 pub use distance::{F_SQUASH, dist, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
+pub use morton::{morton, order};
 pub use openness::{OPENNESS_RAYS, openness};
 pub use particles::{Candidate, Traced, local_candidates, trace_particles};
 pub use point::Point;

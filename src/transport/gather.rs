@@ -79,6 +79,20 @@ pub struct Gathered {
     pub uncovered: f32,
     marks: Vec<bool>,
     found: Vec<WeightEntry>,
+    hits: Vec<Hit>,
+}
+
+/// What a ray met.
+struct Hit {
+    /// Where, and the normal there.
+    x: Vec3,
+    n: Vec3,
+    /// Direction × weight.
+    value: Vec3A,
+    /// 0 for an even ray, 1 for an odd one.
+    half: usize,
+    /// Whether light can come from there at all.
+    lit: bool,
 }
 
 impl Gathered {
@@ -92,6 +106,7 @@ impl Gathered {
             uncovered: 0.0,
             marks: vec![false; senders],
             found: Vec::new(),
+            hits: Vec::new(),
         }
     }
 
@@ -142,37 +157,49 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         total += w * d.z;
     }
     let norm = 1.0 / total;
-    let mut found = std::mem::take(&mut out.found);
+    // First all casts, then all look-ups: each has the processor's caches for itself.
+    let mut hits = std::mem::take(&mut out.hits);
+    hits.clear();
     for k in 0..scene.rays {
         let (d, w) = gather_direction(k, scene.rays, shift);
-        let w = w * norm;
         let direction = (t * d.x + b * d.y + n * d.z).normalize();
         let ray = Ray::new(start, direction);
-        let value = Vec3A::from(direction) * w;
+        let value = Vec3A::from(direction) * (w * norm);
         let Some(hit) = scene.geometry.cast(&ray) else {
             out.sky += value;
             continue;
         };
         let seen = scene.geometry.surface(&ray, &hit);
+        hits.push(Hit {
+            x: seen.position,
+            n: seen.normal,
+            value,
+            half: (k & 1) as usize,
+            // A black back (single-sided) sends nothing.
+            lit: seen.front || seen.albedo != Vec3::ZERO,
+        });
+    }
+    let mut found = std::mem::take(&mut out.found);
+    for hit in &hits {
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            if scene.hierarchy.senders[l].weights(seen.position, seen.normal, &mut found) {
+            if scene.hierarchy.senders[l].weights(hit.x, hit.n, &mut found) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
-                    out.deposit(first + entry.index, (k & 1) as usize, value * entry.weight);
+                    out.deposit(first + entry.index, hit.half, hit.value * entry.weight);
                 }
                 if scene.deposit == Deposit::Finest {
                     break;
                 }
             }
         }
-        // A black back (single-sided) or a hole in the cover sends nothing; only the hole is an error.
-        if !covered && (seen.front || seen.albedo != Vec3::ZERO) {
-            out.uncovered += w * d.z;
+        if !covered && hit.lit {
+            out.uncovered += hit.value.dot(n.into());
         }
     }
     out.found = found;
+    out.hits = hits;
 }
 
 /// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something: the yardstick for everything else.

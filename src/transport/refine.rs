@@ -161,6 +161,10 @@ pub fn refine_bounded(
         };
         let points = hierarchy.len();
         let level = hierarchy.level(l);
+        // Whether anybody asks for the errors: this level about its own rows, or the next.
+        let last = l + 1 == base_levels + settings.extra_levels;
+        let judged =
+            (settings.always..base_levels).contains(&l) || (l + 1 >= settings.always && !last);
         let wanted: Vec<bool> = level
             .clone()
             .map(|i| {
@@ -182,8 +186,11 @@ pub fn refine_bounded(
                     kept: Vec::new(),
                 },
                 |room, &i| {
-                    wanted[i - level.start]
-                        .then(|| receive(scene, parents, &out, &known, tree, &measure, i, room))
+                    wanted[i - level.start].then(|| {
+                        receive(
+                            scene, parents, &out, &known, tree, &measure, judged, i, room,
+                        )
+                    })
                 },
             ));
             if !progress((level.start + results.len()) as f32 / points as f32) {
@@ -276,6 +283,7 @@ fn receive(
     known: &Known,
     tree: &SenderTree,
     measure: &CutMeasure<'_>,
+    judged: bool,
     i: usize,
     room: &mut Room,
 ) -> Gather1 {
@@ -294,7 +302,7 @@ fn receive(
         .extend(touched.map(|&j| (j, gathered.sums[j as usize])));
     let links = cut_row(gathered, tree, n, measure, &mut room.cut);
     let mut error = f32::INFINITY;
-    if !row.is_empty() {
+    if judged && !row.is_empty() {
         for &(j, sums) in &room.kept {
             gathered.sums[j as usize] = sums;
         }

@@ -1,0 +1,124 @@
+//! The flat display basis ([L08] §4.1 "Flattening"): all points of all levels on one level, each with a radius of its own.
+//!
+//! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where light asks for them, so a function's radius
+//! follows from the points around it: it reaches every place that has it among its [`NEAREST`] nearest points. Where points are even
+//! that is the same radius for all; beside denser points it is as wide as the other side needs, and no place between levels is left without functions.
+//! The places asked are the points themselves and where importance particles land.
+
+use super::clip::with_planes;
+use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
+use crate::samples::{Candidate, Point, dist, trace_particles};
+use crate::scene::Geometry;
+use glam::{Vec3, Vec4};
+use rayon::prelude::*;
+
+/// Functions that reach a place.
+const NEAREST: usize = 5;
+/// How much further than the places asked a function reaches.
+const MARGIN: f32 = 1.1;
+/// Paths of the importance particles.
+const PATHS: u64 = 32_768;
+
+impl Hierarchy {
+    /// The flat basis of all points. Also says how many rays it took.
+    #[must_use]
+    pub fn flat(
+        &self,
+        geometry: &dyn Geometry,
+        viewpoints: &[Vec3],
+        settings: &HierarchySettings,
+    ) -> (LevelBasis, u64) {
+        let seed = settings.seed ^ 0x68_6f;
+        let traced = trace_particles(geometry, viewpoints, 0..PATHS, seed, settings.drop_first);
+        let landed = traced.candidates.iter().map(|c| &c.surface);
+        let places: Vec<(Vec3, Vec3)> = self
+            .surfaces
+            .iter()
+            .chain(landed)
+            .map(|s| (s.position, s.normal))
+            .collect();
+        let nearest: Vec<Vec<(u32, f32)>> = places
+            .par_iter()
+            .map_init(
+                || (Vec::new(), Vec::new()),
+                |(found, near), &(x, n)| self.nearest(x, n, found, near),
+            )
+            .collect();
+        let least = 0.5 * self.levels.last().map_or(0.0, reach);
+        let mut radius = vec![least; self.surfaces.len()];
+        for &(i, d) in nearest.iter().flatten() {
+            let r = &mut radius[i as usize];
+            *r = r.max(MARGIN * d);
+        }
+        let points: Vec<Point> = self
+            .surfaces
+            .iter()
+            .zip(&radius)
+            .map(|(s, &r)| Point::new(s.position, s.normal, r))
+            .collect();
+        let around: Vec<Candidate> = self
+            .surfaces
+            .iter()
+            .map(|&surface| Candidate {
+                surface,
+                free: surface.position,
+            })
+            .collect();
+        let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
+        self.open(&mut flat, &places, &nearest);
+        (flat, rays + traced.rays)
+    }
+
+    /// The nearest points of a place by \[L08\] Eq. (10) over the squared cosine of the normals, as Eq. (11) has it, among those whose functions on
+    /// their own level reach it: indices and dist_j(x).
+    fn nearest(
+        &self,
+        x: Vec3,
+        n: Vec3,
+        found: &mut Vec<WeightEntry>,
+        near: &mut Vec<(f32, u32, f32)>,
+    ) -> Vec<(u32, f32)> {
+        near.clear();
+        for (l, level) in self.levels.iter().enumerate() {
+            found.clear();
+            level.raw_weights(x, n, found);
+            near.extend(found.iter().map(|w| {
+                let p = &level.points[w.index as usize];
+                let d = dist(x - p.x(), p.n());
+                let cosine = n.dot(p.n());
+                (d / (cosine * cosine), self.level_starts[l] + w.index, d)
+            }));
+        }
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        near.iter().take(NEAREST).map(|&(_, i, d)| (i, d)).collect()
+    }
+
+    /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say
+    /// otherwise.
+    fn open(&self, flat: &mut LevelBasis, places: &[(Vec3, Vec3)], nearest: &[Vec<(u32, f32)>]) {
+        let closed: Vec<usize> = (0..places.len())
+            .into_par_iter()
+            .map_init(Vec::new, |found, i| {
+                let (x, n) = places[i];
+                (!nearest[i].is_empty() && !flat.weights(x, n, found)).then_some(i)
+            })
+            .flatten()
+            .collect();
+        for i in closed {
+            let x = places[i].0.extend(1.0);
+            let point = &mut flat.points[nearest[i][0].0 as usize];
+            let range = point.plane_range();
+            let kept: Vec<[f32; 4]> = flat.planes[range.clone()]
+                .iter()
+                .copied()
+                .filter(|&plane| Vec4::from_array(plane).dot(x) >= 0.0)
+                .collect();
+            flat.planes[range.start..range.start + kept.len()].copy_from_slice(&kept);
+            point.planes = range.start as u32 | (kept.len() as u32) << 24;
+        }
+    }
+}
+
+fn reach(level: &LevelBasis) -> f32 {
+    level.points.first().map_or(0.0, |p| p.radius)
+}
