@@ -14,6 +14,8 @@
 //! | Tab | one view, or direct light alone beside both |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//!
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture of the window and ends.
 
 mod common;
 
@@ -26,15 +28,36 @@ use bevy_meshless_gi::plugin::{
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+use common::capture::Capture;
+use std::process::ExitCode;
 
-fn main() -> AppExit {
-    App::new()
-        .add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
+fn main() -> ExitCode {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let capture = match Capture::take_from(&mut arguments) {
+        Ok(capture) if arguments.is_empty() => capture,
+        Ok(_) => return usage(&format!("what is {}?", arguments.join(" "))),
+        Err(why) => return usage(&why),
+    };
+    let mut app = App::new();
+    app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
         .insert_resource(GlobalAmbientLight::NONE)
         .init_resource::<SideBySide>()
         .add_systems(Startup, setup)
-        .add_systems(Update, (move_lamp, switch, lay_out, tell).chain())
-        .run()
+        .add_systems(Update, (move_lamp, switch, lay_out, tell).chain());
+    if let Some(capture) = capture {
+        app.add_plugins(capture);
+    }
+    match app.run() {
+        AppExit::Success => ExitCode::SUCCESS,
+        AppExit::Error(code) => ExitCode::from(code.get()),
+    }
+}
+
+fn usage(why: &str) -> ExitCode {
+    eprintln!(
+        "{why}\nusage: cornell [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+    );
+    ExitCode::from(2)
 }
 
 #[derive(Component)]

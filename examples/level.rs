@@ -13,6 +13,9 @@
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//!
+//! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture of the window when the bake is done (with `--while-baking`:
+//! before), and ends.
 
 mod common;
 
@@ -23,11 +26,19 @@ use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Geometry, TriangleMesh, load_gltf};
+use common::capture::Capture;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let capture = match Capture::take_from(&mut arguments) {
+        Ok(capture) => capture,
+        Err(why) => {
+            eprintln!("{why}");
+            return usage();
+        }
+    };
     let (file, preset) = match arguments.as_slice() {
         [file] => (file, Preset::Medium),
         [file, preset] => match preset.as_str() {
@@ -58,33 +69,37 @@ fn main() -> ExitCode {
         .to_string_lossy()
         .into_owned();
     let name = path.file_name().map(PathBuf::from).unwrap_or_default();
-    let exit = App::new()
-        .add_plugins((
-            DefaultPlugins.set(AssetPlugin {
-                file_path: folder,
-                ..default()
-            }),
-            MeshlessGiPlugin::default(),
-        ))
-        .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(Level {
-            name,
-            mesh: Some(level),
-            preset,
-            start: Transform::default(),
-        })
-        .add_systems(Startup, setup)
-        .add_systems(Update, (walk, switch, tell))
-        .add_observer(baked)
-        .run();
-    match exit {
+    let mut app = App::new();
+    app.add_plugins((
+        DefaultPlugins.set(AssetPlugin {
+            file_path: folder,
+            ..default()
+        }),
+        MeshlessGiPlugin::default(),
+    ))
+    .insert_resource(GlobalAmbientLight::NONE)
+    .insert_resource(Level {
+        name,
+        mesh: Some(level),
+        preset,
+        start: Transform::default(),
+    })
+    .add_systems(Startup, setup)
+    .add_systems(Update, (walk, switch, tell))
+    .add_observer(baked);
+    if let Some(capture) = capture {
+        app.add_plugins(capture);
+    }
+    match app.run() {
         AppExit::Success => ExitCode::SUCCESS,
         AppExit::Error(code) => ExitCode::from(code.get()),
     }
 }
 
 fn usage() -> ExitCode {
-    eprintln!("usage: level LEVEL.glb|LEVEL.gltf [draft|medium|high]");
+    eprintln!(
+        "usage: level LEVEL.glb|LEVEL.gltf [draft|medium|high] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+    );
     ExitCode::from(2)
 }
 

@@ -176,6 +176,44 @@ fn project() {
     assert!(flips > 100, "missing shadows are not noticed: {flips}");
 }
 
+/// More slots than one dispatch takes: rectangles are many patches, and lamps many.
+#[test]
+fn more_lights_than_a_dispatch_takes() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(SenderForm::Averages);
+    let few = synthetic::lights();
+    // Lights at the beginning, and round the place where the second dispatch begins.
+    let mut lights = vec![FrameLight::default(); 70_000];
+    let starts = [0, 65_472 - 5, 69_900];
+    for start in starts {
+        lights[start..start + few.len()].copy_from_slice(&few);
+    }
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
+    frame.set_lights(&kernels, &harness.queue, &lights).unwrap();
+    let all: Vec<u32> = (0..lights.len() as u32).collect();
+    harness
+        .run(|e| frame.project(&kernels, &harness.queue, e, &all))
+        .unwrap();
+    let counters = frame.counters();
+    assert_eq!(
+        (counters.of(Pass::Project), counters.projected),
+        (2, 70_000)
+    );
+    let lit = scene.lit_points();
+    let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, lights.len() * lit);
+    let of = |start: usize| &gpu[start * lit..(start + few.len()) * lit];
+    assert!(of(0).iter().any(|g| *g > 0.0));
+    for start in starts {
+        assert_eq!(of(start), of(0), "from slot {start}");
+    }
+    let shining = starts.map(|s| s..s + few.len());
+    let dark = |slot: &usize| !shining.iter().any(|s| s.contains(slot));
+    for slot in (0..lights.len()).filter(dark) {
+        assert!(gpu[slot * lit..(slot + 1) * lit].iter().all(|g| *g == 0.0));
+    }
+}
+
 /// What of a solve is compared: kernel, what the GPU has, what the twin has, floats an item, scale.
 type Checked = (&'static str, Pass, fn(&CpuFrame) -> Vec<f32>, usize, Scale);
 

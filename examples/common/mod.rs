@@ -1,6 +1,8 @@
 //! What the examples share: the built-in Cornell box as Bevy's meshes, and what the gizmos' key does.
 #![allow(dead_code, reason = "each example uses its part")]
 
+pub mod capture;
+
 use bevy::asset::RenderAssetUsages;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};

@@ -11,7 +11,8 @@ use std::ops::Range;
 /// What a solve simulates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
-    /// Jacobi sweeps: reflections beyond the first. Not used where the bake holds its bounces and `baked_bounces` is on.
+    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MOST_SWEEPS`] of them run. Not used where the bake
+    /// holds its bounces and `baked_bounces` is on.
     pub sweeps: u32,
     /// Use the bake's further bounces, where it has them.
     pub baked_bounces: bool,
@@ -33,6 +34,10 @@ impl Default for FrameSettings {
 }
 
 impl FrameSettings {
+    /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must end. Walls that reflect 95 % of the
+    /// light leave 2e-6 of it after so many.
+    pub const MOST_SWEEPS: u32 = 255;
+
     /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
     #[must_use]
     pub fn bounces(bounces: u32) -> Self {
@@ -160,7 +165,11 @@ impl Steps {
                 .collect(),
             senders: (0..shape.sender_levels).map(level).collect(),
             levels: (0..shape.levels()).map(level).collect(),
-            sweeps: if baked { 0 } else { settings.sweeps },
+            sweeps: if baked {
+                0
+            } else {
+                settings.sweeps.min(FrameSettings::MOST_SWEEPS)
+            },
             baked,
             differences: shape.form == SenderForm::Differences,
         }
@@ -191,6 +200,11 @@ mod tests {
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
         assert_eq!(steps.sweeps, 2);
+        let endless = FrameSettings::bounces(u32::MAX);
+        assert_eq!(
+            Steps::new(&shape(&[0, 3], 1), &endless).sweeps,
+            FrameSettings::MOST_SWEEPS
+        );
     }
 
     #[test]

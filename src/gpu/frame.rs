@@ -8,6 +8,10 @@ use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use glam::Mat4;
 
+/// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of slots is bound at a multiple of
+/// 256 bytes, the largest alignment of WebGPU.
+const SLOTS_A_DISPATCH: usize = 65_535 / 64 * 64;
+
 /// What a frame has recorded since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GpuCounters {
@@ -116,7 +120,7 @@ impl GpuFrame {
         Ok(())
     }
 
-    /// Projects the lights of `slots`, one dispatch for all. At most once a submission. Slots without a light are left out.
+    /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most once a submission. Slots without a light are left out.
     pub fn project(
         &mut self,
         kernels: &Kernels,
@@ -135,24 +139,31 @@ impl GpuFrame {
         }
         let b = &self.buffers;
         queue.write_buffer(&b.changed, 0, bytemuck::cast_slice(&slots));
-        let bind = kernels.bind(
-            Pass::Project,
-            &[
-                (0, b.params.as_entire_binding()),
-                (2, b.lights.as_entire_binding()),
-                (3, b.changed.as_entire_binding()),
-                (4, b.points.as_entire_binding()),
-                (5, b.nodes.as_entire_binding()),
-                (6, b.triangles.as_entire_binding()),
-                (7, b.projected.as_entire_binding()),
-            ],
-        );
         let mut pass = compute(encoder, "meshless_gi project");
         pass.set_pipeline(&kernels.pass(Pass::Project).pipeline);
-        pass.set_bind_group(0, &bind, &[]);
-        // A binding holds fewer points than the groups of one dimension cover.
-        pass.dispatch_workgroups(lit.div_ceil(64), slots.len() as u32, 1);
-        self.counters.dispatches[Pass::Project as usize] += 1;
+        for (i, part) in slots.chunks(SLOTS_A_DISPATCH).enumerate() {
+            let changed = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &b.changed,
+                offset: (i * SLOTS_A_DISPATCH * size_of::<u32>()) as u64,
+                size: None,
+            });
+            let bind = kernels.bind(
+                Pass::Project,
+                &[
+                    (0, b.params.as_entire_binding()),
+                    (2, b.lights.as_entire_binding()),
+                    (3, changed),
+                    (4, b.points.as_entire_binding()),
+                    (5, b.nodes.as_entire_binding()),
+                    (6, b.triangles.as_entire_binding()),
+                    (7, b.projected.as_entire_binding()),
+                ],
+            );
+            pass.set_bind_group(0, &bind, &[]);
+            // A binding holds fewer points than the groups of one dimension cover.
+            pass.dispatch_workgroups(lit.div_ceil(64), part.len() as u32, 1);
+            self.counters.dispatches[Pass::Project as usize] += 1;
+        }
         self.counters.projected += slots.len() as u64;
     }
 

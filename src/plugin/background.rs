@@ -4,6 +4,7 @@
 //! `AsyncComputeTaskPool` compiles pipelines. A bake of seconds to minutes on it would leave the window empty until the end.
 
 use std::future::Future;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Waker};
@@ -19,17 +20,23 @@ enum State<T> {
 pub(crate) struct Background<T>(Arc<Mutex<State<T>>>);
 
 impl<T: Send + 'static> Background<T> {
-    /// Runs `work`, which must not panic, on a new thread called `name`.
+    /// Runs `work` on a new thread called `name`. Where it panics, which nothing should, `panicked` gives the result: nobody is left
+    /// waiting for ever.
     ///
     /// # Errors
     /// What the system says when it gives no thread.
-    pub fn spawn(name: &str, work: impl FnOnce() -> T + Send + 'static) -> std::io::Result<Self> {
+    pub fn spawn(
+        name: &str,
+        work: impl FnOnce() -> T + Send + 'static,
+        panicked: impl FnOnce() -> T + Send + 'static,
+    ) -> std::io::Result<Self> {
         let state = Arc::new(Mutex::new(State::Running(None)));
         let to = state.clone();
         std::thread::Builder::new()
             .name(name.into())
             .spawn(move || {
-                let done = State::Done(work());
+                let done = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| panicked());
+                let done = State::Done(done);
                 let before = std::mem::replace(
                     &mut *to.lock().unwrap_or_else(PoisonError::into_inner),
                     done,
@@ -74,16 +81,24 @@ mod tests {
     #[test]
     fn what_the_thread_makes_arrives_once() {
         let (go, wait) = std::sync::mpsc::channel::<()>();
-        let mut work = Background::spawn("test", move || wait.recv().map(|()| 7)).unwrap();
+        let mut work =
+            Background::spawn("test", move || wait.recv().map_or(0, |()| 7), || 8).unwrap();
         assert!(work.take().is_none(), "it waits");
         go.send(()).unwrap();
-        assert_eq!(bevy::tasks::block_on(&mut work), Ok(7));
+        assert_eq!(bevy::tasks::block_on(&mut work), 7);
         assert!(work.take().is_none(), "it was taken");
     }
 
     #[test]
     fn whoever_waits_is_woken() {
-        let work = Background::spawn("test", || std::thread::sleep(Duration::from_millis(20)));
+        let nap = || std::thread::sleep(Duration::from_millis(20));
+        let work = Background::spawn("test", nap, || ());
         bevy::tasks::block_on(work.unwrap());
+    }
+
+    #[test]
+    fn a_panic_is_a_result() {
+        let work = Background::spawn("test", || panic!("as the test wants it"), || 8);
+        assert_eq!(bevy::tasks::block_on(work.unwrap()), 8);
     }
 }

@@ -98,9 +98,11 @@ pub(crate) fn bake_in_background(
     recipe: Recipe,
     progress: Arc<Progress>,
 ) -> std::io::Result<Baking> {
-    Background::spawn("meshless gi bake", move || {
-        bake_level(&level, &recipe, bake_threads(), &progress)
-    })
+    Background::spawn(
+        "meshless gi bake",
+        move || bake_level(&level, &recipe, bake_threads(), &progress),
+        || Err(BakeLevelError::Threads("the bake panicked".into())),
+    )
 }
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
@@ -113,8 +115,9 @@ pub(crate) fn collect_bakes(
         let Some(result) = under_way.take() else {
             continue;
         };
+        // Somebody may have despawned the entity in this very frame: then nobody wants the bake.
         let mut commands = commands.entity(entity);
-        commands.remove::<MeshlessGiBake>();
+        commands.try_remove::<MeshlessGiBake>();
         match result {
             Ok(Baked { scene, stats }) => {
                 let seconds = stats.seconds.total;
@@ -125,18 +128,21 @@ pub(crate) fn collect_bakes(
                     scene.operator.links.len(),
                     100.0 * estimated_nrmse,
                 );
-                commands
-                    .remove::<MeshlessGiBakeFailed>()
-                    .insert(MeshlessGi(assets.add(MeshlessGiAsset::from(scene))))
-                    .trigger(|entity| MeshlessGiBaked {
-                        entity,
-                        seconds,
-                        estimated_nrmse,
-                    });
+                let bake = MeshlessGi(assets.add(MeshlessGiAsset::from(scene)));
+                commands.queue_silenced(move |mut entity: EntityWorldMut| {
+                    entity
+                        .remove::<MeshlessGiBakeFailed>()
+                        .insert(bake)
+                        .trigger(|entity| MeshlessGiBaked {
+                            entity,
+                            seconds,
+                            estimated_nrmse,
+                        });
+                });
             }
             Err(why) => {
                 error!("a bake failed: {why}");
-                commands.insert(MeshlessGiBakeFailed(why.to_string()));
+                commands.try_insert(MeshlessGiBakeFailed(why.to_string()));
             }
         }
     }

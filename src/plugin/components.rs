@@ -36,7 +36,7 @@ pub struct MeshlessGiLighting {
     /// the exposure; the default is what looks the same at Bevy's default exposure (EV100 9.7): 1.2 · 2^9.7 ≈ 998. Set 0 to
     /// let emissive surfaces not light anything.
     pub emission: f32,
-    /// Diffuse reflections, from 1 (direct light reflected once). A bake with baked bounces ignores it.
+    /// Diffuse reflections, from 1 (direct light reflected once) to 256. A bake with baked bounces ignores it.
     pub bounces: u32,
 }
 

@@ -48,6 +48,8 @@ pub(crate) struct GiRender {
     counted: GpuCounters,
     /// Counters of scenes whose frames are gone.
     retired: GpuCounters,
+    /// This device lacks what the kernels need.
+    unable: bool,
 }
 
 /// Whether the device has what the kernels need.
@@ -78,7 +80,7 @@ impl GiRender {
         coefficients: &MeshlessGiCoefficients,
     ) -> FrameState {
         let mut state = FrameState {
-            device_able: true,
+            device_able: !self.unable,
             largest_binding,
             keep_frames: world.keep_frames,
             scenes: Vec::with_capacity(world.scenes.len()),
@@ -101,6 +103,7 @@ impl GiRender {
         }
         for scene in &world.scenes {
             let seen = scene.shown
+                && scene.placement.is_some()
                 && world
                     .views
                     .iter()
@@ -125,7 +128,7 @@ impl GiRender {
             read_back,
             ..SceneState::new(scene.id)
         };
-        let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
+        let Some(bake) = &scene.bake else {
             return state;
         };
         if self
@@ -151,7 +154,7 @@ impl GiRender {
         } else {
             runtime.idle_frames.saturating_add(1)
         };
-        if seen {
+        if seen && let Some(placement) = &scene.placement {
             let local_from_world = placement.matrix();
             let lights: Vec<(LightKey, Vec<FrameLight>)> = lights
                 .iter()
@@ -309,6 +312,7 @@ pub(crate) fn compute(
             Ok(kernels) => render.kernels = Some(kernels),
             Err(why) => {
                 // `finish` has checked this device; a new one after a loss may differ.
+                render.unable = true;
                 error!("indirect light stays off: {why}");
                 render.plan = Plan::default();
                 return;

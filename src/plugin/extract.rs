@@ -124,6 +124,12 @@ pub(crate) struct LightParts {
 }
 
 impl LightPartsItem<'_, '_> {
+    /// Where the light points. Zero, which lights nothing, where its transform has no direction; Bevy's own method panics there.
+    fn forward(&self) -> Vec3 {
+        let back = Vec3::from(self.transform.affine().matrix3.z_axis);
+        -back.normalize_or_zero()
+    }
+
     /// What multiplies the light: 0 for one that is off.
     fn factor(&self) -> f32 {
         match (self.visibility.get(), self.gi) {
@@ -184,7 +190,8 @@ pub(crate) fn extract(
     out.keep_frames = settings.keep_frames;
     out.read_back = gizmos
         .as_ref()
-        .is_some_and(|store| wants_coefficients(store.config::<MeshlessGiGizmos>()));
+        .and_then(|store| store.get_config::<MeshlessGiGizmos>())
+        .is_some_and(wants_coefficients);
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
@@ -205,6 +212,8 @@ pub(crate) fn extract(
             lighting: lighting.clone(),
         });
     }
+    // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
+    out.scenes.sort_unstable_by_key(|scene| scene.id);
     for (entity, camera, settings, frustum, msaa, layers, (hdr, depth, normal, deferred)) in
         &cameras
     {
@@ -270,7 +279,7 @@ pub(crate) fn extract(
             LightKind::Spot,
             Light::Spot {
                 position: parts.transform.translation(),
-                direction: parts.transform.forward().as_vec3(),
+                direction: parts.forward(),
                 intensity: rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI)),
                 inner,
                 outer,
@@ -283,7 +292,7 @@ pub(crate) fn extract(
             &parts,
             LightKind::Directional,
             Light::Directional {
-                direction: parts.transform.forward().as_vec3(),
+                direction: parts.forward(),
                 irradiance: rgb(light.color) * (parts.factor() * light.illuminance),
             },
         );

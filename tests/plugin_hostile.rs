@@ -1,0 +1,389 @@
+//! The running plugin and what nobody should do to it: numbers that make no sense, scenes that come and go in one frame, a thousand
+//! lamps, settings that change under way. It may be dark meanwhile; it must not fail, and must be right again afterwards.
+
+mod plugin_support;
+
+use bevy::camera::Hdr;
+use bevy::gizmos::config::GizmoConfigStore;
+use bevy::light::{EnvironmentMapLight, IrradianceVolume, LightProbe};
+use bevy::pbr::DefaultOpaqueRendererMethod;
+use bevy::prelude::*;
+use bevy::render::camera::TemporalJitter;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{
+    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiSettings,
+};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::flip::{Picture, flip};
+use plugin_support::scenes::{cornell, cpu_indirect};
+use plugin_support::stage::{
+    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
+};
+
+const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
+
+/// A room, a camera that shows indirect light alone, its target, and a lamp at [`PLACE`].
+fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
+    let root = spawn_room(app, Transform::IDENTITY);
+    let image = target(app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    let lamp = app
+        .world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(PLACE)))
+        .id();
+    (root, eye, image, lamp)
+}
+
+fn cpu(lights: &[Light]) -> Picture {
+    let (room, bake) = cornell();
+    let at = Transform::IDENTITY;
+    cpu_indirect(&room, &bake, at, view(), lights, &settings())
+}
+
+#[track_caller]
+fn finite(p: &Picture, what: &str) {
+    let wrong = p.pixels.iter().flatten().filter(|v| !v.is_finite()).count();
+    assert_eq!(wrong, 0, "{what}: values that are not finite");
+}
+
+#[test]
+fn numbers_that_make_no_sense_leave_nothing_behind() {
+    let mut app = app();
+    let (root, _, image, lamp_entity) = stage(&mut app);
+    run(&mut app, 2);
+    let right = cpu(&[lamp(PLACE)]);
+    assert_alike("before", &right, &picture(&mut app, &image));
+
+    type Set = fn(&mut PointLight, &mut Transform);
+    let lamps: [(&str, Set); 7] = [
+        ("no range", |l, _| l.range = 0.0),
+        ("a negative range", |l, _| l.range = -3.0),
+        ("an endless range", |l, _| l.range = f32::MAX),
+        ("a range that is no number", |l, _| l.range = f32::NAN),
+        ("an endless intensity", |l, _| l.intensity = f32::INFINITY),
+        ("no place", |_, t| t.translation.x = f32::NAN),
+        ("an endless place", |_, t| t.translation.y = f32::INFINITY),
+    ];
+    for (what, set) in lamps {
+        let (mut light, mut at) = (bevy_lamp(), Transform::from_translation(PLACE));
+        set(&mut light, &mut at);
+        app.world_mut().entity_mut(lamp_entity).insert((light, at));
+        run(&mut app, 2);
+        finite(&picture(&mut app, &image), what);
+    }
+    let whole = (bevy_lamp(), Transform::from_translation(PLACE));
+    app.world_mut().entity_mut(lamp_entity).insert(whole);
+    run(&mut app, 1);
+    assert_alike("after_lamps", &right, &picture(&mut app, &image));
+
+    // Lights that point nowhere; hidden, for Bevy's own renderer does not bear them in view.
+    let nowhere = (Transform::from_scale(Vec3::ZERO), Visibility::Hidden);
+    let others = [
+        app.world_mut()
+            .spawn((DirectionalLight::default(), nowhere))
+            .id(),
+        app.world_mut().spawn((SpotLight::default(), nowhere)).id(),
+        app.world_mut().spawn((RectLight::default(), nowhere)).id(),
+    ];
+    run(&mut app, 2);
+    finite(&picture(&mut app, &image), "no direction");
+    for other in others {
+        app.world_mut().despawn(other);
+    }
+
+    let strange = MeshlessGiLighting {
+        sky: LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0),
+        emission: f32::NAN,
+        bounces: u32::MAX,
+    };
+    app.world_mut().entity_mut(root).insert(strange);
+    run(&mut app, 1);
+    finite(&picture(&mut app, &image), "strange lighting");
+    app.world_mut()
+        .entity_mut(root)
+        .insert(MeshlessGiLighting::default());
+    run(&mut app, 1);
+    assert_alike("after_lighting", &right, &picture(&mut app, &image));
+}
+
+#[test]
+fn a_root_without_a_place_is_not_shown_and_gives_its_memory_back() {
+    let mut app = app();
+    let (root, _, image, _) = stage(&mut app);
+    app.world_mut()
+        .resource_mut::<MeshlessGiSettings>()
+        .keep_frames = 2;
+    run(&mut app, 2);
+    assert!(counters(&app).buffers > 0);
+    for scale in [0.0, f32::NAN] {
+        app.world_mut().get_mut::<Transform>(root).unwrap().scale = Vec3::splat(scale);
+        run(&mut app, 4);
+        let c = counters(&app);
+        assert_eq!((c.active_scenes, c.buffers), (0, 0), "{scale}: {}", c.plan);
+    }
+    app.world_mut().get_mut::<Transform>(root).unwrap().scale = Vec3::ONE;
+    run(&mut app, 2);
+    let again = picture(&mut app, &image);
+    assert_alike("placed_again", &cpu(&[lamp(PLACE)]), &again);
+}
+
+#[test]
+fn roots_and_cameras_that_are_despawned_and_spawned_again() {
+    let mut app = app();
+    let (mut root, mut eye, image, _) = stage(&mut app);
+    run(&mut app, 2);
+    let (bytes, pipelines) = (counters(&app).bytes, counters(&app).pipelines);
+    for i in 0..6 {
+        // Both in one frame.
+        app.world_mut().despawn(root);
+        root = spawn_room(&mut app, Transform::IDENTITY);
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(
+            (c.dispatches_of(Stage::Upload), c.projected_slots, c.bytes),
+            (1, 1, bytes),
+            "{i}: {}",
+            c.plan
+        );
+        match i % 3 {
+            0 => {
+                app.world_mut().despawn(eye);
+                eye = app
+                    .world_mut()
+                    .spawn((camera(&image, view()), indirect()))
+                    .id();
+            }
+            1 => {
+                app.world_mut().entity_mut(eye).remove::<MeshlessGiCamera>();
+                run(&mut app, 1);
+                let c = counters(&app);
+                assert_eq!(c.dispatches.len(), 0, "{}", c.plan);
+                app.world_mut().entity_mut(eye).insert(indirect());
+            }
+            _ => {
+                app.world_mut().get_mut::<Camera>(eye).unwrap().is_active = false;
+                run(&mut app, 1);
+                let c = counters(&app);
+                assert_eq!(c.dispatches.len(), 0, "{}", c.plan);
+                app.world_mut().get_mut::<Camera>(eye).unwrap().is_active = true;
+            }
+        }
+        run(&mut app, 2);
+        let c = counters(&app);
+        assert_eq!(
+            (c.bytes, c.pipelines),
+            (bytes, pipelines),
+            "{i}: {}",
+            c.plan
+        );
+    }
+    assert_alike("at_last", &cpu(&[lamp(PLACE)]), &picture(&mut app, &image));
+}
+
+#[test]
+fn a_thousand_lamps_and_then_none() {
+    let mut app = app();
+    let (_, _, image, first) = stage(&mut app);
+    app.world_mut().despawn(first);
+    let place = |i: usize| {
+        let (x, y, z) = ((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32);
+        Vec3::new(0.16 * (x - 4.5), 1.0 + 0.09 * y, 0.7 * (z - 4.5) / 4.5)
+    };
+    let dim = PointLight {
+        intensity: bevy_lamp().intensity / 300.0,
+        ..bevy_lamp()
+    };
+    let lamps: Vec<Entity> = (0..1000)
+        .map(|i| {
+            let at = Transform::from_translation(place(i));
+            app.world_mut().spawn((dim, at)).id()
+        })
+        .collect();
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(
+        (c.projected_slots, c.dispatches_of(Stage::Project)),
+        (1000, 1),
+        "{}",
+        c.plan
+    );
+    let lights: Vec<Light> = (0..1000)
+        .map(|i| Light::Point {
+            position: place(i),
+            intensity: Vec3::splat(CANDELA / 300.0),
+            range: 20.0,
+        })
+        .collect();
+    assert_alike("thousand", &cpu(&lights), &picture(&mut app, &image));
+    for lamp in lamps {
+        app.world_mut().despawn(lamp);
+    }
+    run(&mut app, 1);
+    assert!(counters(&app).dispatches_of(Stage::Apply) > 0);
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lamps are gone");
+}
+
+#[test]
+fn an_asset_that_fails_to_load_leaves_nothing_and_may_be_replaced() {
+    let mut app = app();
+    let (root, _, image, _) = stage(&mut app);
+    let missing = app
+        .world()
+        .resource::<AssetServer>()
+        .load("there_is_no_such.mgi");
+    let good = app.world().get::<MeshlessGi>(root).unwrap().clone();
+    app.world_mut().entity_mut(root).insert(MeshlessGi(missing));
+    run(&mut app, 10);
+    let c = counters(&app);
+    assert_eq!((c.pipelines, c.buffers), (0, 0), "{}", c.plan);
+    app.world_mut().entity_mut(root).insert(good);
+    run(&mut app, 2);
+    assert_alike("replaced", &cpu(&[lamp(PLACE)]), &picture(&mut app, &image));
+}
+
+#[test]
+fn a_camera_that_loses_and_regains_what_it_needs() {
+    let mut app = app();
+    let (_, eye, image, _) = stage(&mut app);
+    run(&mut app, 2);
+    app.world_mut().entity_mut(eye).remove::<Hdr>();
+    run(&mut app, 2);
+    assert_eq!(counters(&app).active_scenes, 0);
+    app.world_mut().entity_mut(eye).insert(Hdr);
+    run(&mut app, 3);
+    let again = picture(&mut app, &image);
+    assert_alike("regained", &cpu(&[lamp(PLACE)]), &again);
+}
+
+#[test]
+fn a_jittered_camera_lights_the_surfaces_where_they_are() {
+    let mut app = app();
+    let (_, eye, image, _) = stage(&mut app);
+    run(&mut app, 2);
+    // Far more than antialiasing jitters by: to the side by an eighth of the picture.
+    let shift = 16;
+    app.world_mut().entity_mut(eye).insert(TemporalJitter {
+        offset: Vec2::new(shift as f32, 0.0),
+    });
+    run(&mut app, 3);
+    let jittered = picture(&mut app, &image);
+    let still = cpu(&[lamp(PLACE)]);
+    let width = still.width - shift;
+    let (left, right) = (still.columns(0, width), still.columns(shift, width));
+    let moved_right = jittered.columns(shift, width);
+    let moved_left = jittered.columns(0, width);
+    assert!(flip(&left, &right) > MOST, "the jitter shows");
+    // Whichever side is Bevy's positive one.
+    if flip(&left, &moved_right) < flip(&right, &moved_left) {
+        assert_alike("jittered", &left, &moved_right);
+    } else {
+        assert_alike("jittered", &right, &moved_left);
+    }
+}
+
+#[test]
+fn every_double_counting_is_found() {
+    let mut app = app();
+    let (_, eye, _, _) = stage(&mut app);
+    run(&mut app, 1);
+    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    assert_eq!(found(&app), []);
+    // Images that have not arrived yet; the warning does not wait for them.
+    let pending = app.world().resource::<Assets<Image>>().reserve_handle();
+    let map = || EnvironmentMapLight {
+        diffuse_map: pending.clone(),
+        specular_map: pending.clone(),
+        intensity: 100.0,
+        ..default()
+    };
+    app.world_mut().entity_mut(eye).insert(map());
+    run(&mut app, 1);
+    assert_eq!(found(&app), [MeshlessGiFinding::EnvironmentMap]);
+    app.world_mut()
+        .entity_mut(eye)
+        .remove::<EnvironmentMapLight>();
+    app.world_mut()
+        .spawn((LightProbe::default(), map(), Transform::IDENTITY));
+    run(&mut app, 1);
+    assert_eq!(found(&app)[1..], [MeshlessGiFinding::LightProbe]);
+    app.world_mut().spawn((
+        LightProbe::default(),
+        IrradianceVolume {
+            voxels: pending.clone(),
+            intensity: 100.0,
+            ..default()
+        },
+        Transform::IDENTITY,
+    ));
+    app.insert_resource(DefaultOpaqueRendererMethod::forward());
+    run(&mut app, 1);
+    assert_eq!(
+        found(&app)[2..],
+        [
+            MeshlessGiFinding::IrradianceVolume,
+            MeshlessGiFinding::ForwardMaterials
+        ]
+    );
+    // All of it is still there, and is not told again.
+    run(&mut app, 3);
+    assert_eq!(found(&app).len(), 4);
+
+    // Who does not want to hear it is not told.
+    let mut quiet = plugin_support::app::app();
+    quiet
+        .world_mut()
+        .resource_mut::<MeshlessGiSettings>()
+        .warn_double_counting = false;
+    quiet.insert_resource(GlobalAmbientLight::default());
+    stage(&mut quiet);
+    run(&mut quiet, 2);
+    assert_eq!(found(&quiet), []);
+}
+
+#[test]
+fn points_normals_and_radii_are_drawn_when_somebody_asks() {
+    let mut app = app();
+    let (_, _, image, _) = stage(&mut app);
+    let store = app.world().resource::<GizmoConfigStore>();
+    let (config, group) = store.config::<MeshlessGiGizmos>();
+    assert!(!config.enabled, "off by default");
+    assert_eq!(*group, MeshlessGiGizmos::default());
+    run(&mut app, 3);
+    let plain = picture(&mut app, &image);
+
+    let mut show = |set: &dyn Fn(&mut MeshlessGiGizmos)| {
+        let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
+        let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+        (config.enabled, config.depth_bias) = (true, -1.0);
+        *group = MeshlessGiGizmos {
+            points: false,
+            ..default()
+        };
+        set(group);
+        run(&mut app, 2);
+        picture(&mut app, &image)
+    };
+    let pure = |p: &Picture, channel: usize| {
+        let of = |rgb: &&[f32; 3]| (0..3).all(|c| (rgb[c] > 0.9) == (c == channel));
+        p.pixels.iter().filter(of).count()
+    };
+    let (red, blue) = (0, 2);
+    assert_eq!((pure(&plain, red), pure(&plain, blue)), (0, 0));
+    let nothing = show(&|_| ());
+    assert_eq!((pure(&nothing, red), pure(&nothing, blue)), (0, 0));
+
+    // All levels; one of them; and crosses, strokes and circles differ.
+    let all = show(&|g| (g.points, g.size) = (true, 0.3));
+    assert!(pure(&all, red) > 20 && pure(&all, blue) > 20);
+    let coarsest = show(&|g| (g.points, g.size, g.level) = (true, 0.3, Some(0)));
+    assert!(pure(&coarsest, red) > 20 && pure(&coarsest, blue) == 0);
+    let normals = show(&|g| (g.normals, g.level) = (true, Some(0)));
+    let radii = show(&|g| (g.radii, g.level) = (true, Some(0)));
+    assert!(pure(&normals, red) > 20 && pure(&radii, red) > 100);
+    assert!(normals != coarsest && radii != coarsest && radii != normals);
+}
