@@ -21,12 +21,15 @@ mod common;
 
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::input::mouse::AccumulatedMouseMotion;
+use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Geometry, TriangleMesh, load_gltf};
+use bevy_meshless_gi::scene::{Bvh, Geometry, Ray, TriangleMesh, load_gltf};
 use common::capture::Capture;
+use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -161,6 +164,14 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
             shadow_maps_enabled: true,
             ..default()
         },
+        // The shadow map's texels are for the level, not for Bevy's 150 m: or sunlight shows at the foot of the walls.
+        CascadeShadowConfigBuilder {
+            minimum_distance: 1e-3 * size,
+            first_cascade_far_bound: 0.15 * size,
+            maximum_distance: size,
+            ..default()
+        }
+        .build(),
         Transform::default().looking_to(Vec3::new(0.35, -1.0, 0.25), Vec3::Y),
     ));
     commands.spawn((
@@ -178,7 +189,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
     ));
 }
 
-/// The bake is done: viewpoints that it found are good places for who has not walked yet, and for the lamp.
+/// The bake is done: the viewpoints that it found are good places for who has not walked yet, and for the lamp.
 fn baked(
     event: On<MeshlessGiBaked>,
     scenes: Query<&MeshlessGi>,
@@ -194,16 +205,69 @@ fn baked(
     else {
         return;
     };
-    let places = &bake.scene.info.viewpoints;
-    let (Some(place), true) = (places.first(), **camera == level.start) else {
+    if **camera != level.start {
         return;
-    };
-    let place = Vec3::from_array(*place);
-    let [min, max] = bake.scene.info.bounds.map(Vec3::from_array);
-    let ahead = (0.5 * (min + max) - place).with_y(0.0);
-    **camera = Transform::from_translation(place)
-        .looking_to(ahead.try_normalize().unwrap_or(Vec3::NEG_Z), Vec3::Y);
-    lamp.translation = places.get(1).map_or(place, |p| Vec3::from_array(*p));
+    }
+    if let Some(outlook) = Outlook::best(&bake.scene) {
+        **camera = Transform::from_translation(outlook.from).looking_to(outlook.toward, Vec3::Y);
+        lamp.translation = outlook.from + 0.4 * outlook.free * outlook.toward;
+    }
+}
+
+/// A place, and a horizontal direction in which the level is far away.
+struct Outlook {
+    from: Vec3,
+    toward: Vec3,
+    /// Metres to the level straight ahead, about.
+    free: f32,
+}
+
+impl Outlook {
+    /// The one with most room before it, of all viewpoints and sixteen directions.
+    fn best(scene: &BakedScene) -> Option<Self> {
+        let [min, max] = scene.info.bounds.map(Vec3::from_array);
+        let far = (max - min).length();
+        let mut best: Option<(f32, Self)> = None;
+        for from in scene
+            .info
+            .viewpoints
+            .iter()
+            .take(64)
+            .map(|p| Vec3::from_array(*p))
+        {
+            for i in 0..16 {
+                let toward = Quat::from_rotation_y(i as f32 * TAU / 16.0) * Vec3::NEG_Z;
+                let free = free_way(&scene.bvh, from, toward, far);
+                // To both sides as well; out of the level is no view.
+                let sides = [-0.4, 0.4].map(|turn| {
+                    free_way(&scene.bvh, from, Quat::from_rotation_y(turn) * toward, far)
+                });
+                let room = free.min(2.0 * sides[0]).min(2.0 * sides[1]);
+                if free < far && best.as_ref().is_none_or(|(most, _)| room > *most) {
+                    best = Some((room, Self { from, toward, free }));
+                }
+            }
+        }
+        best.map(|(_, outlook)| outlook)
+    }
+}
+
+/// How far it is from a place to what is seen from there, to a thousandth of `far`; `far` where nothing is.
+fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
+    let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
+    if !meets(far) {
+        return far;
+    }
+    let (mut open, mut closed) = (0.0, far);
+    for _ in 0..10 {
+        let middle = 0.5 * (open + closed);
+        if meets(middle) {
+            closed = middle;
+        } else {
+            open = middle;
+        }
+    }
+    open
 }
 
 type TheLamp<'w, 's> = Single<
