@@ -258,6 +258,13 @@ fn a_camera_that_loses_and_regains_what_it_needs() {
     run(&mut app, 3);
     let again = picture(&mut app, &image);
     assert_alike("regained", &cpu(&[lamp(PLACE)]), &again);
+
+    // Several samples a pixel, under way: Bevy takes them back from a deferred camera.
+    app.world_mut().entity_mut(eye).insert(Msaa::Sample4);
+    run(&mut app, 3);
+    assert_eq!(app.world().get::<Msaa>(eye), Some(&Msaa::Off));
+    let again = picture(&mut app, &image);
+    assert_alike("one_sample_again", &cpu(&[lamp(PLACE)]), &again);
 }
 
 #[test]
