@@ -2,7 +2,9 @@
 //! (`tests/data`). Every comparison is also made with a wrong input and must fail there.
 #![cfg(feature = "cli")]
 
-use bevy_meshless_gi::accuracy::{Irradiance, ReferenceSettings, irradiance_at_all};
+use bevy_meshless_gi::accuracy::{
+    BOUNCES, Irradiance, ReferenceSettings, Truth, irradiance_at_all,
+};
 use bevy_meshless_gi::samples::Random;
 use bevy_meshless_gi::scene::{
     Geometry, ImplicitObject, ImplicitScene, Light, Material, SceneDescription, Shape,
@@ -268,37 +270,22 @@ fn form_factors_of_unit_squares() {
     }
 }
 
-struct Truth {
-    points: Vec<(Vec3, Vec3)>,
-    direct: Vec<Vec3>,
-    /// Value and standard error for 1, 2, 4 and any number of reflections.
-    indirect: [Vec<(Vec3, Vec3)>; 4],
-}
-
-/// Every `step`-th row of a table of ground truth.
-fn truth(path: &Path, step: usize) -> Truth {
-    let text = std::fs::read_to_string(path).unwrap();
-    let mut out = Truth {
-        points: Vec::new(),
-        direct: Vec::new(),
-        indirect: Default::default(),
-    };
-    for line in text.lines().skip(1).step_by(step) {
-        let row: Vec<f32> = line.split(',').map(|x| x.parse().unwrap()).collect();
-        let v = |i: usize| Vec3::new(row[i], row[i + 1], row[i + 2]);
-        out.points.push((v(0), v(3).normalize()));
-        out.direct.push(v(9));
-        for k in 0..4 {
-            out.indirect[k].push((v(12 + 6 * k), v(15 + 6 * k)));
-        }
+/// Every twentieth row of a table of ground truth.
+fn some(truth: &Truth) -> Truth {
+    fn thin<T: Copy>(all: &[T]) -> Vec<T> {
+        all.iter().copied().step_by(20).collect()
     }
-    out
+    Truth {
+        places: thin(&truth.places),
+        direct: thin(&truth.direct),
+        indirect: truth.indirect.each_ref().map(|(v, e)| (thin(v), thin(e))),
+    }
 }
 
 /// Our estimates against the truth: mean square of the standardised differences, and the largest of them.
-fn disagreement(ours: &[Irradiance], truth: &[(Vec3, Vec3)]) -> (f64, f64) {
+fn disagreement(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> (f64, f64) {
     let (mut sum, mut largest, mut count) = (0.0, 0.0f64, 0.0);
-    for (e, (value, error)) in ours.iter().zip(truth) {
+    for ((e, value), error) in ours.iter().zip(values).zip(errors) {
         for c in 0..3 {
             let variance = f64::from(e.indirect_error[c]).powi(2) + f64::from(error[c]).powi(2);
             if variance > 0.0 {
@@ -320,12 +307,11 @@ fn ground_truth_of_another_program_agrees() {
             .join(name);
         let scene = SceneDescription::read(folder.join("L0.json")).unwrap();
         let level = load_gltf(&scene.geometry[0]).unwrap();
-        let truth = truth(&folder.join("L0.csv"), 20);
+        let truth = some(&Truth::read(folder.join("L0.csv")).unwrap());
         let run = |lights: &[Light], bounces| {
-            irradiance_at_all(&level.mesh, lights, &truth.points, &settings(1500, bounces))
+            irradiance_at_all(&level.mesh, lights, &truth.places, &settings(1500, bounces))
         };
-        let bounces = [Some(1), Some(2), Some(4), None];
-        for (k, bounces) in bounces.into_iter().enumerate() {
+        for (k, bounces) in BOUNCES.into_iter().enumerate() {
             let ours = run(&scene.lights, bounces);
             let (mean, largest) = disagreement(&ours, &truth.indirect[k]);
             println!("{name}, {bounces:?}: mean z² {mean:.2}, largest |z| {largest:.1}");

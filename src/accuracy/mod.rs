@@ -6,6 +6,7 @@ mod evaluate;
 mod metrics;
 mod reference;
 mod render;
+mod truth;
 
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
@@ -14,3 +15,4 @@ pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
 pub use render::{Camera, Image, render};
+pub use truth::{BOUNCES, Truth, TruthError};

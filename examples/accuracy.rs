@@ -1,0 +1,118 @@
+//! How wrong is a bake, and where did its seconds go? Bakes scenes for which another program has computed the truth and prints a row of each.
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example accuracy -- medium tests/data/cornell tests/data/rooms_open
+//! ```
+//!
+//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
+
+use bevy_meshless_gi::accuracy::{BOUNCES, Bounces, Evaluator, Truth, errors};
+use bevy_meshless_gi::bake::{
+    Baked, Preset, Progress, Recipe, Settings, bake_level, cast_gather_rays,
+};
+use bevy_meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let preset = match args.next().as_deref() {
+        Some("draft") => Preset::Draft,
+        Some("medium") => Preset::Medium,
+        Some("high") => Preset::High,
+        _ => return Err("usage: accuracy draft|medium|high FOLDER...".into()),
+    };
+    println!(
+        "| scene | light | bounces | NRMSE | bias | 99 % below | direct NRMSE | not covered |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    let mut bakes = String::new();
+    for folder in args.map(PathBuf::from) {
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        bakes += &scene(&folder, &name, preset)?;
+    }
+    println!();
+    println!(
+        "| scene | seconds | points, gather, refine, estimate | rays alone | ratio | elsewhere | senders | rows | links | bytes of the file | estimated NRMSE |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    print!("{bakes}");
+    Ok(())
+}
+
+/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns the row of the bake.
+fn scene(folder: &Path, name: &str, preset: Preset) -> Result<String, Box<dyn Error>> {
+    let lights = (0..)
+        .map(|i| folder.join(format!("L{i}.json")))
+        .take_while(|path| path.exists())
+        .collect::<Vec<_>>();
+    let mut made: Option<(Baked, TriangleMesh)> = None;
+    for (i, path) in lights.iter().enumerate() {
+        let description = SceneDescription::read(path)?;
+        if made.is_none() {
+            let geometry = description.geometry.first();
+            let mesh = load_gltf(geometry.ok_or("a scene without geometry")?)?.mesh;
+            let recipe = Recipe {
+                preset,
+                ..Recipe::default()
+            };
+            let baked = bake_level(&mesh, &recipe, 0, &Progress::default())?;
+            made = Some((baked, mesh));
+        }
+        let Some((baked, mesh)) = &made else { continue };
+        let truth = Truth::read(path.with_extension("csv"))?;
+        for (bounces, (values, noise)) in BOUNCES.iter().zip(&truth.indirect) {
+            let count = bounces.map_or(Bounces::All, Bounces::Count);
+            let meshes = std::slice::from_ref(mesh);
+            let evaluator = Evaluator::new(&baked.scene, meshes, &description.lights, count);
+            let light: Vec<_> = truth
+                .places
+                .par_iter()
+                .enumerate()
+                .map(|(i, &(x, n))| evaluator.at(x, n, i as u64))
+                .collect();
+            let indirect: Vec<Vec3> = light
+                .iter()
+                .map(|e| e.indirect.unwrap_or_default())
+                .collect();
+            let direct: Vec<Vec3> = light.iter().map(|e| e.direct).collect();
+            let e = errors(&indirect, values, noise);
+            let d = errors(&direct, &truth.direct, &vec![Vec3::ZERO; direct.len()]);
+            println!(
+                "| {name} | L{i} | {} | {:.2} % | {:+.2} % | {:.1} % | {:.2} % | {} of {} |",
+                bounces.map_or("all".into(), |b| b.to_string()),
+                100.0 * e.nrmse,
+                100.0 * e.bias,
+                100.0 * e.p99,
+                100.0 * d.nrmse,
+                light.iter().filter(|e| e.indirect.is_none()).count(),
+                light.len(),
+            );
+        }
+    }
+    let (baked, mesh) = made.ok_or_else(|| format!("{}: no L0.json", folder.display()))?;
+    let (stats, seconds) = (&baked.stats, &baked.stats.seconds);
+    let settings: Settings = ron::from_str(&baked.scene.info.recipe)?;
+    let began = Instant::now();
+    let cast = cast_gather_rays(&mesh, &baked.scene, &settings);
+    let alone = began.elapsed().as_secs_f64() * stats.gather_rays as f64 / cast as f64;
+    Ok(format!(
+        "| {name} | {:.1} | {:.1}, {:.1}, {:.1}, {:.1} | {alone:.1} | {:.2} | {:.0} % | {} | {} | {} | {} | {:.1} ± {:.1} % |\n",
+        seconds.total,
+        seconds.points,
+        seconds.gather,
+        seconds.refine,
+        seconds.estimate,
+        seconds.total / alone,
+        100.0 * (1.0 - alone / seconds.total),
+        stats.senders,
+        stats.active_rows,
+        stats.links,
+        baked.scene.to_bytes()?.len(),
+        100.0 * stats.estimated_nrmse,
+        100.0 * stats.estimated_nrmse_interval,
+    ))
+}
