@@ -38,8 +38,7 @@ fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
         let point = points[j];
         let w = weight(point, x, n);
         if w > 0.0 {
-            // By the surface that the function spreads over.
-            let v = w / (point.radius * point.radius);
+            let v = (w / point.radius) * (w / point.radius);
             cover += w;
             denominator += v;
             add_scaled(&numerator, v, values[j]);

@@ -157,9 +157,9 @@ impl Preset {
                 points: 32_000.0,
                 sender_levels: 5,
                 extra_levels: 3,
-                extra_points: 128_000.0,
+                extra_points: 192_000.0,
                 rays: 1024,
-                epsilon: 0.006,
+                epsilon: 0.01,
                 tolerance: 0.02,
             },
             // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
@@ -169,7 +169,7 @@ impl Preset {
                 extra_levels: 4,
                 extra_points: 400_000.0,
                 rays: 2048,
-                epsilon: 0.003,
+                epsilon: 0.005,
                 tolerance: 0.01,
             },
         }

@@ -14,10 +14,12 @@ use rayon::prelude::*;
 
 /// Functions that reach a place.
 const NEAREST: usize = 5;
+/// How many times the distance of the second nearest counts as near.
+const FAR: f32 = 3.0;
 /// How much further than the places asked a function reaches.
 const MARGIN: f32 = 1.1;
 /// Paths of the importance particles.
-const PATHS: u64 = 32_768;
+const PATHS: u64 = 12_288;
 
 impl Hierarchy {
     /// The flat basis of all points. Also says how many rays it took.
@@ -90,7 +92,14 @@ impl Hierarchy {
             }));
         }
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        near.iter().take(NEAREST).map(|&(_, i, d)| (i, d)).collect()
+        // Where little is near, what is far does not help.
+        let most = near.get(1).map_or(0.0, |second| FAR * second.0);
+        near.iter()
+            .take(NEAREST)
+            .enumerate()
+            .filter(|&(k, n)| k < 2 || n.0 <= most)
+            .map(|(_, &(_, i, d))| (i, d))
+            .collect()
     }
 
     /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say

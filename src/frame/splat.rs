@@ -1,8 +1,9 @@
 //! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of \[L08\] §4.1, with the
 //! Shepard quotient of Eq. (3) over the weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
 //!
-//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each weight is divided by r², the surface that its function
-//! spreads over: a wide function says nothing where narrow ones know better.
+//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each function counts with (w / r)²: r² is the surface that it
+//! spreads over, so that a wide one says nothing where narrow ones know better, and the square keeps to the nearest where light changes within
+//! a radius, as beside a lit ledge.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -33,7 +34,7 @@ pub fn splat_vector(
         let point = &points[j as usize];
         let w = weight(point, &display.planes, x, n);
         if w > 0.0 {
-            let v = w / (point.radius * point.radius);
+            let v = (w / point.radius) * (w / point.radius);
             cover += w;
             denominator += v;
             numerator.add_scaled(v, &values[j as usize]);

@@ -7,6 +7,7 @@
 use crate::scene::Bounds;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Vec3};
+use rayon::prelude::*;
 
 /// One slot of the hash table: the cell it holds and where the cell's list starts. 16 bytes.
 #[repr(C)]
@@ -117,7 +118,7 @@ impl HashedGrid {
         for i in 0..count {
             pairs.extend(cells_of(i).map(|c| (c.to_array(), i as u32)));
         }
-        pairs.sort_unstable();
+        pairs.par_sort_unstable();
         let cells = pairs.chunk_by(|a, b| a.0 == b.0).count();
         let table = (2 * cells).next_power_of_two().max(2);
         let needed = (pairs.len() as u64) * (PAIR + 4)

@@ -102,6 +102,7 @@ struct Room {
 #[derive(Default)]
 struct Known {
     responses: Vec<Response>,
+    /// Square of the difference to what the parents say; its noise may make it negative.
     errors: Vec<f32>,
     /// The gathered rows before they were cut; nothing for points that inherit.
     leaves: Vec<Vec<(u32, Vec3)>>,
@@ -127,8 +128,11 @@ pub fn refine_bounded(
     let mut uncovered = 0.0f64;
     let mut times = [Duration::ZERO; 2];
     let base_levels = receivers.hierarchy.levels.len();
-    let tolerance =
-        |l: usize| settings.tolerance * (1u32 << (l + 1).saturating_sub(base_levels)) as f32;
+    // Squared, as errors are.
+    let tolerance = |l: usize| {
+        let steps = (l + 1).saturating_sub(base_levels) as i32;
+        (settings.tolerance * 2f32.powi(steps)).powi(2)
+    };
     let mut extra_points = settings.extra_points;
     let mut l = 0;
     loop {
@@ -217,7 +221,7 @@ pub fn refine_bounded(
             uncovered += f64::from(one.uncovered);
             out.largest_row_sum = out.largest_row_sum.max(one.row_sum);
             known.errors.push(one.error);
-            if l < settings.always || l >= base_levels || one.error > 0.5 * tolerance(l) {
+            if l < settings.always || l >= base_levels || one.error > 0.25 * tolerance(l) {
                 out.sky.push(one.sky.into());
                 out.rows.push(one.row);
                 known.responses.push(one.response);
@@ -249,12 +253,33 @@ fn add_level(
     most: usize,
 ) -> usize {
     let l = receivers.hierarchy.levels.len();
-    let mut wanting: Vec<usize> = receivers
-        .hierarchy
-        .level(l - 1)
-        .filter(|&i| errors[i] > tolerance)
+    let hierarchy = &*receivers.hierarchy;
+    let level = hierarchy.level(l - 1);
+    // A single error is a product of two noisy sums, and the largest of many would be those with the luckiest noise: the mean around each one is asked.
+    let means: Vec<f32> = level
+        .clone()
+        .into_par_iter()
+        .map_init(Vec::new, |found, i| {
+            let s = &hierarchy.surfaces[i];
+            hierarchy.levels[l - 1].weights(s.position, s.normal, found);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for w in found.iter() {
+                let error = errors[level.start + w.index as usize];
+                if error.is_finite() {
+                    sum += w.weight * error;
+                    weights += w.weight;
+                }
+            }
+            if errors[i].is_finite() && weights > 0.0 {
+                sum / weights
+            } else {
+                errors[i]
+            }
+        })
         .collect();
-    wanting.sort_by(|&a, &b| errors[b].total_cmp(&errors[a]).then(a.cmp(&b)));
+    let mean = |i: usize| means[i - level.start];
+    let mut wanting: Vec<usize> = level.clone().filter(|&i| mean(i) > tolerance).collect();
+    wanting.sort_by(|&a, &b| mean(b).total_cmp(&mean(a)).then(a.cmp(&b)));
     wanting.truncate(most / 4);
     if wanting.is_empty() {
         return 0;
@@ -321,7 +346,7 @@ fn receive(
                 4.0 * a.dot(n) * b.dot(n) * training.exposure[j as usize]
             })
             .sum();
-        error = (coherent + single).max(0.0).sqrt();
+        error = coherent + single;
     }
     Gather1 {
         row: RawRow {
