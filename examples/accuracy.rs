@@ -6,13 +6,11 @@
 //!
 //! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
-use bevy_meshless_gi::accuracy::{BOUNCES, Bounces, Evaluator, Truth, errors};
+use bevy_meshless_gi::accuracy::{BOUNCES, Bounces, Evaluator, Truth};
 use bevy_meshless_gi::bake::{
     Baked, Preset, Progress, Recipe, Settings, bake_level, cast_gather_rays,
 };
 use bevy_meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
-use glam::Vec3;
-use rayon::prelude::*;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -64,32 +62,20 @@ fn scene(folder: &Path, name: &str, preset: Preset) -> Result<String, Box<dyn Er
         }
         let Some((baked, mesh)) = &made else { continue };
         let truth = Truth::read(path.with_extension("csv"))?;
-        for (bounces, (values, noise)) in BOUNCES.iter().zip(&truth.indirect) {
+        for (k, bounces) in BOUNCES.iter().enumerate() {
             let count = bounces.map_or(Bounces::All, Bounces::Count);
             let meshes = std::slice::from_ref(mesh);
             let evaluator = Evaluator::new(&baked.scene, meshes, &description.lights, count);
-            let light: Vec<_> = truth
-                .places
-                .par_iter()
-                .enumerate()
-                .map(|(i, &(x, n))| evaluator.at(x, n, i as u64))
-                .collect();
-            let indirect: Vec<Vec3> = light
-                .iter()
-                .map(|e| e.indirect.unwrap_or_default())
-                .collect();
-            let direct: Vec<Vec3> = light.iter().map(|e| e.direct).collect();
-            let e = errors(&indirect, values, noise);
-            let d = errors(&direct, &truth.direct, &vec![Vec3::ZERO; direct.len()]);
+            let c = truth.compare(&evaluator, k);
             println!(
                 "| {name} | L{i} | {} | {:.2} % | {:+.2} % | {:.1} % | {:.2} % | {} of {} |",
                 bounces.map_or("all".into(), |b| b.to_string()),
-                100.0 * e.nrmse,
-                100.0 * e.bias,
-                100.0 * e.p99,
-                100.0 * d.nrmse,
-                light.iter().filter(|e| e.indirect.is_none()).count(),
-                light.len(),
+                100.0 * c.indirect.nrmse,
+                100.0 * c.indirect.bias,
+                100.0 * c.indirect.p99,
+                100.0 * c.direct.nrmse,
+                c.uncovered,
+                truth.places.len(),
             );
         }
     }

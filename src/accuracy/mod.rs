@@ -15,4 +15,4 @@ pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
 pub use render::{Camera, Image, render};
-pub use truth::{BOUNCES, Truth, TruthError};
+pub use truth::{BOUNCES, Comparison, Truth, TruthError};

@@ -1,6 +1,8 @@
 //! Ground truth that another program computed, read from a table: irradiance at surface places, by numbers of diffuse reflections.
 
+use super::{Errors, Evaluator, errors};
 use glam::Vec3;
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Numbers of reflections that a table has columns for; none means without limit.
@@ -41,7 +43,40 @@ pub enum TruthError {
     },
 }
 
+/// How far a baked scene is from the truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// Of indirect irradiance. A place that no function covers counts as dark.
+    pub indirect: Errors,
+    /// Of direct irradiance.
+    pub direct: Errors,
+    /// Places that no function covers.
+    pub uncovered: usize,
+}
+
 impl Truth {
+    /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must have been made for.
+    #[must_use]
+    pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
+        let light: Vec<_> = self
+            .places
+            .par_iter()
+            .enumerate()
+            .map(|(i, &(x, n))| evaluator.at(x, n, i as u64))
+            .collect();
+        let indirect: Vec<Vec3> = light
+            .iter()
+            .map(|e| e.indirect.unwrap_or_default())
+            .collect();
+        let direct: Vec<Vec3> = light.iter().map(|e| e.direct).collect();
+        let (values, noise) = &self.indirect[k];
+        Comparison {
+            indirect: errors(&indirect, values, noise),
+            direct: errors(&direct, &self.direct, &vec![Vec3::ZERO; direct.len()]),
+            uncovered: light.iter().filter(|e| e.indirect.is_none()).count(),
+        }
+    }
+
     /// Reads a table of comma-separated numbers under a header with `p`, `n`, `direct`, `ind1`, `ind1_se` and so on, three columns each.
     ///
     /// # Errors
