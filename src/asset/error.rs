@@ -11,9 +11,9 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 1 GiB.
+    /// 4 GiB: the largest level at the finest preset, and no more than a PC has.
     fn default() -> Self {
-        Self { max_bytes: 1 << 30 }
+        Self { max_bytes: 1 << 32 }
     }
 }
 
