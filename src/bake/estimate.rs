@@ -21,7 +21,7 @@ const PATHS: u32 = 512;
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
-    /// Root mean square over the lamps of each one's NRMSE, without the reference's own noise.
+    /// NRMSE over places and lamps, without the reference's own noise.
     pub nrmse: f32,
     /// Half width of its 95 % confidence interval.
     pub interval: f32,
@@ -53,8 +53,9 @@ pub fn estimate_error(
         ..FrameSettings::bounces(bounces)
     };
     let mut frame = CpuFrame::new(scene);
-    // Per place and lamp: squared error relative to the lamp's mean square.
+    // Per place and lamp: squared error; all lamps' mean square of indirect light.
     let mut parts: Vec<f64> = Vec::new();
+    let mut power = 0.0;
     for (k, &position) in lamps.iter().enumerate() {
         if !progress.set(Stage::Estimate, k as f32 / lamps.len() as f32) {
             return None;
@@ -85,16 +86,31 @@ pub fn estimate_error(
             .iter()
             .zip(&second)
             .map(|(a, b)| f64::from(a.indirect.dot(b.indirect)));
-        let power = products.sum::<f64>() / first.len().max(1) as f64;
-        if power <= 0.0 {
+        // Lamps count alike by the light that they throw, not by what comes back of it: one that shines into the open has no error to speak of.
+        let direct = first.iter().zip(&second);
+        let direct = direct.map(|(a, b)| f64::from(a.direct.dot(b.direct)));
+        let thrown = direct.sum::<f64>();
+        if thrown <= 0.0 {
             continue;
         }
+        power += products.sum::<f64>() / thrown;
+        let scale = places.len() as f64 / thrown;
         for ((&(x, n), a), b) in places.iter().zip(&first).zip(&second) {
             let value = frame.irradiance(scene, x, n).unwrap_or(Vec3::ZERO);
-            parts.push(f64::from((value - a.indirect).dot(value - b.indirect)) / power);
+            parts.push(scale * f64::from((value - a.indirect).dot(value - b.indirect)));
         }
     }
     let count = parts.len().max(1) as f64;
+    let power = power * places.len() as f64 / count;
+    if power <= 0.0 {
+        return Some(Estimate {
+            rays,
+            ..Estimate::default()
+        });
+    }
+    for part in &mut parts {
+        *part /= power;
+    }
     let mean = parts.iter().sum::<f64>() / count;
     let variance =
         parts.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / count / (count - 1.0).max(1.0);
