@@ -2,8 +2,8 @@
 //!
 //! ```no_run
 //! # use bevy::prelude::*;
-//! # use bevy_meshless_gi::{bake::Recipe, plugin::MeshlessGiBake, scene::TriangleMesh};
-//! # fn level() -> TriangleMesh { unimplemented!() }
+//! # use bevy_meshless_gi::{bake::Recipe, plugin::MeshlessGiBake, scene::{TriangleMesh, cornell_box, mesh_of_quads}};
+//! # fn level() -> TriangleMesh { mesh_of_quads(&cornell_box()) }
 //! fn start(mut commands: Commands) {
 //!     // `level()` makes a `TriangleMesh` in the local space of the entity that it is spawned on.
 //!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(level(), Recipe::default())));
