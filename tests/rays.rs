@@ -231,3 +231,35 @@ fn odd_meshes_and_odd_rays() {
         (1, 1, 1)
     );
 }
+
+/// `site` is `surface` without its colours, on fronts, on backs and where there is no such hit.
+#[test]
+fn a_site_is_where_its_surface_is() {
+    let triangles = sphere(2);
+    let sides = [false, true].map(|double_sided| Material {
+        double_sided,
+        ..Material::default()
+    });
+    let material_of = (0..triangles.len() as u32).map(|i| i % 2).collect();
+    let mesh = TriangleMesh::new(triangles.clone(), material_of, sides.into());
+    let mut kinds = [0u32; 4];
+    for k in 0..4000 {
+        let inside = ray(&triangles, Vec3::ZERO, k);
+        let ray = match k % 3 {
+            // From outside, towards the middle.
+            0 => Ray::new(-3.0 * inside.direction, inside.direction),
+            _ => inside,
+        };
+        let hit = mesh.cast(&ray).expect("a sphere");
+        let (site, surface) = (mesh.site(&ray, &hit), mesh.surface(&ray, &hit));
+        assert_eq!(site.position, surface.position, "ray {k}");
+        assert_eq!(site.normal, surface.normal, "ray {k}");
+        let lit = surface.front || surface.albedo != Vec3::ZERO;
+        assert_eq!(site.lit, lit, "ray {k}");
+        kinds[2 * usize::from(surface.front) + usize::from(lit)] += 1;
+    }
+    assert!(
+        kinds[0] > 100 && kinds[1] > 100 && kinds[3] > 100,
+        "{kinds:?}"
+    );
+}

@@ -1,6 +1,6 @@
 //! The weight function of the basis: [L08] Eqs. (8)-(10), with clip planes that stop it at walls (design D7).
 
-use crate::samples::{Point, dist};
+use crate::samples::{Point, dist_squared};
 use glam::{Vec3, Vec4};
 
 /// K(t) of \[L08\] Eq. (9) for t = r / r_j: 2t³ − 3t² + 1 up to 1, then 0.
@@ -24,8 +24,8 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     if cosine <= 0.0 {
         return 0.0;
     }
-    let r = dist(x - point.x(), n_j);
-    if r >= point.radius {
+    let squared = dist_squared(x - point.x(), n_j);
+    if squared >= point.radius * point.radius {
         return 0.0;
     }
     for plane in &planes[point.plane_range()] {
@@ -33,7 +33,7 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
             return 0.0;
         }
     }
-    kernel(r / point.radius) * cosine * cosine
+    kernel(squared.sqrt() / point.radius) * cosine * cosine
 }
 
 #[cfg(test)]

@@ -9,7 +9,14 @@ pub const F_SQUASH: f32 = 2.0;
 #[must_use]
 #[inline]
 pub fn dist(v: Vec3, n_j: Vec3) -> f32 {
-    (v + F_SQUASH * v.dot(n_j) * n_j).length()
+    dist_squared(v, n_j).sqrt()
+}
+
+/// The square of [`dist`], m².
+#[must_use]
+#[inline]
+pub fn dist_squared(v: Vec3, n_j: Vec3) -> f32 {
+    (v + F_SQUASH * v.dot(n_j) * n_j).length_squared()
 }
 
 /// D(p, q) of \[L08\] Eq. (11), metres; infinite where the normals are 90° or more apart.

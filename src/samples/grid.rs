@@ -55,13 +55,14 @@ impl HashedGrid {
     /// The cell that holds `p` for cells of `cell_size`. Coordinates beyond 2³⁰ cells saturate.
     #[must_use]
     pub fn cell(p: Vec3, cell_size: f32) -> IVec3 {
-        (p / cell_size)
-            .floor()
-            .clamp(
-                Vec3::splat(-Self::CELL_LIMIT),
-                Vec3::splat(Self::CELL_LIMIT),
-            )
-            .as_ivec3()
+        let scaled = (p / cell_size).clamp(
+            Vec3::splat(-Self::CELL_LIMIT),
+            Vec3::splat(Self::CELL_LIMIT),
+        );
+        // Truncated, and one less where that went up: a floor that calls no function.
+        let cell = scaled.as_ivec3();
+        let above = |k: usize| i32::from(cell[k] as f32 > scaled[k]);
+        cell - IVec3::new(above(0), above(1), above(2))
     }
 
     /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it touches. Empty or

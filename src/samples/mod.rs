@@ -12,7 +12,7 @@ mod random;
 mod viewpoints;
 
 pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
-pub use distance::{F_SQUASH, dist, distance_5d};
+pub use distance::{F_SQUASH, dist, dist_squared, distance_5d};
 pub use grid::{GridSlot, HashedGrid};
 pub use morton::{morton, order};
 pub use openness::{OPENNESS_RAYS, openness};

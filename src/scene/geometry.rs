@@ -103,6 +103,17 @@ pub struct Surface {
     pub front: bool,
 }
 
+/// The part of a [`Surface`] that a gather needs of each of its hits: no texture is read for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Site {
+    /// Position in metres.
+    pub position: Vec3,
+    /// Unit geometric normal on the side the ray came from.
+    pub normal: Vec3,
+    /// False on the back of a single-sided material: no light comes from there.
+    pub lit: bool,
+}
+
 /// What light transport asks of a scene, and all that it asks.
 ///
 /// Implementations are pure: the same ray gives the same answer on any thread.
@@ -118,6 +129,16 @@ pub trait Geometry: Sync {
 
     /// The surface where `ray` met `hit`.
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface;
+
+    /// The place and side of [`surface`](Self::surface) alone, with the same bits.
+    fn site(&self, ray: &Ray, hit: &Hit) -> Site {
+        let surface = self.surface(ray, hit);
+        Site {
+            position: surface.position,
+            normal: surface.normal,
+            lit: surface.front || surface.albedo != Vec3::ZERO,
+        }
+    }
 
     /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
     fn lift(&self, p: Vec3) -> f32 {

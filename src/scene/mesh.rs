@@ -6,7 +6,7 @@
 
 use super::bvh_build::build_wide;
 use super::watertight::{TriangleHit, WatertightRay};
-use super::{Bounds, Bvh, Geometry, Hit, Material, Ray, Surface, Texture};
+use super::{Bounds, Bvh, Geometry, Hit, Material, Ray, Site, Surface, Texture};
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use obvhs::cwbvh::CwBvh;
@@ -340,6 +340,18 @@ fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     (length > 0.0).then(|| (cross / length).as_vec3())
 }
 
+/// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that is the front.
+fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
+    let [a, b, c] = face.corners;
+    let outward = normal(&face.corners).unwrap_or(-ray.direction);
+    let front = outward.dot(ray.direction) <= 0.0;
+    (
+        a + (b - a) * hit.uv[0] + (c - a) * hit.uv[1],
+        if front { outward } else { -outward },
+        front,
+    )
+}
+
 /// Puts a material's numbers into their ranges.
 fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems) {
     let inside = |x: f32| {
@@ -478,9 +490,7 @@ impl Geometry for TriangleMesh {
             };
         };
         let face = &self.faces[place as usize];
-        let [a, b, c] = face.corners;
-        let outward = normal(&face.corners).unwrap_or(-ray.direction);
-        let front = outward.dot(ray.direction) <= 0.0;
+        let (position, normal, front) = arrive(face, ray, hit);
         let material = &self.materials[face.material as usize];
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
         if front || material.double_sided {
@@ -506,11 +516,28 @@ impl Geometry for TriangleMesh {
             albedo *= 1.0 - metallic;
         }
         Surface {
-            position: a + (b - a) * hit.uv[0] + (c - a) * hit.uv[1],
-            normal: if front { outward } else { -outward },
+            position,
+            normal,
             albedo,
             emission,
             front,
+        }
+    }
+
+    fn site(&self, ray: &Ray, hit: &Hit) -> Site {
+        let Some(&place) = self.place.get(hit.primitive as usize) else {
+            return Site {
+                position: ray.at(hit.t),
+                normal: -ray.direction,
+                lit: true,
+            };
+        };
+        let face = &self.faces[place as usize];
+        let (position, normal, front) = arrive(face, ray, hit);
+        Site {
+            position,
+            normal,
+            lit: front || self.materials[face.material as usize].double_sided,
         }
     }
 }

@@ -57,8 +57,12 @@ impl SenderTree {
 pub struct CutScratch {
     /// Per sender: 0 nothing here, 1 carries mass in the row, 2 split (some descendants are kept finer).
     state: Vec<u8>,
-    by_parent: Vec<(u32, u32)>,
+    everything: Vec<u32>,
+    /// Parent in the high half, child in the low one.
+    by_parent: Vec<u64>,
     groups: Vec<Group>,
+    /// Rank in the high half, group in the low one.
+    order: Vec<u64>,
 }
 
 struct Group {
@@ -66,7 +70,6 @@ struct Group {
     first: u32,
     count: u32,
     change: f32,
-    rank: f32,
 }
 
 /// What the cut of a row is measured by.
@@ -86,89 +89,101 @@ pub fn cut_row(
     measure: &CutMeasure<'_>,
     scratch: &mut CutScratch,
 ) -> Vec<(u32, Vec3A)> {
-    scratch.state.resize(tree.parent.len(), 0);
+    let CutScratch {
+        state,
+        everything,
+        by_parent,
+        groups,
+        order,
+    } = scratch;
+    state.resize(tree.parent.len(), 0);
     let budget = measure.epsilon * measure.epsilon;
     let mut spent = 0.0;
-    for &j in &gathered.touched {
-        scratch.state[j as usize] = 1;
+    everything.clear();
+    everything.extend_from_slice(&gathered.touched);
+    for &j in &*everything {
+        state[j as usize] = 1;
     }
-    let mut everything = gathered.touched.clone();
     let levels = tree.level_starts.len() - 1;
     for level in (1..levels).rev() {
         let range = tree.level_starts[level]..tree.level_starts[level + 1];
-        scratch.by_parent.clear();
-        for &j in everything
-            .iter()
-            .filter(|&&j| range.contains(&j) && scratch.state[j as usize] != 0)
-        {
-            if tree.parent[j as usize] != j {
-                scratch.by_parent.push((tree.parent[j as usize], j));
-            }
-        }
-        scratch.by_parent.sort_unstable();
-        scratch.groups.clear();
+        by_parent.clear();
+        by_parent.extend(everything.iter().filter_map(|&j| {
+            let parent = tree.parent[j as usize];
+            (range.contains(&j) && state[j as usize] != 0 && parent != j)
+                .then(|| u64::from(parent) << 32 | u64::from(j))
+        }));
+        by_parent.sort_unstable();
+        groups.clear();
+        order.clear();
         let mut first = 0;
-        for members in scratch.by_parent.chunk_by(|a, b| a.0 == b.0) {
-            let parent = members[0].0;
-            let split = members.iter().any(|&(_, c)| scratch.state[c as usize] == 2);
+        for members in by_parent.chunk_by(|a, b| a >> 32 == b >> 32) {
+            let parent = (members[0] >> 32) as u32;
+            let split = members.iter().any(|&m| state[child(m)] == 2);
             if !split {
                 let change = group_change(gathered, tree, n, measure.training, parent, members);
-                scratch.groups.push(Group {
+                // What a link less costs; a lone child saves nothing here but opens the way further up. Changes are not negative, so their
+                // bits sort as they do; of equals the first comes first.
+                let rank = change / (members.len() as f32 - 0.75);
+                order.push(u64::from(rank.abs().to_bits()) << 32 | groups.len() as u64);
+                groups.push(Group {
                     parent,
                     first: first as u32,
                     count: members.len() as u32,
                     change,
-                    // What a link less costs; a lone child saves nothing here but opens the way further up.
-                    rank: change / (members.len() as f32 - 0.75),
                 });
             } else {
-                if scratch.state[parent as usize] == 0 {
+                if state[parent as usize] == 0 {
                     everything.push(parent);
                 }
-                scratch.state[parent as usize] = 2;
+                state[parent as usize] = 2;
             }
             first += members.len();
         }
-        scratch
-            .groups
-            .sort_unstable_by(|a, b| a.rank.total_cmp(&b.rank).then(a.parent.cmp(&b.parent)));
+        order.sort_unstable();
         // A share for this level; what it leaves goes on to the coarser ones.
         let share = budget * (levels - level) as f32 / (levels - 1) as f32;
-        for group in &scratch.groups {
+        for &key in &*order {
+            let group = &groups[key as u32 as usize];
             let p = group.parent as usize;
+            if state[p] == 0 {
+                everything.push(group.parent);
+            }
             if spent + group.change <= share {
                 spent += group.change;
                 let range = group.first as usize..(group.first + group.count) as usize;
-                for &(_, c) in &scratch.by_parent[range] {
-                    let sums = std::mem::replace(&mut gathered.sums[c as usize], [Vec3A::ZERO; 2]);
+                for &m in &by_parent[range] {
+                    let sums = std::mem::replace(&mut gathered.sums[child(m)], [Vec3A::ZERO; 2]);
                     gathered.sums[p][0] += sums[0];
                     gathered.sums[p][1] += sums[1];
-                    scratch.state[c as usize] = 0;
+                    state[child(m)] = 0;
                 }
-                if scratch.state[p] == 0 {
-                    scratch.state[p] = 1;
-                    everything.push(group.parent);
+                if state[p] == 0 {
+                    state[p] = 1;
                 }
             } else {
-                if scratch.state[p] == 0 {
-                    everything.push(group.parent);
-                }
-                scratch.state[p] = 2;
+                state[p] = 2;
             }
         }
     }
     everything.sort_unstable();
     everything.dedup();
-    let mut links = Vec::new();
-    for &j in &everything {
+    let mut links = Vec::with_capacity(everything.len());
+    for &j in &*everything {
         let link = gathered.link(j);
         if link != Vec3A::ZERO {
             links.push((j, link));
         }
         gathered.sums[j as usize] = [Vec3A::ZERO; 2];
-        scratch.state[j as usize] = 0;
+        state[j as usize] = 0;
     }
+    links.shrink_to_fit();
     links
+}
+
+/// The child of a pair of parent and child.
+fn child(pair: u64) -> usize {
+    pair as u32 as usize
 }
 
 /// What handing the group over changes, squared, relative to the lights' mean squares.
@@ -178,21 +193,21 @@ fn group_change(
     n: Vec3A,
     training: &Training,
     parent: u32,
-    members: &[(u32, u32)],
+    members: &[u64],
 ) -> f32 {
     let of_parent = &training.signals[parent as usize];
     let mut even = [0.0f32; SIGNALS];
     let mut odd = [0.0f32; SIGNALS];
     let mut sums = [0.0f32; 2];
-    for &(_, c) in members {
-        let [a, b] = gathered.sums[c as usize];
+    for &m in members {
+        let [a, b] = gathered.sums[child(m)];
         let (a, b) = (a.dot(n), b.dot(n));
         sums[0] += a;
         sums[1] += b;
         for (((e, o), f), p) in even
             .iter_mut()
             .zip(&mut odd)
-            .zip(&training.signals[c as usize])
+            .zip(&training.signals[child(m)])
             .zip(of_parent)
         {
             let d = f - p;
@@ -209,10 +224,10 @@ fn group_change(
     let both = |a: f32, b: f32| 4.0 * a * b;
     let unmet = both(a_mean, b_mean);
     let mut single = unmet * training.family[parent as usize];
-    for &(_, c) in members {
-        let [a, b] = gathered.sums[c as usize];
+    for &m in members {
+        let [a, b] = gathered.sums[child(m)];
         let (a, b) = (a.dot(n), b.dot(n));
-        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[c as usize];
+        single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[child(m)];
     }
     (coherent / SIGNALS as f32 + GUARD * single).max(0.0)
 }

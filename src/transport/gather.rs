@@ -8,7 +8,7 @@
 
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
-use crate::scene::{Geometry, Ray};
+use crate::scene::{Geometry, Ray, Site};
 use glam::{Vec2, Vec3, Vec3A};
 
 /// Which sender levels a hit is written to.
@@ -79,20 +79,17 @@ pub struct Gathered {
     pub uncovered: f32,
     marks: Vec<bool>,
     found: Vec<WeightEntry>,
+    directions: Vec<(Vec3, f32)>,
     hits: Vec<Hit>,
 }
 
 /// What a ray met.
 struct Hit {
-    /// Where, and the normal there.
-    x: Vec3,
-    n: Vec3,
+    site: Site,
     /// Direction × weight.
     value: Vec3A,
     /// 0 for an even ray, 1 for an odd one.
     half: usize,
-    /// Whether light can come from there at all.
-    lit: bool,
 }
 
 impl Gathered {
@@ -106,6 +103,7 @@ impl Gathered {
             uncovered: 0.0,
             marks: vec![false; senders],
             found: Vec::new(),
+            directions: Vec::new(),
             hits: Vec::new(),
         }
     }
@@ -151,17 +149,14 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     let shift = Vec2::new(random.unit(), random.unit());
     // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy; the ratio mends it, so that a
     // closed room of unit radiosity gathers exactly 1.
-    let mut total = 0.0;
-    for k in 0..scene.rays {
-        let (d, w) = gather_direction(k, scene.rays, shift);
-        total += w * d.z;
-    }
-    let norm = 1.0 / total;
+    let mut directions = std::mem::take(&mut out.directions);
+    directions.clear();
+    directions.extend((0..scene.rays).map(|k| gather_direction(k, scene.rays, shift)));
+    let norm = 1.0 / directions.iter().fold(0.0, |sum, (d, w)| sum + w * d.z);
     // First all casts, then all look-ups: each has the processor's caches for itself.
     let mut hits = std::mem::take(&mut out.hits);
     hits.clear();
-    for k in 0..scene.rays {
-        let (d, w) = gather_direction(k, scene.rays, shift);
+    for (k, &(d, w)) in directions.iter().enumerate() {
         let direction = (t * d.x + b * d.y + n * d.z).normalize();
         let ray = Ray::new(start, direction);
         let value = Vec3A::from(direction) * (w * norm);
@@ -169,21 +164,17 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
             out.sky += value;
             continue;
         };
-        let seen = scene.geometry.surface(&ray, &hit);
         hits.push(Hit {
-            x: seen.position,
-            n: seen.normal,
+            site: scene.geometry.site(&ray, &hit),
             value,
-            half: (k & 1) as usize,
-            // A black back (single-sided) sends nothing.
-            lit: seen.front || seen.albedo != Vec3::ZERO,
+            half: k & 1,
         });
     }
     let mut found = std::mem::take(&mut out.found);
     for hit in &hits {
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            if scene.hierarchy.senders[l].weights(hit.x, hit.n, &mut found) {
+            if scene.hierarchy.senders[l].weights(hit.site.position, hit.site.normal, &mut found) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
@@ -194,11 +185,12 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
                 }
             }
         }
-        if !covered && hit.lit {
+        if !covered && hit.site.lit {
             out.uncovered += hit.value.dot(n.into());
         }
     }
     out.found = found;
+    out.directions = directions;
     out.hits = hits;
 }
 

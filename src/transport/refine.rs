@@ -95,7 +95,17 @@ struct Gather1 {
 struct Room {
     gathered: Gathered,
     cut: CutScratch,
-    kept: Vec<(u32, [Vec3A; 2])>,
+    compared: Compared,
+}
+
+/// A row along its point's normal beside what its parents say.
+struct Compared {
+    /// Twice the gathered even and odd sums, for each sender that was met.
+    halves: Vec<(u32, [f32; 2])>,
+    /// Per sender: what the parents say of its link.
+    expected: Vec<f32>,
+    /// Senders that the parents know.
+    foreseen: Vec<u32>,
 }
 
 /// What is known of the points so far.
@@ -187,12 +197,16 @@ pub fn refine_bounded(
                 || Room {
                     gathered: Gathered::new(senders),
                     cut: CutScratch::default(),
-                    kept: Vec::new(),
+                    compared: Compared {
+                        halves: Vec::new(),
+                        expected: vec![0.0; senders],
+                        foreseen: Vec::new(),
+                    },
                 },
                 |room, &i| {
                     wanted[i - level.start].then(|| {
                         receive(
-                            scene, parents, &out, &known, tree, &measure, judged, i, room,
+                            scene, parents, &out, &known, tree, &measure, judged, !last, i, room,
                         )
                     })
                 },
@@ -225,13 +239,7 @@ pub fn refine_bounded(
                 out.sky.push(one.sky.into());
                 out.rows.push(one.row);
                 known.responses.push(one.response);
-                // Nobody asks the last level.
-                known
-                    .leaves
-                    .push(match l + 1 < base_levels + settings.extra_levels {
-                        true => one.leaves,
-                        false => Vec::new(),
-                    });
+                known.leaves.push(one.leaves);
             } else {
                 inherited(&mut known, &mut out);
             }
@@ -309,11 +317,16 @@ fn receive(
     tree: &SenderTree,
     measure: &CutMeasure<'_>,
     judged: bool,
+    keep: bool,
     i: usize,
     room: &mut Room,
 ) -> Gather1 {
     let began = Instant::now();
-    let gathered = &mut room.gathered;
+    let Room {
+        gathered,
+        cut,
+        compared,
+    } = room;
     gather(scene, i, gathered);
     let gather_time = began.elapsed();
     let training = measure.training;
@@ -321,43 +334,40 @@ fn receive(
     let (response, row_sum) = respond(gathered, &training.signals);
     let sky = gathered.sky;
     let row = parents.row(i);
-    room.kept.clear();
-    let touched = gathered.touched.iter();
-    room.kept
-        .extend(touched.map(|&j| (j, gathered.sums[j as usize])));
-    let links = cut_row(gathered, tree, n, measure, &mut room.cut);
     let mut error = f32::INFINITY;
-    if judged && !row.is_empty() {
-        for &(j, sums) in &room.kept {
-            gathered.sums[j as usize] = sums;
-        }
-        subtract(gathered, done, known, parents, row);
+    let judged = judged && !row.is_empty();
+    compared.halves.clear();
+    if judged {
+        let touched = gathered.touched.iter();
+        compared.halves.extend(touched.map(|&j| {
+            let sums = gathered.sums[j as usize];
+            (j, sums.map(|half| 2.0 * half.dot(n)))
+        }));
+    }
+    // Nobody asks the last level.
+    let leaves = if keep {
+        let touched = gathered.touched.iter();
+        touched.map(|&j| (j, gathered.link(j).into())).collect()
+    } else {
+        Vec::new()
+    };
+    let links = cut_row(gathered, tree, n, measure, cut);
+    if judged {
         let coherent = difference(
             &response,
             &interpolate(&known.responses, row),
             n,
             training.sky,
         );
-        let single: f32 = gathered
-            .touched
-            .iter()
-            .map(|&j| {
-                let [a, b] = gathered.sums[j as usize];
-                4.0 * a.dot(n) * b.dot(n) * training.exposure[j as usize]
-            })
-            .sum();
-        error = coherent + single;
+        error =
+            coherent + single_errors(compared, done, known, parents, row, n, &training.exposure);
     }
     Gather1 {
         row: RawRow {
             links,
             active: true,
         },
-        leaves: room
-            .kept
-            .iter()
-            .map(|&(j, [a, b])| (j, (a + b).into()))
-            .collect(),
+        leaves,
         response,
         sky,
         error,
@@ -368,21 +378,33 @@ fn receive(
     }
 }
 
-/// Subtracts from `gathered` what the parents in `row` see: their rows before they were cut, and those of the points that they in turn inherit from.
-fn subtract(
-    gathered: &mut Gathered,
+/// What single senders' links differ from those that the parents in `row` say, squared and weighed by exposure: the parents' rows before they
+/// were cut, and those of the points that they in turn inherit from. The product of what the even and the odd rays say.
+fn single_errors(
+    compared: &mut Compared,
     done: &Refined,
     known: &Known,
     parents: &Weights,
     row: &[WeightEntry],
-) {
+    n: Vec3A,
+    exposure: &[f32],
+) -> f32 {
+    let Compared {
+        halves,
+        expected,
+        foreseen,
+    } = compared;
+    foreseen.clear();
+    let n = Vec3::from(n);
     let mut open: BTreeMap<u32, f32> = row.iter().map(|w| (w.index, w.weight)).collect();
     // Parents have lower indices than their children: taken from the top, each point comes once.
     while let Some((k, weight)) = open.pop_last() {
         for &(j, link) in &known.leaves[k as usize] {
-            let half = Vec3A::from(link) * (-0.5 * weight);
-            gathered.deposit(j, 0, half);
-            gathered.deposit(j, 1, half);
+            let e = &mut expected[j as usize];
+            if *e == 0.0 {
+                foreseen.push(j);
+            }
+            *e += weight * link.dot(n);
         }
         if !done.rows[k as usize].active {
             for w in parents.row(k as usize) {
@@ -390,6 +412,17 @@ fn subtract(
             }
         }
     }
+    let mut sum = 0.0;
+    for &(j, [a, b]) in &*halves {
+        let e = std::mem::take(&mut expected[j as usize]);
+        sum += (a - e) * (b - e) * exposure[j as usize];
+    }
+    // Those that the parents know and no ray met.
+    for &j in &*foreseen {
+        let e = std::mem::take(&mut expected[j as usize]);
+        sum += e * e * exposure[j as usize];
+    }
+    sum
 }
 
 /// The first of two times over their sum.
