@@ -1,4 +1,4 @@
-// project: the scalar irradiance at each lit point from one light of colour one, shadows included. Twin: src/frame/project.rs.
+// project: the scalar irradiance of each sender from one light of colour one, shadows included: the mean over its places. Twin: src/frame/project.rs.
 // A row of workgroups a light that changed.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
@@ -7,8 +7,10 @@
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
-// Slot after slot, `params.lit` values each.
+// Slot after slot, `params.senders` values each.
 @group(0) @binding(7) var<storage, read_write> projected: array<f32>;
+// `params.places` each for the senders of the finest sender level.
+@group(0) @binding(8) var<storage, read> places: array<LitPlace>;
 
 const FAR: f32 = 1e30;
 const EPSILON: f32 = 1.1920929e-7;
@@ -61,18 +63,40 @@ fn shadowed(light: FrameLight, x: vec3f, n: vec3f) -> bool {
     return occluded(origin, to / distance, max_t);
 }
 
+fn place_normal(bits: u32) -> vec3f {
+    var p = unpack2x16snorm(bits);
+    let z = 1.0 - abs(p.x) - abs(p.y);
+    if z < 0.0 {
+        p = (1.0 - abs(p.yx)) * select(vec2f(1.0), vec2f(-1.0), p < vec2f(0.0));
+    }
+    return normalize(vec3f(p, z));
+}
+
+fn project_at(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
+    let e = unshadowed(light, x, n);
+    if e > 0.0 && shadowed(light, x, n) {
+        return 0.0;
+    }
+    return e;
+}
+
 @compute @workgroup_size(64)
 fn project(@builtin(global_invocation_id) id: vec3u) {
-    let p = id.x;
-    if p >= params.lit {
+    let j = id.x;
+    if j >= params.senders {
         return;
     }
     let slot = changed[id.y];
     let light = lights[slot];
-    let point = points[p];
-    var e = unshadowed(light, point.position, point.normal);
-    if e > 0.0 && shadowed(light, point.position, point.normal) {
-        e = 0.0;
+    var e = 0.0;
+    if j < params.finest_sender || params.places == 0u {
+        e = project_at(light, points[j].position, points[j].normal);
+    } else {
+        let first = (j - params.finest_sender) * params.places;
+        for (var k = first; k < first + params.places; k++) {
+            e += project_at(light, places[k].position, place_normal(places[k].normal));
+        }
+        e /= f32(params.places);
     }
-    projected[slot * params.lit + p] = e;
+    projected[slot * params.senders + j] = e;
 }

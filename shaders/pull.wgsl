@@ -1,11 +1,9 @@
 // pull: a sender's coefficient is the mean of the next finer level over its support. Twin: src/frame/pull.rs. One dispatch a level, fine to coarse.
 
-@group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> starts: array<u32>;
 @group(0) @binding(3) var<storage, read> entries: array<WeightEntry>;
-@group(0) @binding(4) var<storage, read> radiosities: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> senders: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> senders: array<vec4f>;
 
 @compute @workgroup_size(64)
 fn pull(
@@ -26,12 +24,7 @@ fn pull(
     var sum = vec4f(0.0);
     for (var at = start; at < end; at++) {
         let entry = entries[at];
-        let c = entry.index;
-        if c < params.senders {
-            sum += entry.weight * senders[c];
-        } else {
-            sum += entry.weight * radiosities[c];
-        }
+        sum += entry.weight * senders[entry.index];
     }
     senders[k] = sum;
 }

@@ -1,12 +1,11 @@
-// radiosity: b = ρE + M at every lit point, and the senders' first coefficients. Twin: src/frame/radiosity.rs.
+// radiosity: b = ρE + M of every sender, its first coefficient. Twin: src/frame/radiosity.rs.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(2) var<storage, read> lights: array<FrameLight>;
 @group(0) @binding(3) var<storage, read> projected: array<f32>;
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> surfaces: array<PointSurface>;
-@group(0) @binding(6) var<storage, read_write> radiosities: array<vec4f>;
-@group(0) @binding(7) var<storage, read_write> senders: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> senders: array<vec4f>;
 
 @compute @workgroup_size(64)
 fn radiosity(
@@ -14,23 +13,19 @@ fn radiosity(
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let p = flat_group(group, groups) * 64u + local;
+    let j = flat_group(group, groups) * 64u + local;
     // The sky's coefficient lies behind the senders', and is there even where there are no points.
-    if p == 0u {
+    if j == 0u {
         senders[params.sky_sender] = vec4f(params.sky, 0.0);
     }
-    if p >= params.lit {
+    if j >= params.senders {
         return;
     }
-    let surface = surfaces[p];
+    let surface = surfaces[j];
     var e = vec3f(0.0);
     for (var slot = 0u; slot < params.slots; slot++) {
-        e += lights[slot].color * projected[slot * params.lit + p];
+        e += lights[slot].color * projected[slot * params.senders + j];
     }
-    e += params.sky * max(dot(surface.sky, points[p].normal), 0.0);
-    let b = vec4f(surface.albedo * e + surface.emission * params.emission, 0.0);
-    radiosities[p] = b;
-    if p < params.senders {
-        senders[p] = b;
-    }
+    e += params.sky * max(dot(surface.sky, points[j].normal), 0.0);
+    senders[j] = vec4f(surface.albedo * e + surface.emission * params.emission, 0.0);
 }

@@ -145,9 +145,7 @@ fn reading_says_what_is_wrong() {
     *flipped.last_mut().unwrap() ^= 1;
     assert!(matches!(
         read(&flipped),
-        AssetError::Checksum {
-            place: "bvh triangles"
-        }
+        AssetError::Checksum { place: "places" }
     ));
     let small = Limits { max_bytes: 1000 };
     assert!(matches!(

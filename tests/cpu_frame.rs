@@ -4,18 +4,18 @@
 #[path = "twins/synthetic.rs"]
 mod synthetic;
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
-use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
+use bevy_meshless_gi::basis::{Weights, support_bounds};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
-use bevy_meshless_gi::samples::{HashedGrid, Point};
-use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
+use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, TriangleMesh};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use glam::Vec3;
 use std::f32::consts::PI;
 
 const ALBEDO: f32 = 0.5;
 const EMISSION: f32 = 3.0;
-/// Four senders, and two finer points for each.
+/// Four senders, and two finer receivers for each.
 const SENDERS: usize = 4;
 const POINTS: usize = 12;
 
@@ -29,10 +29,6 @@ fn furnace(to_sky: bool) -> BakedScene {
         let sender = if to_sky { SENDERS } else { (i + 1) % SENDERS };
         Link::pack(normal(i), 1.0, sender as u16)
     };
-    let half = |index: usize| WeightEntry {
-        index: index as u32,
-        weight: 0.5,
-    };
     BakedScene {
         surfaces: vec![
             PointSurface {
@@ -44,9 +40,8 @@ fn furnace(to_sky: bool) -> BakedScene {
         ],
         level_starts: vec![0, SENDERS as u32, POINTS as u32],
         sender_levels: 1,
-        pull: Weights::from_rows(
-            (0..SENDERS).map(|k| [half(SENDERS + 2 * k), half(SENDERS + 2 * k + 1)]),
-        ),
+        places: Places::default(),
+        pull: Weights::from_rows((0..SENDERS).map(|_| [])),
         parents: Weights::from_rows((0..POINTS).map(|_| [])),
         operator: Operator {
             form: SenderForm::Averages,
@@ -70,6 +65,43 @@ fn furnace(to_sky: bool) -> BakedScene {
         bvh: Bvh::default(),
         info: BakeInfo::default(),
     }
+}
+
+/// A sender's light is the mean over its places: with one of four in the shadow it is three quarters, and none of its own point's.
+#[test]
+fn a_sender_is_lit_at_its_places() {
+    let mut scene = furnace(false);
+    let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
+    scene.places = Places {
+        per_sender: 4,
+        list: (0..4 * SENDERS)
+            .map(|k| LitPlace::new(place(k), Vec3::Y))
+            .collect(),
+    };
+    scene.validate().expect("valid");
+    // A blocker above the first place of the first sender alone.
+    let above = place(0) + 0.5 * Vec3::Y;
+    let corners = [
+        above + Vec3::new(-0.04, 0.0, -0.04),
+        above + Vec3::new(0.04, 0.0, -0.04),
+        above + Vec3::new(0.0, 0.0, 0.06),
+    ];
+    scene.bvh = TriangleMesh::new(vec![corners], vec![0], vec![Material::default()]).bvh();
+    let sun = FrameLight::directional(Vec3::NEG_Y, Vec3::ONE);
+    let mut frame = CpuFrame::new(&scene);
+    frame.set_lights(&scene, &[sun]);
+    let found = frame.projected(0);
+    assert!((found[0] - 0.75).abs() < 1e-6, "{found:?}");
+    for e in &found[1..] {
+        assert!((e - 1.0).abs() < 1e-6, "{found:?}");
+    }
+    scene.places = Places::default();
+    let mut own = CpuFrame::new(&scene);
+    own.set_lights(&scene, &[sun]);
+    assert!(
+        (own.projected(0)[0] - 0.8).abs() < 1e-6,
+        "the point's own normal"
+    );
 }
 
 /// Irradiance at point `i` for its normal.

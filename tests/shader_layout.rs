@@ -60,6 +60,7 @@ fn layouts() -> Vec<Layout> {
             spot_scale,
             spot_offset
         }),
+        layout!(LitPlace { position, normal }),
         layout!(WeightEntry { index, weight }),
         // `active` is a reserved word of WGSL.
         layout!(Row { start, count, scale, active as is_active }),
@@ -70,7 +71,7 @@ fn layouts() -> Vec<Layout> {
             sky,
             emission,
             points,
-            lit,
+            places,
             senders,
             finest_sender,
             slots,
@@ -386,10 +387,10 @@ fn a_spoiled_shader_is_noticed() {
             "in the table None",
         ),
         (
-            "<storage, read> radiosities",
-            "<storage, read_write> radiosities",
-            "pull",
-            "radiosities",
+            "<storage, read> values",
+            "<storage, read_write> values",
+            "splat",
+            "values",
         ),
         (
             "array<u32>;\n@group(0) @binding(7)",

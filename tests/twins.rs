@@ -105,13 +105,25 @@ fn projection_problems(
     let twin: Vec<f32> = (0..lights.len())
         .flat_map(|s| cpu.projected(s).to_vec())
         .collect();
-    let lit = scene.lit_points();
+    let senders = scene.senders();
+    let finest = scene.finest_senders().start;
     let found = differing(gpu, &twin, 1, SINGLE, Scale::Item);
     let flips = found.iter().filter(|&&i| {
-        let point = &scene.points[i % lit];
-        let whole = project::unshadowed(&lights[i / lit], point.x(), point.n());
-        let seen = gpu[i].max(twin[i]);
-        gpu[i].min(twin[i]) == 0.0 && (seen - whole).abs() <= SINGLE * whole
+        // The difference is what one of the sender's places gives.
+        let (light, j) = (&lights[i / senders], i % senders);
+        let count = scene.places.per_sender as usize;
+        let difference = (gpu[i] - twin[i]).abs();
+        let is = |whole: f32| {
+            (difference - whole).abs() <= SINGLE * whole + SINGLE * gpu[i].max(twin[i])
+        };
+        if j < finest || count == 0 {
+            let point = &scene.points[j];
+            return is(project::unshadowed(light, point.x(), point.n()));
+        }
+        let places = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+        places
+            .iter()
+            .any(|p| is(project::unshadowed(light, p.x(), p.n()) / count as f32))
     });
     (found.len(), flips.count())
 }
@@ -124,7 +136,9 @@ fn project() {
     let lights = synthetic::lights();
     let twin = cpu(&scene, &lights, &settings(0, false));
     let shadowed = (0..lights.len()).any(|s| {
-        let pairs = twin.projected(s).iter().zip(&scene.points);
+        // The coarser senders, which are lit at their own points.
+        let own = &scene.points[..scene.finest_senders().start];
+        let pairs = twin.projected(s).iter().zip(own);
         pairs
             .into_iter()
             .any(|(&g, p)| g == 0.0 && project::unshadowed(&lights[s], p.x(), p.n()) > 0.0)
@@ -147,7 +161,7 @@ fn project() {
     assert_eq!(frame.counters().of(Pass::Project), 2);
     assert_eq!(frame.counters().projected, lights.len() as u64);
 
-    let count = lights.len() * scene.lit_points();
+    let count = lights.len() * scene.senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
     // The only freedom: a ray that passes an edge within rounding may be seen on either side of it. Of 2970 rays at most two do.
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
@@ -167,13 +181,21 @@ fn project() {
     assert!(differing > flips, "a moved light is not noticed");
     let mut bright = scene.clone();
     bright.bvh.nodes.clear();
-    let (_, flips) = projection_problems(
+    let (differing, _) = projection_problems(
         &bright,
         &lights,
         &gpu,
         &cpu(&bright, &lights, &settings(0, false)),
     );
-    assert!(flips > 100, "missing shadows are not noticed: {flips}");
+    assert!(
+        differing > 100,
+        "missing shadows are not noticed: {differing}"
+    );
+    let mut elsewhere = scene.clone();
+    elsewhere.places.list[5].position[1] += 0.01;
+    let twin = cpu(&elsewhere, &lights, &settings(0, false));
+    let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
+    assert!(differing > flips, "a moved place is not noticed");
 }
 
 /// More slots than one dispatch takes: rectangles are many patches, and lamps many.
@@ -200,7 +222,7 @@ fn more_lights_than_a_dispatch_takes() {
         (counters.of(Pass::Project), counters.projected),
         (2, 70_000)
     );
-    let lit = scene.lit_points();
+    let lit = scene.senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, lights.len() * lit);
     let of = |start: usize| &gpu[start * lit..(start + few.len()) * lit];
     assert!(of(0).iter().any(|g| *g > 0.0));
@@ -250,13 +272,7 @@ fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked,
     }
 }
 
-const RADIOSITY: Checked = (
-    "radiosity",
-    Pass::Radiosity,
-    |f| flat(f.radiosity()),
-    4,
-    Scale::Item,
-);
+/// What `radiosity` writes stays where `pull` does not replace it: on the finest sender level.
 const SENDERS: Checked = ("senders", Pass::Pull, |f| flat(f.senders()), 4, Scale::Item);
 /// As [`SENDERS`], where E⃗·n, a sum that may cancel, is in it.
 const BOUNCED: Checked = ("senders", Pass::Sweep, |f| flat(f.senders()), 4, Scale::Rms);
@@ -286,9 +302,9 @@ fn radiosity_pull_apply_flatten() {
         SenderForm::Averages,
         &settings(0, false),
         &[
-            (RADIOSITY, |s| s.surfaces[7].albedo[1] += 0.001),
-            (RADIOSITY, |s| s.surfaces[5].emission[2] += 0.001),
-            (RADIOSITY, |s| s.surfaces[8].sky[0] += 0.1),
+            (SENDERS, |s| s.surfaces[97].albedo[1] += 0.001),
+            (SENDERS, |s| s.surfaces[95].emission[2] += 0.001),
+            (SENDERS, |s| s.surfaces[98].sky[0] += 0.1),
             (SENDERS, |s| heavier(&mut s.pull, 12)),
             (VALUES, |s| bend(s, 99)),
             (VALUES, |s| s.operator.rows[20].scale *= 1.001),
@@ -460,7 +476,7 @@ fn bakes_of_the_cornell_box() {
         harness
             .run(|e| frame.project(&kernels, &harness.queue, e, &all))
             .unwrap();
-        let count = lights.len() * scene.lit_points();
+        let count = lights.len() * scene.senders();
         let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
         // As in `project`: a ray within rounding of an edge may fall on either side of it. At most one in 10 000.
         let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);

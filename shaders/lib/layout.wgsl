@@ -9,6 +9,13 @@ struct Point {
     planes: u32,
 }
 
+// Where a sender is lit.
+struct LitPlace {
+    position: vec3f,
+    // Octahedral, unpack2x16snorm.
+    normal: u32,
+}
+
 struct PointSurface {
     albedo: vec3f,
     pad0: f32,
@@ -71,7 +78,7 @@ struct SolveParams {
     sky: vec3f,
     emission: f32,
     points: u32,
-    lit: u32,
+    places: u32,
     senders: u32,
     finest_sender: u32,
     slots: u32,

@@ -4,7 +4,7 @@
 //! `sender_levels` levels are the senders: sender j is point j.
 
 use crate::basis::Weights;
-use crate::samples::{HashedGrid, Point};
+use crate::samples::{HashedGrid, LitPlace, Point};
 use crate::scene::Bvh;
 use crate::transport::{BounceOperator, Operator};
 use bytemuck::{Pod, Zeroable};
@@ -38,6 +38,21 @@ pub struct Display {
     pub grid: HashedGrid,
 }
 
+/// Where light is projected onto the senders of the finest sender level: a sender's light is the mean over its places. Where there are none, and on
+/// coarser levels, it is that at the sender's own point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Places {
+    /// How many each sender has.
+    pub per_sender: u32,
+    /// Sender after sender, from the first of the finest sender level.
+    pub list: Vec<LitPlace>,
+}
+
+impl Places {
+    /// Most places of a sender.
+    pub const MOST: u32 = 64;
+}
+
 /// Everything that a frame reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakedScene {
@@ -49,8 +64,10 @@ pub struct BakedScene {
     pub level_starts: Vec<u32>,
     /// How many of the levels, from the coarsest, are senders.
     pub sender_levels: u32,
-    /// Row k (a sender): which points of the next level its value is the mean of, with weights that sum to one. An
-    /// empty row (and a sender on the finest level of all) keeps its own sample. One row a sender.
+    /// Where the senders of the finest sender level are lit.
+    pub places: Places,
+    /// Row k (a sender): which senders of the next level its value is the mean of, with weights that sum to one. An
+    /// empty row (and all of the finest sender level) keeps its own light. One row a sender.
     pub pull: Weights,
     /// Row i (a point): the coarser functions that cover it. For [`SenderForm::Averages`](crate::transport::SenderForm)
     /// those of the nearest coarser level that covers it, weights that sum to one; for `Differences` those of all coarser
@@ -87,11 +104,9 @@ impl BakedScene {
         self.level_starts[self.sender_levels as usize] as usize
     }
 
-    /// How many points, counted from the first, light is projected onto: the senders' levels and the next finer one, whose means the finest
-    /// senders are.
+    /// The senders of the finest sender level.
     #[must_use]
-    pub fn lit_points(&self) -> usize {
-        let last = (self.sender_levels as usize + 1).min(self.levels());
-        self.level_starts[last] as usize
+    pub fn finest_senders(&self) -> std::ops::Range<usize> {
+        self.level(self.sender_levels as usize - 1)
     }
 }

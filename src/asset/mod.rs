@@ -14,7 +14,7 @@ mod info;
 mod sections;
 mod validate;
 
-pub use baked::{BakedScene, Display, PointSurface};
+pub use baked::{BakedScene, Display, Places, PointSurface};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;

@@ -3,13 +3,13 @@
 //! Lossless: what is read equals what was written. Left out is what follows from the rest: where rows start (their lengths are stored), the
 //! fields that are not used, and the display's grid, where building it again gives the same one.
 
-use super::baked::{BakedScene, Display, PointSurface};
+use super::baked::{BakedScene, Display, Places, PointSurface};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::info::BakeInfo;
 use crate::basis::{WeightEntry, Weights, support_bounds};
-use crate::samples::{GridSlot, HashedGrid, Point};
+use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use bytemuck::Pod;
@@ -23,6 +23,12 @@ const POINT: Layout = Layout::rows(&[
     Field::word(5),
     Field::word(6),
     Field::word(7).delta(),
+]);
+const PLACE: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
 ]);
 const SURFACE: Layout = Layout::rows(&[
     Field::word(0),
@@ -109,7 +115,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 18] = [
+static KINDS: [Kind; 19] = [
     Kind {
         code: 1,
         name: "info",
@@ -150,6 +156,7 @@ static KINDS: [Kind; 18] = [
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
+    kind::<LitPlace>(19, "places", PLACE),
 ];
 
 const INFO: &Kind = &KINDS[0];
@@ -167,9 +174,10 @@ const SLOTS: &Kind = &KINDS[14];
 const ENTRIES: &Kind = &KINDS[15];
 const NODES: &Kind = &KINDS[16];
 const TRIANGLES: &Kind = &KINDS[17];
+const PLACES: &Kind = &KINDS[18];
 
 /// Words of the section "shape".
-const SHAPE_WORDS: usize = 7;
+const SHAPE_WORDS: usize = 8;
 
 impl BakedScene {
     /// The scene as a `.mgi` file. The same scene gives the same bytes.
@@ -199,6 +207,7 @@ impl BakedScene {
             u32::from(!rebuilt),
             u32::from(bounces.is_some()),
             bounces.map_or(0, |b| b.bounces),
+            self.places.per_sender,
         ];
         let mut sections = vec![
             Section {
@@ -228,6 +237,7 @@ impl BakedScene {
         }
         sections.push(section(NODES, NODE, &self.bvh.nodes));
         sections.push(section(TRIANGLES, TRIANGLE, &self.bvh.triangles));
+        sections.push(section(PLACES, PLACE, &self.places.list));
         Ok(assemble(&sections))
     }
 
@@ -247,6 +257,7 @@ impl BakedScene {
             grid_stored,
             has_bounces,
             bounces,
+            per_sender,
         ] = shape.as_slice()
         else {
             return Err(broken(
@@ -309,6 +320,10 @@ impl BakedScene {
             surfaces: items(&file, SURFACES, SURFACE)?,
             level_starts: items(&file, LEVELS, INDEX)?,
             sender_levels,
+            places: Places {
+                per_sender,
+                list: items(&file, PLACES, PLACE)?,
+            },
             pull: weights(&file, PULL)?,
             parents: weights(&file, PARENTS)?,
             operator: Operator {

@@ -1,7 +1,7 @@
 //! Whether a frame can run on a baked scene: every index in range, every number in its range, every walk finite. Nothing is used before it has
 //! passed here (design D10).
 
-use super::baked::BakedScene;
+use super::baked::{BakedScene, Places};
 use crate::basis::Weights;
 use crate::samples::GridSlot;
 use crate::transport::{Link, SenderForm};
@@ -153,6 +153,10 @@ impl BakedScene {
         } else {
             0
         };
+        let per_sender = self.places.per_sender;
+        check.whole(per_sender <= Places::MOST, "places", || {
+            format!("{per_sender} a sender, at most {}", Places::MOST)
+        });
         check.whole(senders <= Link::MAX_SENDERS, "senders", || {
             format!("{senders}, at most {}", Link::MAX_SENDERS)
         });
@@ -162,6 +166,15 @@ impl BakedScene {
             });
         };
         length("surfaces", self.surfaces.len(), points);
+        let finest = match sound {
+            true => senders - starts[sender_levels - 1].min(starts[sender_levels]) as usize,
+            false => 0,
+        };
+        length(
+            "places",
+            self.places.list.len(),
+            finest.saturating_mul(per_sender as usize),
+        );
         length("pull rows", self.pull.len(), senders);
         length("parent rows", self.parents.len(), points);
         length("rows", self.operator.rows.len(), points);
@@ -200,6 +213,11 @@ impl BakedScene {
                 return;
             }
         }
+        for (i, p) in self.places.list.iter().enumerate() {
+            check.item(p.x().is_finite(), "places", i, || {
+                format!("position {}", p.x())
+            });
+        }
         for (i, s) in self.surfaces.iter().enumerate() {
             let within =
                 |v: [f32; 3], low: f32, high: f32| v.iter().all(|c| (low..=high).contains(c));
@@ -223,7 +241,7 @@ impl BakedScene {
         }
     }
 
-    /// Pull rows name lit points on finer levels, parents rows points on coarser levels: both walks end.
+    /// Pull rows name senders on finer levels, parents rows points on coarser levels: both walks end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
         check.whole(all && sound_starts(&self.parents), "parent rows", || {
@@ -235,7 +253,7 @@ impl BakedScene {
         if !check.0.is_empty() {
             return;
         }
-        let lit = self.lit_points();
+        let senders = self.senders();
         let per_level = self.operator.form == SenderForm::Differences;
         for l in 0..self.levels() {
             let level = self.level(l);
@@ -253,10 +271,10 @@ impl BakedScene {
             for i in level.start..level.end.min(self.senders()) {
                 for w in self.pull.row(i) {
                     check.item(
-                        (level.end..lit).contains(&(w.index as usize)),
+                        (level.end..senders).contains(&(w.index as usize)),
                         "pull",
                         i,
-                        || format!("child {} is not lit, or not on a finer level", w.index),
+                        || format!("child {} is no sender, or not on a finer level", w.index),
                     );
                 }
                 check_sums(check, "pull", i, self.pull.row(i), |_| None);

@@ -18,8 +18,8 @@ pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reache
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
-use crate::asset::{BakeInfo, BakedScene, Display, PointSurface};
-use crate::basis::{Hierarchy, HierarchySettings, Weights};
+use crate::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
+use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bvh, Geometry};
 use crate::transport::{
@@ -162,6 +162,7 @@ fn bake_once(
         });
     }
     let sender_levels = settings.sender_levels as usize;
+    let places = lit_places(geometry, &mut hierarchy, &settings, &mut stats.rays);
     let tree = hierarchy.tree();
     let pull = match settings.rule {
         Rule::Bounded => {
@@ -195,6 +196,7 @@ fn bake_once(
                 &gathering,
                 &hierarchy,
                 &viewpoints,
+                &places,
                 &pull,
                 &tree,
                 drop_first,
@@ -247,10 +249,37 @@ fn bake_once(
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
     let baked = assemble(
-        source, recipe, &settings, viewpoints, hierarchy, flat, pull, parents, refined, form,
-        stats, progress,
+        source, recipe, &settings, viewpoints, hierarchy, flat, places, pull, parents, refined,
+        form, stats, progress,
     )?;
     finish(source, recipe, baked, began, progress)
+}
+
+/// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its
+/// own point, as in \[L08\].
+fn lit_places(
+    geometry: &dyn Geometry,
+    hierarchy: &mut Hierarchy,
+    settings: &Settings,
+    rays: &mut u64,
+) -> Places {
+    if settings.places <= 1 {
+        return Places::default();
+    }
+    let finest = settings.sender_levels as usize - 1;
+    let level = hierarchy.level(finest);
+    let (list, cast) = find_places(
+        geometry,
+        &hierarchy.senders[finest],
+        &mut hierarchy.surfaces[level],
+        settings.places,
+        settings.seed,
+    );
+    *rays += cast;
+    Places {
+        per_sender: settings.places,
+        list,
+    }
 }
 
 /// Puts the pieces into the frame's arrays.
@@ -265,6 +294,7 @@ fn assemble(
     viewpoints: Vec<Vec3>,
     hierarchy: Hierarchy,
     flat: crate::basis::LevelBasis,
+    places: Places,
     pull: Weights,
     parents: Weights,
     refined: Refined,
@@ -350,6 +380,7 @@ fn assemble(
         surfaces,
         level_starts: hierarchy.level_starts,
         sender_levels: settings.sender_levels,
+        places,
         pull,
         parents,
         operator: packed.operator,

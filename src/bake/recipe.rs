@@ -1,6 +1,7 @@
 //! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
 //! scene's size.
 
+use crate::asset::Places;
 use crate::scene::Geometry;
 use crate::transport::Link;
 use glam::Vec3;
@@ -60,6 +61,9 @@ pub struct Recipe {
     pub extra_points: Option<u32>,
     /// Rays a gather, 16 to 65536; points of added levels take half.
     pub rays: Option<u32>,
+    /// Places that each sender of the finest sender level is lit at, 1 to 64: more make light move more smoothly, and cost as many shadow rays for each
+    /// lamp that moves.
+    pub places: Option<u32>,
     /// Diffuse reflections, 1 to 64.
     pub bounces: Option<u32>,
     /// Where the later bounces are computed.
@@ -112,6 +116,8 @@ pub struct Settings {
     pub extra_points: u32,
     /// See [`Recipe::rays`].
     pub rays: u32,
+    /// See [`Recipe::places`].
+    pub places: u32,
     /// See [`Recipe::bounces`].
     pub bounces: u32,
     /// See [`Recipe::bounce_mode`].
@@ -137,6 +143,7 @@ struct Care {
     /// Most points on the levels that are added where light asks for them.
     extra_points: f32,
     rays: u32,
+    places: u32,
     epsilon: f32,
     tolerance: f32,
 }
@@ -150,6 +157,7 @@ impl Preset {
                 extra_levels: 2,
                 extra_points: 16_000.0,
                 rays: 256,
+                places: 8,
                 epsilon: 0.03,
                 tolerance: 0.06,
             },
@@ -157,8 +165,9 @@ impl Preset {
                 points: 32_000.0,
                 sender_levels: 5,
                 extra_levels: 3,
-                extra_points: 192_000.0,
+                extra_points: 256_000.0,
                 rays: 1024,
+                places: 16,
                 epsilon: 0.01,
                 tolerance: 0.02,
             },
@@ -169,6 +178,7 @@ impl Preset {
                 extra_levels: 4,
                 extra_points: 400_000.0,
                 rays: 2048,
+                places: 32,
                 epsilon: 0.005,
                 tolerance: 0.01,
             },
@@ -238,6 +248,7 @@ impl Recipe {
             "0 to 4194304",
         )?;
         within("rays", self.rays, 16, 65_536, "16 to 65536")?;
+        within("places", self.places, 1, Places::MOST, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
         within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
         within("tolerance", self.tolerance, 0.0, 1.0, "0 to 1")?;
@@ -301,6 +312,11 @@ impl Recipe {
             rays: self
                 .rays
                 .unwrap_or((care.rays as f32 * finer.sqrt()) as u32),
+            places: self.places.unwrap_or(match self.rule {
+                Rule::Bounded => care.places,
+                // [L08] takes the light at a function's own point.
+                Rule::L08 => 1,
+            }),
             bounces: self.bounces.unwrap_or(4),
             bounce_mode: self.bounce_mode,
             rule: self.rule,

@@ -1,11 +1,10 @@
 //! Training lamps: what lamps in the level's free space make of the senders' radiosity, see [`Training`].
 
+use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
-use crate::transport::{
-    Gathering, SIGNALS, SenderTree, Signals, Training, coarse_rows, mean_squares,
-};
+use crate::transport::{Gathering, SIGNALS, SenderTree, Training, coarse_rows, mean_squares};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -55,6 +54,7 @@ pub fn train(
     gathering: &Gathering<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
+    places: &Places,
     pull: &Weights,
     tree: &SenderTree,
     drop_first: bool,
@@ -74,14 +74,11 @@ pub fn train(
     let mut exposure = vec![0.0f32; senders];
     let mut counted = 0;
     for batch in lamps.chunks(SIGNALS) {
-        // The training lamps are pulled from the level behind the senders, as a frame pulls them; for the exposures the senders themselves will do.
-        let lit = match signals.is_empty() {
-            true => pull.entries.iter().map(|w| w.index as usize + 1).max(),
-            false => None,
-        };
-        let lit = lit.unwrap_or(0).max(senders);
-        let mut values = radiosity(hierarchy, geometry, batch, pull, lit, senders);
-        rays += (lit * batch.len()) as u64;
+        // The training lamps shine on places, as a frame's do; for the exposures the senders' own points will do.
+        let own = Places::default();
+        let places = if signals.is_empty() { places } else { &own };
+        let mut values = radiosity(hierarchy, geometry, batch, places, pull, senders);
+        rays += ((senders + places.list.len()) * batch.len()) as u64;
         let scale = mean_squares(&rows, &values).map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
         counted += scale.iter().filter(|&&s| s > 0.0).count();
         for (sum, row) in exposure.iter_mut().zip(&mut values) {
@@ -103,51 +100,69 @@ pub fn train(
     (Training::new(signals, exposure, sky, tree), rays)
 }
 
-/// Radiosity of the senders for each lamp, pulled from the first `lit` points.
+/// Radiosity of the senders for each lamp: those of the finest level by their places, the others pulled from them.
 fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,
     lamps: &[Vec3],
+    places: &Places,
     pull: &Weights,
-    lit: usize,
     senders: usize,
 ) -> Vec<[f32; SIGNALS]> {
-    let mut values: Vec<[f32; SIGNALS]> = hierarchy.surfaces[..lit]
-        .par_iter()
-        .map(|s| {
-            let start = s.position + s.normal * geometry.lift(s.position);
-            // Rec. 709 luminance stands for the three channels.
-            let albedo = s.albedo.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
+    let count = places.per_sender as usize;
+    let mut values: Vec<[f32; SIGNALS]> = (0..senders)
+        .into_par_iter()
+        .map(|j| {
+            let s = &hierarchy.surfaces[j];
             let mut row = [0.0; SIGNALS];
-            for (value, &lamp) in row.iter_mut().zip(lamps) {
-                let to = lamp - start;
-                let square = to.length_squared();
-                let cosine = to.dot(s.normal);
-                if cosine > 0.0 && square > 0.0 && !geometry.occluded(start, lamp) {
-                    *value = albedo * cosine / (square * square.sqrt());
+            if j < finest || count == 0 {
+                shine(geometry, lamps, s.position, s.normal, 1.0, &mut row);
+            } else {
+                let first = (j - finest) * count;
+                let own = &places.list[first..first + count];
+                for place in own {
+                    let share = 1.0 / count as f32;
+                    shine(geometry, lamps, place.x(), place.n(), share, &mut row);
                 }
             }
-            row
+            // Rec. 709 luminance stands for the three channels.
+            let albedo = s.albedo.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+            row.map(|e| albedo * e)
         })
         .collect();
-    pull_up(&mut values, pull, lit, senders);
-    values.truncate(senders);
+    // Fine to coarse: children have higher indices than their parents.
+    for k in (0..senders).rev() {
+        let row = pull.row(k);
+        if !row.is_empty() {
+            let mut mean = [0.0; SIGNALS];
+            for w in row {
+                for (m, v) in mean.iter_mut().zip(&values[w.index as usize]) {
+                    *m += w.weight * v;
+                }
+            }
+            values[k] = mean;
+        }
+    }
     values
 }
 
-/// Fine to coarse: children have higher indices than their parents. Children that were not lit leave a sender its own value.
-fn pull_up(values: &mut Signals, pull: &Weights, lit: usize, senders: usize) {
-    for k in (0..senders).rev() {
-        let row = pull.row(k);
-        if row.is_empty() || row.iter().any(|w| w.index as usize >= lit) {
-            continue;
+/// Adds the irradiance that lamps of 1 W/sr give (x, n), times `share`.
+fn shine(
+    geometry: &dyn Geometry,
+    lamps: &[Vec3],
+    x: Vec3,
+    n: Vec3,
+    share: f32,
+    row: &mut [f32; SIGNALS],
+) {
+    let start = x + n * geometry.lift(x);
+    for (value, &lamp) in row.iter_mut().zip(lamps) {
+        let to = lamp - start;
+        let square = to.length_squared();
+        let cosine = to.dot(n);
+        if cosine > 0.0 && square > 0.0 && !geometry.occluded(start, lamp) {
+            *value += share * cosine / (square * square.sqrt());
         }
-        let mut mean = [0.0; SIGNALS];
-        for w in row {
-            for (m, v) in mean.iter_mut().zip(&values[w.index as usize]) {
-                *m += w.weight * v;
-            }
-        }
-        values[k] = mean;
     }
 }

@@ -115,17 +115,34 @@ pub(super) fn with_planes(
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
         .collect();
-    // Functions of several radii: each looks through the cells that its support touches, of a grid as fine as the smallest.
-    let smallest = points.iter().fold(f32::INFINITY, |a, p| a.min(p.radius));
-    let grid = HashedGrid::build(places.len(), smallest, |i| Bounds {
-        min: places[i].0,
-        max: places[i].0,
+    // Functions of several radii: each looks through the few cells that its support touches, of a grid about as coarse as itself.
+    let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
+        (a.min(p.radius), b.max(p.radius))
     });
+    let sizes = std::iter::successors(Some(smallest), |s| Some(4.0 * s));
+    let grids: Vec<HashedGrid> = sizes
+        .take_while(|&s| s <= largest)
+        .take(16)
+        .map(|size| {
+            HashedGrid::build(places.len(), size, |i| Bounds {
+                min: places[i].0,
+                max: places[i].0,
+            })
+        })
+        .collect();
     let found: Vec<(Vec<[f32; 4]>, u64)> = points
         .par_iter()
         .map_init(Vec::new, |near, point| {
             near.clear();
-            grid.for_each_in(support_bounds(point), |i| near.push(i));
+            let bounds = support_bounds(point);
+            let fits = grids.partition_point(|g| g.cell_size <= point.radius);
+            grids[fits.max(1) - 1].for_each_in(bounds, |i| {
+                let x = places[i as usize].0;
+                if x.cmpge(bounds.min).all() && x.cmple(bounds.max).all() {
+                    near.push(i);
+                }
+            });
+            near.sort_unstable();
             // Coarse functions among fine points need not look at all of them.
             let stride = near.len().div_ceil(MOST_LOOKS);
             let around = near

@@ -3,12 +3,12 @@
 //! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where light asks for them, so a function's radius
 //! follows from the points around it: it reaches every place that has it among its [`NEAREST`] nearest points. Where points are even
 //! that is the same radius for all; beside denser points it is as wide as the other side needs, and no place between levels is left without functions.
-//! The places asked are the points themselves and where importance particles land.
+//! The places asked are the points themselves, one beside each of them, and where importance particles land.
 
 use super::clip::with_planes;
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
-use crate::samples::{Candidate, Point, dist, trace_particles};
-use crate::scene::Geometry;
+use crate::samples::{Candidate, Point, Random, dist, tangents, trace_particles};
+use crate::scene::{Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -19,7 +19,9 @@ const FAR: f32 = 3.0;
 /// How much further than the places asked a function reaches.
 const MARGIN: f32 = 1.1;
 /// Paths of the importance particles.
-const PATHS: u64 = 12_288;
+const PATHS: u64 = 6_144;
+/// How far beside a point, in parts of its own level's radius, it is asked too.
+const BESIDE: f32 = 0.5;
 
 impl Hierarchy {
     /// The flat basis of all points. Also says how many rays it took.
@@ -32,18 +34,22 @@ impl Hierarchy {
     ) -> (LevelBasis, u64) {
         let seed = settings.seed ^ 0x68_6f;
         let traced = trace_particles(geometry, viewpoints, 0..PATHS, seed, settings.drop_first);
-        let landed = traced.candidates.iter().map(|c| &c.surface);
-        let places: Vec<(Vec3, Vec3)> = self
-            .surfaces
-            .iter()
-            .chain(landed)
-            .map(|s| (s.position, s.normal))
-            .collect();
+        let sure = self.surfaces.iter();
+        let sure = sure.chain(traced.candidates.iter().map(|c| &c.surface));
+        let sure = sure.map(|s| (s.position, s.normal, f32::INFINITY));
+        let (beside, asked) = self.beside(geometry, settings.levels - 1, seed);
+        let places: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
         let nearest: Vec<Vec<(u32, f32)>> = places
             .par_iter()
             .map_init(
                 || (Vec::new(), Vec::new()),
-                |(found, near), &(x, n)| self.nearest(x, n, found, near),
+                |(found, near), &(x, n, most)| {
+                    let mut nearest = self.nearest(x, n, found, near);
+                    if nearest.first().is_none_or(|&(_, d)| d > most) {
+                        nearest.clear();
+                    }
+                    nearest
+                },
             )
             .collect();
         let least = 0.5 * self.levels.last().map_or(0.0, reach);
@@ -68,7 +74,36 @@ impl Hierarchy {
             .collect();
         let (mut flat, rays) = with_planes(geometry, points, &[&around], settings.clip);
         self.open(&mut flat, &places, &nearest);
-        (flat, rays + traced.rays)
+        (flat, rays + traced.rays + asked)
+    }
+
+    /// A place beside each point from level `first` on, where a way of half its own level's radius across its tangent plane and down meets a surface; and
+    /// how far its nearest point may be: behind walls, where no light comes, only coarse functions reach. Also says how many rays it took.
+    fn beside(
+        &self,
+        geometry: &dyn Geometry,
+        first: usize,
+        seed: u64,
+    ) -> (Vec<(Vec3, Vec3, f32)>, u64) {
+        let points = self.level_starts[first] as usize..self.surfaces.len();
+        let rays = points.len() as u64;
+        let found: Vec<Option<_>> = points
+            .into_par_iter()
+            .map(|i| {
+                let s = &self.surfaces[i];
+                let l = self.level_of(i);
+                let own = self.levels[l].points[i - self.level_starts[l] as usize].radius;
+                let (t, b) = tangents(s.normal);
+                let angle = std::f32::consts::TAU * Random::new(seed, 0x62, i as u64).unit();
+                let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * (BESIDE * own);
+                let start = s.position + across + s.normal * own;
+                let ray = Ray::segment(start, -s.normal, 2.0 * own);
+                let hit = geometry.cast(&ray)?;
+                let there = geometry.site(&ray, &hit);
+                Some((there.position, there.normal, own))
+            })
+            .collect();
+        (found.into_iter().flatten().collect(), rays)
     }
 
     /// The nearest points of a place by \[L08\] Eq. (10) over the squared cosine of the normals, as Eq. (11) has it, among those whose functions on
@@ -91,11 +126,16 @@ impl Hierarchy {
                 (d / (cosine * cosine), self.level_starts[l] + w.index, d)
             }));
         }
-        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let order =
+            |a: &(f32, u32, f32), b: &(f32, u32, f32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if near.len() > NEAREST {
+            near.select_nth_unstable_by(NEAREST, order);
+            near.truncate(NEAREST);
+        }
+        near.sort_unstable_by(order);
         // Where little is near, what is far does not help.
         let most = near.get(1).map_or(0.0, |second| FAR * second.0);
         near.iter()
-            .take(NEAREST)
             .enumerate()
             .filter(|&(k, n)| k < 2 || n.0 <= most)
             .map(|(_, &(_, i, d))| (i, d))
@@ -104,11 +144,16 @@ impl Hierarchy {
 
     /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say
     /// otherwise.
-    fn open(&self, flat: &mut LevelBasis, places: &[(Vec3, Vec3)], nearest: &[Vec<(u32, f32)>]) {
+    fn open(
+        &self,
+        flat: &mut LevelBasis,
+        places: &[(Vec3, Vec3, f32)],
+        nearest: &[Vec<(u32, f32)>],
+    ) {
         let closed: Vec<usize> = (0..places.len())
             .into_par_iter()
             .map_init(Vec::new, |found, i| {
-                let (x, n) = places[i];
+                let (x, n, _) = places[i];
                 (!nearest[i].is_empty() && !flat.weights(x, n, found)).then_some(i)
             })
             .flatten()

@@ -13,6 +13,9 @@ use rayon::prelude::*;
 /// C of r = C · R on the coarsest and on the finest level ([L08] §2.3).
 const OVERLAP: [f32; 2] = [1.5, 2.5];
 
+/// Rays that look for candidates of an added level around a point.
+const LOCAL_RAYS: u64 = 64;
+
 /// How to build a hierarchy.
 #[derive(Clone, Debug)]
 pub struct HierarchySettings {
@@ -152,6 +155,7 @@ impl Hierarchy {
             &self.surfaces,
             wanting,
             2.0 * disk * OVERLAP[1],
+            LOCAL_RAYS,
             settings.seed.wrapping_add(l as u64),
         );
         self.rays += rays;
@@ -237,7 +241,7 @@ impl Hierarchy {
     pub fn pull(&self) -> Weights {
         let levels = self.senders.len();
         let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); self.level_starts[levels] as usize];
-        for l in 0..levels.min(self.levels.len() - 1) {
+        for l in 0..levels - 1 {
             let per_child: Vec<(u32, Vec<WeightEntry>)> = self
                 .level(l + 1)
                 .into_par_iter()
@@ -266,12 +270,11 @@ impl Hierarchy {
         Weights::from_rows(rows)
     }
 
-    /// The sender whose function weighs most at each point of the level behind it: a tree over the sender levels and the level that follows. Points
-    /// that no function of the level before covers, and those of the coarsest level, are their own parents.
+    /// The sender whose function weighs most at each sender of the level behind it: a tree over the sender levels. Senders that no function of the
+    /// level before covers, and those of the coarsest level, are their own parents.
     #[must_use]
     pub fn tree(&self) -> Vec<u32> {
-        let lit = (self.senders.len() + 1).min(self.levels.len());
-        (0..lit)
+        (0..self.senders.len())
             .flat_map(|l| self.level(l).map(move |i| (l, i)))
             .collect::<Vec<_>>()
             .into_par_iter()
@@ -306,7 +309,7 @@ impl Hierarchy {
         settings: &HierarchySettings,
     ) -> (Vec<Vec<f32>>, u64) {
         const SAMPLES: usize = 24;
-        let last = (self.senders.len()).min(self.levels.len() - 1);
+        let last = self.senders.len() - 1;
         let first = self.level_starts[last];
         let leaves = &self.levels[last];
         let reach: Vec<f32> = self

@@ -4,12 +4,14 @@ mod clip;
 mod flat;
 mod hierarchy;
 mod kernel;
+mod places;
 mod shepard;
 mod weights;
 
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{kernel, weight};
+pub use places::find_places;
 pub use shepard::{LevelBasis, support_bounds};
 pub use weights::{WeightEntry, Weights};
 

@@ -28,9 +28,8 @@ pub struct CpuFrame {
     lights: Vec<FrameLight>,
     /// What each slot was projected for.
     projected_for: Vec<FrameLight>,
-    /// Slot after slot, one value a lit point.
+    /// Slot after slot, one value a sender.
     projected: Vec<f32>,
-    radiosity: Vec<[f32; 4]>,
     senders: Vec<[f32; 4]>,
     direct: Vec<[f32; 4]>,
     further: Vec<[f32; 4]>,
@@ -49,7 +48,6 @@ impl CpuFrame {
     pub fn new(scene: &BakedScene) -> Self {
         let (points, senders) = (scene.points.len(), scene.senders());
         Self {
-            radiosity: vec![[0.0; 4]; scene.lit_points()],
             senders: vec![[0.0; 4]; senders + 1],
             direct: vec![[0.0; 4]; senders + 1],
             further: vec![[0.0; 4]; senders + 1],
@@ -70,11 +68,11 @@ impl CpuFrame {
         }
         self.lights.clear();
         self.lights.extend_from_slice(lights);
-        let lit = scene.lit_points();
+        let senders = scene.senders();
         if self.projected_for.len() < lights.len() {
             self.projected_for
                 .resize(lights.len(), FrameLight::default());
-            self.projected.resize(lights.len() * lit, 0.0);
+            self.projected.resize(lights.len() * senders, 0.0);
         }
         let extent = project::extent(scene);
         let mut count = 0;
@@ -82,8 +80,8 @@ impl CpuFrame {
             if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
                 continue;
             }
-            let out = &mut self.projected[slot * lit..(slot + 1) * lit];
-            project::project(&scene.bvh, extent, light, &scene.points[..lit], out);
+            let out = &mut self.projected[slot * senders..(slot + 1) * senders];
+            project::project(scene, extent, light, out);
             self.projected_for[slot] = *light;
             count += 1;
         }
@@ -108,17 +106,10 @@ impl CpuFrame {
             &self.projected,
             &scene.points,
             &scene.surfaces,
-            &mut self.radiosity,
             &mut self.senders,
         );
         for level in &steps.pull {
-            pull::pull(
-                &scene.pull,
-                level.clone(),
-                senders,
-                &self.radiosity,
-                &mut self.senders,
-            );
+            pull::pull(&scene.pull, level.clone(), &mut self.senders);
         }
         if let (true, Some(bounces)) = (steps.baked, &scene.bounces) {
             self.direct.copy_from_slice(&self.senders);
@@ -147,14 +138,8 @@ impl CpuFrame {
                 &self.values,
                 &mut self.senders,
             );
-            for level in &steps.pull_again {
-                pull::pull(
-                    &scene.pull,
-                    level.clone(),
-                    senders,
-                    &self.radiosity,
-                    &mut self.senders,
-                );
+            for level in &steps.pull {
+                pull::pull(&scene.pull, level.clone(), &mut self.senders);
             }
         }
         self.transport(scene, &steps, 0..scene.points.len(), &steps.levels);
@@ -236,17 +221,11 @@ impl CpuFrame {
         &self.lights
     }
 
-    /// Irradiance at the lit points from the light of `slot` with colour one.
+    /// Irradiance of the senders from the light of `slot` with colour one.
     #[must_use]
     pub fn projected(&self, slot: usize) -> &[f32] {
-        let lit = self.radiosity.len();
-        &self.projected[slot * lit..(slot + 1) * lit]
-    }
-
-    /// Radiosity at the lit points, W/m².
-    #[must_use]
-    pub fn radiosity(&self) -> &[[f32; 4]] {
-        &self.radiosity
+        let senders = self.made_for.1;
+        &self.projected[slot * senders..(slot + 1) * senders]
     }
 
     /// The senders' coefficients after all bounces, the sky's behind them, W/m².

@@ -50,8 +50,8 @@ pub struct SolveParams {
     pub emission: f32,
     /// How many points there are.
     pub points: u32,
-    /// How many of them light is projected onto ([`lit_points`](crate::asset::BakedScene::lit_points)).
-    pub lit: u32,
+    /// How many places each sender of the finest sender level is lit at ([`Places`](crate::asset::Places)).
+    pub places: u32,
     /// How many of them are senders.
     pub senders: u32,
     /// First sender of the finest sender level.

@@ -1,9 +1,8 @@
-//! Kernel `project`: the scalar irradiance at each lit point from one light of colour one, shadows included. Visibility is a ray through the
-//! baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+//! Kernel `project`: the scalar irradiance of each sender from one light of colour one, shadows included: the mean over the sender's places, so that a
+//! shadow's edge moves over it smoothly ([L08] takes the light at its centre). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
-use crate::samples::Point;
 use crate::scene::{Bvh, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -91,12 +90,25 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
     }
 }
 
-/// Fills `out`, one value for each of the first points.
-pub fn project(bvh: &Bvh, extent: f32, light: &FrameLight, points: &[Point], out: &mut [f32]) {
+/// Irradiance of sender `j` from `light` with colour one.
+#[must_use]
+#[inline]
+pub fn project_sender(scene: &BakedScene, extent: f32, light: &FrameLight, j: usize) -> f32 {
+    let at = |x, n| project_at(&scene.bvh, extent, light, x, n);
+    let count = scene.places.per_sender as usize;
+    let finest = scene.finest_senders().start;
+    if j < finest || count == 0 {
+        let point = &scene.points[j];
+        return at(point.x(), point.n());
+    }
+    let places = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+    places.iter().map(|p| at(p.x(), p.n())).sum::<f32>() / count as f32
+}
+
+/// Fills `out`, one value a sender.
+pub fn project(scene: &BakedScene, extent: f32, light: &FrameLight, out: &mut [f32]) {
     out.par_iter_mut()
-        .with_min_len(64)
-        .zip(points)
-        .for_each(|(g, point)| {
-            *g = project_at(bvh, extent, light, point.x(), point.n());
-        });
+        .with_min_len(16)
+        .enumerate()
+        .for_each(|(j, e)| *e = project_sender(scene, extent, light, j));
 }

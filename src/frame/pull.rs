@@ -5,15 +5,8 @@ use crate::basis::Weights;
 use glam::Vec4;
 use std::ops::Range;
 
-/// Replaces the coefficients of the senders `level` by means over the next level: `senders` where that level sends too, `radiosity` where it does
-/// not. A sender with an empty row keeps its own.
-pub fn pull(
-    weights: &Weights,
-    level: Range<usize>,
-    count: usize,
-    radiosity: &[[f32; 4]],
-    senders: &mut [[f32; 4]],
-) {
+/// Replaces the coefficients of the senders `level` by means over the next level. A sender with an empty row keeps its own.
+pub fn pull(weights: &Weights, level: Range<usize>, senders: &mut [[f32; 4]]) {
     for k in level {
         let row = weights.row(k);
         if row.is_empty() {
@@ -21,9 +14,7 @@ pub fn pull(
         }
         let mut sum = Vec4::ZERO;
         for entry in row {
-            let c = entry.index as usize;
-            sum +=
-                entry.weight * Vec4::from_array(if c < count { senders[c] } else { radiosity[c] });
+            sum += entry.weight * Vec4::from_array(senders[entry.index as usize]);
         }
         senders[k] = sum.to_array();
     }

@@ -1,5 +1,5 @@
-//! Kernel `radiosity`: b = ρE + M at every lit point, from the projected lights and the sky (design D1). A sender's own radiosity is its
-//! coefficient until `pull` replaces it by the mean over its support.
+//! Kernel `radiosity`: b = ρE + M of every sender, from the projected lights and the sky (design D1): its coefficient until `pull` replaces those of
+//! coarser senders by the mean over their support.
 
 use super::layout::SolveParams;
 use super::light::FrameLight;
@@ -8,7 +8,7 @@ use crate::samples::Point;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Radiosity of point `p`, W/m². `projected` holds the irradiances of light colour one, slot after slot, `params.lit` each.
+/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light colour one, slot after slot, `params.senders` each.
 #[must_use]
 #[inline]
 pub fn radiosity_at(
@@ -17,36 +17,33 @@ pub fn radiosity_at(
     projected: &[f32],
     point: &Point,
     surface: &PointSurface,
-    p: usize,
+    j: usize,
 ) -> Vec3 {
     let mut e = Vec3::ZERO;
     for (slot, light) in lights[..params.slots as usize].iter().enumerate() {
-        e += Vec3::from_array(light.color) * projected[slot * params.lit as usize + p];
+        e += Vec3::from_array(light.color) * projected[slot * params.senders as usize + j];
     }
     e += Vec3::from_array(params.sky) * Vec3::from_array(surface.sky).dot(point.n()).max(0.0);
     Vec3::from_array(surface.albedo) * e + Vec3::from_array(surface.emission) * params.emission
 }
 
-/// Fills `radiosity` (one a lit point) and the senders' first coefficients, the sky's behind them, W/m².
+/// Fills the senders' first coefficients, the sky's behind them, W/m².
 pub fn radiosity(
     params: &SolveParams,
     lights: &[FrameLight],
     projected: &[f32],
     points: &[Point],
     surfaces: &[PointSurface],
-    radiosity: &mut [[f32; 4]],
     senders: &mut [[f32; 4]],
 ) {
-    radiosity
+    senders[..params.senders as usize]
         .par_iter_mut()
         .with_min_len(256)
         .enumerate()
-        .for_each(|(p, b)| {
-            *b = radiosity_at(params, lights, projected, &points[p], &surfaces[p], p)
+        .for_each(|(j, b)| {
+            *b = radiosity_at(params, lights, projected, &points[j], &surfaces[j], j)
                 .extend(0.0)
                 .to_array();
         });
-    let count = params.senders as usize;
-    senders[..count].copy_from_slice(&radiosity[..count]);
     senders[params.sky_sender as usize] = Vec3::from_array(params.sky).extend(0.0).to_array();
 }

@@ -55,8 +55,8 @@ pub struct SceneShape {
     pub level_starts: Vec<u32>,
     /// How many levels send.
     pub sender_levels: usize,
-    /// Points that light is projected onto.
-    pub lit: usize,
+    /// Places that each sender of the finest sender level is lit at.
+    pub places: u32,
     /// What the links multiply.
     pub form: SenderForm,
     /// The bake holds further bounces.
@@ -74,7 +74,7 @@ impl SceneShape {
         Self {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),
-            lit: scene.lit_points(),
+            places: scene.places.per_sender,
             form: scene.operator.form,
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
@@ -114,7 +114,7 @@ impl SceneShape {
             sky: (settings.sky * PI).to_array().map(finite),
             emission: finite(settings.emission),
             points: self.points() as u32,
-            lit: self.lit as u32,
+            places: self.places,
             senders: self.senders() as u32,
             finest_sender: self.level_starts[self.sender_levels.saturating_sub(1)],
             slots: slots as u32,
@@ -131,10 +131,8 @@ impl SceneShape {
 /// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
-    /// The levels that `pull` fills from the level below, in order (fine to coarse).
+    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender levels but the finest.
     pub pull: Vec<Range<usize>>,
-    /// The levels that `pull` fills again in a sweep: all but the finest sender level.
-    pub pull_again: Vec<Range<usize>>,
     /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
     pub senders: Vec<Range<usize>>,
     /// All levels, coarse to fine: the last `flatten`.
@@ -152,14 +150,9 @@ impl Steps {
     #[must_use]
     pub fn new(shape: &SceneShape, settings: &FrameSettings) -> Self {
         let level = |l: usize| shape.level(l);
-        let finer = shape.levels().saturating_sub(1);
         let baked = settings.baked_bounces && shape.bounces;
         Self {
-            pull: (0..shape.sender_levels.min(finer))
-                .rev()
-                .map(level)
-                .collect(),
-            pull_again: (0..shape.sender_levels.saturating_sub(1))
+            pull: (0..shape.sender_levels.saturating_sub(1))
                 .rev()
                 .map(level)
                 .collect(),
@@ -184,7 +177,7 @@ mod tests {
         SceneShape {
             level_starts: level_starts.to_vec(),
             sender_levels,
-            lit: *level_starts.last().unwrap() as usize,
+            places: 0,
             form: SenderForm::Averages,
             bounces: false,
             nodes: 0,
@@ -195,8 +188,7 @@ mod tests {
     #[test]
     fn levels_are_pulled_fine_to_coarse_and_flattened_coarse_to_fine() {
         let steps = Steps::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
-        assert_eq!(steps.pull, [3..10, 0..3]);
-        assert_eq!(steps.pull_again, std::slice::from_ref(&(0..3)));
+        assert_eq!(steps.pull, std::slice::from_ref(&(0..3)));
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
         assert_eq!(steps.sweeps, 2);
@@ -208,9 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn the_finest_level_of_all_has_nothing_to_be_pulled_from() {
-        let steps = Steps::new(&shape(&[0, 3, 10], 2), &FrameSettings::default());
-        assert_eq!(steps.pull, std::slice::from_ref(&(0..3)));
+    fn a_scene_without_levels_has_no_steps() {
         let empty = Steps::new(&shape(&[0], 0), &FrameSettings::default());
         assert!(empty.pull.is_empty() && empty.levels.is_empty());
     }

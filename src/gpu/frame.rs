@@ -133,8 +133,8 @@ impl GpuFrame {
             .copied()
             .filter(|&s| (s as usize) < self.lights)
             .collect();
-        let lit = self.buffers.shape.lit as u32;
-        if slots.is_empty() || lit == 0 {
+        let senders = self.buffers.shape.senders() as u32;
+        if slots.is_empty() || senders == 0 {
             return;
         }
         let b = &self.buffers;
@@ -157,11 +157,12 @@ impl GpuFrame {
                     (5, b.nodes.as_entire_binding()),
                     (6, b.triangles.as_entire_binding()),
                     (7, b.projected.as_entire_binding()),
+                    (8, b.places.as_entire_binding()),
                 ],
             );
             pass.set_bind_group(0, &bind, &[]);
             // A binding holds fewer points than the groups of one dimension cover.
-            pass.dispatch_workgroups(lit.div_ceil(64), part.len() as u32, 1);
+            pass.dispatch_workgroups(senders.div_ceil(64), part.len() as u32, 1);
             self.counters.dispatches[Pass::Project as usize] += 1;
         }
         self.counters.projected += slots.len() as u64;
@@ -204,7 +205,7 @@ impl GpuFrame {
             if let Some(direct) = &direct {
                 recorder.sweep(&mut pass, direct);
             }
-            recorder.pull(&mut pass, 0..steps.pull_again.len());
+            recorder.pull(&mut pass, 0..steps.pull.len());
         }
         recorder.transport(&mut pass, &steps, false);
         self.counters.solves += 1;
@@ -344,12 +345,12 @@ impl Recorder<'_> {
                 (3, b.projected.as_entire_binding()),
                 (4, b.points.as_entire_binding()),
                 (5, b.surfaces.as_entire_binding()),
-                (6, b.radiosity.as_entire_binding()),
-                (7, b.senders.as_entire_binding()),
+                (6, b.senders.as_entire_binding()),
             ],
         );
         // The sky's coefficient is written even where there are no points.
-        self.dispatch(pass, Pass::Radiosity, &bind, &[], b.shape.lit.max(1) as u32);
+        let senders = b.shape.senders().max(1) as u32;
+        self.dispatch(pass, Pass::Radiosity, &bind, &[], senders);
     }
 
     /// Pulls the levels, the finest of them first.
@@ -361,12 +362,10 @@ impl Recorder<'_> {
         let bind = self.kernels.bind(
             Pass::Pull,
             &[
-                (0, b.params.as_entire_binding()),
                 (1, self.span()),
                 (2, b.pull_starts.as_entire_binding()),
                 (3, b.pull_entries.as_entire_binding()),
-                (4, b.radiosity.as_entire_binding()),
-                (5, b.senders.as_entire_binding()),
+                (4, b.senders.as_entire_binding()),
             ],
         );
         for level in levels.rev() {

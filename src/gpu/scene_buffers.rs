@@ -42,6 +42,7 @@ pub struct SceneBuffers {
     pub(super) parts: [SpanList; 2],
     pub(super) links: Vec<wgpu::Buffer>,
     pub(super) points: wgpu::Buffer,
+    pub(super) places: wgpu::Buffer,
     pub(super) surfaces: wgpu::Buffer,
     pub(super) rows: wgpu::Buffer,
     pub(super) pull_starts: wgpu::Buffer,
@@ -57,7 +58,6 @@ pub struct SceneBuffers {
     pub(super) lights: wgpu::Buffer,
     pub(super) changed: wgpu::Buffer,
     pub(super) projected: wgpu::Buffer,
-    pub(super) radiosity: wgpu::Buffer,
     pub(super) senders: wgpu::Buffer,
     /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
     pub(super) direct: Option<wgpu::Buffer>,
@@ -197,6 +197,7 @@ impl SceneBuffers {
             parts: part_lists,
             links,
             points: make.upload("points", &scene.points)?,
+            places: make.upload("places", &scene.places.list)?,
             surfaces: make.upload("surfaces", &scene.surfaces)?,
             rows: make.upload("rows", &scene.operator.rows)?,
             pull_starts: make.upload("pull rows", &scene.pull.starts)?,
@@ -211,8 +212,7 @@ impl SceneBuffers {
             bounces,
             lights: make.empty::<FrameLight>("lights", u64::from(slots))?,
             changed: make.empty::<u32>("changed lights", u64::from(slots))?,
-            projected: make.empty::<f32>("projected light", u64::from(slots) * shape.lit as u64)?,
-            radiosity: make.empty::<[f32; 4]>("radiosity", shape.lit as u64)?,
+            projected: make.empty::<f32>("projected light", u64::from(slots) * senders)?,
             senders: coefficients("senders")?,
             direct: None,
             differences,
@@ -253,16 +253,13 @@ impl SceneBuffers {
             limit: binding_limit(device),
         };
         // Half as much again, so that lamps that come one by one do not each copy everything; what is needed where that is too much.
-        let lit = self.shape.lit as u64;
+        let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);
-        let (slots, projected) = match make.empty::<f32>("projected light", u64::from(roomy) * lit)
-        {
-            Ok(buffer) => (roomy, buffer),
-            Err(_) => (
-                slots,
-                make.empty::<f32>("projected light", u64::from(slots) * lit)?,
-            ),
+        let projected = |slots: u32| {
+            make.empty::<f32>("projected light", u64::from(slots) * senders)
+                .map(|buffer| (slots, buffer))
         };
+        let (slots, projected) = projected(roomy).or_else(|_| projected(slots))?;
         let lights = make.empty::<FrameLight>("lights", u64::from(slots))?;
         let changed = make.empty::<u32>("changed lights", u64::from(slots))?;
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -305,8 +302,7 @@ impl SceneBuffers {
     pub fn output(&self, pass: Pass) -> Option<&wgpu::Buffer> {
         match pass {
             Pass::Project => Some(&self.projected),
-            Pass::Radiosity => Some(&self.radiosity),
-            Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
+            Pass::Radiosity | Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
             Pass::Push => self.differences.as_ref().map(|d| &d[0]),
             Pass::Apply => self
                 .differences
@@ -324,6 +320,7 @@ impl SceneBuffers {
             ("params", &self.params),
             ("spans", &self.spans),
             ("points", &self.points),
+            ("places", &self.places),
             ("surfaces", &self.surfaces),
             ("rows", &self.rows),
             ("pull rows", &self.pull_starts),
@@ -338,7 +335,6 @@ impl SceneBuffers {
             ("lights", &self.lights),
             ("changed lights", &self.changed),
             ("projected light", &self.projected),
-            ("radiosity", &self.radiosity),
             ("senders", &self.senders),
             ("vector irradiance", &self.values),
         ];

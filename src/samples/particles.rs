@@ -107,20 +107,18 @@ fn trace_one(
     (out, rays)
 }
 
-/// Rays that look for candidates around a point.
-const LOCAL_RAYS: u64 = 64;
-
 /// Candidates around the given points of `surfaces`: what rays meet that start above a random place near each, no farther from it than `reach`
-/// metres. Round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
+/// metres. `rounds` rays for each point; round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
 #[must_use]
 pub fn local_candidates(
     geometry: &dyn Geometry,
     surfaces: &[Surface],
     around: &[usize],
     reach: f32,
+    rounds: u64,
     seed: u64,
 ) -> (Vec<Candidate>, u64) {
-    let found: Vec<Candidate> = (0..LOCAL_RAYS)
+    let found: Vec<Candidate> = (0..rounds)
         .into_par_iter()
         .flat_map_iter(|round| {
             around.iter().filter_map(move |&i| {
@@ -151,5 +149,5 @@ pub fn local_candidates(
             })
         })
         .collect();
-    (found, 2 * LOCAL_RAYS * around.len() as u64)
+    (found, 2 * rounds * around.len() as u64)
 }

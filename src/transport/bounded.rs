@@ -33,12 +33,11 @@ pub struct SenderTree {
 }
 
 impl SenderTree {
-    /// From each sender's parent (its own index at a root; more entries than senders are left out). `level_starts` bounds the sender levels.
+    /// From each sender's parent (its own index at a root). `level_starts` bounds the sender levels.
     #[must_use]
     pub fn new(parents: &[u32], level_starts: &[u32]) -> Self {
-        let count = level_starts[level_starts.len() - 1] as usize;
-        let parent = parents[..count].to_vec();
-        let mut children = vec![0; count];
+        let parent = parents.to_vec();
+        let mut children = vec![0; parent.len()];
         for (i, &p) in parent.iter().enumerate() {
             if p as usize != i {
                 children[p as usize] += 1;

@@ -4,9 +4,9 @@
     reason = "each test binary uses its own part of this module"
 )]
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
-use bevy_meshless_gi::samples::{HashedGrid, Point};
+use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use glam::Vec3;
@@ -157,7 +157,7 @@ pub fn build(make: &Make) -> BakedScene {
     for l in 0..make.levels.len() {
         for _ in 0..make.levels[l] {
             if l < make.sender_levels as usize {
-                pull.push(if l < last {
+                pull.push(if l < last && l + 1 < make.sender_levels as usize {
                     row(r, starts[l + 1]..starts[l + 2], 4)
                 } else {
                     Vec::new()
@@ -172,6 +172,13 @@ pub fn build(make: &Make) -> BakedScene {
             });
         }
     }
+    let finest = senders - starts[make.sender_levels as usize - 1];
+    let places = Places {
+        per_sender: 2,
+        list: (0..2 * finest)
+            .map(|_| LitPlace::new(r.signed(), r.signed().normalize()))
+            .collect(),
+    };
     let mut links = Vec::new();
     let rows = (0..count)
         .map(|i| {
@@ -231,6 +238,7 @@ pub fn build(make: &Make) -> BakedScene {
         surfaces,
         level_starts: starts,
         sender_levels: make.sender_levels,
+        places,
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
         operator: Operator {

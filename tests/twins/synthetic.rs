@@ -1,10 +1,10 @@
 //! A scene that no bake would make: hundreds of points on five levels with random rows, so that every branch of every kernel runs. Everything follows from
 //! a counter, so it is the same on every machine.
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, PointSurface};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::frame::FrameLight;
-use bevy_meshless_gi::samples::{HashedGrid, Point};
+use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Light};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use glam::{IVec3, Vec3};
@@ -48,9 +48,11 @@ impl Dice {
     }
 }
 
-/// Where the levels start: five levels, the first three send, the last is not lit.
+/// Where the levels start: five levels, the first three send.
 const LEVELS: [u32; 6] = [0, 16, 60, 150, 330, 701];
 const SENDER_LEVELS: u32 = 3;
+/// Places of each sender of the third.
+const PLACES: u32 = 3;
 
 /// The scene.
 pub fn scene(form: SenderForm) -> BakedScene {
@@ -103,7 +105,7 @@ pub fn scene(form: SenderForm) -> BakedScene {
     let level = |l: usize| LEVELS[l] as usize..LEVELS[l + 1] as usize;
     // Some senders keep their own sample.
     let pull = Weights::from_rows((0..senders).map(|k| {
-        if k % 7 == 3 {
+        if k % 7 == 3 || level_of(k) == 2 {
             Vec::new()
         } else {
             row(&mut dice, level(level_of(k) + 1))
@@ -154,6 +156,12 @@ pub fn scene(form: SenderForm) -> BakedScene {
         surfaces,
         level_starts: LEVELS.to_vec(),
         sender_levels: SENDER_LEVELS,
+        places: Places {
+            per_sender: PLACES,
+            list: (0..PLACES * (LEVELS[3] - LEVELS[2]))
+                .map(|_| LitPlace::new(2.0 * dice.vec(), dice.direction()))
+                .collect(),
+        },
         pull,
         parents,
         operator: Operator { form, rows, links },

@@ -39,7 +39,7 @@ fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Val
         "levels": scene.levels(),
         "sender_levels": scene.sender_levels,
         "points": scene.points.len(),
-        "lit_points": scene.lit_points(),
+        "places_per_sender": scene.places.per_sender,
         "sender_form": format!("{:?}", scene.operator.form),
         "display_radius": scene.display.radius,
     })

@@ -1,0 +1,213 @@
+//! Where a sender is lit: places spread over its function's support, as dense as the function weighs ([L08] Eq. (9)).
+//!
+//! [L08] §2.1 takes a coefficient from the light at the function's own centre. A lamp's shadow edge then jumps from centre to centre as the lamp moves,
+//! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
+//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out.
+
+use super::LevelBasis;
+use super::kernel::weight;
+use crate::samples::{LitPlace, Random, lattice, tangents};
+use crate::scene::{Geometry, Ray, Surface};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Lattices tried, each as large as the number of places wanted: what walls and folds take from the first, the others give.
+const LATTICES: u32 = 4;
+
+/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the functions' centres and get the mean reflectance
+/// and emission over the places. Also says how many rays it took.
+pub fn find_places(
+    geometry: &dyn Geometry,
+    level: &LevelBasis,
+    surfaces: &mut [Surface],
+    per_sender: u32,
+    seed: u64,
+) -> (Vec<LitPlace>, u64) {
+    let count = per_sender as usize;
+    let reach: Vec<f32> = (0..per_sender)
+        .map(|k| quantile((k as f32 + 0.5) / per_sender as f32))
+        .collect();
+    let found: Vec<(Vec<LitPlace>, u64)> = surfaces
+        .par_iter_mut()
+        .enumerate()
+        .map_init(Vec::new, |seen, (i, surface)| {
+            let rays = look_around(geometry, level, i, surface, &reach, seed, seen);
+            if seen.is_empty() {
+                seen.push(*surface);
+            }
+            let own = seen.len();
+            seen.extend((own..count).map(|k| seen[k % own]).collect::<Vec<_>>());
+            let share = 1.0 / count as f32;
+            let [albedo, emission] = seen.iter().fold([Vec3::ZERO; 2], |[a, m], s| {
+                [a + s.albedo * share, m + s.emission * share]
+            });
+            (surface.albedo, surface.emission) = (albedo.min(Vec3::ONE), emission);
+            let places = seen.iter().map(|s| LitPlace::new(s.position, s.normal));
+            (places.collect(), rays)
+        })
+        .collect();
+    let rays = found.iter().map(|f| f.1).sum();
+    (found.into_iter().flat_map(|f| f.0).collect(), rays)
+}
+
+/// The surface at lattice points around function `i` that belong to it, as many as `reach` has radii where there are so many; how many rays that took.
+fn look_around(
+    geometry: &dyn Geometry,
+    level: &LevelBasis,
+    i: usize,
+    surface: &Surface,
+    reach: &[f32],
+    seed: u64,
+    seen: &mut Vec<Surface>,
+) -> u64 {
+    seen.clear();
+    let point = &level.points[i];
+    let (x, n) = (surface.position, surface.normal);
+    let (t, b) = tangents(n);
+    let mut random = Random::new(seed, 0x70_6c_61_63, i as u64);
+    // Within the support along the normal: [L08] Eq. (10).
+    let height = 0.25 * point.radius;
+    let lift = geometry.lift(x);
+    let mut rays = 0;
+    for _ in 0..LATTICES {
+        let turn = Vec2::new(0.0, random.unit());
+        for (k, r) in reach.iter().enumerate() {
+            if seen.len() == reach.len() {
+                return rays;
+            }
+            let angle = lattice(k as u32, reach.len() as u32, turn).y * std::f32::consts::TAU;
+            let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * (r * point.radius);
+            // Down from above onto the surface.
+            let ray = Ray::segment(x + across + n * height, -n, 2.0 * height);
+            rays += 1;
+            let Some(hit) = geometry.cast(&ray) else {
+                continue;
+            };
+            let there = geometry.surface(&ray, &hit);
+            if weight(point, &level.planes, there.position, there.normal) <= 0.0 {
+                continue;
+            }
+            rays += 1;
+            let above = there.position + there.normal * lift;
+            if !geometry.occluded(x + n * lift, above) {
+                seen.push(there);
+            }
+        }
+    }
+    rays
+}
+
+/// The radius, in parts of the support's, inside of which the share `u` of a function's weight on a plane lies: the inverse of
+/// ∫ K(t) t dt = 2t⁵/5 − 3t⁴/4 + t²/2 over its whole, 3/20, with K of \[L08\] Eq. (9).
+fn quantile(u: f32) -> f32 {
+    let inside = |t: f32| t * t * (0.5 + t * t * (0.4 * t - 0.75)) / 0.15;
+    let (mut low, mut high) = (0.0f32, 1.0f32);
+    for _ in 0..24 {
+        let middle = 0.5 * (low + high);
+        if inside(middle) < u {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Point;
+    use crate::scene::{Material, TriangleMesh};
+
+    fn square(corners: [Vec3; 4]) -> [[Vec3; 3]; 2] {
+        let [a, b, c, d] = corners;
+        [[a, b, c], [a, c, d]]
+    }
+
+    /// A floor of 4 m with a wall through x = 0.3, as thin as can be.
+    fn floor_and_wall() -> TriangleMesh {
+        let floor = square([
+            Vec3::new(-2.0, 0.0, 2.0),
+            Vec3::new(2.0, 0.0, 2.0),
+            Vec3::new(2.0, 0.0, -2.0),
+            Vec3::new(-2.0, 0.0, -2.0),
+        ]);
+        let wall = square([
+            Vec3::new(0.3, 0.0, 2.0),
+            Vec3::new(0.3, 0.0, -2.0),
+            Vec3::new(0.3, 1.0, -2.0),
+            Vec3::new(0.3, 1.0, 2.0),
+        ]);
+        let triangles = [floor, wall].concat();
+        TriangleMesh::new(triangles, vec![0; 4], vec![Material::default()])
+    }
+
+    fn surface(position: Vec3, normal: Vec3) -> Surface {
+        Surface {
+            position,
+            normal,
+            albedo: Vec3::ONE,
+            emission: Vec3::ZERO,
+            front: true,
+        }
+    }
+
+    #[test]
+    fn half_of_the_weight_is_where_the_kernel_has_it() {
+        // Midpoint rule over K(t) t against the quantile.
+        for u in [0.1f32, 0.5, 0.9] {
+            let t = quantile(u);
+            let steps = 20_000;
+            let (mut inside, mut all) = (0.0f64, 0.0f64);
+            for k in 0..steps {
+                let r = (f64::from(k) + 0.5) / f64::from(steps);
+                let w = f64::from(super::super::kernel::kernel(r as f32)) * r;
+                all += w;
+                if r < f64::from(t) {
+                    inside += w;
+                }
+            }
+            assert!((inside / all - f64::from(u)).abs() < 1e-3, "{u}: {t}");
+        }
+    }
+
+    #[test]
+    fn places_are_spread_as_the_function_weighs_and_stop_at_walls() {
+        let mesh = floor_and_wall();
+        let level = LevelBasis::new(
+            vec![
+                Point::new(Vec3::new(-1.0, 0.0, 0.0), Vec3::Y, 0.8),
+                Point::new(Vec3::ZERO, Vec3::Y, 0.8),
+            ],
+            Vec::new(),
+        );
+        let mut surfaces: Vec<Surface> =
+            level.points.iter().map(|p| surface(p.x(), p.n())).collect();
+        let (places, rays) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        assert_eq!(places.len(), 32);
+        assert!(rays >= 2 * 32);
+        let (open, beside) = places.split_at(16);
+        let mean = open.iter().map(LitPlace::x).sum::<Vec3>() / 16.0;
+        assert!((mean - level.points[0].x()).length() < 0.08, "{mean}");
+        let r2 = |p: &LitPlace| (p.x() - level.points[0].x()).length_squared();
+        // ∫ K t³ / ∫ K t over the support: (2/7 − 1/2 + 1/4) / (3/20) r².
+        let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.64;
+        let found = open.iter().map(r2).sum::<f32>() / 16.0;
+        assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
+        assert!(beside.iter().all(|p| p.x().x < 0.3), "none behind the wall");
+        assert!(beside.iter().any(|p| p.x().x > 0.1));
+        assert!(places.iter().all(|p| (p.n() - Vec3::Y).length() < 1e-4));
+        assert_eq!(surfaces[0].albedo, surfaces[1].albedo);
+    }
+
+    #[test]
+    fn a_function_that_sees_nothing_keeps_its_own_place() {
+        let mesh = floor_and_wall();
+        let x = Vec3::new(0.0, 5.0, 0.0);
+        let level = LevelBasis::new(vec![Point::new(x, Vec3::Y, 0.5)], Vec::new());
+        let mut surfaces = [surface(x, Vec3::Y)];
+        let (places, _) = find_places(&mesh, &level, &mut surfaces, 4, 1);
+        assert!(places.len() == 4 && places.iter().all(|p| p.x() == x));
+        assert_eq!(surfaces[0].albedo, Vec3::ONE);
+    }
+}
