@@ -10,7 +10,7 @@ use bevy_meshless_gi::frame::{
     project, splat,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
-use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, Point};
+use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use bevy_meshless_gi::transport::{BounceLink, Link, Row};
 use naga::front::wgsl;

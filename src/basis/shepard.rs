@@ -57,8 +57,14 @@ impl LevelBasis {
     /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalised, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
+        self.raw_weights_among(self.grid.near(x), x, n, out)
+    }
+
+    /// As [`raw_weights`](Self::raw_weights), of those that the grid has near `x`.
+    #[inline]
+    fn raw_weights_among(&self, near: &[u32], x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         let mut sum = 0.0;
-        for &index in self.grid.near(x) {
+        for &index in near {
             let w = weight(&self.points[index as usize], &self.planes, x, n);
             if w > 0.0 {
                 sum += w;
@@ -72,8 +78,20 @@ impl LevelBasis {
     /// where no function covers the place.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
+        self.weights_among(self.grid.near(x), x, n, out)
+    }
+
+    /// As [`weights`](Self::weights), of those that the grid has near `x`.
+    #[inline]
+    pub fn weights_among(
+        &self,
+        near: &[u32],
+        x: Vec3,
+        n: Vec3,
+        out: &mut Vec<WeightEntry>,
+    ) -> bool {
         out.clear();
-        let sum = self.raw_weights(x, n, out);
+        let sum = self.raw_weights_among(near, x, n, out);
         if sum <= super::NO_COVER {
             out.clear();
             return false;

@@ -5,7 +5,7 @@ use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Writ
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::{CompositeParams, FrameLight, SolveParams, SplatParams, VectorIrradiance};
-use crate::samples::{GridSlot, Point};
+use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
 use crate::transport::{BounceLink, Link, Row};
 

@@ -10,6 +10,7 @@ use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, Ray, Site};
 use glam::{Vec2, Vec3, Vec3A};
+use std::ops::Range;
 
 /// Which sender levels a hit is written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,6 +82,8 @@ pub struct Gathered {
     found: Vec<WeightEntry>,
     directions: Vec<(Vec3, f32)>,
     hits: Vec<Hit>,
+    /// Where the finest senders' grid has what is near each hit.
+    places: Vec<Range<usize>>,
 }
 
 /// What a ray met.
@@ -105,6 +108,7 @@ impl Gathered {
             found: Vec::new(),
             directions: Vec::new(),
             hits: Vec::new(),
+            places: Vec::new(),
         }
     }
 
@@ -171,10 +175,24 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         });
     }
     let mut found = std::mem::take(&mut out.found);
-    for hit in &hits {
+    let finest = scene.sender_levels.checked_sub(1);
+    let mut places = std::mem::take(&mut out.places);
+    places.clear();
+    if let Some(l) = finest {
+        let grid = &scene.hierarchy.senders[l].grid;
+        places.extend(hits.iter().map(|hit| grid.place(hit.site.position)));
+    }
+    for (k, hit) in hits.iter().enumerate() {
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            if scene.hierarchy.senders[l].weights(hit.site.position, hit.site.normal, &mut found) {
+            let level = &scene.hierarchy.senders[l];
+            let (x, n) = (hit.site.position, hit.site.normal);
+            let near = if Some(l) == finest {
+                &level.grid.entries[places[k].clone()]
+            } else {
+                level.grid.near(x)
+            };
+            if level.weights_among(near, x, n, &mut found) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
@@ -190,6 +208,7 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         }
     }
     out.found = found;
+    out.places = places;
     out.directions = directions;
     out.hits = hits;
 }

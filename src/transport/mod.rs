@@ -3,6 +3,7 @@
 pub mod bounded;
 mod gather;
 pub mod l08;
+mod leaves;
 mod neumann;
 mod operator;
 mod pack;

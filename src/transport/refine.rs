@@ -12,6 +12,7 @@
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
+use super::leaves::Leaves;
 use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
@@ -81,7 +82,7 @@ pub struct Receivers<'a> {
 /// What came of one receiver.
 struct Gather1 {
     row: RawRow,
-    leaves: Vec<(u32, Vec3)>,
+    leaves: Leaves,
     response: Response,
     sky: Vec3A,
     error: f32,
@@ -115,7 +116,7 @@ struct Known {
     /// Square of the difference to what the parents say; its noise may make it negative.
     errors: Vec<f32>,
     /// The gathered rows before they were cut; nothing for points that inherit.
-    leaves: Vec<Vec<(u32, Vec3)>>,
+    leaves: Vec<Leaves>,
 }
 
 /// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents
@@ -221,7 +222,7 @@ pub fn refine_bounded(
                 out.sky.push(interpolate_sky(&out.sky, row).into());
                 out.rows.push(RawRow::default());
                 known.responses.push(interpolate(&known.responses, row));
-                known.leaves.push(Vec::new());
+                known.leaves.push(Leaves::default());
             };
             let Some(one) = result else {
                 inherited(&mut known, &mut out);
@@ -346,10 +347,9 @@ fn receive(
     }
     // Nobody asks the last level.
     let leaves = if keep {
-        let touched = gathered.touched.iter();
-        touched.map(|&j| (j, gathered.link(j).into())).collect()
+        Leaves::new(gathered)
     } else {
-        Vec::new()
+        Leaves::default()
     };
     let links = cut_row(gathered, tree, n, measure, cut);
     if judged {
@@ -399,13 +399,13 @@ fn single_errors(
     let mut open: BTreeMap<u32, f32> = row.iter().map(|w| (w.index, w.weight)).collect();
     // Parents have lower indices than their children: taken from the top, each point comes once.
     while let Some((k, weight)) = open.pop_last() {
-        for &(j, link) in &known.leaves[k as usize] {
+        known.leaves[k as usize].for_each(n, weight, |j, part| {
             let e = &mut expected[j as usize];
             if *e == 0.0 {
                 foreseen.push(j);
             }
-            *e += weight * link.dot(n);
-        }
+            *e += part;
+        });
         if !done.rows[k as usize].active {
             for w in parents.row(k as usize) {
                 *open.entry(w.index).or_default() += weight * w.weight;
