@@ -19,15 +19,34 @@ pub fn kernel(t: f32) -> f32 {
 #[must_use]
 #[inline]
 pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
+    let (cosine, squared, inside) = reach(point, x, n);
+    if inside {
+        weight_inside(point, planes, x, cosine, squared)
+    } else {
+        0.0
+    }
+}
+
+/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the place is within the radius and on the side that the function
+/// faces.
+#[inline]
+pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
     let n_j = point.n();
     let cosine = n.dot(n_j);
-    if cosine <= 0.0 {
-        return 0.0;
-    }
     let squared = dist_squared(x - point.x(), n_j);
-    if squared >= point.radius * point.radius {
-        return 0.0;
-    }
+    let inside = (cosine > 0.0) & (squared < point.radius * point.radius);
+    (cosine, squared, inside)
+}
+
+/// [`weight`] of a place that [`reach`] says is inside.
+#[inline]
+pub(super) fn weight_inside(
+    point: &Point,
+    planes: &[[f32; 4]],
+    x: Vec3,
+    cosine: f32,
+    squared: f32,
+) -> f32 {
     for plane in &planes[point.plane_range()] {
         if Vec4::from_array(*plane).dot(x.extend(1.0)) < 0.0 {
             return 0.0;
