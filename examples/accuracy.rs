@@ -4,7 +4,7 @@
 //! cargo run --release --no-default-features --features cli --example accuracy -- medium tests/data/cornell tests/data/rooms_open
 //! ```
 //!
-//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
+//! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
 use bevy_meshless_gi::accuracy::{BOUNCES, Bounces, Evaluator, Truth};
 use bevy_meshless_gi::bake::{
@@ -16,12 +16,21 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut args = std::env::args().skip(1);
+    let mut args = std::env::args().skip(1).peekable();
     let preset = match args.next().as_deref() {
         Some("draft") => Preset::Draft,
         Some("medium") => Preset::Medium,
         Some("high") => Preset::High,
-        _ => return Err("usage: accuracy draft|medium|high FOLDER...".into()),
+        _ => return Err("usage: accuracy draft|medium|high [--seed N] FOLDER...".into()),
+    };
+    let mut seed = 0;
+    if args.next_if_eq("--seed").is_some() {
+        seed = args.next().ok_or("--seed needs a number")?.parse()?;
+    }
+    let recipe = Recipe {
+        preset,
+        seed,
+        ..Recipe::default()
     };
     println!(
         "| scene | light | bounces | NRMSE | bias | 99 % below | direct NRMSE | not covered |"
@@ -30,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut bakes = String::new();
     for folder in args.map(PathBuf::from) {
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        bakes += &scene(&folder, &name, preset)?;
+        bakes += &scene(&folder, &name, &recipe)?;
     }
     println!();
     println!(
@@ -42,7 +51,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns the row of the bake.
-fn scene(folder: &Path, name: &str, preset: Preset) -> Result<String, Box<dyn Error>> {
+fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<String, Box<dyn Error>> {
     let lights = (0..)
         .map(|i| folder.join(format!("L{i}.json")))
         .take_while(|path| path.exists())
@@ -53,11 +62,7 @@ fn scene(folder: &Path, name: &str, preset: Preset) -> Result<String, Box<dyn Er
         if made.is_none() {
             let geometry = description.geometry.first();
             let mesh = load_gltf(geometry.ok_or("a scene without geometry")?)?.mesh;
-            let recipe = Recipe {
-                preset,
-                ..Recipe::default()
-            };
-            let baked = bake_level(&mesh, &recipe, 0, &Progress::default())?;
+            let baked = bake_level(&mesh, recipe, 0, &Progress::default())?;
             made = Some((baked, mesh));
         }
         let Some((baked, mesh)) = &made else { continue };

@@ -1,5 +1,5 @@
 //! Kernel `project`: the scalar irradiance of each sender from one light of colour one, shadows included: the mean over the sender's places, so that a
-//! shadow's edge moves over it smoothly ([L08] takes the light at its centre). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+//! shadow's edge moves over it smoothly (\[L08\] takes the light at its centre). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
