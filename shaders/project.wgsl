@@ -13,6 +13,8 @@
 @group(0) @binding(8) var<storage, read> places: array<LitPlace>;
 
 const FAR: f32 = 1e30;
+// Places of a sender that one patch of a rectangle light shines on at most.
+const PATCH_PLACES: u32 = 4u;
 const EPSILON: f32 = 1.1920929e-7;
 
 fn lift(x: vec3f, extent: f32) -> f32 {
@@ -93,10 +95,16 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
         e = project_at(light, points[j].position, points[j].normal);
     } else {
         let first = (j - params.finest_sender) * params.places;
-        for (var k = first; k < first + params.places; k++) {
-            e += project_at(light, places[k].position, place_normal(places[k].normal));
+        var stride = 1u;
+        if light.kind == LIGHT_PATCH {
+            stride = (params.places + PATCH_PLACES - 1u) / PATCH_PLACES;
         }
-        e /= f32(params.places);
+        var used = 0.0;
+        for (var k = first + stride / 2u; k < first + params.places; k += stride) {
+            e += project_at(light, places[k].position, place_normal(places[k].normal));
+            used += 1.0;
+        }
+        e /= used;
     }
     projected[slot * params.senders + j] = e;
 }

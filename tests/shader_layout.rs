@@ -118,6 +118,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
+        ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
         ("ROWS", Some(f64::from(Pass::Apply.entry().1.items))),

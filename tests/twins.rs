@@ -120,10 +120,10 @@ fn projection_problems(
             let point = &scene.points[j];
             return is(project::unshadowed(light, point.x(), point.n()));
         }
-        let places = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
-        places
-            .iter()
-            .any(|p| is(project::unshadowed(light, p.x(), p.n()) / count as f32))
+        let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+        let mut places = project::places_for(light, own);
+        let used = places.len() as f32;
+        places.any(|p| is(project::unshadowed(light, p.x(), p.n()) / used))
     });
     (found.len(), flips.count())
 }

@@ -3,6 +3,7 @@
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
+use crate::samples::LitPlace;
 use crate::scene::{Bvh, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -90,6 +91,21 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
     }
 }
 
+/// Places of a sender that one patch of a rectangle light shines on at most: the patches are many, and their shadows' edges soften each other.
+pub const PATCH_PLACES: usize = 4;
+
+/// The places among a sender's `own` that `light` is projected onto: all of them, or [`PATCH_PLACES`] from all over them.
+pub fn places_for<'a>(
+    light: &FrameLight,
+    own: &'a [LitPlace],
+) -> impl ExactSizeIterator<Item = &'a LitPlace> {
+    let stride = match light.kind {
+        FrameLight::PATCH => own.len().div_ceil(PATCH_PLACES).max(1),
+        _ => 1,
+    };
+    own.iter().skip(stride / 2).step_by(stride)
+}
+
 /// Irradiance of sender `j` from `light` with colour one.
 #[must_use]
 #[inline]
@@ -101,8 +117,10 @@ pub fn project_sender(scene: &BakedScene, extent: f32, light: &FrameLight, j: us
         let point = &scene.points[j];
         return at(point.x(), point.n());
     }
-    let places = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
-    places.iter().map(|p| at(p.x(), p.n())).sum::<f32>() / count as f32
+    let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
+    let places = places_for(light, own);
+    let used = places.len() as f32;
+    places.map(|p| at(p.x(), p.n())).sum::<f32>() / used
 }
 
 /// Fills `out`, one value a sender.

@@ -52,7 +52,7 @@ impl Dice {
 const LEVELS: [u32; 6] = [0, 16, 60, 150, 330, 701];
 const SENDER_LEVELS: u32 = 3;
 /// Places of each sender of the third.
-const PLACES: u32 = 3;
+const PLACES: u32 = 6;
 
 /// The scene.
 pub fn scene(form: SenderForm) -> BakedScene {
