@@ -58,16 +58,10 @@ impl LevelBasis {
     /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalised, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
-        self.raw_weights_among(self.grid.near(x), x, n, out)
-    }
-
-    /// As [`raw_weights`](Self::raw_weights), of those that the grid has near `x`.
-    #[inline]
-    fn raw_weights_among(&self, near: &[u32], x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         const AT_ONCE: usize = 32;
         let mut sum = 0.0;
         let mut reaching = [(0u32, 0.0f32, 0.0f32); AT_ONCE];
-        for some in near.chunks(AT_ONCE) {
+        for some in self.grid.near(x).chunks(AT_ONCE) {
             // Two of three do not reach the place, which no processor can foresee: first those that do are sorted out, without a branch.
             let mut count = 0;
             for &index in some {
@@ -91,20 +85,8 @@ impl LevelBasis {
     /// where no function covers the place.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
-        self.weights_among(self.grid.near(x), x, n, out)
-    }
-
-    /// As [`weights`](Self::weights), of those that the grid has near `x`.
-    #[inline]
-    pub fn weights_among(
-        &self,
-        near: &[u32],
-        x: Vec3,
-        n: Vec3,
-        out: &mut Vec<WeightEntry>,
-    ) -> bool {
         out.clear();
-        let sum = self.raw_weights_among(near, x, n, out);
+        let sum = self.raw_weights(x, n, out);
         if sum <= super::NO_COVER {
             out.clear();
             return false;

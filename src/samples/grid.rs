@@ -8,7 +8,6 @@ use crate::scene::Bounds;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// One slot of the hash table: the cell it holds and where the cell's list starts. 16 bytes.
 #[repr(C)]
@@ -165,7 +164,7 @@ impl HashedGrid {
         for z in lo.z..=hi.z {
             for y in lo.y..=hi.y {
                 for x in lo.x..=hi.x {
-                    for &i in &self.entries[self.list(IVec3::new(x, y, z))] {
+                    for &i in self.list(IVec3::new(x, y, z)) {
                         each(i);
                     }
                 }
@@ -176,28 +175,21 @@ impl HashedGrid {
     /// The indices whose boxes touch the cell of `p`, ascending.
     #[must_use]
     pub fn near(&self, p: Vec3) -> &[u32] {
-        &self.entries[self.place(p)]
-    }
-
-    /// Where in `entries` the indices of [`near`](Self::near) are: for callers that look up many places, and have the processor fetch them all before
-    /// they read the first.
-    #[must_use]
-    pub fn place(&self, p: Vec3) -> Range<usize> {
         self.list(Self::cell(p, self.cell_size))
     }
 
-    fn list(&self, cell: IVec3) -> Range<usize> {
+    fn list(&self, cell: IVec3) -> &[u32] {
         let mask = self.slots.len() - 1;
         let mut at = Self::hash(cell) as usize & mask;
         loop {
             let slot = &self.slots[at];
             if slot.start == GridSlot::EMPTY {
-                return 0..0;
+                return &[];
             }
             if slot.cell == cell.to_array() {
                 let start = slot.start as usize;
                 let len = self.entries[start] as usize;
-                return start + 1..start + 1 + len;
+                return &self.entries[start + 1..start + 1 + len];
             }
             at = (at + 1) & mask;
         }

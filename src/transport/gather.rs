@@ -10,7 +10,6 @@ use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, Ray, Site};
 use glam::{Vec2, Vec3, Vec3A};
-use std::ops::Range;
 
 /// Which sender levels a hit is written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,8 +81,6 @@ pub struct Gathered {
     found: Vec<WeightEntry>,
     directions: Vec<(Vec3, f32)>,
     hits: Vec<Hit>,
-    /// Where the finest senders' grid has what is near each hit.
-    places: Vec<Range<usize>>,
 }
 
 /// What a ray met.
@@ -108,7 +105,6 @@ impl Gathered {
             found: Vec::new(),
             directions: Vec::new(),
             hits: Vec::new(),
-            places: Vec::new(),
         }
     }
 
@@ -175,24 +171,11 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         });
     }
     let mut found = std::mem::take(&mut out.found);
-    let finest = scene.sender_levels.checked_sub(1);
-    let mut places = std::mem::take(&mut out.places);
-    places.clear();
-    if let Some(l) = finest {
-        let grid = &scene.hierarchy.senders[l].grid;
-        places.extend(hits.iter().map(|hit| grid.place(hit.site.position)));
-    }
-    for (k, hit) in hits.iter().enumerate() {
+    for hit in &hits {
         let mut covered = false;
         for l in (0..scene.sender_levels).rev() {
-            let level = &scene.hierarchy.senders[l];
             let (x, n) = (hit.site.position, hit.site.normal);
-            let near = if Some(l) == finest {
-                &level.grid.entries[places[k].clone()]
-            } else {
-                level.grid.near(x)
-            };
-            if level.weights_among(near, x, n, &mut found) {
+            if scene.hierarchy.senders[l].weights(x, n, &mut found) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
@@ -208,7 +191,6 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         }
     }
     out.found = found;
-    out.places = places;
     out.directions = directions;
     out.hits = hits;
 }
