@@ -42,17 +42,19 @@ pub fn width(text: &str, size: f64) -> f64 {
 
 /// Chooses the left end and the baseline of a label beside `place`: of eight sides the one that covers least of `taken`; its area is added to those.
 pub fn put(text: &str, place: (f64, f64), frame: &Area, taken: &mut Vec<Area>) -> (f64, f64) {
-    let (w, h, gap) = (width(text, HEIGHT), HEIGHT, 8.0);
+    let (w, h, gap) = (width(text, HEIGHT), HEIGHT, 11.0);
     let (x, y) = place;
+    let near = 0.7 * gap;
+    // Above and right of a place of a falling front there is room.
     let sides = [
+        (x + near, y - near - h),
+        (x - near - w, y + near),
         (x + gap, y - h / 2.0),
         (x - w / 2.0, y - gap - h),
         (x - w / 2.0, y + gap),
         (x - gap - w, y - h / 2.0),
-        (x + gap * 0.7, y - gap * 0.7 - h),
-        (x + gap * 0.7, y + gap * 0.7),
-        (x - gap * 0.7 - w, y - gap * 0.7 - h),
-        (x - gap * 0.7 - w, y + gap * 0.7),
+        (x + near, y + near),
+        (x - near - w, y - near - h),
     ];
     let cost = |&(left, top): &(f64, f64)| {
         let area = Area(left, top, left + w, top + h);

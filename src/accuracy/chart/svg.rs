@@ -230,8 +230,8 @@ fn guides(out: &mut String, chart: &Chart, y: &Fitted, up: impl Fn(f64) -> f64) 
             n(up(t)),
             n(FRAME.2)
         );
-        let end = format!(" text-anchor=\"end\" fill=\"{FAINT}\"");
-        text(out, (FRAME.2 - 4.0, up(t) - 4.0), 11.0, &end, name);
+        let faint = format!(" fill=\"{FAINT}\"");
+        text(out, (FRAME.0 + 5.0, up(t) - 4.0), 11.0, &faint, name);
     }
 }
 
@@ -357,6 +357,15 @@ fn texts(out: &mut String, placed: &[Placed]) {
         .filter(|at| inside(**at))
         .map(|at| Area::around(*at, 6.0))
         .collect();
+    // The steps of fronts, as thin boxes.
+    for p in placed.iter().filter(|p| p.series.style == Style::Front) {
+        for pair in p.at.windows(2) {
+            if let [Some((x0, y0)), Some((x1, y1))] = *pair {
+                taken.push(Area(x0, y0 - 1.0, x1, y0 + 1.0));
+                taken.push(Area(x1 - 1.0, y0.min(y1), x1 + 1.0, y0.max(y1)));
+            }
+        }
+    }
     for p in placed {
         for (mark, at) in p.series.points.iter().zip(&p.at) {
             let Some(at) = at.filter(|at| inside(*at) && !mark.label.is_empty()) else {
