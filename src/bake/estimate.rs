@@ -130,8 +130,9 @@ pub fn estimate_error(
 }
 
 /// The geometry without its own emission: the estimate is of lamps' light.
-struct Lit<'a> {
-    geometry: &'a dyn Geometry,
+pub struct Lit<'a> {
+    /// What it is of.
+    pub geometry: &'a dyn Geometry,
 }
 
 impl Geometry for Lit<'_> {
