@@ -1,11 +1,13 @@
 //! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
 
 use super::exam::{Exam, Grade};
-use super::variant::{Factor, Run, Variant};
+use super::sweep::Known;
+use super::variant::{BOUNCES, Factor, Run, Variant};
+use crate::accuracy::{BOUNCES as BOUNCES_OF_TRUTH, Bounces, Evaluator};
 use crate::asset::BakedScene;
 use crate::bake::{BakeStats, Settings};
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
-use crate::scene::Light;
+use crate::scene::{Light, TriangleMesh};
 use glam::Vec3;
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -68,6 +70,22 @@ pub struct Row {
     pub estimated_nrmse_interval: f64,
     /// Largest rounding of a link to half precision, over the largest link of its row.
     pub link_error: f64,
+    /// Beside another program's truth, where there is one: presets only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub known: Vec<Beside>,
+}
+
+/// Errors beside another program's truth with as many reflections.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Beside {
+    /// Which lights.
+    pub name: String,
+    /// As those of a row.
+    pub nrmse: f64,
+    /// As those of a row.
+    pub bias: f64,
+    /// As those of a row.
+    pub p99: f64,
 }
 
 /// A bake to be measured under one or several runs.
@@ -140,6 +158,26 @@ impl<'a> Measured<'a> {
             estimated_nrmse: f64::from(info.estimated_nrmse),
             estimated_nrmse_interval: f64::from(info.estimated_nrmse_interval),
             link_error: f64::from(info.link_error),
+            known: Vec::new(),
+        }
+    }
+
+    /// Compares the bake with what another program says of `level`.
+    #[must_use]
+    pub fn compare(&self, level: &TriangleMesh, known: &Known) -> Beside {
+        let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
+        let evaluator = Evaluator::new(
+            self.scene,
+            std::slice::from_ref(level),
+            &known.lights,
+            Bounces::Count(BOUNCES),
+        );
+        let found = known.truth.compare(&evaluator, k.unwrap_or(0)).indirect;
+        Beside {
+            name: known.name.clone(),
+            nrmse: found.nrmse,
+            bias: found.bias,
+            p99: found.p99,
         }
     }
 }
@@ -169,6 +207,7 @@ impl Row {
             self.link_error,
         ]
         .iter()
+        .chain(self.known.iter().flat_map(|k| [&k.nrmse, &k.bias, &k.p99]))
         .all(|v| v.is_finite())
     }
 }

@@ -5,17 +5,20 @@
 //! A row knows its settings and its measurements and nothing of other rows: what is swept is the list in `variant.rs`.
 
 mod charts;
+mod document;
 mod exam;
 mod measure;
 mod rules;
 mod sweep;
 mod text;
 mod variant;
+mod words;
 
 pub use charts::{Figure, figures};
+pub use document::{Part, document};
 pub use exam::{Exam, ExamSize, Grade};
-pub use measure::{Row, RowSettings};
+pub use measure::{Beside, Row, RowSettings};
 pub use rules::{Compared, Ratio, compare};
-pub use sweep::{Choose, Report, ReportError, Step, Sweep, sweep};
+pub use sweep::{Choose, Known, Report, ReportError, Step, Sweep, sweep};
 pub use text::{choice, section, text};
 pub use variant::{BOUNCES, Factor, Run, Variant, baseline, full, quick};

@@ -2,10 +2,11 @@
 
 use super::exam::{Exam, ExamSize};
 use super::measure::{Measured, Row};
-use super::variant::{self, BOUNCES, Variant};
+use super::variant::{self, BOUNCES, Factor, Variant};
+use crate::accuracy::Truth;
 use crate::asset::AssetError;
 use crate::bake::{BakeLevelError, BakeStats, Baked, Progress, Recipe, Settings, bake_level};
-use crate::scene::TriangleMesh;
+use crate::scene::{Light, TriangleMesh};
 use std::time::{Duration, Instant};
 
 /// Names the variants to try, for the settings that the baseline got.
@@ -22,6 +23,8 @@ pub struct Sweep {
     pub choose: Choose,
     /// No bake begins that would probably end later than this after the start.
     pub limit: Duration,
+    /// What another program says of this level; presets are compared with it too.
+    pub known: Vec<Known>,
     /// Places from which light can be seen, as in a recipe; found where empty.
     pub viewpoints: Vec<[f32; 3]>,
     /// Threads; 0 for one a processor.
@@ -41,6 +44,7 @@ impl Sweep {
             baseline: variant::baseline(),
             choose: variant::quick,
             limit: Duration::from_mins(10),
+            known: Vec::new(),
             viewpoints: Vec::new(),
             threads: 0,
         }
@@ -60,6 +64,17 @@ impl Sweep {
             ..Self::quick()
         }
     }
+}
+
+/// Another program's truth of the level under some lights.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// A word for the lights.
+    pub name: String,
+    /// What shines.
+    pub lights: Vec<Light>,
+    /// What is true then.
+    pub truth: Truth,
 }
 
 /// Why there is no report.
@@ -197,9 +212,10 @@ fn run(
         reference_seconds: began.elapsed().as_secs_f64(),
         ..Report::default()
     };
+    let beside = (level, &sweep.known[..]);
     tell(1, 2, sweep.baseline.name.clone());
     let mut last = bake(level, sweep, &sweep.baseline, progress)?;
-    measure(&mut report, &last, &sweep.baseline, &exam)?;
+    measure(&mut report, &last, &sweep.baseline, &exam, beside)?;
     let unit = last.stats().seconds.total;
     let variants = (sweep.choose)(&last.settings);
     for (k, variant) in variants.iter().enumerate() {
@@ -212,7 +228,7 @@ fn run(
             tell(k + 2, variants.len() + 2, variant.name.clone());
             last = bake(level, sweep, variant, progress)?;
         }
-        measure(&mut report, &last, variant, &exam)?;
+        measure(&mut report, &last, variant, &exam, beside)?;
     }
     report.seconds = began.elapsed().as_secs_f64();
     Ok(report)
@@ -254,6 +270,7 @@ fn measure(
     last: &Last,
     variant: &Variant,
     exam: &Exam,
+    (level, known): (&TriangleMesh, &[Known]),
 ) -> Result<(), ReportError> {
     let measured = Measured::new(
         &last.baked.scene,
@@ -262,7 +279,13 @@ fn measure(
         last.bytes,
         exam,
     );
-    let row = measured.row(variant, exam);
+    let mut row = measured.row(variant, exam);
+    if variant.factor == Factor::Preset {
+        row.known = known
+            .iter()
+            .map(|known| measured.compare(level, known))
+            .collect();
+    }
     if !row.is_finite() {
         return Err(ReportError::NotFinite {
             name: variant.name.clone(),

@@ -5,62 +5,16 @@ use super::measure::Row;
 use super::rules::{Compared, Ratio, comparable, compare};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
+use super::words::{cell, count, error, megabytes, percent, short};
 use std::fmt::Write;
 
 /// Errors that somebody may want to stay below.
-const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
+pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
 /// What the default rule may need of the links of `l08` at equal error, and have of its error at equal links.
 const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
-/// 0.0312 as "3.1 %".
-fn percent(share: f64) -> String {
-    let v = 100.0 * share;
-    let decimals = match v.abs() {
-        a if a >= 9.95 => 0,
-        a if a >= 0.995 => 1,
-        _ => 2,
-    };
-    format!("{v:.decimals$} %").replace('-', "−")
-}
-
-/// The error of a row.
-fn error(row: &Row) -> String {
-    if row.nrmse < row.nrmse_interval {
-        format!("below {}", percent(row.nrmse_interval))
-    } else {
-        percent(row.nrmse)
-    }
-}
-
-/// Three digits or so.
-fn short(v: f64) -> String {
-    let decimals = match v.abs() {
-        a if a >= 99.5 => 0,
-        a if a >= 9.95 => 1,
-        _ => 2,
-    };
-    format!("{v:.decimals$}")
-}
-
-fn megabytes(bytes: u64) -> String {
-    format!("{} MB", short(bytes as f64 / 1e6))
-}
-
-fn count(n: u64) -> String {
-    match n {
-        0..10_000 => n.to_string(),
-        10_000..1_000_000 => format!("{} k", short(n as f64 / 1e3)),
-        _ => format!("{} M", short(n as f64 / 1e6)),
-    }
-}
-
-/// Text within a cell of a table.
-fn cell(text: &str) -> String {
-    text.replace('|', "\\|").replace(['\n', '\r'], " ")
-}
-
 /// The cheapest row below an error.
-fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
+pub fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
     rows.iter()
         .filter(|r| comparable(r) && r.sure_error() <= most)
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
@@ -99,6 +53,7 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
         "\n{mark} Everything that was tried\n\n{}",
         table(&report.rows)
     );
+    out += &known(&report.rows, &mark);
     let _ = write!(out, "\n{mark} How it was measured\n\n{}", method(report));
     out
 }
@@ -361,6 +316,32 @@ fn table(rows: &[Row]) -> String {
         }
     }
     out
+}
+
+/// The presets beside another program's truth, where there is one.
+fn known(rows: &[Row], mark: &str) -> String {
+    let mut out = String::new();
+    for row in rows {
+        for k in &row.known {
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {} | {} | {} |",
+                cell(&row.settings.name),
+                cell(&k.name),
+                percent(k.nrmse),
+                percent(k.bias),
+                percent(k.p99),
+                error(row),
+            );
+        }
+    }
+    if out.is_empty() {
+        return out;
+    }
+    format!(
+        "\n{mark} Beside another program's truth\n\nIrradiance after {BOUNCES} reflections that another program computed for this level, at places and under lights of its \
+         own.\n\n| preset | lights | error | bias | 99 % below | error in this report |\n|---|---|---|---|---|---|\n{out}"
+    )
 }
 
 fn method(report: &Report) -> String {

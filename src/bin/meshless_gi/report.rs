@@ -19,9 +19,9 @@ pub struct Args {
     /// A handful of quick bakes.
     #[arg(long)]
     quick: bool,
-    /// No bake begins that would probably end later than this many minutes after the start [25, with --quick 10].
-    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..=10_080))]
-    minutes: Option<u32>,
+    /// No bake begins that would probably end later than this many minutes after the start [25, with --quick 10]; the reference and one bake always run.
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = minutes)]
+    minutes: Option<f64>,
     /// Threads; 0 for one a processor. Times depend on it, errors do not.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=bake::MOST_THREADS))]
     threads: u32,
@@ -31,6 +31,13 @@ pub struct Args {
 #[derive(Serialize)]
 struct Rows<'a> {
     rows: &'a [Row],
+}
+
+fn minutes(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(minutes @ 0.0..=10_080.0) => Ok(minutes),
+        _ => Err("a number of minutes from 0 to 10080 (a week) is needed".into()),
+    }
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
@@ -49,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     plan.threads = args.threads as usize;
     plan.viewpoints = recipe.viewpoints;
     if let Some(minutes) = args.minutes {
-        plan.limit = Duration::from_secs(60 * u64::from(minutes));
+        plan.limit = Duration::from_secs_f64(60.0 * minutes);
     }
     let report = progress::watch_steps(|progress, say| {
         sweep(&mesh, &plan, progress, &|step| {
