@@ -362,9 +362,12 @@ fn rules_are_compared_at_equal_error_and_at_equal_links() {
         let line = chosen.lines().find(|l| l.starts_with(start));
         line.unwrap_or_else(|| panic!("{chosen}")).to_string()
     };
-    assert!(row("| 10 %").contains("L08 40000: 2.00 s") && row("| 10 %").contains("Bounded 1000"));
+    assert!(row("| 10 %").contains("Bounded 1000: 3.00 s") && !row("| 10 %").contains("L08"));
+    assert!(!chosen.contains("The paper's rule"), "{chosen}");
     assert!(row("| 2.0 %").contains("Bounded 100000"));
     assert!(row("**To ship").contains("100 ms"), "{chosen}");
+    let cheap = choice(&made_up(&[(b, 90, 0.04, 1.0), (l, 80, 0.04, 1.0)]).rows);
+    assert!(cheap.contains("The paper's rule, kept for comparison, would do that faster here"));
     let far = choice(&made_up(&[(b, 10, 0.5, 1.0)]).rows);
     assert!(far.contains("No bake tried stays below 5 %") && far.contains("not reached"));
     let none = made_up(&[]);
