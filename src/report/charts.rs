@@ -17,10 +17,19 @@ const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 const GROUPS: [(&str, &[Factor]); 6] = [
     ("presets", &[Factor::Preset]),
     ("rule l08, as published", &[Factor::RuleL08]),
-    ("threshold ε", &[Factor::Epsilon]),
+    (
+        "threshold ε (plain: without added levels)",
+        &[Factor::Epsilon, Factor::Plain],
+    ),
     (
         "points, levels, senders",
-        &[Factor::Density, Factor::Levels, Factor::Senders],
+        &[
+            Factor::Density,
+            Factor::Levels,
+            Factor::Added,
+            Factor::Senders,
+            Factor::Places,
+        ],
     ),
     ("several at once", &[Factor::Several]),
     ("rays a point", &[Factor::Rays]),

@@ -14,16 +14,22 @@ pub enum Factor {
     Preset,
     /// The threshold of the rule `bounded`, and with it the tolerance.
     Epsilon,
+    /// The same without added levels: on the points that the paper's rule has.
+    Plain,
     /// The paper's rule, by its threshold.
     RuleL08,
     /// Points of all levels.
     Density,
-    /// Levels of the hierarchy, and levels that are added where light asks for them.
+    /// Levels of the hierarchy.
     Levels,
+    /// Levels that are added where light asks for them.
+    Added,
     /// Rays a point.
     Rays,
-    /// Levels that send, and places that each sender is lit at.
+    /// Levels that send.
     Senders,
+    /// Places that each sender is lit at.
+    Places,
     /// More than one at once.
     Several,
     /// Reflections, and where they are computed.
@@ -32,14 +38,17 @@ pub enum Factor {
 
 impl Factor {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 12] = [
         Self::Preset,
         Self::Epsilon,
+        Self::Plain,
         Self::RuleL08,
         Self::Density,
         Self::Levels,
+        Self::Added,
         Self::Rays,
         Self::Senders,
+        Self::Places,
         Self::Several,
         Self::Bounces,
     ];
@@ -50,11 +59,14 @@ impl Factor {
         match self {
             Self::Preset => "presets",
             Self::Epsilon => "threshold ε",
+            Self::Plain => "threshold ε, no added levels",
             Self::RuleL08 => "rule l08, as published",
             Self::Density => "density of points",
             Self::Levels => "levels",
             Self::Rays => "rays a point",
-            Self::Senders => "senders",
+            Self::Added => "added levels",
+            Self::Senders => "levels that send",
+            Self::Places => "places a sender",
             Self::Several => "several at once",
             Self::Bounces => "reflections",
         }
@@ -157,6 +169,15 @@ fn epsilon(value: f32, cost: f64) -> Variant {
     Variant::new(Factor::Epsilon, format!("ε {value}"), cost, recipe)
 }
 
+/// The default rule on the very points that the paper's rule gets: what differs then is the rule alone.
+fn plain(value: f32, cost: f64) -> Variant {
+    let mut variant = epsilon(value, cost);
+    variant.factor = Factor::Plain;
+    variant.name = format!("plain ε {value}");
+    variant.recipe.extra_levels = Some(0);
+    variant
+}
+
 fn l08(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
         rule: Rule::L08,
@@ -222,6 +243,8 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
         l08(0.025, 1.0),
         epsilon(0.1, 0.8),
         l08(0.005, 1.0),
+        plain(0.05, 0.7),
+        plain(0.01, 0.9),
         rays(64),
         density(base, 0.25),
         several(Preset::Draft, 1024, 0.02, 3.0),
@@ -234,6 +257,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
     let with = |factor, name: &str, cost, recipe| Variant::new(factor, name, cost, recipe);
     let mut all: Vec<Variant> = [1, 2, 3, 6, 8, 16].into_iter().map(bounces).collect();
     all.extend([0.1, 0.05, 0.025, 0.01, 0.004, 0.0015].map(|e| l08(e, 1.0)));
+    all.extend([0.2, 0.1, 0.05, 0.02, 0.007, 0.0025].map(|e| plain(e, 0.8)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));
     all.push(epsilon(0.007, 2.0));
@@ -258,7 +282,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
             extra_levels: Some(extra),
             ..draft()
         };
-        with(Factor::Levels, name, 1.0, recipe)
+        with(Factor::Added, name, 1.0, recipe)
     };
     all.extend([added(0, "no added levels"), added(4, "4 added levels")]);
     let sending = |count, name| {
@@ -274,7 +298,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
             places: Some(places),
             ..draft()
         };
-        with(Factor::Senders, name, 1.0, recipe)
+        with(Factor::Places, name, 1.0, recipe)
     };
     all.extend([lit(1, "1 place a sender"), lit(32, "32 places a sender")]);
     all.push(with(
