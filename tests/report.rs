@@ -364,7 +364,7 @@ fn rules_are_compared_at_equal_error_and_at_equal_links() {
     };
     assert!(row("| 10 %").contains("Bounded 1000: 3.00 s") && !row("| 10 %").contains("L08"));
     assert!(!chosen.contains("The paper's rule"), "{chosen}");
-    assert!(row("| 2.0 %").contains("Bounded 100000"));
+    assert!(row("| 2 %").contains("Bounded 100000"));
     assert!(row("**To ship").contains("100 ms"), "{chosen}");
     let cheap = choice(&made_up(&[(b, 90, 0.04, 1.0), (l, 80, 0.04, 1.0)]).rows);
     assert!(cheap.contains("The paper's rule, kept for comparison, would do that faster here"));

@@ -6,7 +6,7 @@ use super::rules::{Ratio, comparable, compare};
 use super::sweep::Report;
 use super::text::{WANTED, cheapest, section};
 use super::variant::Factor;
-use super::words::{cell, error, megabytes, percent, short};
+use super::words::{cell, error, megabytes, short, whole};
 use crate::bake::Rule;
 use std::fmt::Write;
 
@@ -81,7 +81,7 @@ fn advice(parts: &[Part]) -> String {
             Some((_, rows)) => writeln!(
                 out,
                 "**For at most {} error, bake by `{}`**: of what was tried on all levels here ({}) and stayed below, it has the fastest frame. {}.",
-                percent(most),
+                whole(most),
                 rows[0].settings.recipe,
                 names.join(", "),
                 rows.iter()
@@ -99,7 +99,7 @@ fn advice(parts: &[Part]) -> String {
             None => writeln!(
                 out,
                 "**Nothing that was tried stays below {} error on all levels here** ({}); see each of them.",
-                percent(most),
+                whole(most),
                 names.join(", ")
             ),
         };
@@ -116,7 +116,7 @@ fn advice(parts: &[Part]) -> String {
         "---|".repeat(parts.len())
     );
     for most in WANTED {
-        let _ = write!(out, "| {} |", percent(most));
+        let _ = write!(out, "| {} |", whole(most));
         for part in parts {
             let _ = match cheapest(&part.report.rows, most, |r| r.frame_ms) {
                 Some(r) => write!(

@@ -5,7 +5,7 @@ use super::measure::Row;
 use super::rules::{Compared, Ratio, comparable, compare};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
-use super::words::{cell, count, error, megabytes, percent, short};
+use super::words::{cell, count, error, megabytes, percent, short, whole};
 use crate::bake::Rule;
 use std::fmt::Write;
 
@@ -131,7 +131,7 @@ pub fn choice(rows: &[Row]) -> String {
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} |",
-            percent(most),
+            whole(most),
             cost(
                 |r| r.bake_seconds,
                 |r| format!("{} s", short(r.bake_seconds))

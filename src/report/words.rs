@@ -13,6 +13,11 @@ pub fn percent(share: f64) -> String {
     format!("{v:.decimals$} %").replace('-', "−")
 }
 
+/// A round share: 0.05 as "5 %".
+pub fn whole(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
 /// The error of a row.
 pub fn error(row: &Row) -> String {
     if row.nrmse < row.nrmse_interval {
