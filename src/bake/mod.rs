@@ -164,10 +164,12 @@ fn bake_once(
     let sender_levels = settings.sender_levels as usize;
     let places = lit_places(geometry, &mut hierarchy, &settings, &mut stats.rays);
     let tree = hierarchy.tree();
-    let pull = match settings.rule {
+    let mut shown = Vec::new();
+    let mut pull = match settings.rule {
         Rule::Bounded => {
-            let (shown, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
+            let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
+            shown = areas;
             hierarchy.tree_pull(&tree, &shown)
         }
         Rule::L08 => hierarchy.pull(),
@@ -215,17 +217,18 @@ fn bake_once(
                 parents: &mut parents,
                 building: &building,
             };
-            (
-                refine_bounded(
-                    &gathering,
-                    &mut receivers,
-                    &tree,
-                    &training,
-                    &bounded,
-                    &told,
-                ),
-                SenderForm::Averages,
-            )
+            let refined = refine_bounded(
+                &gathering,
+                &mut receivers,
+                &tree,
+                &training,
+                &bounded,
+                &told,
+            );
+            if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
+                pull = handed.pull(&tree, &shown);
+            }
+            (refined, SenderForm::Averages)
         }
         Rule::L08 => {
             let neighbours = l08::neighbours(&hierarchy, sender_levels);
