@@ -4,6 +4,7 @@
 //! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
 //! counted. Threads are those of the rayon pool that the call runs in.
 
+mod energy;
 mod estimate;
 mod level;
 mod progress;
@@ -18,7 +19,7 @@ pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reache
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
-use crate::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
+use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface};
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bvh, Geometry};
@@ -340,33 +341,6 @@ fn assemble(
         }
     }
 
-    let bounces_began = Instant::now();
-    let bounces = (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
-        progress.set(Stage::Bounces, 0.0);
-        let coarsest = hierarchy.level(0);
-        bounce_operator(
-            &BounceScene {
-                rows: &refined.rows,
-                normals: &hierarchy.surfaces[coarsest.clone()]
-                    .iter()
-                    .map(|s| s.normal)
-                    .collect::<Vec<_>>(),
-                albedo: &surfaces[coarsest]
-                    .iter()
-                    .map(|s| s.albedo.into())
-                    .collect::<Vec<_>>(),
-                parents: &parents,
-                senders,
-            },
-            settings.bounces - 1,
-            0.02 * settings.epsilon,
-        )
-    });
-    stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
-    if progress.is_cancelled() {
-        return Err(BakeError::Cancelled);
-    }
-
     let packed = pack(&refined.rows, &refined.sky, senders, form);
     let size = source.geometry.bounds();
     let settings_text = ron::to_string(settings).unwrap_or_default();
@@ -376,7 +350,7 @@ fn assemble(
     stats.largest_row_sum = f64::from(refined.largest_row_sum);
     stats.link_error = f64::from(packed.error);
     stats.clip_planes = flat.planes.len() as u64;
-    let scene = BakedScene {
+    let mut scene = BakedScene {
         surfaces,
         level_starts: hierarchy.level_starts,
         sender_levels: settings.sender_levels,
@@ -384,7 +358,7 @@ fn assemble(
         pull,
         parents,
         operator: packed.operator,
-        bounces,
+        bounces: None,
         display: Display {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,
@@ -410,8 +384,44 @@ fn assemble(
             link_error: packed.error,
             uncovered: refined.uncovered as f32,
             largest_row_sum: refined.largest_row_sum,
+            energy: EnergyInfo::default(),
         },
     };
+    let energy = energy::conserve(&mut scene, &refined.missed);
+    stats
+        .warnings
+        .extend(energy::warning(&energy, stats.senders));
+    stats.energy = energy;
+    scene.info.energy = energy;
+
+    let bounces_began = Instant::now();
+    scene.bounces =
+        (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
+            progress.set(Stage::Bounces, 0.0);
+            let coarsest = scene.level(0);
+            bounce_operator(
+                &BounceScene {
+                    rows: &refined.rows,
+                    normals: &hierarchy.surfaces[coarsest.clone()]
+                        .iter()
+                        .map(|s| s.normal)
+                        .collect::<Vec<_>>(),
+                    albedo: &scene.surfaces[coarsest]
+                        .iter()
+                        .map(|s| s.albedo.into())
+                        .collect::<Vec<_>>(),
+                    parents: &scene.parents,
+                    senders,
+                },
+                settings.bounces - 1,
+                0.02 * settings.epsilon,
+            )
+        });
+    stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
+    if progress.is_cancelled() {
+        return Err(BakeError::Cancelled);
+    }
+
     Ok(Baked { scene, stats })
 }
 
