@@ -22,6 +22,11 @@ fn lift(x: vec3f, extent: f32) -> f32 {
     return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
 }
 
+// Below the square of this distance a lamp grows no brighter.
+fn nearest_square(extent: f32) -> f32 {
+    return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
+}
+
 fn unshadowed(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {
@@ -36,7 +41,7 @@ fn unshadowed(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
         return 0.0;
     }
     let to = toward / sqrt(square);
-    var e = max(dot(n, to), 0.0) / max(square, 1e-4);
+    var e = max(dot(n, to), 0.0) / max(square, nearest_square(params.extent));
     if light.kind == LIGHT_PATCH {
         return e * max(-dot(to, axis), 0.0);
     }

@@ -22,7 +22,7 @@ pub use stats::{BakeStats, StageSeconds};
 use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface};
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
-use crate::scene::{Bvh, Geometry};
+use crate::scene::{Bounds, Bvh, Geometry};
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
     SenderTree, bounce_operator, cast_only, l08, pack, refine_bounded,
@@ -70,6 +70,18 @@ pub enum BakeError {
         /// How many were tried.
         viewpoints: usize,
     },
+    /// The level lies so far from its origin that single precision cannot tell its places apart.
+    #[error(
+        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and place its root instead"
+    )]
+    TooFar {
+        /// Largest coordinate, metres.
+        far: f32,
+        /// Largest edge of the box around it, metres.
+        size: f32,
+        /// Distance between neighbouring coordinates there, metres.
+        spacing: f32,
+    },
     /// Somebody asked it to stop.
     #[error("the bake was cancelled")]
     Cancelled,
@@ -116,6 +128,8 @@ fn bake_once(
         threads: rayon::current_num_threads() as u64,
         ..BakeStats::default()
     };
+
+    stats.warnings.extend(remoteness(&geometry.bounds())?);
 
     // Viewpoints and the size of things.
     go_on(Stage::Points, 0.0)?;
@@ -254,6 +268,30 @@ fn bake_once(
         form, stats, progress,
     )?;
     finish(source, recipe, baked, began, progress)
+}
+
+/// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
+const MOST_LIFT: f32 = 0.1;
+/// From how much on it is worth a warning: a level of 2 m then lies 2 km away.
+const NOTED_LIFT: f32 = 1e-3;
+
+/// A warning of a level that lies so far from its origin that roundings show.
+fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
+    let far = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let size = bounds.size().max_element();
+    let spacing = f32::EPSILON * far;
+    // Nothing at all is somebody else's error.
+    let lift = 8.0 * spacing / size;
+    if size <= 0.0 || lift.is_nan() || lift <= NOTED_LIFT {
+        return Ok(None);
+    }
+    if lift > MOST_LIFT {
+        return Err(BakeError::TooFar { far, size, spacing });
+    }
+    Ok(Some(format!(
+        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: rays start {:.1} % of its size off their surfaces. Move it to its origin, and place its root instead",
+        100.0 * lift
+    )))
 }
 
 /// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its

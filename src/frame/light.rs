@@ -185,10 +185,10 @@ impl FrameLight {
     }
 }
 
-/// 1 / range²; 0 for an infinite range. Bevy's shader clamps the same way.
+/// 1 / range²; 0 for an infinite range, and a range of zero reaches nothing that is farther than 1e-15 m.
 fn inverse_square(range: f32) -> f32 {
     if range.is_finite() {
-        1.0 / (range * range).max(1e-4)
+        1.0 / (range * range).max(1e-30)
     } else {
         0.0
     }

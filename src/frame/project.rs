@@ -26,11 +26,25 @@ pub fn lift(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Irradiance at (x, n) from `light` with colour one and without shadows: 1/m² (point, spot, patch) or dimensionless (directional). Finite for
-/// every input that is.
+/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimetre, and in levels below two metres as much less.
+#[must_use]
+#[inline]
+pub fn nearest_square(extent: f32) -> f32 {
+    (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
+}
+
+/// [`unshadowed_within`] in a level of two metres or more.
 #[must_use]
 #[inline]
 pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
+    unshadowed_within(light, x, n, f32::MAX)
+}
+
+/// Irradiance at (x, n) from `light` with colour one and without shadows, in a level as large as `extent` (metres): 1/m² (point, spot, patch) or
+/// dimensionless (directional). Finite for every input that is.
+#[must_use]
+#[inline]
+pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let axis = Vec3::from_array(light.direction);
     if light.kind == FrameLight::NONE {
         return 0.0;
@@ -44,7 +58,7 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
         return 0.0;
     }
     let to = to / square.sqrt();
-    let mut e = n.dot(to).max(0.0) / square.max(1e-4);
+    let mut e = n.dot(to).max(0.0) / square.max(nearest_square(extent));
     if light.kind == FrameLight::PATCH {
         return e * (-to.dot(axis)).max(0.0);
     }
@@ -81,7 +95,7 @@ pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<R
 #[must_use]
 #[inline]
 pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
-    let e = unshadowed(light, x, n);
+    let e = unshadowed_within(light, x, n, extent);
     if e <= 0.0 {
         return 0.0;
     }
