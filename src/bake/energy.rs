@@ -121,11 +121,17 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     scene.surfaces = surfaces;
     let (mut largest, mut squares, mut count) = (0.0f64, 0.0, 0u64);
     let rows = scene.operator.rows.iter().zip(&scene.points);
-    for (((row, point), value), &missed) in rows.zip(frame.values()).zip(missed) {
+    let rows = rows.zip(&scene.surfaces).zip(frame.values()).zip(missed);
+    for ((((row, point), surface), value), &missed) in rows {
         if row.active == 0 {
             continue;
         }
-        let d = f64::from(value.dot(point.n()).x) + f64::from(missed) - 1.0;
+        // Rows of differences have no link to the sky.
+        let sky = match scene.operator.form {
+            SenderForm::Averages => 0.0,
+            SenderForm::Differences => Vec3::from_array(surface.sky).dot(point.n()),
+        };
+        let d = f64::from(value.dot(point.n()).x) + f64::from(sky) + f64::from(missed) - 1.0;
         largest = largest.max(d.abs());
         squares += d * d;
         count += 1;
