@@ -79,7 +79,8 @@ fn layouts() -> Vec<Layout> {
             extent,
             sky_sender,
             coarsest,
-            differences
+            differences,
+            apart
         }),
         layout!(Span { first, count, base }),
         layout!(SplatParams {

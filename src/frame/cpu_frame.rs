@@ -75,14 +75,14 @@ impl CpuFrame {
                 .resize(lights.len(), FrameLight::default());
             self.projected.resize(lights.len() * senders, 0.0);
         }
-        let extent = project::extent(scene);
+        let (extent, apart) = (project::extent(scene), project::apart(scene));
         let mut count = 0;
         for (slot, light) in lights.iter().enumerate() {
             if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];
-            project::project(scene, extent, light, out);
+            project::project(scene, extent, apart, light, out);
             self.projected_for[slot] = *light;
             count += 1;
         }
