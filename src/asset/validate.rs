@@ -14,6 +14,8 @@ const MOST_VIOLATIONS: usize = 32;
 const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
+/// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
+const BRIGHTEST: f32 = 1e20;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 const LARGEST_LINK: f32 = 16.0;
 
@@ -227,7 +229,7 @@ impl BakedScene {
                 i,
                 || format!("albedo {:?}", s.albedo),
             );
-            check.item(within(s.emission, 0.0, f32::MAX), "surfaces", i, || {
+            check.item(within(s.emission, 0.0, BRIGHTEST), "surfaces", i, || {
                 format!("emission {:?}", s.emission)
             });
             check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || {

@@ -27,6 +27,9 @@ pub struct FrameLight {
     pub pad: [f32; 3],
 }
 
+/// No lamp, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers in single precision.
+pub const BRIGHTEST: f32 = 1e18;
+
 impl FrameLight {
     /// `kind` of a slot without a light.
     pub const NONE: u32 = 0;
@@ -165,10 +168,15 @@ impl FrameLight {
         } == *other
     }
 
-    /// The light, or no light where a number of it is not finite.
+    /// The light, no brighter than [`BRIGHTEST`]; or no light where a number of it is not finite.
     fn or_none(self) -> Self {
         if self.is_finite() {
-            self
+            let color = Vec3::from_array(self.color);
+            let most = Vec3::splat(BRIGHTEST);
+            Self {
+                color: color.clamp(-most, most).to_array(),
+                ..self
+            }
         } else {
             Self::default()
         }

@@ -1,6 +1,7 @@
 //! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
 
 use super::layout::SolveParams;
+use super::light::BRIGHTEST;
 use super::project::{apart, extent};
 use crate::asset::BakedScene;
 use crate::transport::SenderForm;
@@ -112,7 +113,10 @@ impl SceneShape {
     /// The numbers that all kernels of a solve know.
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let finite = |v: f32| match v.is_finite() {
+            true => v.clamp(-BRIGHTEST, BRIGHTEST),
+            false => 0.0,
+        };
         SolveParams {
             sky: (settings.sky * PI).to_array().map(finite),
             emission: finite(settings.emission),

@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 /// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
 const FARTHEST: f32 = 1e9;
 
+/// Radiances from here on, in W/(m² sr), are taken for damage: sums of them overflow.
+const BRIGHTEST: f32 = 1e18;
+
 /// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TriangleUvs {
@@ -40,7 +43,7 @@ pub struct MeshProblems {
     pub bad_material: u64,
     /// Materials whose reflectance was not within [0, 1]: clamped.
     pub albedo_clamped: u64,
-    /// Materials whose emission was not finite or negative: it was dropped.
+    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m² sr): it was lowered to that.
     pub bad_emission: u64,
     /// Materials that named a texture that is not there: used without it.
     pub bad_texture: u64,
@@ -382,6 +385,9 @@ fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems)
     }
     if !(material.emissive.is_finite() && material.emissive.min_element() >= 0.0) {
         material.emissive = Vec3::ZERO;
+        problems.bad_emission += 1;
+    } else if material.emissive.max_element() > BRIGHTEST {
+        material.emissive = material.emissive.min(Vec3::splat(BRIGHTEST));
         problems.bad_emission += 1;
     }
     if material.alpha_cutoff.is_some_and(|c| !c.is_finite()) {

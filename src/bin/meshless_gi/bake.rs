@@ -304,7 +304,7 @@ fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
     );
     told(
         problems.bad_emission,
-        "materials emitted what light can't be: their emission was dropped",
+        "materials emitted what light can't be: their emission was dropped or lowered",
     );
     told(
         problems.bad_texture,
