@@ -119,7 +119,8 @@ impl SceneShape {
         };
         SolveParams {
             sky: (settings.sky * PI).to_array().map(finite),
-            emission: finite(settings.emission),
+            // Surfaces are as bright as lamps already.
+            emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
             places: self.places,
             senders: self.senders() as u32,
