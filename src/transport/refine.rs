@@ -40,6 +40,8 @@ pub struct Refined {
     pub rows: Vec<RawRow>,
     /// (1/π) ∫ ω dω over the sky, for every point.
     pub sky: Vec<Vec3>,
+    /// For every point, the share of its gathered light that met a surface which no sender covers, or an unlit back; 0 where nothing was gathered.
+    pub missed: Vec<f32>,
     /// Mean share of the gathered light that met a surface which no sender covers.
     pub uncovered: f64,
     /// Receivers that were gathered.
@@ -90,6 +92,7 @@ struct Gather1 {
     sky: Vec3A,
     error: f32,
     uncovered: f32,
+    unlit: f32,
     row_sum: f32,
     gather_time: Duration,
     other_time: Duration,
@@ -237,6 +240,7 @@ pub fn refine_bounded(
             };
             let Some(one) = result else {
                 inherited(&mut known, &mut out);
+                out.missed.push(0.0);
                 known.errors.push(0.0);
                 continue;
             };
@@ -245,6 +249,7 @@ pub fn refine_bounded(
             times[0] += one.gather_time;
             times[1] += one.other_time;
             uncovered += f64::from(one.uncovered);
+            out.missed.push(one.uncovered + one.unlit);
             out.largest_row_sum = out.largest_row_sum.max(one.row_sum);
             known.errors.push(one.error);
             if l < settings.always || l >= base_levels || one.error > 0.25 * tolerance(l) {
@@ -395,6 +400,7 @@ fn receive(
         sky,
         error,
         uncovered: gathered.uncovered,
+        unlit: gathered.unlit,
         row_sum: row_sum.dot(n),
         gather_time,
         other_time: began.elapsed() - gather_time,
