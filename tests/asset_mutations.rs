@@ -299,6 +299,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
                 baked_bounces,
                 sky: Vec3::ONE,
                 emission: 1.0,
+                tier: 1,
             },
         );
         for p in scene.points.iter().take(4) {

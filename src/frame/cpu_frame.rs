@@ -128,7 +128,7 @@ impl CpuFrame {
             self.direct.copy_from_slice(&self.senders);
         }
         for _ in 0..steps.sweeps {
-            self.transport(scene, &steps, 0..senders, &steps.senders);
+            self.transport(scene, &params, &steps, 0..senders, &steps.senders);
             bounce::sweep(
                 &params,
                 &scene.points,
@@ -142,7 +142,7 @@ impl CpuFrame {
                 pull::pull(&scene.pull, level.clone(), &mut self.senders);
             }
         }
-        self.transport(scene, &steps, 0..scene.points.len(), &steps.levels);
+        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
@@ -153,6 +153,7 @@ impl CpuFrame {
     fn transport(
         &mut self,
         scene: &BakedScene,
+        params: &SolveParams,
         steps: &Steps,
         points: std::ops::Range<usize>,
         levels: &[std::ops::Range<usize>],
@@ -171,6 +172,7 @@ impl CpuFrame {
             let sky = scene.senders();
             self.differences[sky] = self.senders[sky];
             apply::apply(
+                params,
                 &operator.rows,
                 &operator.links,
                 points.clone(),
@@ -180,6 +182,7 @@ impl CpuFrame {
             flatten::differences(&scene.parents, points, &self.applied, &mut self.values);
         } else {
             apply::apply(
+                params,
                 &operator.rows,
                 &operator.links,
                 points,
@@ -188,6 +191,7 @@ impl CpuFrame {
             );
             for level in levels {
                 flatten::averages(
+                    params,
                     &operator.rows,
                     &scene.parents,
                     level.clone(),
