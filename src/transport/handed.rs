@@ -47,14 +47,14 @@ impl Handed {
         let mut sums = vec![[0.0f32; 2]; tree.parent.len()];
         // Every pair of a sender and an ancestor of it.
         let pairs = |visit: &mut dyn FnMut(usize, usize, f32, f32)| {
-            for j in 0..tree.parent.len() {
+            for (j, &parent) in tree.parent.iter().enumerate() {
                 let mut k = j;
                 while tree.parent[k] as usize != k {
-                    let child = k;
                     k = tree.parent[k] as usize;
                     let level = tree.level_of(k as u32);
                     let mass = self.levels[level][j].load(Ordering::Relaxed) as f32;
-                    let general = if child == j { shown[level][j] } else { 0.0 };
+                    let own = k == parent as usize;
+                    let general = if own { shown[level][j] } else { 0.0 };
                     visit(j, k, mass, general);
                 }
             }
