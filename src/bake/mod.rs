@@ -13,6 +13,7 @@ mod signals;
 mod stale;
 mod stats;
 
+pub(crate) use estimate::Lit;
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
