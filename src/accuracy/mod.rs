@@ -6,6 +6,7 @@ mod evaluate;
 mod metrics;
 mod reference;
 mod render;
+mod sphere_over_disk;
 mod truth;
 
 pub use direct::GlowLight;
@@ -15,4 +16,5 @@ pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
 pub use render::{Camera, Image, render};
+pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
 pub use truth::{BOUNCES, Comparison, Truth, TruthError};
