@@ -1,6 +1,7 @@
 //! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, a baked
 //! scene evaluated at single places, and a renderer for pictures on the CPU.
 
+mod basis_comparison;
 mod direct;
 mod evaluate;
 mod metrics;
@@ -9,6 +10,9 @@ mod render;
 mod sphere_over_disk;
 mod truth;
 
+pub use basis_comparison::{
+    Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
+};
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use metrics::{Errors, errors};
