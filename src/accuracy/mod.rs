@@ -1,10 +1,12 @@
 //! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, a baked
-//! scene evaluated at single places, and a renderer for pictures on the CPU.
+//! scene evaluated at single places, a renderer for pictures on the CPU, and charts of all that.
 
 mod basis_comparison;
+mod chart;
 mod direct;
 mod evaluate;
 mod metrics;
+mod pareto;
 mod reference;
 mod render;
 mod sphere_over_disk;
@@ -13,9 +15,11 @@ mod truth;
 pub use basis_comparison::{
     Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
 };
+pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use metrics::{Errors, errors};
+pub use pareto::{interpolate_log, pareto_front};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
