@@ -42,6 +42,8 @@ pub enum Basis {
     Shepard,
     /// Gaussian functions as wide as \[V11\] §VI reads, ϕ^G.
     Gaussian,
+    /// Half as wide: between the two readings.
+    HalfGaussian,
     /// Gaussian functions that are nearly zero at the nominal radius, as \[V11\] §V reads.
     NarrowGaussian,
     /// One level of \[L08\]'s functions, ϕ^L of \[V11\].
@@ -52,18 +54,22 @@ pub enum Basis {
     Flat,
     /// The flat display basis with a vector irradiance a point, as the plugin has it.
     Ours,
+    /// The same with each point's value moved by what the field misses there: a second pass over the same samples, which the plugin does not have.
+    OursTwice,
 }
 
 impl Basis {
     /// All of them, in the order of the tables.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::Shepard,
         Self::Gaussian,
+        Self::HalfGaussian,
         Self::NarrowGaussian,
         Self::Lehtinen,
         Self::LehtinenLevels,
         Self::Flat,
         Self::Ours,
+        Self::OursTwice,
     ];
 
     /// What people read.
@@ -72,11 +78,13 @@ impl Basis {
         match self {
             Self::Shepard => "Shepard 1/d²",
             Self::Gaussian => "Gaussian RBF, σ = α",
+            Self::HalfGaussian => "Gaussian RBF, σ = α/2",
             Self::NarrowGaussian => "Gaussian RBF, σ = α/4",
             Self::Lehtinen => "Lehtinen, 1 level",
             Self::LehtinenLevels => "Lehtinen, 3 levels",
             Self::Flat => "ours, scalars",
             Self::Ours => "ours",
+            Self::OursTwice => "ours, second pass",
         }
     }
 }
@@ -207,11 +215,13 @@ impl PointSet {
         Ok(match basis {
             Basis::Shepard => Box::new(ShepardBasis::new(points())?),
             Basis::Gaussian => Box::new(self.gaussian(1.0)?),
+            Basis::HalfGaussian => Box::new(self.gaussian(0.5)?),
             Basis::NarrowGaussian => Box::new(self.gaussian(0.25)?),
             Basis::Lehtinen => Box::new(MultilevelBasis(&self.single.levels)),
             Basis::LehtinenLevels => Box::new(MultilevelBasis(&self.levels.levels)),
-            Basis::Flat => Box::new(DisplayBasis(self, false)),
-            Basis::Ours => Box::new(DisplayBasis(self, true)),
+            Basis::Flat => Box::new(DisplayBasis::new(self, false, false)),
+            Basis::Ours => Box::new(DisplayBasis::new(self, true, false)),
+            Basis::OursTwice => Box::new(DisplayBasis::new(self, true, true)),
         })
     }
 
@@ -240,37 +250,63 @@ fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
     around.chain([Vec3::Y * above as f32]).collect()
 }
 
-/// The flat display basis as the frame evaluates it, with scalars or (true) with vectors.
-struct DisplayBasis<'a>(&'a PointSet, bool);
+/// The flat display basis as the frame evaluates it.
+struct DisplayBasis<'a> {
+    set: &'a PointSet,
+    /// Whether it carries vectors and not scalars.
+    vectors: bool,
+    /// Whether the points' values are moved by what is missed at them.
+    twice: bool,
+}
+
+impl<'a> DisplayBasis<'a> {
+    fn new(set: &'a PointSet, vectors: bool, twice: bool) -> Self {
+        Self {
+            set,
+            vectors,
+            twice,
+        }
+    }
+}
 
 impl PointBasis for DisplayBasis<'_> {
     fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError> {
-        let Self(set, vectors) = *self;
-        check_samples(set.flat.len(), samples)?;
-        let values: Vec<VectorIrradiance> = samples
-            .iter()
-            .map(|s| {
-                let axis = |k: usize| s.vector.map(|v| v[k]);
-                let four = |v: [f64; 3]| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0];
-                if vectors {
-                    VectorIrradiance {
-                        x: four(axis(0)),
-                        y: four(axis(1)),
-                        z: four(axis(2)),
-                    }
-                } else {
-                    VectorIrradiance {
-                        x: four(s.value.to_array()),
-                        ..VectorIrradiance::default()
-                    }
+        let (points, display) = (&self.set.flat, &self.set.display);
+        check_samples(points.len(), samples)?;
+        let value = |s: &PointSample| {
+            let axis = |k: usize| s.vector.map(|v| v[k]);
+            let four = |v: [f64; 3]| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0];
+            if self.vectors {
+                VectorIrradiance {
+                    x: four(axis(0)),
+                    y: four(axis(1)),
+                    z: four(axis(2)),
                 }
-            })
-            .collect();
+            } else {
+                VectorIrradiance {
+                    x: four(s.value.to_array()),
+                    ..VectorIrradiance::default()
+                }
+            }
+        };
+        let mut values: Vec<VectorIrradiance> = samples.iter().map(value).collect();
+        if self.twice {
+            let second = |(p, v): (&Point, &VectorIrradiance)| {
+                let mut moved = *v;
+                if let Some(there) = splat_vector(points, display, &values, p.x(), p.n()) {
+                    moved.add_scaled(1.0, v);
+                    moved.add_scaled(-1.0, &there);
+                }
+                moved
+            };
+            values = points.iter().zip(&values).map(second).collect();
+        }
+        let vectors = self.vectors;
         Ok(Box::new(move |x, n| {
             let found = if vectors {
-                splat(&set.flat, &set.display, &values, x, n)
+                splat(points, display, &values, x, n)
             } else {
-                let v = splat_vector(&set.flat, &set.display, &values, x, n);
+                let v = splat_vector(points, display, &values, x, n);
                 v.map(|v| Vec3::new(v.x[0], v.x[1], v.x[2]))
             };
             found.map(|e| e.as_dvec3())
@@ -465,20 +501,23 @@ pub fn solve_in(
     Ok(samples)
 }
 
-/// Compares bases over one set of points with the solution, one row a basis and quantity. `solved` asks for the iteration in the bases, too.
+/// Compares bases over one set of points with `truth`, one row a basis and quantity. The samples are `known`'s, which is the truth itself but where somebody
+/// wants to see that another answer is noticed. `solved` asks for the iteration in the bases, too. There the plugin's basis iterates as the plugin does:
+/// with scalars (design D1), and vectors for the display.
 ///
 /// # Errors
 /// Where a Gaussian system cannot be solved.
 pub fn compare_bases(
     set: &PointSet,
-    solution: &Solution,
+    known: &Solution,
+    truth: &Solution,
     bases: &[Basis],
     solved: bool,
     seed: u64,
 ) -> Result<Vec<ComparisonRow>, PointBasisError> {
-    let places = grid(&solution.scene);
-    let total = |site: Site| solution.total(site);
-    let indirect = |site: Site| solution.indirect(site);
+    let places = grid(&known.scene);
+    let total = |site: Site| truth.total(site);
+    let indirect = |site: Site| truth.indirect(site);
     let mut rows = Vec::new();
     for &which in bases {
         let basis = set.build(which)?;
@@ -487,8 +526,8 @@ pub fn compare_bases(
             let field = basis.fit(samples)?;
             let found = [evaluate(&field, &places[0]), evaluate(&field, &places[1])];
             for (channel, &quantity) in quantities.iter().enumerate() {
-                let truth: &dyn Fn(Site) -> f64 = if channel == 0 { &total } else { &indirect };
-                let errors = |k: usize| errors_of(&places[k], &found[k], channel, truth);
+                let right: &dyn Fn(Site) -> f64 = if channel == 0 { &total } else { &indirect };
+                let errors = |k: usize| errors_of(&places[k], &found[k], channel, right);
                 rows.push(ComparisonRow {
                     basis: which,
                     spacing: set.spacing,
@@ -501,11 +540,17 @@ pub fn compare_bases(
             Ok::<(), PointBasisError>(())
         };
         add(
-            &exact_samples(solution, &points, seed),
+            &exact_samples(known, &points, seed),
             &[Quantity::Total, Quantity::Indirect, Quantity::Noisy],
         )?;
         if solved {
-            let samples = solve_in(basis.as_ref(), &points, &solution.scene)?;
+            let samples = match which {
+                Basis::Ours | Basis::OursTwice => {
+                    let scalars = set.build(Basis::Flat)?;
+                    solve_in(scalars.as_ref(), &points, &known.scene)?
+                }
+                _ => solve_in(basis.as_ref(), &points, &known.scene)?,
+            };
             add(&samples, &[Quantity::SolvedTotal, Quantity::SolvedIndirect])?;
         }
     }
