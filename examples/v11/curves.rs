@@ -10,11 +10,11 @@ use glam::DVec3;
 use std::error::Error;
 use std::f64::consts::TAU;
 
-/// The bases of the charts that show several, with the number of each one's colour: the same in all.
+/// The bases of the charts that show several, in the order of their colours. The widest Gaussians leave every frame: they have their own charts.
 const SEVERAL: [Basis; 6] = [
     Basis::Shepard,
+    Basis::NarrowGaussian,
     Basis::HalfGaussian,
-    Basis::Gaussian,
     Basis::Lehtinen,
     Basis::LehtinenLevels,
     Basis::Ours,
@@ -115,6 +115,11 @@ impl Curve {
             Axis::linear(x, Format::Number),
             Axis::linear(format!("{}, W/m²", self.what), Format::Number),
         ];
+        axes[0].range = Some(if self.sphere {
+            (-90.0, 90.0)
+        } else {
+            (0.0, solution.scene.disk)
+        });
         // What oscillates beyond is cut off.
         axes[1].range = Some((-0.25 * most, 1.35 * most));
         axes
@@ -220,7 +225,6 @@ fn several(
 ) -> Chart {
     let solution = &made.solution;
     let [x, y] = curve.axes(solution);
-    // The solution keeps the seventh colour and is drawn first, below the others.
     let mut series: Vec<Series> = SEVERAL
         .iter()
         .filter_map(|&basis| fields.iter().find(|f| f.0 == basis))
@@ -236,7 +240,8 @@ fn several(
     Chart {
         title: format!("{}{}", curve.what[..1].to_uppercase(), &curve.what[1..]),
         caption: format!(
-            "Along one meridian or ray, {}; samples of the exact light. What leaves the frame is cut off.",
+            "Along one {}, {}; samples of the exact light. What leaves the frame is cut off.",
+            if curve.sphere { "meridian" } else { "ray" },
             spacing_text(set)
         ),
         x,

@@ -136,6 +136,8 @@ pub struct ComparisonRow {
     pub sphere: SurfaceErrors,
     /// On the disk.
     pub disk: SurfaceErrors,
+    /// [`PointBasis::ridge`] of the basis.
+    pub ridge: f64,
 }
 
 /// Points of one density with what the bases need of them.
@@ -535,6 +537,7 @@ pub fn compare_bases(
                     quantity,
                     sphere: errors(0),
                     disk: errors(1),
+                    ridge: basis.ridge(),
                 });
             }
             Ok::<(), PointBasisError>(())

@@ -66,6 +66,11 @@ pub trait PointBasis: Sync {
     /// # Errors
     /// Where the samples are not one a point or not finite.
     fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError>;
+
+    /// What had to be added to the diagonal of the basis' system, whose own entries there are 1, to solve it; 0 where there is none, or it is regular.
+    fn ridge(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Checks that there is a finite sample for each of `points` points.
@@ -155,7 +160,7 @@ pub struct GaussianBasis {
 impl GaussianBasis {
     /// The basis of points (x, n), each function's standard deviation being `width` times its nominal radius: the site distance to the tenth nearest
     /// other point (to the farthest, where fewer face the same way). Where the system is singular as far as rounding tells, something is added to its
-    /// diagonal, see [`ridge`](Self::ridge).
+    /// diagonal, see [`PointBasis::ridge`].
     ///
     /// # Errors
     /// Where a point is not finite, or the system stays singular.
@@ -198,12 +203,6 @@ impl GaussianBasis {
                 ridge * RIDGE[1]
             };
         }
-    }
-
-    /// What had to be added to the diagonal of ones; 0 where the system could be solved as it stands.
-    #[must_use]
-    pub fn ridge(&self) -> f64 {
-        self.ridge
     }
 
     /// Smallest over largest pivot of the system: about the reciprocal of its condition number.
@@ -251,6 +250,10 @@ impl PointBasis for GaussianBasis {
             });
             Some(terms.sum())
         }))
+    }
+
+    fn ridge(&self) -> f64 {
+        self.ridge
     }
 }
 
