@@ -12,12 +12,12 @@ use std::f64::consts::TAU;
 
 /// The bases of the charts that show several, in the order of their colours. The widest Gaussians leave every frame: they have their own charts.
 const SEVERAL: [Basis; 6] = [
+    Basis::Ours,
     Basis::Shepard,
-    Basis::NarrowGaussian,
     Basis::HalfGaussian,
     Basis::Lehtinen,
     Basis::LehtinenLevels,
-    Basis::Ours,
+    Basis::NarrowGaussian,
 ];
 /// Places of a curve.
 const STEPS: usize = 320;
@@ -201,11 +201,11 @@ fn errors(made: &Experiment, quantity: Quantity, sphere: bool) -> Chart {
     y.range = Some((0.002, 3.0));
     Chart {
         title: format!(
-            "{} on the {surface}: error of each basis against the number of samples",
+            "{} on the {surface}: error against samples",
             match quantity {
                 Quantity::Total => "Direct and reflected light",
                 Quantity::Indirect => "Reflected light",
-                _ => "Reflected light, samples with 5 % noise,",
+                _ => "Reflected light with noise of 5 % in the samples",
             }
         ),
         caption: "Sphere over a disk, samples of the exact light at Poisson-disk points; median over five point sets. Lower is better.".into(),

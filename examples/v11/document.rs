@@ -197,7 +197,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     if !lost.is_empty() {
         writeln!(
             out,
-            "- **Gaussian functions**: {}. Light on the disk without the shadow's edge is as smooth as can be, and interpolation by wide Gaussians is of high order\n  \
+            "- **Gaussian functions**: {}.\n  Light on the disk without the shadow's edge is as smooth as can be, and interpolation by wide Gaussians is of high order\n  \
              there, which no basis of non-negative functions that sum to one can be. The price, at 3 m: {} % (σ = α/2) and {} % (σ = α) on the sphere, {} % and\n  \
              {} % on the disk with the shadow's edge, and a noise of 5 % in the samples becomes {} % and {} % on the disk. They also need a dense system of equations\n  \
              solved for each light; ours need nothing solved.",
@@ -214,7 +214,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     if !lost.is_empty() {
         writeln!(
             out,
-            "- **One level of Lehtinen's functions**: {}. Its functions reach 2.5 spacings, ours the five nearest points, and count by the square of the weight. That\n  \
+            "- **One level of Lehtinen's functions**: {}.\n  Its functions reach 2.5 spacings, ours the five nearest points, and count by the square of the weight. That\n  \
              blurs less, which wins at edges and where points are few, and averages less: with dense points what is left is unevenness, and the noise of the samples.",
             lost.join("; "),
         )?;
