@@ -208,8 +208,18 @@ fn errors(made: &Experiment, quantity: Quantity, sphere: bool) -> Chart {
                 _ => "Reflected light with noise of 5 % in the samples",
             }
         ),
-        caption: "Sphere over a disk, samples of the exact light at Poisson-disk points; median over five point sets. Lower is better.".into(),
-        x: Axis::log("points with a sample, on sphere and disk together", Format::Number),
+        caption: format!(
+            "Sphere over a disk, samples of {} at Poisson-disk points; median over five point sets. Lower is better.",
+            if quantity == Quantity::Noisy {
+                "the light with noise"
+            } else {
+                "the exact light"
+            }
+        ),
+        x: Axis::log(
+            "points with a sample, on sphere and disk together",
+            Format::Number,
+        ),
         y,
         series: series.collect(),
         ..Chart::default()

@@ -70,7 +70,7 @@ pub fn text(made: &Experiment) -> Result<String, Box<dyn Error>> {
     let mut out = String::new();
     found(made, &mut out)?;
     others(made, &mut out)?;
-    shown(made, &mut out)?;
+    shown(&mut out)?;
     solution(made, &mut out)?;
     measured(made, &mut out)?;
     for (quantity, name) in QUANTITIES {
@@ -263,7 +263,7 @@ fn others(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn shown(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
+fn shown(out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
         "## Charts\n\n\
