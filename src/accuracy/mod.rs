@@ -1,6 +1,7 @@
 //! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, a baked
 //! scene evaluated at single places, a renderer for pictures on the CPU, and charts of all that.
 
+mod basis_comparison;
 mod chart;
 mod direct;
 mod evaluate;
@@ -8,8 +9,12 @@ mod metrics;
 mod pareto;
 mod reference;
 mod render;
+mod sphere_over_disk;
 mod truth;
 
+pub use basis_comparison::{
+    Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
+};
 pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
@@ -19,4 +24,5 @@ pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
 pub use render::{Camera, Image, render};
+pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
 pub use truth::{BOUNCES, Comparison, Truth, TruthError};
