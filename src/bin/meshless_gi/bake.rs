@@ -191,6 +191,9 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         true => Some(measure(&mesh, &scene, &stats, threads)?),
         false => None,
     };
+    for warning in &stats.warnings {
+        output::note(warning);
+    }
     if let Some(path) = &args.stats {
         let all = Statistics {
             bake: &stats,
@@ -310,7 +313,7 @@ pub fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
     );
     told(
         problems.bad_emission,
-        "materials emitted what light can't be: their emission was dropped",
+        "materials emitted what light can't be: their emission was dropped or lowered",
     );
     told(
         problems.bad_texture,
@@ -378,6 +381,7 @@ fn summary(path: &Path, stats: &BakeStats, yardstick: Option<Yardstick>) -> Stri
             "estimated error",
             output::error(stats.estimated_nrmse, stats.estimated_nrmse_interval),
         )
+        .row("gain", output::gain(&stats.energy))
         .row(
             "seconds",
             format!(
