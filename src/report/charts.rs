@@ -31,7 +31,7 @@ const GROUPS: [(&str, &[Factor]); 6] = [
             Factor::Places,
         ],
     ),
-    ("several at once", &[Factor::Several]),
+    ("several at once, tiers", &[Factor::Several, Factor::Tier]),
     ("rays a point", &[Factor::Rays]),
 ];
 
@@ -200,7 +200,7 @@ fn links(name: &str, rows: &[Row]) -> Chart {
     Chart {
         title: format!("{name}: error against links, by rule"),
         caption: "Each marker is one bake; further left is fewer links, further down is better. Both axes are logarithmic.".into(),
-        x: Axis::log("links of the operator", Format::Si),
+        x: Axis::log("links that a frame uses", Format::Si),
         y: Axis::log("error of indirect light (NRMSE)", Format::Percent),
         series,
         guides: guides(),

@@ -5,7 +5,7 @@ use super::measure::Row;
 use super::rules::{Compared, Ratio, comparable, compare};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
-use super::words::{cell, count, error, megabytes, percent, short, whole};
+use super::words::{cell, count, error, how, megabytes, percent, short, whole};
 use crate::bake::Rule;
 use std::fmt::Write;
 
@@ -76,8 +76,8 @@ pub fn choice(rows: &[Row]) -> String {
     };
     let said = |r: &Row| {
         format!(
-            "`{}`, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
-            r.settings.recipe,
+            "{}, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
+            how(r),
             short(r.bake_seconds),
             megabytes(r.bytes),
             short(r.frame_ms),
@@ -175,6 +175,10 @@ fn factors(rows: &[Row]) -> String {
         });
         if factor == Factor::Rays {
             all.sort_by_key(|r| r.settings.baked.rays);
+        }
+        if factor == Factor::Tier {
+            all.retain(|r| r.settings.baked == base.settings.baked);
+            all.sort_by_key(|r| r.settings.tier);
         }
         if factor == Factor::Places {
             all.sort_by_key(|r| r.settings.baked.places);

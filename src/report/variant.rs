@@ -1,6 +1,8 @@
 //! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule beside ours.
 
 use crate::bake::{BounceMode, Preset, Recipe, Rule, Settings};
+use crate::frame::FrameSettings;
+use crate::transport::TIERS;
 use serde::Serialize;
 
 /// Reflections that errors are measured for, and that a frame runs where nothing else is said: the recipes' default.
@@ -32,13 +34,15 @@ pub enum Factor {
     Places,
     /// More than one at once.
     Several,
+    /// The operator's tier that a frame uses.
+    Tier,
     /// Reflections, and where they are computed.
     Bounces,
 }
 
 impl Factor {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Preset,
         Self::Epsilon,
         Self::Plain,
@@ -50,6 +54,7 @@ impl Factor {
         Self::Senders,
         Self::Places,
         Self::Several,
+        Self::Tier,
         Self::Bounces,
     ];
 
@@ -68,22 +73,27 @@ impl Factor {
             Self::Senders => "levels that send",
             Self::Places => "places a sender",
             Self::Several => "several at once",
+            Self::Tier => "tier in the frame",
             Self::Bounces => "reflections",
         }
     }
 }
 
-/// What is chosen in the frame and not in the bake. Each choice is a field here, a line in [`Variant::bakes_alike`]'s callers' settings, and a line where a
-/// frame is measured.
+/// What is chosen in the frame and not in the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Diffuse reflections.
     pub bounces: u32,
+    /// Tier of the operator, see [`FrameSettings::tier`].
+    pub tier: u32,
 }
 
 impl Default for Run {
     fn default() -> Self {
-        Self { bounces: BOUNCES }
+        Self {
+            bounces: BOUNCES,
+            tier: FrameSettings::ALL_TIERS,
+        }
     }
 }
 
@@ -215,10 +225,31 @@ fn bounces(count: u32) -> Variant {
         n => format!("{n} reflections"),
     };
     Variant {
-        run: Run { bounces: count },
+        run: Run {
+            bounces: count,
+            ..Run::default()
+        },
         cost: 0.0,
         ..Variant::new(Factor::Bounces, name, 0.0, draft())
     }
+}
+
+/// The tiers below all of them of a preset's bake, which needs no bake where it comes right after that.
+fn tiers(preset: Preset) -> impl Iterator<Item = Variant> {
+    (1..TIERS).map(move |tier| {
+        let recipe = Recipe {
+            preset,
+            ..Recipe::default()
+        };
+        let name = format!("{preset:?}, tier {tier}").to_lowercase();
+        Variant {
+            run: Run {
+                tier,
+                ..Run::default()
+            },
+            ..Variant::new(Factor::Tier, name, 0.0, recipe)
+        }
+    })
 }
 
 fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
@@ -236,10 +267,9 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
 /// A handful of bakes, most important first, for the settings that the baseline got. Those that need no bake of their own come first.
 #[must_use]
 pub fn quick(base: &Settings) -> Vec<Variant> {
-    vec![
-        bounces(1),
-        bounces(2),
-        bounces(8),
+    let mut all = vec![bounces(1), bounces(2), bounces(8)];
+    all.extend(tiers(Preset::Draft));
+    all.extend([
         l08(0.025, 1.0),
         epsilon(0.1, 0.8),
         l08(0.005, 1.0),
@@ -248,7 +278,8 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
         rays(64),
         density(base, 0.25),
         several(Preset::Draft, 1024, 0.02, 3.0),
-    ]
+    ]);
+    all
 }
 
 /// All that is swept, most important first, for the settings that the baseline got.
@@ -256,10 +287,13 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
 pub fn full(base: &Settings) -> Vec<Variant> {
     let with = |factor, name: &str, cost, recipe| Variant::new(factor, name, cost, recipe);
     let mut all: Vec<Variant> = [1, 2, 3, 6, 8, 16].into_iter().map(bounces).collect();
+    all.extend(tiers(Preset::Draft));
     all.extend([0.1, 0.05, 0.025, 0.01, 0.004, 0.0015].map(|e| l08(e, 1.0)));
     all.extend([0.2, 0.1, 0.05, 0.02, 0.007, 0.0025].map(|e| plain(e, 0.8)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));
+    // As dear as the bake, so that they are left out with it.
+    all.extend(tiers(Preset::Medium).map(|v| Variant { cost: 15.0, ..v }));
     all.push(epsilon(0.007, 2.0));
     all.extend([64, 128, 512, 1024, 4096].map(rays));
     all.extend([0.25, 0.5, 2.0, 4.0].map(|times| density(base, times)));

@@ -1,6 +1,7 @@
 //! Numbers as a report writes them.
 
 use super::measure::Row;
+use super::variant::Factor;
 
 /// 0.0312 as "3.1 %".
 pub fn percent(share: f64) -> String {
@@ -24,6 +25,17 @@ pub fn error(row: &Row) -> String {
         format!("below {}", percent(row.nrmse_interval))
     } else {
         percent(row.nrmse)
+    }
+}
+
+/// How a user comes to a row.
+pub fn how(row: &Row) -> String {
+    match row.settings.factor {
+        Factor::Tier => format!(
+            "`{}`, run at tier {}",
+            row.settings.recipe, row.settings.tier
+        ),
+        _ => format!("`{}`", row.settings.recipe),
     }
 }
 
