@@ -3,7 +3,7 @@
 //!
 //! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a sender that `pull` fills is a mean of others, with weights
 //! that sum to one. A is not negative, so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius (Collatz and
-//! Wielandt): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
+//! Wielandt, [Var00] Chapter 2): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
 //! differences (\[L08\] Eq. (7), (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole step, differences resolved.
 //!
 //! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the albedo of each sender is lowered until its row sums to 0.999 at
