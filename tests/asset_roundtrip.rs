@@ -73,7 +73,15 @@ fn validation_finds_what_is_broken() {
             s.operator.links[links].fill(Link::pack(n, 1.0, 0));
             s.operator.rows[0].scale = 2.0;
         }),
-        ("rows", |s| s.operator.rows[0].active = 0),
+        ("rows", |s| s.operator.rows[0].tier = 0),
+        // Without parents it cannot be left out.
+        ("rows", |s| s.operator.rows[0].tier = 2),
+        ("rows", |s| {
+            s.operator.rows.last_mut().unwrap().tier = 17;
+        }),
+        ("tiers", |s| s.info.tiers[0].links += 1),
+        ("tiers", |s| s.info.tiers[0].estimated_nrmse = f32::NAN),
+        ("tiers", |s| s.info.tiers.truncate(1)),
         ("links", |s| s.operator.links[0].z_sender |= 0xffff_0000),
         ("links", |s| s.operator.links[0].xy = 0x7c00),
         ("bounce links", |s| {

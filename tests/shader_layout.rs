@@ -62,8 +62,12 @@ fn layouts() -> Vec<Layout> {
         }),
         layout!(LitPlace { position, normal }),
         layout!(WeightEntry { index, weight }),
-        // `active` is a reserved word of WGSL.
-        layout!(Row { start, count, scale, active as is_active }),
+        layout!(Row {
+            start,
+            count,
+            scale,
+            tier
+        }),
         layout!(Link { xy, z_sender }),
         layout!(BounceLink { gain, sender }),
         layout!(VectorIrradiance { x, y, z }),
@@ -77,6 +81,7 @@ fn layouts() -> Vec<Layout> {
             slots,
             nodes,
             extent,
+            tier,
             sky_sender,
             coarsest,
             differences,

@@ -56,6 +56,18 @@ impl<'a> Evaluator<'a> {
         lights: &[Light],
         bounces: Bounces,
     ) -> Self {
+        Self::with_tier(scene, meshes, lights, bounces, FrameSettings::ALL_TIERS)
+    }
+
+    /// As [`new`](Self::new), with the links of a tier of the operator ([`FrameSettings::tier`]).
+    #[must_use]
+    pub fn with_tier(
+        scene: &'a BakedScene,
+        meshes: &'a [TriangleMesh],
+        lights: &[Light],
+        bounces: Bounces,
+        tier: u32,
+    ) -> Self {
         let expand = |patches: u32| -> Vec<FrameLight> {
             lights
                 .iter()
@@ -69,14 +81,14 @@ impl<'a> Evaluator<'a> {
                 _ => None,
             })
             .sum();
-        let (mut values, used) = solve(scene, &expand(PATCHES), sky, bounces);
+        let (mut values, used) = solve(scene, &expand(PATCHES), sky, bounces, tier);
         let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
             let once_more = match bounces {
                 Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
                 Bounces::All => Bounces::All,
             };
-            add(&mut values, 1.0, &solve_emission(scene, once_more));
+            add(&mut values, 1.0, &solve_emission(scene, once_more, tier));
         }
         if emits || sky != Vec3::ZERO {
             let mut black = scene.clone();
@@ -86,7 +98,7 @@ impl<'a> Evaluator<'a> {
             let mut unreflected = CpuFrame::new(&black);
             let both = FrameSettings {
                 emission: 1.0,
-                ..settings(sky, 1)
+                ..settings(sky, 1, tier)
             };
             unreflected.solve(&black, &both);
             add(&mut values, -1.0, unreflected.values());
@@ -127,9 +139,10 @@ impl<'a> Evaluator<'a> {
 }
 
 /// Live settings for so many reflections, without emission.
-fn settings(sky: Vec3, bounces: u32) -> FrameSettings {
+fn settings(sky: Vec3, bounces: u32, tier: u32) -> FrameSettings {
     FrameSettings {
         sky,
+        tier,
         baked_bounces: false,
         emission: 0.0,
         ..FrameSettings::bounces(bounces)
@@ -142,27 +155,28 @@ fn solve(
     lamps: &[FrameLight],
     sky: Vec3,
     bounces: Bounces,
+    tier: u32,
 ) -> (Vec<VectorIrradiance>, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lamps);
     if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
         let baked = FrameSettings {
             baked_bounces: true,
-            ..settings(sky, scene.info.bounces)
+            ..settings(sky, scene.info.bounces, tier)
         };
         frame.solve(scene, &baked);
         return (frame.values().to_vec(), None);
     }
-    let count = sweep(scene, &mut frame, &settings(sky, 1), bounces);
+    let count = sweep(scene, &mut frame, &settings(sky, 1, tier), bounces);
     (frame.values().to_vec(), count)
 }
 
 /// The light of emissive surfaces, the first step through links counted as a reflection.
-fn solve_emission(scene: &BakedScene, bounces: Bounces) -> Vec<VectorIrradiance> {
+fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Vec<VectorIrradiance> {
     let mut frame = CpuFrame::new(scene);
     let alone = FrameSettings {
         emission: 1.0,
-        ..settings(Vec3::ZERO, 1)
+        ..settings(Vec3::ZERO, 1, tier)
     };
     sweep(scene, &mut frame, &alone, bounces);
     frame.values().to_vec()

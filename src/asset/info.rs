@@ -1,6 +1,41 @@
 //! What a bake was made from and how wrong it is: everything here is the same for the same input on any machine.
 
+use crate::transport::{Link, Operator};
 use serde::{Deserialize, Serialize};
+
+/// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TierInfo {
+    /// Rows.
+    pub rows: u64,
+    /// Links.
+    pub links: u64,
+    /// As [`BakeInfo::estimated_nrmse`], with the same lights and places for all tiers.
+    pub estimated_nrmse: f32,
+    /// Half width of its 95 % confidence interval.
+    pub estimated_nrmse_interval: f32,
+}
+
+impl TierInfo {
+    /// The tiers of an operator, their errors not measured yet.
+    #[must_use]
+    pub fn of(operator: &Operator) -> Vec<Self> {
+        let sizes = operator.tier_sizes().into_iter();
+        sizes
+            .map(|(rows, links)| Self {
+                rows,
+                links,
+                ..Self::default()
+            })
+            .collect()
+    }
+
+    /// Bytes of its links in memory and on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.links * size_of::<Link>() as u64
+    }
+}
 
 /// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal bytes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,6 +59,8 @@ pub struct BakeInfo {
     pub estimated_nrmse: f32,
     /// Half width of the 95 % confidence interval of `estimated_nrmse`.
     pub estimated_nrmse_interval: f32,
+    /// The operator's tiers, the one with the fewest links first; the last is the whole operator (design D11).
+    pub tiers: Vec<TierInfo>,
     /// Diffuse reflections that the recipe asks a frame to simulate.
     pub bounces: u32,
     /// Largest error that packing put on a link, relative to the largest link of its row.

@@ -4,7 +4,7 @@
 use super::baked::{BakedScene, Places};
 use crate::basis::Weights;
 use crate::samples::GridSlot;
-use crate::transport::{Link, SenderForm};
+use crate::transport::{Link, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
 use std::fmt;
 
@@ -289,20 +289,57 @@ impl BakedScene {
         }
     }
 
+    /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first, and differences are not left out.
+    fn most_tier(&self, i: usize) -> u32 {
+        let needed = self.parents.row(i).is_empty();
+        match needed || self.operator.form == SenderForm::Differences {
+            true => 1,
+            false => Operator::MOST_TIERS,
+        }
+    }
+
+    /// What the facts about the tiers say is what is there.
+    fn check_tiers(&self, check: &mut Check) {
+        let (sizes, told) = (self.operator.tier_sizes(), &self.info.tiers);
+        check.whole(sizes.len() == told.len(), "tiers", || {
+            format!("{} are told of, but there are {}", told.len(), sizes.len())
+        });
+        for (t, (tier, (rows, links))) in told.iter().zip(sizes).enumerate() {
+            let (error, interval) = (tier.estimated_nrmse, tier.estimated_nrmse_interval);
+            check.item((tier.rows, tier.links) == (rows, links), "tiers", t, || {
+                format!(
+                    "{} rows and {} links are told of, but there are {rows} and {links}",
+                    tier.rows, tier.links
+                )
+            });
+            let sound = |v: f32| v.is_finite() && v >= 0.0;
+            check.item(sound(error) && sound(interval), "tiers", t, || {
+                format!("estimated error {error} ± {interval}")
+            });
+        }
+    }
+
     fn check_operator(&self, check: &mut Check) {
         let (rows, links) = (&self.operator.rows, &self.operator.links);
         let senders = self.senders();
         let mut end = 0u64;
-        for (i, row) in rows.iter().enumerate() {
-            check.item(u64::from(row.start) == end, "rows", i, || {
+        for i in row_order(rows) {
+            let row = &rows[i as usize];
+            check.item(u64::from(row.start) == end, "rows", i as usize, || {
                 format!("starts at link {} instead of {end}", row.start)
             });
             end += u64::from(row.count);
-            check.item(row.active <= 1, "rows", i, || {
-                format!("active is {}", row.active)
+        }
+        for (i, row) in rows.iter().enumerate() {
+            check.item(row.tier <= self.most_tier(i), "rows", i, || {
+                format!(
+                    "is of tier {}, but may be of {}",
+                    row.tier,
+                    self.most_tier(i)
+                )
             });
-            check.item(row.active == 1 || row.count == 0, "rows", i, || {
-                format!("is not active, but has {} links", row.count)
+            check.item(row.tier > 0 || row.count == 0, "rows", i, || {
+                format!("is of no tier, but has {} links", row.count)
             });
             check.item((0.0..=LARGEST_LINK).contains(&row.scale), "rows", i, || {
                 format!("scale {}", row.scale)
@@ -311,6 +348,9 @@ impl BakedScene {
         check.whole(end == links.len() as u64, "rows", || {
             format!("have {end} links, but there are {}", links.len())
         });
+        if check.0.is_empty() {
+            self.check_tiers(check);
+        }
         for (i, link) in links.iter().enumerate() {
             let v = link.vector();
             check.item(
@@ -490,7 +530,7 @@ impl BakedScene {
                 .map(|w| u64::from(w[1] - w[0]))
                 .collect(),
             senders: self.senders() as u64,
-            active_rows: rows.iter().filter(|r| r.active != 0).count() as u64,
+            active_rows: rows.iter().filter(|r| r.tier != 0).count() as u64,
             links: self.operator.links.len() as u64,
             longest_row: rows.iter().map(|r| u64::from(r.count)).max().unwrap_or(0),
             pull_weights: self.pull.entries.len() as u64,

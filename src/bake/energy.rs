@@ -123,7 +123,7 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     let rows = scene.operator.rows.iter().zip(&scene.points);
     let rows = rows.zip(&scene.surfaces).zip(frame.values()).zip(missed);
     for ((((row, point), surface), value), &missed) in rows {
-        if row.active == 0 {
+        if row.tier == 0 {
             continue;
         }
         // Rows of differences have no link to the sky.
@@ -183,7 +183,7 @@ impl Senders {
         each: &mut impl FnMut(usize, f64),
     ) {
         let row = &scene.operator.rows[j];
-        if row.active == 0 {
+        if row.tier == 0 {
             // Parents have lower indices: this ends.
             for w in scene.parents.row(j) {
                 let weight = weight * f64::from(w.weight);

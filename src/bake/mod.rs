@@ -13,19 +13,20 @@ mod signals;
 mod stale;
 mod stats;
 
+pub(crate) use estimate::Lit;
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
-use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface};
+use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, TierInfo};
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bounds, Bvh, Geometry};
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
-    SenderTree, bounce_operator, cast_only, l08, pack, refine_bounded,
+    SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -179,10 +180,12 @@ fn bake_once(
     let sender_levels = settings.sender_levels as usize;
     let places = lit_places(geometry, &mut hierarchy, &settings, &mut stats.rays);
     let tree = hierarchy.tree();
-    let pull = match settings.rule {
+    let mut shown = Vec::new();
+    let mut pull = match settings.rule {
         Rule::Bounded => {
-            let (shown, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
+            let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
+            shown = areas;
             hierarchy.tree_pull(&tree, &shown)
         }
         Rule::L08 => hierarchy.pull(),
@@ -230,17 +233,18 @@ fn bake_once(
                 parents: &mut parents,
                 building: &building,
             };
-            (
-                refine_bounded(
-                    &gathering,
-                    &mut receivers,
-                    &tree,
-                    &training,
-                    &bounded,
-                    &told,
-                ),
-                SenderForm::Averages,
-            )
+            let refined = refine_bounded(
+                &gathering,
+                &mut receivers,
+                &tree,
+                &training,
+                &bounded,
+                &told,
+            );
+            if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
+                pull = handed.pull(&tree, &shown);
+            }
+            (refined, SenderForm::Averages)
         }
         Rule::L08 => {
             let neighbours = l08::neighbours(&hierarchy, sender_levels);
@@ -379,7 +383,9 @@ fn assemble(
         }
     }
 
-    let packed = pack(&refined.rows, &refined.sky, senders, form);
+    let tiers = assign_tiers(&refined.rows, &hierarchy.level_starts, &parents, form);
+    let packed = pack(&refined.rows, &tiers, &refined.sky, senders, form);
+    let tiers = TierInfo::of(&packed.operator);
     let size = source.geometry.bounds();
     let settings_text = ron::to_string(settings).unwrap_or_default();
     stats.links = packed.operator.links.len() as u64;
@@ -419,6 +425,7 @@ fn assemble(
             viewpoints: viewpoints.iter().map(|v| v.to_array()).collect(),
             estimated_nrmse: 0.0,
             estimated_nrmse_interval: 0.0,
+            tiers,
             link_error: packed.error,
             uncovered: refined.uncovered as f32,
             largest_row_sum: refined.largest_row_sum,
@@ -472,14 +479,22 @@ fn finish(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let estimate_began = Instant::now();
-    let estimate = estimate::estimate_error(&baked.scene, source.geometry, recipe.seed, progress)
-        .ok_or(BakeError::Cancelled)?;
-    baked.scene.info.estimated_nrmse = estimate.nrmse;
-    baked.scene.info.estimated_nrmse_interval = estimate.interval;
-    baked.stats.rays += estimate.rays;
-    baked.scene.info.rays = baked.stats.rays;
-    baked.stats.estimated_nrmse = f64::from(estimate.nrmse);
-    baked.stats.estimated_nrmse_interval = f64::from(estimate.interval);
+    let (estimates, rays) =
+        estimate::estimate_errors(&baked.scene, source.geometry, recipe.seed, progress)
+            .ok_or(BakeError::Cancelled)?;
+    let info = &mut baked.scene.info;
+    for (tier, estimate) in info.tiers.iter_mut().zip(&estimates) {
+        tier.estimated_nrmse = estimate.nrmse;
+        tier.estimated_nrmse_interval = estimate.interval;
+    }
+    let whole = estimates.last().copied().unwrap_or_default();
+    info.estimated_nrmse = whole.nrmse;
+    info.estimated_nrmse_interval = whole.interval;
+    baked.stats.rays += rays;
+    info.rays = baked.stats.rays;
+    baked.stats.tiers.clone_from(&info.tiers);
+    baked.stats.estimated_nrmse = f64::from(whole.nrmse);
+    baked.stats.estimated_nrmse_interval = f64::from(whole.interval);
     baked.stats.seconds.estimate = estimate_began.elapsed().as_secs_f64();
     baked.stats.seconds.total = began.elapsed().as_secs_f64();
     Ok(baked)
@@ -498,7 +513,7 @@ pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, settings: &
             let rays = settings.rays_of_level(level);
             let active = (bounds[0] as usize..bounds[1] as usize)
                 .into_par_iter()
-                .filter(|&i| rows[i].active != 0)
+                .filter(|&i| rows[i].tier != 0)
                 .map(|i| {
                     let p = &scene.points[i];
                     // The hits are used, so that no compiler leaves the work out.

@@ -1,6 +1,6 @@
 //! Where a bake's time went and what came out: the tool's `--stats` file.
 
-use crate::asset::EnergyInfo;
+use crate::asset::{EnergyInfo, TierInfo};
 use serde::{Deserialize, Serialize};
 
 /// Seconds of wall-clock time by stage. Gather and refinement run together on all threads; their share of it is split by the processor
@@ -56,6 +56,8 @@ pub struct BakeStats {
     pub estimated_nrmse: f64,
     /// Half width of its 95 % confidence interval.
     pub estimated_nrmse_interval: f64,
+    /// See [`crate::asset::BakeInfo::tiers`].
+    pub tiers: Vec<TierInfo>,
     /// See [`crate::asset::BakeInfo::uncovered`].
     pub uncovered: f64,
     /// See [`crate::asset::BakeInfo::largest_row_sum`].

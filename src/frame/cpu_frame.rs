@@ -130,7 +130,7 @@ impl CpuFrame {
         for _ in 0..steps.sweeps {
             self.sweep(scene, &params, &steps);
         }
-        self.transport(scene, &steps, 0..scene.points.len(), &steps.levels);
+        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
@@ -194,7 +194,7 @@ impl CpuFrame {
                 pull::pull(&scene.pull, level.clone(), &mut self.senders);
             }
         }
-        self.transport(scene, &steps, 0..scene.points.len(), &steps.levels);
+        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
         // No plain solve is like this one.
         self.solved = None;
         self.counters.sweeps += u64::from(sweeps - 1);
@@ -206,7 +206,7 @@ impl CpuFrame {
 
     /// One reflection: the senders' light carried to them again, and added to their direct light.
     fn sweep(&mut self, scene: &BakedScene, params: &SolveParams, steps: &Steps) {
-        self.transport(scene, steps, 0..scene.senders(), &steps.senders);
+        self.transport(scene, params, steps, 0..scene.senders(), &steps.senders);
         bounce::sweep(
             params,
             &scene.points,
@@ -225,6 +225,7 @@ impl CpuFrame {
     fn transport(
         &mut self,
         scene: &BakedScene,
+        params: &SolveParams,
         steps: &Steps,
         points: std::ops::Range<usize>,
         levels: &[std::ops::Range<usize>],
@@ -243,6 +244,7 @@ impl CpuFrame {
             let sky = scene.senders();
             self.differences[sky] = self.senders[sky];
             apply::apply(
+                params,
                 &operator.rows,
                 &operator.links,
                 points.clone(),
@@ -252,6 +254,7 @@ impl CpuFrame {
             flatten::differences(&scene.parents, points, &self.applied, &mut self.values);
         } else {
             apply::apply(
+                params,
                 &operator.rows,
                 &operator.links,
                 points,
@@ -260,6 +263,7 @@ impl CpuFrame {
             );
             for level in levels {
                 flatten::averages(
+                    params,
                     &operator.rows,
                     &scene.parents,
                     level.clone(),

@@ -21,6 +21,8 @@ pub struct FrameSettings {
     pub sky: Vec3,
     /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
+    /// Tier of the operator, from 1 (the fewest links) on; what is beyond the bake's tiers means all of them (design D11).
+    pub tier: u32,
 }
 
 impl Default for FrameSettings {
@@ -30,6 +32,7 @@ impl Default for FrameSettings {
             baked_bounces: true,
             sky: Vec3::ZERO,
             emission: 1.0,
+            tier: Self::ALL_TIERS,
         }
     }
 }
@@ -38,6 +41,9 @@ impl FrameSettings {
     /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must end. Walls that reflect 95 % of the
     /// light leave 2e-6 of it after so many.
     pub const MOST_SWEEPS: u32 = 255;
+
+    /// The tier that uses every link, whatever the bake.
+    pub const ALL_TIERS: u32 = u32::MAX;
 
     /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
     #[must_use]
@@ -58,6 +64,8 @@ pub struct SceneShape {
     pub sender_levels: usize,
     /// Places that each sender of the finest sender level is lit at.
     pub places: u32,
+    /// Tiers of the operator.
+    pub tiers: u32,
     /// What the links multiply.
     pub form: SenderForm,
     /// The bake holds further bounces.
@@ -78,6 +86,7 @@ impl SceneShape {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),
             places: scene.places.per_sender,
+            tiers: scene.operator.tiers(),
             form: scene.operator.form,
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
@@ -129,6 +138,7 @@ impl SceneShape {
             nodes: self.nodes as u32,
             extent: self.extent,
             apart: self.apart,
+            tier: settings.tier.clamp(1, self.tiers.max(1)),
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
@@ -187,6 +197,7 @@ mod tests {
             level_starts: level_starts.to_vec(),
             sender_levels,
             places: 0,
+            tiers: 4,
             form: SenderForm::Averages,
             bounces: false,
             nodes: 0,

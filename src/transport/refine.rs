@@ -12,6 +12,7 @@
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
+use super::handed::Handed;
 use super::leaves::Leaves;
 use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
@@ -49,6 +50,8 @@ pub struct Refined {
     pub rays: u64,
     /// Largest row sum Σ F·n that was seen.
     pub largest_row_sum: f32,
+    /// What the rows of the senders' points handed over.
+    pub handed: Option<Handed>,
     /// Share of the processor time that went into gathering; the rest went into deciding.
     pub gather_share: f64,
 }
@@ -100,6 +103,9 @@ struct Room {
     gathered: Gathered,
     cut: CutScratch,
     compared: Compared,
+    /// The gathered senders and their links' normal components, before the cut.
+    masses: Vec<(u32, f32)>,
+    kept: Vec<bool>,
 }
 
 /// A row along its point's normal beside what its parents say.
@@ -135,6 +141,7 @@ pub fn refine_bounded(
     let senders = tree.parent.len();
     let mut out = Refined::default();
     let mut known = Known::default();
+    let handed = Handed::new(tree);
     let measure = CutMeasure {
         training,
         epsilon: settings.epsilon,
@@ -206,11 +213,15 @@ pub fn refine_bounded(
                         expected: vec![0.0; senders],
                         foreseen: Vec::new(),
                     },
+                    masses: Vec::new(),
+                    kept: vec![false; senders],
                 },
                 |room, &i| {
                     wanted[i - level.start].then(|| {
+                        let handed = (l < settings.always).then_some(&handed);
                         receive(
-                            scene, parents, &out, &known, tree, &measure, judged, !last, i, room,
+                            scene, parents, &out, &known, tree, &measure, judged, !last, handed, i,
+                            room,
                         )
                     })
                 },
@@ -253,6 +264,7 @@ pub fn refine_bounded(
         l += 1;
     }
     out.uncovered = uncovered / out.gathered.max(1) as f64;
+    out.handed = Some(handed);
     out.gather_share = share(times);
     Some(out)
 }
@@ -324,6 +336,7 @@ fn receive(
     measure: &CutMeasure<'_>,
     judged: bool,
     keep: bool,
+    handed: Option<&Handed>,
     i: usize,
     room: &mut Room,
 ) -> Gather1 {
@@ -332,6 +345,8 @@ fn receive(
         gathered,
         cut,
         compared,
+        masses,
+        kept,
     } = room;
     gather(scene, i, gathered);
     let gather_time = began.elapsed();
@@ -356,7 +371,15 @@ fn receive(
     } else {
         Leaves::default()
     };
+    masses.clear();
+    if handed.is_some() {
+        let touched = gathered.touched.iter();
+        masses.extend(touched.map(|&j| (j, gathered.link(j).dot(n))));
+    }
     let links = cut_row(gathered, tree, n, measure, cut);
+    if let Some(handed) = handed {
+        note_handed(handed, tree, &links, masses, kept);
+    }
     if judged {
         let coherent = difference(
             &response,
@@ -381,6 +404,31 @@ fn receive(
         row_sum: row_sum.dot(n),
         gather_time,
         other_time: began.elapsed() - gather_time,
+    }
+}
+
+/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link.
+fn note_handed(
+    handed: &Handed,
+    tree: &SenderTree,
+    links: &[(u32, Vec3A)],
+    masses: &[(u32, f32)],
+    kept: &mut [bool],
+) {
+    for &(k, _) in links {
+        kept[k as usize] = true;
+    }
+    for &(j, mass) in masses {
+        let mut k = j;
+        while !kept[k as usize] && tree.parent[k as usize] != k {
+            k = tree.parent[k as usize];
+        }
+        if kept[k as usize] {
+            handed.add(tree, j, k, mass);
+        }
+    }
+    for &(k, _) in links {
+        kept[k as usize] = false;
     }
 }
 

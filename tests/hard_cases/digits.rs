@@ -106,7 +106,7 @@ impl Exact<'_> {
 
     fn flatten(&self, values: &mut [DVec3]) {
         for i in 0..values.len() {
-            if self.scene.operator.rows[i].active == 0 {
+            if self.scene.operator.rows[i].tier == 0 {
                 let row = self.scene.parents.row(i).iter();
                 values[i] = row
                     .map(|w| f64::from(w.weight) * values[w.index as usize])
@@ -157,7 +157,7 @@ fn single_precision_loses_a_digit_or_two() {
         ..small()
     };
     let scene = baked(&cornell(1.0, Vec3::ZERO), &recipe).scene;
-    let inactive = scene.operator.rows.iter().filter(|r| r.active == 0);
+    let inactive = scene.operator.rows.iter().filter(|r| r.tier == 0);
     assert!(inactive.count() > 100, "flatten has work");
     let exact = Exact { scene: &scene };
     let lamp = Vec3::new(0.1, 1.6, 0.3);
@@ -204,7 +204,7 @@ fn single_precision_loses_a_digit_or_two() {
     let applied = exact.apply(&first);
     let active = |v: &[DVec3]| -> Vec<f64> {
         let rows = scene.operator.rows.iter().zip(v);
-        rows.filter(|(r, _)| r.active != 0)
+        rows.filter(|(r, _)| r.tier != 0)
             .flat_map(|(_, v)| v.to_array())
             .collect()
     };

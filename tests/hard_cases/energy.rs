@@ -26,7 +26,7 @@ fn rows_sum_to_the_hemisphere() {
         let scene = &bake.scene;
         assert!(bake.stats.uncovered < 1e-6, "{}", bake.stats.uncovered);
         let off = (0..scene.points.len())
-            .filter(|&i| scene.operator.rows[i].active != 0)
+            .filter(|&i| scene.operator.rows[i].tier != 0)
             .map(|i| (row_sum(scene, i) - 1.0).abs());
         let worst = off.fold(0.0, f64::max);
         let told = bake.stats.energy;
