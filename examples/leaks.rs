@@ -1,5 +1,5 @@
-//! How much light comes through walls, and what it costs to stop it there? Bakes two rooms with our rule and with [L08]'s, with functions that stop at walls and
-//! without, and prints a row of each.
+//! How much light comes through walls, and what does it cost to stop it there? Bakes two rooms with our rule and with [L08]'s, with functions that
+//! stop at walls and without, and prints a row of each.
 //!
 //! ```text
 //! cargo run --release --no-default-features --features cli --example leaks -- draft
@@ -9,7 +9,7 @@
 mod leak_support;
 
 use bevy_meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
-use leak_support::{Walled, open, sealed};
+use leak_support::{Door, Walled, open, rooms};
 use std::error::Error;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -20,10 +20,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: leaks draft|medium|high".into()),
     };
     println!(
-        "| wall | rule | walls | leak ratio | NRMSE lit | NRMSE dark | not covered | seconds | bytes |"
+        "| wall | light behind it | rule | walls | leak ratio | NRMSE lit | NRMSE dark | not covered | seconds | bytes |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    let scenes = [sealed("2 cm", 0.02), sealed("a sheet", 0.0), open()];
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    let scenes = [
+        rooms("2 cm", 0.02, Door::Closed),
+        rooms("a sheet", 0.0, Door::Closed),
+        rooms("50 cm, door", 0.5, Door::Open),
+        rooms("2 cm, door", 0.02, Door::Open),
+        open(),
+    ];
     for scene in &scenes {
         for rule in [Rule::Bounded, Rule::L08] {
             let mut without = None;
@@ -56,21 +62,21 @@ fn row(
     // The estimate is no part of what walls cost.
     let seconds = baked.stats.seconds.total - baked.stats.seconds.estimate;
     let (s, b) = *without.get_or_insert((seconds, bytes));
+    let per_cent = |v: f64| match v {
+        0.0 => "–".to_string(),
+        _ => format!("{:.1} %", 100.0 * v),
+    };
     println!(
-        "| {} | {rule:?} | {} | {:.1e} | {:.2} % | {} | {} | {seconds:.1} ({:+.0} %) | {bytes} ({:+.0} %) |",
+        "| {} | {} | {rule:?} | {} | {:.1e} | {} | {} | {} | {seconds:.1} ({:+.0} %) | {bytes} ({:+.1} %) |",
         scene.name,
+        per_cent(leak.dim),
         if walls { "on" } else { "off" },
         leak.ratio,
-        100.0 * leak.lit.nrmse,
-        if leak.dark.nrmse > 0.0 {
-            format!("{:.2} %", 100.0 * leak.dark.nrmse)
-        } else {
-            "–".into()
-        },
+        per_cent(leak.lit.nrmse),
+        per_cent(leak.dark.nrmse),
         leak.uncovered.iter().sum::<usize>(),
         100.0 * (seconds / s - 1.0),
         100.0 * (bytes / b - 1.0),
     );
-    eprintln!("worst {:?}; dark bias {:+.2} %, p99 {:.1} %; lit bias {:+.2} %, p99 {:.1} %", leak.worst, 100.0*leak.dark.bias, 100.0*leak.dark.p99,  100.0*leak.lit.bias, 100.0*leak.lit.p99);
     Ok(())
 }
