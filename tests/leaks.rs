@@ -39,12 +39,12 @@ fn stays_dark(scene: &Walled, rules: &[Rule]) {
 
 #[test]
 fn a_room_behind_a_thin_wall_stays_dark() {
-    stays_dark(&rooms("2 cm", 0.02, Door::Closed), &[Rule::Bounded]);
+    stays_dark(&rooms("2 cm", 0.02, Door::Closed, 256), &[Rule::Bounded]);
 }
 
 #[test]
 fn a_room_behind_a_sheet_stays_dark() {
-    let scene = rooms("a sheet", 0.0, Door::Closed);
+    let scene = rooms("a sheet", 0.0, Door::Closed, 256);
     stays_dark(&scene, &[Rule::L08, Rule::Bounded]);
 }
 

@@ -72,7 +72,8 @@ pub enum Door {
 }
 
 /// Two rooms with a wall so thick between them; without any thickness it is one sheet with two sides.
-pub fn rooms(name: &str, thickness: f32, door: Door) -> Walled {
+/// `paths` is what the reference takes in the lit room.
+pub fn rooms(name: &str, thickness: f32, door: Door, paths: u32) -> Walled {
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     let [w, h, d] = SIZE.to_array();
     let mut quads = vec![
@@ -138,10 +139,18 @@ pub fn rooms(name: &str, thickness: f32, door: Door) -> Walled {
             noise,
         }
     };
-    // Little light finds its way through a door.
     let (lit, dark) = match door {
-        Door::Closed => (right(lit, 256), right(dark, 1)),
-        Door::Open => (right(lit, 1024), right(dark, 8192)),
+        Door::Closed => {
+            let none = vec![Vec3::ZERO; dark.len()];
+            let black = Side {
+                places: dark,
+                values: none.clone(),
+                noise: none,
+            };
+            (right(lit, paths), black)
+        }
+        // Little light finds its way through a door.
+        Door::Open => (right(lit, paths), right(dark, 8 * paths)),
     };
     Walled {
         name: name.into(),
