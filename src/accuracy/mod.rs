@@ -7,19 +7,21 @@ mod direct;
 mod evaluate;
 mod metrics;
 mod pareto;
+mod point_set;
 mod reference;
 mod render;
 mod sphere_over_disk;
 mod truth;
 
 pub use basis_comparison::{
-    Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
+    ComparisonRow, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
 };
 pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use metrics::{Errors, errors};
 pub use pareto::{interpolate_log, pareto_front};
+pub use point_set::{Basis, PointSet};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
