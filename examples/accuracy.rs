@@ -36,10 +36,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         "| scene | light | bounces | NRMSE | bias | 99 % below | direct NRMSE | not covered |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    let mut bakes = String::new();
+    let (mut bakes, mut tiers) = (String::new(), String::new());
     for folder in args.map(PathBuf::from) {
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
-        bakes += &scene(&folder, &name, &recipe)?;
+        let [bake, tier] = scene(&folder, &name, &recipe)?;
+        bakes += &bake;
+        tiers += &tier;
     }
     println!();
     println!(
@@ -47,16 +49,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     print!("{bakes}");
+    println!();
+    println!(
+        "| scene | tier | rows | links | share of links | estimated NRMSE | NRMSE | bias | bias to all tiers |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    print!("{tiers}");
     Ok(())
 }
 
-/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns the row of the bake.
-fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<String, Box<dyn Error>> {
+/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns the row of the bake and those of its tiers.
+fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<dyn Error>> {
     let lights = (0..)
         .map(|i| folder.join(format!("L{i}.json")))
         .take_while(|path| path.exists())
         .collect::<Vec<_>>();
     let mut made: Option<(Baked, TriangleMesh)> = None;
+    let mut tiers = String::new();
     for (i, path) in lights.iter().enumerate() {
         let description = SceneDescription::read(path)?;
         if made.is_none() {
@@ -83,6 +92,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<String, Box<dyn E
                 truth.places.len(),
             );
         }
+        tiers += &compare_tiers(baked, mesh, &description, &truth, &format!("{name} L{i}"));
     }
     let (baked, mesh) = made.ok_or_else(|| format!("{}: no L0.json", folder.display()))?;
     let (stats, seconds) = (&baked.stats, &baked.stats.seconds);
@@ -90,7 +100,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<String, Box<dyn E
     let began = Instant::now();
     let cast = cast_gather_rays(&mesh, &baked.scene, &settings);
     let alone = began.elapsed().as_secs_f64() * stats.gather_rays as f64 / cast as f64;
-    Ok(format!(
+    let bake = format!(
         "| {name} | {:.1} | {:.1}, {:.1}, {:.1}, {:.1} | {alone:.1} | {:.2} | {:.0} % | {} | {} | {} | {} | {:.1} ± {:.1} % |\n",
         seconds.total,
         seconds.points,
@@ -105,5 +115,49 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<String, Box<dyn E
         baked.scene.to_bytes()?.len(),
         100.0 * stats.estimated_nrmse,
         100.0 * stats.estimated_nrmse_interval,
-    ))
+    );
+    Ok([bake, tiers])
+}
+
+/// A row for each tier: four reflections against the truth, and against the whole operator.
+fn compare_tiers(
+    baked: &Baked,
+    mesh: &TriangleMesh,
+    description: &SceneDescription,
+    truth: &Truth,
+    name: &str,
+) -> String {
+    let scene = &baked.scene;
+    let Some(k) = BOUNCES.iter().position(|&b| b == Some(4)) else {
+        return String::new();
+    };
+    let at = |tier: u32| {
+        let (meshes, lights) = (std::slice::from_ref(mesh), &description.lights);
+        let evaluator = Evaluator::with_tier(scene, meshes, lights, Bounces::Count(4), tier);
+        let sum: f64 = truth
+            .places
+            .iter()
+            .map(|&(x, n)| evaluator.at(x, n, 0).indirect.unwrap_or_default())
+            .map(|e| f64::from(e.element_sum()))
+            .sum();
+        (truth.compare(&evaluator, k).indirect, sum)
+    };
+    let (_, all) = at(u32::MAX);
+    let links = scene.operator.links.len() as f64;
+    (scene.info.tiers.iter().zip(1..))
+        .map(|(tier, t)| {
+            let (against_truth, sum) = at(t);
+            format!(
+                "| {name} | {t} | {} | {} | {:.1} % | {:.2} ± {:.2} % | {:.2} % | {:+.2} % | {:+.3} % |\n",
+                tier.rows,
+                tier.links,
+                100.0 * tier.links as f64 / links,
+                100.0 * tier.estimated_nrmse,
+                100.0 * tier.estimated_nrmse_interval,
+                100.0 * against_truth.nrmse,
+                100.0 * against_truth.bias,
+                100.0 * (sum / all - 1.0),
+            )
+        })
+        .collect()
 }

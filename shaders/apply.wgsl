@@ -7,6 +7,8 @@
 @group(0) @binding(3) var<storage, read> links: array<Link>;
 @group(0) @binding(4) var<storage, read> coefficients: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> applied: array<VectorIrradiance>;
+// The rows in the order of their links: by tier. The span is a range of it.
+@group(0) @binding(6) var<storage, read> order: array<u32>;
 
 const LANES: u32 = 16u;
 const ROWS: u32 = 4u;
@@ -24,7 +26,7 @@ fn apply(
     let lane = local % LANES;
     let r = flat_group(group, groups) * ROWS + local / LANES;
     let inside = r < span.count;
-    let i = span.first + min(r, span.count - 1u);
+    let i = order[span.first + min(r, span.count - 1u)];
     let row = rows[i];
     let start = row.start - span.base;
     var x = vec3f(0.0);

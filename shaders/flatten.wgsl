@@ -1,5 +1,6 @@
 // flatten: brings all points to one level. Twin: src/frame/flatten.rs. `averages` takes a dispatch a level, coarse to fine; `differences` takes one.
 
+@group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> rows: array<Row>;
 @group(0) @binding(3) var<storage, read> starts: array<u32>;
@@ -18,7 +19,8 @@ fn averages(
         return;
     }
     let i = span.first + r;
-    if rows[i].is_active != 0u {
+    let tier = rows[i].tier;
+    if tier != 0u && tier <= params.tier {
         return;
     }
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));

@@ -110,7 +110,7 @@ fn take_apart(file: &[u8]) -> Vec<Part> {
 /// Puts parts together with sound lengths and checksums.
 fn put_together(parts: &[Part]) -> Vec<u8> {
     let mut file = b"\x89MGI\r\n\x1a\n".to_vec();
-    file.extend(1u32.to_le_bytes());
+    file.extend(2u32.to_le_bytes());
     file.extend((parts.len() as u32).to_le_bytes());
     let length = 32 + parts.iter().map(|p| 40 + p.body.len()).sum::<usize>();
     file.extend((length as u64).to_le_bytes());
@@ -299,6 +299,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
                 baked_bounces,
                 sky: Vec3::ONE,
                 emission: 1.0,
+                tier: 1,
             },
         );
         for p in scene.points.iter().take(4) {

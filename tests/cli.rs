@@ -197,7 +197,7 @@ fn evaluation_is_near_the_ground_truth() {
         ("4", "ind4"),
         ("all", "indinf"),
     ] {
-        let ours = eval(&["--bounces", bounces, "--tier", "0"]);
+        let ours = eval(&["--bounces", bounces]);
         let header = ours.lines().next().unwrap();
         assert_eq!(
             header,
@@ -224,6 +224,26 @@ fn evaluation_is_near_the_ground_truth() {
     }
     // What is left out is what the recipe asks for.
     assert_eq!(eval(&[]), eval(&["--bounces", "4"]));
+    // Tiers differ, and the last of them is all.
+    let (json, _) = expect(DONE, &["inspect", text(bake), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let tiers = json["tiers"].as_array().unwrap();
+    let truth = columns(&truth, ["ind4_r", "ind4_g", "ind4_b"]);
+    let mut last = (String::new(), 0);
+    for (number, tier) in (1..).zip(tiers) {
+        assert_eq!(tier["tier"], number);
+        assert!(tier["estimated_nrmse"].as_f64().unwrap() > 0.0);
+        let links = tier["links"].as_u64().unwrap();
+        assert!(links > last.1 && tier["bytes"] == 8 * links);
+        let ours = eval(&["--tier", &number.to_string()]);
+        assert!(ours != last.0, "tier {number}");
+        let error = nrmse(&columns(&ours, indirect), &truth);
+        assert!(error < 0.2, "tier {number}: {error}");
+        last = (ours, links);
+    }
+    assert_eq!(last.0, eval(&[]));
+    assert_eq!(tiers.last().unwrap()["share"], 1.0);
+    assert_eq!(json["info"]["tiers"].as_array().unwrap().len(), tiers.len());
 }
 
 #[test]
@@ -309,12 +329,22 @@ fn wrong_input_of_eval_has_its_exit_code() {
     )
     .unwrap();
     assert!(eval(INPUT, bake, &at("bad.json"), &points, &out).contains("lights[0]"));
-    for wrong in [["--tier", "3"], ["--bounces", "0"], ["--bounces", "some"]] {
+    for (code, wrong) in [
+        (INPUT, ["--tier", "9"]),
+        (INPUT, ["--tier", "0"]),
+        (USAGE, ["--tier", "some"]),
+        (USAGE, ["--bounces", "0"]),
+        (USAGE, ["--bounces", "some"]),
+    ] {
         let mut all = vec![
             "eval", bake, "--scene", &scene, "--points", &points, "-o", &out,
         ];
         all.extend(wrong);
-        expect(USAGE, &all);
+        let (_, why) = expect(code, &all);
+        assert!(
+            code == USAGE || why.contains("tiers") || why.contains("1 to 4"),
+            "{why}"
+        );
     }
 }
 

@@ -50,7 +50,7 @@ fn furnace(to_sky: bool) -> BakedScene {
                     start: i as u32,
                     count: 1,
                     scale: 1.0,
-                    active: 1,
+                    tier: 1,
                 })
                 .collect(),
             links: (0..POINTS).map(link).collect(),

@@ -885,7 +885,7 @@ fn coefficients_come_back_for_the_gizmos_and_only_then() {
         .values()
         .iter()
         .enumerate()
-        .filter(|(i, _)| bake.operator.rows[*i].active != 0)
+        .filter(|(i, _)| bake.operator.rows[*i].tier != 0)
     {
         let size: f32 = [v.x, v.y, v.z]
             .iter()

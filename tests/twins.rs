@@ -50,6 +50,7 @@ fn settings(sweeps: u32, baked_bounces: bool) -> FrameSettings {
         baked_bounces,
         sky: Vec3::new(0.2, 0.3, 0.5),
         emission: 0.8,
+        tier: FrameSettings::ALL_TIERS,
     }
 }
 
@@ -123,7 +124,8 @@ fn projection_problems(
         let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
         let mut places = project::places_for(light, own);
         let used = places.len() as f32;
-        places.any(|p| is(project::unshadowed(light, p.x(), p.n()) / used))
+        let (extent, apart) = (project::extent(scene), project::apart(scene));
+        places.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
     });
     (found.len(), flips.count())
 }
@@ -314,7 +316,7 @@ fn radiosity_pull_apply_flatten() {
                 // The last point without a row of its own.
                 let inactive = (0..s.points.len())
                     .rev()
-                    .find(|&i| s.operator.rows[i].active == 0);
+                    .find(|&i| s.operator.rows[i].tier == 0);
                 let at = s.parents.starts[inactive.unwrap()] as usize;
                 heavier(&mut s.parents, at);
             }),
@@ -372,6 +374,43 @@ fn live_bounces() {
     }
 }
 
+/// Takes the rows of some points of tier 1 away, of senders if `senders`: they inherit instead.
+fn orphan(scene: &mut BakedScene, senders: bool) {
+    let (first, count) = (scene.level_starts[1] as usize, scene.senders());
+    let range = if senders {
+        first..count
+    } else {
+        count..scene.points.len()
+    };
+    let rows = scene.operator.rows[range].iter_mut();
+    let mut taken = 0;
+    for row in rows.filter(|row| row.tier == 1).take(5) {
+        row.tier = 0;
+        taken += 1;
+    }
+    assert_eq!(taken, 5);
+}
+
+#[test]
+fn tiers() {
+    for tier in 1..=4 {
+        let settings = FrameSettings {
+            tier,
+            ..settings(2, false)
+        };
+        solve_agrees(
+            SenderForm::Averages,
+            &settings,
+            &[
+                (VALUES, |s| bend(s, 99)),
+                (VALUES, |s| orphan(s, false)),
+                (BOUNCED, |s| orphan(s, true)),
+                (BOUNCED, |s| bend(s, 40)),
+            ],
+        );
+    }
+}
+
 #[test]
 fn baked_bounces() {
     const FURTHER: Checked = (
@@ -410,7 +449,6 @@ fn links_that_do_not_fit_one_binding_are_cut() {
     let scene = synthetic::scene(SenderForm::Averages);
     let lights = synthetic::lights();
     let settings = settings(2, false);
-    let twin = cpu(&scene, &lights, &settings);
     let limit = size_of_val(scene.operator.links.as_slice()) as u64 / 3;
     let make = |limit| {
         SceneBuffers::with_limit(
@@ -421,27 +459,33 @@ fn links_that_do_not_fit_one_binding_are_cut() {
             limit,
         )
     };
-    let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
-    let frame = solved(&harness, &kernels, frame, &twin, &settings);
-    let parts = frame.counters().of(Pass::Apply);
-    assert!(
-        parts >= 4 + 2,
-        "the last apply takes four parts, those of the sweeps one or more: {parts}"
-    );
-    let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, 12 * scene.points.len());
-    let mut wrong = scene.clone();
-    // Links of the last part.
-    let last = wrong.operator.links.len() - 5;
-    bend(&mut wrong, last);
-    let spoiled = cpu(&wrong, &lights, &settings);
-    same(
-        "parts",
-        &gpu,
-        &flat(twin.values()),
-        &flat(spoiled.values()),
-        12,
-        Scale::Rms,
-    );
+    for tier in [1, 2, 4] {
+        let settings = FrameSettings { tier, ..settings };
+        let twin = cpu(&scene, &lights, &settings);
+        let frame = GpuFrame::with_buffers(&harness.queue, make(limit).unwrap());
+        let frame = solved(&harness, &kernels, frame, &twin, &settings);
+        let parts = frame.counters().of(Pass::Apply);
+        if tier == 4 {
+            assert!(
+                parts >= 4 + 2,
+                "the last apply takes four parts, those of the sweeps one or more: {parts}"
+            );
+        }
+        let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, 12 * scene.points.len());
+        let mut wrong = scene.clone();
+        // Links of the last part that this tier uses.
+        let sizes = scene.operator.tier_sizes();
+        bend(&mut wrong, sizes[tier as usize - 1].1 as usize - 5);
+        let spoiled = cpu(&wrong, &lights, &settings);
+        same(
+            &format!("parts, tier {tier}"),
+            &gpu,
+            &flat(twin.values()),
+            &flat(spoiled.values()),
+            12,
+            Scale::Rms,
+        );
+    }
 
     let error = make(4096).unwrap_err();
     assert!(
@@ -487,20 +531,25 @@ fn bakes_of_the_cornell_box() {
             "{rule:?}: {differing} of {count} differ, {flips} by visibility"
         );
 
-        let frame = solved(&harness, &kernels, frame, &twin, &settings);
-        let expected = flat(twin.values());
-        let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
         let mut wrong = lights.clone();
         wrong[0].color[1] *= 1.001;
-        let spoiled = flat(cpu(&scene, &wrong, &settings).values());
-        same(
-            &format!("{rule:?}, {mode:?}"),
-            &gpu,
-            &expected,
-            &spoiled,
-            12,
-            Scale::Rms,
-        );
+        // One frame for all tiers: nothing of one is left in the next.
+        for tier in (1..=scene.operator.tiers()).rev() {
+            let settings = FrameSettings { tier, ..settings };
+            let twin = cpu(&scene, &lights, &settings);
+            frame = solved(&harness, &kernels, frame, &twin, &settings);
+            let expected = flat(twin.values());
+            let gpu: Vec<f32> = output(&harness, &frame, Pass::Averages, expected.len());
+            let spoiled = flat(cpu(&scene, &wrong, &settings).values());
+            same(
+                &format!("{rule:?}, {mode:?}, tier {tier}"),
+                &gpu,
+                &expected,
+                &spoiled,
+                12,
+                Scale::Rms,
+            );
+        }
     }
 }
 

@@ -53,7 +53,8 @@ struct Row {
     start: u32,
     count: u32,
     scale: f32,
-    is_active: u32,
+    // The least tier of a frame that uses the row; 0 where there is no row.
+    tier: u32,
 }
 
 struct Link {
@@ -84,11 +85,11 @@ struct SolveParams {
     slots: u32,
     nodes: u32,
     extent: f32,
-    pad0: u32,
+    tier: u32,
     sky_sender: u32,
     coarsest: u32,
     differences: u32,
-    pad1: u32,
+    apart: f32,
 }
 
 struct Span {

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 /// The first eight bytes. Not text, and damaged by whatever takes it for text.
 pub(super) const MAGIC: [u8; 8] = *b"\x89MGI\r\n\x1a\n";
 /// Changes only with the layout.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 /// Bytes of the header before the table.
 const HEADER: usize = 32;
 /// Bytes of one row of the table.

@@ -1,6 +1,41 @@
 //! What a bake was made from and how wrong it is: everything here is the same for the same input on any machine.
 
+use crate::transport::{Link, Operator};
 use serde::{Deserialize, Serialize};
+
+/// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TierInfo {
+    /// Rows.
+    pub rows: u64,
+    /// Links.
+    pub links: u64,
+    /// As [`BakeInfo::estimated_nrmse`], with the same lights and places for all tiers.
+    pub estimated_nrmse: f32,
+    /// Half width of its 95 % confidence interval.
+    pub estimated_nrmse_interval: f32,
+}
+
+impl TierInfo {
+    /// The tiers of an operator, their errors not measured yet.
+    #[must_use]
+    pub fn of(operator: &Operator) -> Vec<Self> {
+        let sizes = operator.tier_sizes().into_iter();
+        sizes
+            .map(|(rows, links)| Self {
+                rows,
+                links,
+                ..Self::default()
+            })
+            .collect()
+    }
+
+    /// Bytes of its links in memory and on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.links * size_of::<Link>() as u64
+    }
+}
 
 /// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal bytes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -24,12 +59,37 @@ pub struct BakeInfo {
     pub estimated_nrmse: f32,
     /// Half width of the 95 % confidence interval of `estimated_nrmse`.
     pub estimated_nrmse_interval: f32,
+    /// The operator's tiers, the one with the fewest links first; the last is the whole operator (design D11).
+    pub tiers: Vec<TierInfo>,
     /// Diffuse reflections that the recipe asks a frame to simulate.
     pub bounces: u32,
     /// Largest error that packing put on a link, relative to the largest link of its row.
     pub link_error: f32,
     /// Share of the gathered light that met a surface which no sender covers.
     pub uncovered: f32,
-    /// Largest row sum of |F·n| over all points: below 1 the bounces cannot gain energy.
+    /// Largest row sum of F·n that was gathered.
     pub largest_row_sum: f32,
+    /// What the bake's bounces can gain and lose.
+    #[serde(default)]
+    pub energy: EnergyInfo,
+}
+
+/// What a reflection can gain at most, and how well the operator keeps to the two laws that light obeys. Read off the packed operator, as a frame uses it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EnergyInfo {
+    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders): below 1, so that light dies away.
+    pub gain: f32,
+    /// What a power iteration found it to be.
+    pub gain_found: f32,
+    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so white that light would not die away.
+    pub guarded: u64,
+    /// The smallest factor that an albedo was lowered by; 1 where none was.
+    pub guard_factor: f32,
+    /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender covers make one.
+    pub row_deviation: f32,
+    /// Its root mean square over all rows.
+    pub row_deviation_rms: f32,
+    /// Root mean square of the difference between what pairs of surfaces send each other, relative to that of its mean: noise of rays and points.
+    pub reciprocity: f32,
 }

@@ -11,7 +11,7 @@ use super::info::BakeInfo;
 use crate::basis::{WeightEntry, Weights, support_bounds};
 use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
-use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
 use bytemuck::Pod;
 
 const POINT: Layout = Layout::rows(&[
@@ -44,7 +44,7 @@ const SURFACE: Layout = Layout::rows(&[
 const COUNT: Layout = Layout::columns(&[Field::word(0)]);
 const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
 const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
-/// `start` follows from the counts.
+/// `start` follows from tiers and counts.
 const ROW: Layout = Layout::columns(&[Field::word(1), Field::word(2), Field::low(3)]);
 const LINK: Layout = Layout::columns(&[
     Field::low(0),
@@ -139,7 +139,11 @@ static KINDS: [Kind; 19] = [
     kind::<WeightEntry>(7, "pull weights", WEIGHT),
     kind_of_counts(8, "parent counts"),
     kind::<WeightEntry>(9, "parent weights", WEIGHT),
-    kind::<Row>(10, "rows", ROW),
+    Kind {
+        // Their order is found while they are read.
+        memory: size_of::<Row>() as u64 + 4,
+        ..kind::<Row>(10, "rows", ROW)
+    },
     kind::<Link>(11, "links", LINK),
     kind_of_counts(12, "bounce counts"),
     kind::<BounceLink>(13, "bounce links", BOUNCE),
@@ -277,13 +281,7 @@ impl BakedScene {
         };
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
-        let mut start = 0u32;
-        for row in &mut rows {
-            row.start = start;
-            start = start
-                .checked_add(row.count)
-                .ok_or_else(|| broken(ROWS, "the counts overflow"))?;
-        }
+        place_links(&mut rows).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
         let cell_size = f32::from_bits(cell_size);
         let grid = match grid_stored {
             0 => {

@@ -4,7 +4,7 @@
 use super::baked::{BakedScene, Places};
 use crate::basis::Weights;
 use crate::samples::GridSlot;
-use crate::transport::{Link, SenderForm};
+use crate::transport::{Link, Operator, SenderForm, row_order};
 use glam::{Vec3, Vec4};
 use std::fmt;
 
@@ -14,6 +14,10 @@ const MOST_VIOLATIONS: usize = 32;
 const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
+/// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
+const BRIGHTEST: f32 = 1e20;
+/// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
+const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 const LARGEST_LINK: f32 = 16.0;
 
@@ -227,7 +231,7 @@ impl BakedScene {
                 i,
                 || format!("albedo {:?}", s.albedo),
             );
-            check.item(within(s.emission, 0.0, f32::MAX), "surfaces", i, || {
+            check.item(within(s.emission, 0.0, BRIGHTEST), "surfaces", i, || {
                 format!("emission {:?}", s.emission)
             });
             check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || {
@@ -285,20 +289,57 @@ impl BakedScene {
         }
     }
 
+    /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first, and differences are not left out.
+    fn most_tier(&self, i: usize) -> u32 {
+        let needed = self.parents.row(i).is_empty();
+        match needed || self.operator.form == SenderForm::Differences {
+            true => 1,
+            false => Operator::MOST_TIERS,
+        }
+    }
+
+    /// What the facts about the tiers say is what is there.
+    fn check_tiers(&self, check: &mut Check) {
+        let (sizes, told) = (self.operator.tier_sizes(), &self.info.tiers);
+        check.whole(sizes.len() == told.len(), "tiers", || {
+            format!("{} are told of, but there are {}", told.len(), sizes.len())
+        });
+        for (t, (tier, (rows, links))) in told.iter().zip(sizes).enumerate() {
+            let (error, interval) = (tier.estimated_nrmse, tier.estimated_nrmse_interval);
+            check.item((tier.rows, tier.links) == (rows, links), "tiers", t, || {
+                format!(
+                    "{} rows and {} links are told of, but there are {rows} and {links}",
+                    tier.rows, tier.links
+                )
+            });
+            let sound = |v: f32| v.is_finite() && v >= 0.0;
+            check.item(sound(error) && sound(interval), "tiers", t, || {
+                format!("estimated error {error} ± {interval}")
+            });
+        }
+    }
+
     fn check_operator(&self, check: &mut Check) {
         let (rows, links) = (&self.operator.rows, &self.operator.links);
         let senders = self.senders();
         let mut end = 0u64;
-        for (i, row) in rows.iter().enumerate() {
-            check.item(u64::from(row.start) == end, "rows", i, || {
+        for i in row_order(rows) {
+            let row = &rows[i as usize];
+            check.item(u64::from(row.start) == end, "rows", i as usize, || {
                 format!("starts at link {} instead of {end}", row.start)
             });
             end += u64::from(row.count);
-            check.item(row.active <= 1, "rows", i, || {
-                format!("active is {}", row.active)
+        }
+        for (i, row) in rows.iter().enumerate() {
+            check.item(row.tier <= self.most_tier(i), "rows", i, || {
+                format!(
+                    "is of tier {}, but may be of {}",
+                    row.tier,
+                    self.most_tier(i)
+                )
             });
-            check.item(row.active == 1 || row.count == 0, "rows", i, || {
-                format!("is not active, but has {} links", row.count)
+            check.item(row.tier > 0 || row.count == 0, "rows", i, || {
+                format!("is of no tier, but has {} links", row.count)
             });
             check.item((0.0..=LARGEST_LINK).contains(&row.scale), "rows", i, || {
                 format!("scale {}", row.scale)
@@ -307,6 +348,9 @@ impl BakedScene {
         check.whole(end == links.len() as u64, "rows", || {
             format!("have {end} links, but there are {}", links.len())
         });
+        if check.0.is_empty() {
+            self.check_tiers(check);
+        }
         for (i, link) in links.iter().enumerate() {
             let v = link.vector();
             check.item(
@@ -322,6 +366,7 @@ impl BakedScene {
                 return;
             }
         }
+        self.check_row_sums(check);
         let Some(bounces) = &self.bounces else { return };
         let starts = &bounces.starts;
         check.whole(
@@ -336,6 +381,23 @@ impl BakedScene {
             check.item(sound, "bounce links", i, || format!("gain {:?}", link.gain));
             check.item((link.sender as usize) < senders, "bounce links", i, || {
                 format!("sender {} of {senders}", link.sender)
+            });
+        }
+    }
+
+    /// No point receives more than all senders shine: sweeps over rows that sum to more would grow without end. Differences have signs, and are left out.
+    fn check_row_sums(&self, check: &mut Check) {
+        if !check.0.is_empty() || self.operator.form == SenderForm::Differences {
+            return;
+        }
+        let all = self.operator.rows.iter().zip(&self.points).enumerate();
+        for (i, (row, point)) in all {
+            let links = &self.operator.links[row.start as usize..][..row.count as usize];
+            let n = point.n();
+            let sum: f32 = links.iter().map(|l| l.vector().dot(n).abs()).sum();
+            let sum = sum * row.scale;
+            check.item(sum <= LARGEST_ROW_SUM, "rows", i, || {
+                format!("links sum to {sum}: more light than there is")
             });
         }
     }
@@ -468,7 +530,7 @@ impl BakedScene {
                 .map(|w| u64::from(w[1] - w[0]))
                 .collect(),
             senders: self.senders() as u64,
-            active_rows: rows.iter().filter(|r| r.active != 0).count() as u64,
+            active_rows: rows.iter().filter(|r| r.tier != 0).count() as u64,
             links: self.operator.links.len() as u64,
             longest_row: rows.iter().map(|r| u64::from(r.count)).max().unwrap_or(0),
             pull_weights: self.pull.entries.len() as u64,

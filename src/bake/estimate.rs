@@ -25,17 +25,15 @@ pub struct Estimate {
     pub nrmse: f32,
     /// Half width of its 95 % confidence interval.
     pub interval: f32,
-    /// Rays cast.
-    pub rays: u64,
 }
 
-/// Measures the error of `scene` on `geometry`. None when `progress` asks to stop.
-pub fn estimate_error(
+/// Measures the error of each tier of `scene` on `geometry`, tier 1 first, and says how many rays that took. None when `progress` asks to stop.
+pub fn estimate_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
     seed: u64,
     progress: &Progress,
-) -> Option<Estimate> {
+) -> Option<(Vec<Estimate>, u64)> {
     // Nothing that the bake drew its points or training lights from.
     let seed = seed ^ 0x65_73_74_69_6d;
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
@@ -53,8 +51,8 @@ pub fn estimate_error(
         ..FrameSettings::bounces(bounces)
     };
     let mut frame = CpuFrame::new(scene);
-    // Per place and lamp: squared error; all lamps' mean square of indirect light.
-    let mut parts: Vec<f64> = Vec::new();
+    // Per tier, place and lamp: squared error; all lamps' mean square of indirect light.
+    let mut parts: Vec<Vec<f64>> = vec![Vec::new(); scene.operator.tiers() as usize];
     let mut power = 0.0;
     for (k, &position) in lamps.iter().enumerate() {
         if !progress.set(Stage::Estimate, k as f32 / lamps.len() as f32) {
@@ -66,7 +64,6 @@ pub fn estimate_error(
             range: f32::INFINITY,
         };
         frame.set_lights(scene, &FrameLight::expand(&lamp, 1));
-        frame.solve(scene, &settings);
         // Two references that know nothing of each other: the product of the differences to them has the bake's squared error as its mean, whatever
         // their own noise.
         let [first, second] = [0, 1].map(|half| {
@@ -95,18 +92,27 @@ pub fn estimate_error(
         }
         power += products.sum::<f64>() / thrown;
         let scale = places.len() as f64 / thrown;
-        for ((&(x, n), a), b) in places.iter().zip(&first).zip(&second) {
-            let value = frame.irradiance(scene, x, n).unwrap_or(Vec3::ZERO);
-            parts.push(scale * f64::from((value - a.indirect).dot(value - b.indirect)));
+        for (parts, tier) in parts.iter_mut().zip(1..) {
+            frame.solve(scene, &FrameSettings { tier, ..settings });
+            for ((&(x, n), a), b) in places.iter().zip(&first).zip(&second) {
+                let value = frame.irradiance(scene, x, n).unwrap_or(Vec3::ZERO);
+                parts.push(scale * f64::from((value - a.indirect).dot(value - b.indirect)));
+            }
         }
     }
+    let estimates = parts
+        .into_iter()
+        .map(|parts| summarise(parts, power, places.len()))
+        .collect();
+    Some((estimates, rays))
+}
+
+/// The estimate from the squared errors of a tier.
+fn summarise(mut parts: Vec<f64>, power: f64, places: usize) -> Estimate {
     let count = parts.len().max(1) as f64;
-    let power = power * places.len() as f64 / count;
+    let power = power * places as f64 / count;
     if power <= 0.0 {
-        return Some(Estimate {
-            rays,
-            ..Estimate::default()
-        });
+        return Estimate::default();
     }
     for part in &mut parts {
         *part /= power;
@@ -122,16 +128,16 @@ pub fn estimate_error(
     } else {
         spread.sqrt()
     };
-    Some(Estimate {
+    Estimate {
         nrmse: nrmse as f32,
         interval: interval as f32,
-        rays,
-    })
+    }
 }
 
 /// The geometry without its own emission: the estimate is of lamps' light.
-struct Lit<'a> {
-    geometry: &'a dyn Geometry,
+pub struct Lit<'a> {
+    /// What it is of.
+    pub geometry: &'a dyn Geometry,
 }
 
 impl Geometry for Lit<'_> {

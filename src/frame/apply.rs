@@ -1,7 +1,7 @@
-//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\] Eq. (14) with D1's links). The shader gives a row
-//! to [`LANES`] threads, each of which sums every [`LANES`]-th link; the sums differ by rounding only.
+//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\] Eq. (14) with D1's links). The shader runs over
+//! the rows of the frame's tier in the order of their links ([`row_order`](crate::transport::row_order)) and gives a row to [`LANES`] threads, each of which sums every [`LANES`]-th link; the sums differ by rounding only.
 
-use super::layout::VectorIrradiance;
+use super::layout::{SolveParams, VectorIrradiance};
 use crate::transport::{Link, Row};
 use glam::Vec4;
 use rayon::prelude::*;
@@ -30,8 +30,9 @@ pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> Vector
     }
 }
 
-/// Fills `out[points]`.
+/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
 pub fn apply(
+    params: &SolveParams,
     rows: &[Row],
     links: &[Link],
     points: Range<usize>,
@@ -44,6 +45,10 @@ pub fn apply(
         .with_min_len(64)
         .enumerate()
         .for_each(|(i, e)| {
-            *e = apply_row(&rows[first + i], links, coefficients);
+            let row = &rows[first + i];
+            *e = match row.used(params.tier) {
+                true => apply_row(row, links, coefficients),
+                false => VectorIrradiance::default(),
+            };
         });
 }

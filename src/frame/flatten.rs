@@ -1,14 +1,16 @@
 //! Kernel `flatten`: brings all points to one level (\[L08\] §4.1 "Flattening"), so that the screen needs one basis only. A point without a row of
-//! its own takes what the coarser functions say there.
+//! its own, or with one that the frame's tier leaves out (design D11), takes what the coarser functions say there.
 
-use super::layout::VectorIrradiance;
+use super::layout::{SolveParams, VectorIrradiance};
 use crate::basis::Weights;
 use crate::transport::Row;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Averages: the inactive points of `level` take the weighted mean of their parents. Coarse levels first; active points keep what `apply` wrote.
+/// Averages: the points of `level` whose rows a frame of this tier does not use take the weighted mean of their parents. Coarse levels first; the others keep
+/// what `apply` wrote.
 pub fn averages(
+    params: &SolveParams,
     rows: &[Row],
     parents: &Weights,
     level: Range<usize>,
@@ -22,7 +24,7 @@ pub fn averages(
         .enumerate()
         .for_each(|(i, value)| {
             let i = first + i;
-            if rows[i].active != 0 {
+            if rows[i].used(params.tier) {
                 return;
             }
             let mut sum = VectorIrradiance::default();
@@ -34,7 +36,7 @@ pub fn averages(
 }
 
 /// Differences: the value of a point is its own difference and those of all coarser functions there (\[L08\] Eq. (17)). All levels at once, for
-/// the differences are not changed. `applied` is zero for inactive points.
+/// the differences are not changed. `applied` is zero for points without rows; differences have one tier.
 pub fn differences(
     parents: &Weights,
     points: Range<usize>,

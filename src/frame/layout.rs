@@ -62,16 +62,16 @@ pub struct SolveParams {
     pub nodes: u32,
     /// Largest edge of the box around the geometry, metres: what [`lift`](super::project::lift) is relative to.
     pub extent: f32,
-    /// Not used.
-    pub pad0: u32,
+    /// Rows of higher tiers are not used ([`Row::tier`](crate::transport::Row::tier)).
+    pub tier: u32,
     /// Where the sky's coefficient is: the index one behind the last sender.
     pub sky_sender: u32,
     /// How many coarsest points have baked bounces.
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// Not used.
-    pub pad1: u32,
+    /// How far apart a sender's places lie, metres ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
+    pub apart: f32,
 }
 
 /// The points (or rows, or list entries) that one dispatch works on. 16 bytes.

@@ -1,7 +1,8 @@
 //! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
 
 use super::layout::SolveParams;
-use super::project::extent;
+use super::light::BRIGHTEST;
+use super::project::{apart, extent};
 use crate::asset::BakedScene;
 use crate::transport::SenderForm;
 use glam::Vec3;
@@ -20,6 +21,8 @@ pub struct FrameSettings {
     pub sky: Vec3,
     /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
+    /// Tier of the operator, from 1 (the fewest links) on; what is beyond the bake's tiers means all of them (design D11).
+    pub tier: u32,
 }
 
 impl Default for FrameSettings {
@@ -29,6 +32,7 @@ impl Default for FrameSettings {
             baked_bounces: true,
             sky: Vec3::ZERO,
             emission: 1.0,
+            tier: Self::ALL_TIERS,
         }
     }
 }
@@ -37,6 +41,9 @@ impl FrameSettings {
     /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must end. Walls that reflect 95 % of the
     /// light leave 2e-6 of it after so many.
     pub const MOST_SWEEPS: u32 = 255;
+
+    /// The tier that uses every link, whatever the bake.
+    pub const ALL_TIERS: u32 = u32::MAX;
 
     /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
     #[must_use]
@@ -57,6 +64,8 @@ pub struct SceneShape {
     pub sender_levels: usize,
     /// Places that each sender of the finest sender level is lit at.
     pub places: u32,
+    /// Tiers of the operator.
+    pub tiers: u32,
     /// What the links multiply.
     pub form: SenderForm,
     /// The bake holds further bounces.
@@ -65,6 +74,8 @@ pub struct SceneShape {
     pub nodes: usize,
     /// Largest edge of the geometry's box, metres.
     pub extent: f32,
+    /// How far apart a sender's places lie, metres.
+    pub apart: f32,
 }
 
 impl SceneShape {
@@ -75,10 +86,12 @@ impl SceneShape {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),
             places: scene.places.per_sender,
+            tiers: scene.operator.tiers(),
             form: scene.operator.form,
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
             extent: extent(scene),
+            apart: apart(scene),
         }
     }
 
@@ -109,10 +122,14 @@ impl SceneShape {
     /// The numbers that all kernels of a solve know.
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let finite = |v: f32| match v.is_finite() {
+            true => v.clamp(-BRIGHTEST, BRIGHTEST),
+            false => 0.0,
+        };
         SolveParams {
             sky: (settings.sky * PI).to_array().map(finite),
-            emission: finite(settings.emission),
+            // Surfaces are as bright as lamps already.
+            emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
             places: self.places,
             senders: self.senders() as u32,
@@ -120,6 +137,8 @@ impl SceneShape {
             slots: slots as u32,
             nodes: self.nodes as u32,
             extent: self.extent,
+            apart: self.apart,
+            tier: settings.tier.clamp(1, self.tiers.max(1)),
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
@@ -178,10 +197,12 @@ mod tests {
             level_starts: level_starts.to_vec(),
             sender_levels,
             places: 0,
+            tiers: 4,
             form: SenderForm::Averages,
             bounces: false,
             nodes: 0,
             extent: 1.0,
+            apart: 0.0,
         }
     }
 

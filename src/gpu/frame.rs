@@ -201,13 +201,13 @@ impl GpuFrame {
             recorder.baked(&mut pass, direct, steps.senders.len());
         }
         for _ in 0..steps.sweeps {
-            recorder.transport(&mut pass, &steps, true);
+            recorder.transport(&mut pass, &steps, params.tier, true);
             if let Some(direct) = &direct {
                 recorder.sweep(&mut pass, direct);
             }
             recorder.pull(&mut pass, 0..steps.pull.len());
         }
-        recorder.transport(&mut pass, &steps, false);
+        recorder.transport(&mut pass, &steps, params.tier, false);
         self.counters.solves += 1;
     }
 
@@ -374,7 +374,13 @@ impl Recorder<'_> {
     }
 
     /// Push, apply and flatten: for the senders in a sweep, for all points at the end.
-    fn transport(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &Steps, sweep: bool) {
+    fn transport(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        steps: &Steps,
+        tier: u32,
+        sweep: bool,
+    ) {
         let b = self.b;
         let (coefficients, applied) = match &b.differences {
             Some([senders, receivers]) => (senders, receivers),
@@ -392,15 +398,15 @@ impl Recorder<'_> {
                     (3, b.links[part].as_entire_binding()),
                     (4, coefficients.as_entire_binding()),
                     (5, applied.as_entire_binding()),
+                    (6, b.order.as_entire_binding()),
                 ],
             );
-            self.spans(
-                pass,
-                Pass::Apply,
-                &bind,
-                &b.parts[usize::from(sweep)],
-                part..part + 1,
-            );
+            let lists = match sweep {
+                true => &b.sender_parts,
+                false => &b.tier_parts,
+            };
+            let list = &lists[tier as usize - 1];
+            self.spans(pass, Pass::Apply, &bind, list, part..part + 1);
         }
         if steps.differences {
             let bind = self.kernels.bind(
@@ -419,6 +425,7 @@ impl Recorder<'_> {
             let bind = self.kernels.bind(
                 Pass::Averages,
                 &[
+                    (0, b.params.as_entire_binding()),
                     (1, self.span()),
                     (2, b.rows.as_entire_binding()),
                     (3, b.parent_starts.as_entire_binding()),

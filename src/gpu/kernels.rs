@@ -245,13 +245,14 @@ pub const KERNELS: [Kernel; 9] = [
             bind(3, "links", Read(size_of::<Link>())),
             bind(4, "coefficients", Read(VEC4)),
             bind(5, "applied", Write(VECTOR)),
+            bind(6, "order", Read(4)),
         ],
         entries: &[Entry {
             pass: Pass::Apply,
             name: "apply",
             workgroup: [64, 1, 1],
             items: 64 / crate::frame::apply::LANES,
-            bindings: &[1, 2, 3, 4, 5],
+            bindings: &[1, 2, 3, 4, 5, 6],
         }],
     },
     Kernel {
@@ -283,6 +284,7 @@ pub const KERNELS: [Kernel; 9] = [
         name: "flatten",
         source: shader!("flatten"),
         bindings: &[
+            PARAMS,
             SPAN,
             bind(2, "rows", Read(size_of::<Row>())),
             bind(3, "starts", Read(4)),
@@ -291,7 +293,7 @@ pub const KERNELS: [Kernel; 9] = [
             bind(6, "values", Write(VECTOR)),
         ],
         entries: &[
-            each(Pass::Averages, "averages", &[1, 2, 3, 4, 6]),
+            each(Pass::Averages, "averages", &[0, 1, 2, 3, 4, 6]),
             each(Pass::Differences, "differences", &[1, 3, 4, 5, 6]),
         ],
     },

@@ -7,13 +7,13 @@ use std::ops::Range;
 /// Rows whose links share a buffer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LinkPart {
-    /// The rows.
+    /// The rows, as positions in the order of the links.
     pub rows: Range<u32>,
     /// Their links.
     pub links: Range<u32>,
 }
 
-/// Cuts the rows into parts of at most `most` bytes of links.
+/// Cuts the rows, which are in the order of their links, into parts of at most `most` bytes of links.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] where one row alone has more.
@@ -71,7 +71,7 @@ mod tests {
                     start,
                     count,
                     scale: 1.0,
-                    active: u32::from(count > 0),
+                    tier: u32::from(count > 0),
                 };
                 start += count;
                 row

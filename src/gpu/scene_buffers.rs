@@ -8,7 +8,7 @@ use crate::frame::{
     CompositeParams, FrameLight, GridShape, SceneShape, SolveParams, Span, SplatParams,
     VectorIrradiance,
 };
-use crate::transport::SenderForm;
+use crate::transport::{Row, SenderForm, row_order};
 use bytemuck::Pod;
 use std::ops::Range;
 
@@ -38,13 +38,17 @@ pub struct SceneBuffers {
     pub(super) levels: SpanList,
     /// All points; the senders.
     pub(super) whole: SpanList,
-    /// For each part of the links: the rows of all points, and those of the senders (a count of 0 where there are none).
-    pub(super) parts: [SpanList; 2],
+    /// For each tier, for each part of the links: the rows that it uses, as a range of `order` (a count of 0 where there are none).
+    pub(super) tier_parts: Vec<SpanList>,
+    /// The same of the senders' rows alone.
+    pub(super) sender_parts: Vec<SpanList>,
     pub(super) links: Vec<wgpu::Buffer>,
     pub(super) points: wgpu::Buffer,
     pub(super) places: wgpu::Buffer,
     pub(super) surfaces: wgpu::Buffer,
     pub(super) rows: wgpu::Buffer,
+    /// The rows in the order of their links; behind them the senders' rows alone.
+    pub(super) order: wgpu::Buffer,
     pub(super) pull_starts: wgpu::Buffer,
     pub(super) pull_entries: wgpu::Buffer,
     pub(super) parent_starts: wgpu::Buffer,
@@ -148,7 +152,12 @@ impl SceneBuffers {
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
-        let parts = cut(&scene.operator.rows, limit)?;
+        let order = row_order(&scene.operator.rows);
+        let ordered: Vec<Row> = order
+            .iter()
+            .map(|&i| scene.operator.rows[i as usize])
+            .collect();
+        let parts = cut(&ordered, limit)?;
         let links = parts
             .iter()
             .map(|p| {
@@ -161,16 +170,31 @@ impl SceneBuffers {
         let mut table = SpanTable::new(device);
         let levels = table.list((0..shape.levels()).map(|l| span(shape.level(l))));
         let whole = table.list([span(0..shape.points()), span(0..shape.senders())]);
-        let spans_of = |most: u32| {
-            parts
-                .iter()
-                .map(move |p| part_span(p, most))
-                .collect::<Vec<_>>()
-        };
-        let part_lists = [
-            table.list(spans_of(shape.points() as u32)),
-            table.list(spans_of(shape.senders() as u32)),
-        ];
+        // How many of the first rows are senders', for every number of first rows.
+        let mut sending = vec![0];
+        for &i in &order {
+            sending.push(sending[sending.len() - 1] + u32::from(u64::from(i) < senders));
+        }
+        let (mut tier_parts, mut sender_parts) = (Vec::new(), Vec::new());
+        for t in 1..=shape.tiers {
+            let used = ordered.partition_point(|row| row.tier <= t) as u32;
+            let spans = parts.iter().map(|p| part_span(p, used));
+            tier_parts.push(table.list(spans.clone()));
+            sender_parts.push(table.list(spans.map(|span| {
+                let [first, end] =
+                    [span.first, span.first + span.count].map(|r| sending[r as usize]);
+                Span {
+                    first: order.len() as u32 + first,
+                    count: end - first,
+                    ..span
+                }
+            })));
+        }
+        let order: Vec<u32> = order
+            .iter()
+            .chain(order.iter().filter(|&&i| u64::from(i) < senders))
+            .copied()
+            .collect();
 
         let coefficients = |what| make.empty::<[f32; 4]>(what, senders + 1);
         let bounces = match &scene.bounces {
@@ -194,12 +218,14 @@ impl SceneBuffers {
             spans: table.upload(queue),
             levels,
             whole,
-            parts: part_lists,
+            tier_parts,
+            sender_parts,
             links,
             points: make.upload("points", &scene.points)?,
             places: make.upload("places", &scene.places.list)?,
             surfaces: make.upload("surfaces", &scene.surfaces)?,
             rows: make.upload("rows", &scene.operator.rows)?,
+            order: make.upload("row order", &order)?,
             pull_starts: make.upload("pull rows", &scene.pull.starts)?,
             pull_entries: make.upload("pull weights", &scene.pull.entries)?,
             parent_starts: make.upload("parent rows", &scene.parents.starts)?,
@@ -323,6 +349,7 @@ impl SceneBuffers {
             ("places", &self.places),
             ("surfaces", &self.surfaces),
             ("rows", &self.rows),
+            ("row order", &self.order),
             ("pull rows", &self.pull_starts),
             ("pull weights", &self.pull_entries),
             ("parent rows", &self.parent_starts),
@@ -403,7 +430,7 @@ fn span(range: Range<usize>) -> Span {
     }
 }
 
-/// The rows of a part that lie below `most`.
+/// The rows of a part that are among the first `most`.
 fn part_span(part: &LinkPart, most: u32) -> Span {
     Span {
         first: part.rows.start,

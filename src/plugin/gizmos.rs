@@ -136,7 +136,7 @@ fn draw(
                 let shines = lit
                     .as_ref()
                     .is_some_and(|c| c[i] > group.threshold * largest);
-                if group.coefficients && scene.operator.rows[i].active != 0 && shines {
+                if group.coefficients && scene.operator.rows[i].tier != 0 && shines {
                     gizmos.cross(at, 2.0 * group.size * radius, Color::srgb(0.0, 1.0, 0.0));
                 }
             }

@@ -2,18 +2,24 @@
 
 pub mod bounded;
 mod gather;
+mod handed;
 pub mod l08;
 mod leaves;
 mod neumann;
 mod operator;
 mod pack;
 mod refine;
+mod tiers;
 mod training;
 
 pub use bounded::SenderTree;
 pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather};
+pub use handed::Handed;
 pub use neumann::{BounceScene, bounce_operator};
-pub use operator::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+pub use operator::{
+    BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
+};
 pub use pack::{Packed, pack};
 pub use refine::{BoundedSettings, RawRow, Receivers, Refined, refine_bounded};
+pub use tiers::{TIERS, assign_tiers};
 pub use training::{SIGNALS, Signals, Training, coarse_rows, mean_squares};

@@ -55,12 +55,22 @@ impl Link {
 pub struct Row {
     /// First link.
     pub start: u32,
-    /// How many links. A row that is not active has none.
+    /// How many links. A row of tier 0 has none.
     pub count: u32,
     /// Multiplies every link's vector.
     pub scale: f32,
-    /// 1 where the point has a row of its own; 0 where it takes its value from its parents.
-    pub active: u32,
+    /// The least tier of a frame that uses the row (design D11), from 1 on; in frames of lower tiers the point takes its value from its parents. 0 where it
+    /// always does: the point has no row of its own.
+    pub tier: u32,
+}
+
+impl Row {
+    /// Whether a frame of this tier uses the row.
+    #[must_use]
+    #[inline]
+    pub fn used(&self, tier: u32) -> bool {
+        self.tier != 0 && self.tier <= tier
+    }
 }
 
 /// Which coefficients of a sender the links multiply.
@@ -80,9 +90,67 @@ pub struct Operator {
     pub form: SenderForm,
     /// One row a point.
     pub rows: Vec<Row>,
-    /// All links, row after row, senders ascending within a row. The sender with the index "number of senders" is
-    /// the sky: its coefficient is π times the sky's radiance.
+    /// All links: tier after tier, row after row within a tier, senders ascending within a row. The links of a tier and those below it are a prefix. The sender
+    /// with the index "number of senders" is the sky: its coefficient is π times the sky's radiance.
     pub links: Vec<Link>,
+}
+
+impl Operator {
+    /// Most tiers of an operator.
+    pub const MOST_TIERS: u32 = 16;
+
+    /// How many tiers there are: 1 at least.
+    #[must_use]
+    pub fn tiers(&self) -> u32 {
+        self.rows
+            .iter()
+            .map(|row| row.tier)
+            .max()
+            .unwrap_or(0)
+            .max(1)
+    }
+
+    /// Rows and links that a frame of each tier uses, tier 1 first.
+    #[must_use]
+    pub fn tier_sizes(&self) -> Vec<(u64, u64)> {
+        let mut sizes = vec![(0, 0); self.tiers() as usize];
+        for row in self.rows.iter().filter(|row| row.tier > 0) {
+            let size = &mut sizes[row.tier as usize - 1];
+            size.0 += 1;
+            size.1 += u64::from(row.count);
+        }
+        for t in 1..sizes.len() {
+            let below = sizes[t - 1];
+            sizes[t].0 += below.0;
+            sizes[t].1 += below.1;
+        }
+        sizes
+    }
+}
+
+/// The points that have rows, in the order in which their links are stored: by tier, then by index.
+#[must_use]
+pub fn row_order(rows: &[Row]) -> Vec<u32> {
+    let mut order = Vec::with_capacity(rows.len());
+    order.extend((0..rows.len() as u32).filter(|&i| rows[i as usize].tier != 0));
+    order.sort_unstable_by_key(|&i| (rows[i as usize].tier, i));
+    order
+}
+
+/// Sets where the rows' links start, from their tiers and counts. Answers with the number of links, None where there are more than 32 bits count.
+#[must_use]
+pub fn place_links(rows: &mut [Row]) -> Option<u32> {
+    let order = row_order(rows);
+    let mut start = 0u32;
+    for row in rows.iter_mut() {
+        row.start = 0;
+    }
+    for i in order {
+        let row = &mut rows[i as usize];
+        row.start = start;
+        start = start.checked_add(row.count)?;
+    }
+    Some(start)
 }
 
 /// One entry of the baked bounces, RGB because albedo is inside. 16 bytes.

@@ -1,7 +1,7 @@
 //! From rows in full precision to the operator's eight bytes a link, with the error that it costs.
 
 use super::refine::RawRow;
-use super::{Link, Operator, Row, SenderForm};
+use super::{Link, Operator, Row, SenderForm, row_order};
 use glam::{Vec3, Vec3A};
 
 /// An operator and the largest error that packing put on any link, relative to the largest link of its row.
@@ -12,20 +12,33 @@ pub struct Packed {
     pub error: f32,
 }
 
-/// Packs the rows. `sky`, where given, becomes each active row's last link, to the sender `senders` (see [`Operator::links`]).
+/// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes
+/// each active row's last link, to the sender `senders` (see [`Operator::links`]).
 #[must_use]
-pub fn pack(rows: &[RawRow], sky: &[Vec3], senders: usize, form: SenderForm) -> Packed {
+pub fn pack(
+    rows: &[RawRow],
+    tiers: &[u32],
+    sky: &[Vec3],
+    senders: usize,
+    form: SenderForm,
+) -> Packed {
     debug_assert!(senders <= Link::MAX_SENDERS);
     let mut operator = Operator {
         form,
-        rows: Vec::with_capacity(rows.len()),
+        rows: (rows.iter().zip(tiers))
+            .map(|(row, &tier)| Row {
+                tier: if row.active { tier } else { 0 },
+                ..Row::default()
+            })
+            .collect(),
         links: Vec::new(),
     };
     let mut error = 0.0f32;
-    for (row, &sky) in rows.iter().zip(sky) {
-        let sky = (row.active && form == SenderForm::Averages && sky != Vec3::ZERO)
-            .then(|| (senders as u32, Vec3A::from(sky)));
-        let all = || row.links.iter().copied().chain(sky);
+    for i in row_order(&operator.rows) {
+        let i = i as usize;
+        let sky = (form == SenderForm::Averages && sky[i] != Vec3::ZERO)
+            .then(|| (senders as u32, Vec3A::from(sky[i])));
+        let all = || rows[i].links.iter().copied().chain(sky);
         let scale = all().fold(0.0f32, |a, (_, v)| a.max(v.abs().max_element()));
         let start = operator.links.len() as u32;
         if scale > 0.0 {
@@ -38,12 +51,10 @@ pub fn pack(rows: &[RawRow], sky: &[Vec3], senders: usize, form: SenderForm) -> 
                 }
             }
         }
-        operator.rows.push(Row {
-            start,
-            count: operator.links.len() as u32 - start,
-            scale,
-            active: u32::from(row.active),
-        });
+        let row = &mut operator.rows[i];
+        row.start = start;
+        row.count = operator.links.len() as u32 - start;
+        row.scale = scale;
     }
     Packed { operator, error }
 }
@@ -66,6 +77,7 @@ mod tests {
         ];
         let packed = pack(
             &rows,
+            &[1, 1],
             &[Vec3::new(0.0, 1e-7, 0.0), Vec3::Y],
             8,
             SenderForm::Averages,
@@ -84,12 +96,26 @@ mod tests {
             let back = link.vector() * packed.operator.rows[0].scale;
             assert!((back - Vec3::from(v)).abs().max_element() < 5e-4 * 5e-7);
         }
-        assert_eq!(
-            packed.operator.rows[1],
-            Row {
-                start: 3,
-                ..Row::default()
-            }
-        );
+        assert_eq!(packed.operator.rows[1], Row::default());
+    }
+
+    #[test]
+    fn links_lie_tier_after_tier() {
+        let row = |j: u32| RawRow {
+            links: vec![(j, Vec3A::X), (j + 1, Vec3A::Y)],
+            active: true,
+        };
+        let rows = [row(0), row(1), RawRow::default(), row(2), row(3)];
+        let tiers = [1, 3, 1, 2, 1];
+        let mut packed = pack(&rows, &tiers, &[Vec3::ZERO; 5], 8, SenderForm::Averages).operator;
+        let senders: Vec<u32> = packed.links.iter().map(|l| l.sender()).collect();
+        assert_eq!(senders, [0, 1, 3, 4, 2, 3, 1, 2]);
+        assert_eq!(packed.tier_sizes(), [(2, 4), (3, 6), (4, 8)]);
+        assert_eq!(packed.rows[2], Row::default());
+        // Where rows start follows from tiers and counts.
+        let rows = packed.rows.clone();
+        packed.rows.iter_mut().for_each(|row| row.start = 99);
+        assert_eq!(crate::transport::place_links(&mut packed.rows), Some(8));
+        assert_eq!(packed.rows, rows);
     }
 }

@@ -4,11 +4,13 @@
     reason = "each test binary uses its own part of this module"
 )]
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use bevy_meshless_gi::transport::{
+    BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
+};
 use glam::Vec3;
 
 /// Counted random numbers (SplitMix64).
@@ -183,8 +185,9 @@ pub fn build(make: &Make) -> BakedScene {
     let rows = (0..count)
         .map(|i| {
             let start = links.len() as u32;
-            let active = u32::from(i % 3 != 2);
-            if active == 1 {
+            let active = i % 3 != 2;
+            let optional = make.form == SenderForm::Averages && !parents[i].is_empty();
+            if active {
                 for s in (0..=senders)
                     .filter(|s| !(s + i as u32).is_multiple_of(3))
                     .take(6)
@@ -195,8 +198,12 @@ pub fn build(make: &Make) -> BakedScene {
             Row {
                 start,
                 count: links.len() as u32 - start,
-                scale: 0.05 * active as f32,
-                active,
+                scale: if active { 0.05 } else { 0.0 },
+                tier: match (active, optional) {
+                    (false, _) => 0,
+                    (true, false) => 1,
+                    (true, true) => 1 + i as u32 % 2,
+                },
             }
         })
         .collect();
@@ -229,6 +236,7 @@ pub fn build(make: &Make) -> BakedScene {
             ..BvhTriangle::default()
         })
         .collect();
+    let operator = operator(make.form, rows, &links);
     BakedScene {
         bvh: Bvh {
             nodes: chain(triangles.len()),
@@ -241,17 +249,7 @@ pub fn build(make: &Make) -> BakedScene {
         places,
         pull: Weights::from_rows(pull),
         parents: Weights::from_rows(parents),
-        operator: Operator {
-            form: make.form,
-            rows,
-            links,
-        },
         bounces,
-        display: Display {
-            radius,
-            planes,
-            grid,
-        },
         info: BakeInfo {
             version: "0.0.0".into(),
             fingerprint: "00".repeat(32),
@@ -260,8 +258,32 @@ pub fn build(make: &Make) -> BakedScene {
             bounds: [[-1.0; 3], [1.0; 3]],
             viewpoints: vec![[0.1, 0.2, 0.3]],
             bounces: 3,
+            tiers: TierInfo::of(&operator),
             ..BakeInfo::default()
         },
+        operator,
+        display: Display {
+            radius,
+            planes,
+            grid,
+        },
+    }
+}
+
+/// Puts links that lie row after row into the order of the tiers.
+fn operator(form: SenderForm, mut rows: Vec<Row>, links: &[Link]) -> Operator {
+    let sorted = row_order(&rows)
+        .iter()
+        .flat_map(|&i| {
+            let row = &rows[i as usize];
+            links[row.start as usize..][..row.count as usize].to_vec()
+        })
+        .collect();
+    place_links(&mut rows).unwrap();
+    Operator {
+        form,
+        rows,
+        links: sorted,
     }
 }
 

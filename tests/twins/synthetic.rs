@@ -6,7 +6,9 @@ use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::frame::FrameLight;
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Light};
-use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use bevy_meshless_gi::transport::{
+    BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
+};
 use glam::{IVec3, Vec3};
 
 /// Counted random numbers in [0, 1).
@@ -133,7 +135,11 @@ pub fn scene(form: SenderForm) -> BakedScene {
             start: links.len() as u32,
             count: n as u32,
             scale,
-            active: u32::from(active),
+            tier: match active {
+                false => 0,
+                true if form == SenderForm::Averages && level_of(i) > 0 => 1 + (i as u32 / 2) % 4,
+                true => 1,
+            },
         });
         for k in 0..n {
             let sender = if i == 20 { k } else { dice.below(senders + 1) };
@@ -164,7 +170,7 @@ pub fn scene(form: SenderForm) -> BakedScene {
         },
         pull,
         parents,
-        operator: Operator { form, rows, links },
+        operator: operator(form, rows, &links),
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,
@@ -176,6 +182,23 @@ pub fn scene(form: SenderForm) -> BakedScene {
             bounds: [[-3.0; 3], [3.0; 3]],
             ..BakeInfo::default()
         },
+    }
+}
+
+/// Puts links that lie row after row into the order of the tiers.
+fn operator(form: SenderForm, mut rows: Vec<Row>, links: &[Link]) -> Operator {
+    let sorted = row_order(&rows)
+        .iter()
+        .flat_map(|&i| {
+            let row = &rows[i as usize];
+            links[row.start as usize..][..row.count as usize].to_vec()
+        })
+        .collect();
+    place_links(&mut rows).unwrap();
+    Operator {
+        form,
+        rows,
+        links: sorted,
     }
 }
 

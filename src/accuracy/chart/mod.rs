@@ -23,7 +23,7 @@ pub struct Chart {
     pub y: Axis,
     /// What is drawn, the later over the earlier.
     pub series: Vec<Series>,
-    /// Horizontal lines to compare with: their height on the y axis, and what to write on them.
+    /// Horizontal lines to compare with: their height on the y axis, and what to write on them, if anything.
     pub guides: Vec<(f64, String)>,
 }
 

@@ -231,7 +231,9 @@ fn guides(out: &mut String, chart: &Chart, y: &Fitted, up: impl Fn(f64) -> f64) 
             n(FRAME.2)
         );
         let faint = format!(" fill=\"{FAINT}\"");
-        text(out, (FRAME.0 + 5.0, up(t) - 4.0), 11.0, &faint, name);
+        if !name.is_empty() {
+            text(out, (FRAME.0 + 5.0, up(t) - 4.0), 11.0, &faint, name);
+        }
     }
 }
 

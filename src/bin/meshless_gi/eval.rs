@@ -5,10 +5,14 @@ use super::points::{self, COLUMNS, Place};
 use super::{output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
+use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
+
+/// Reflections that are simulated one by one; `all` takes no more steps than these.
+const MOST_BOUNCES: u32 = FrameSettings::MOST_SWEEPS + 1;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -26,29 +30,34 @@ pub struct Args {
     /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = bounces)]
     bounces: Option<Bounces>,
-    /// Tier of the operator. This version bakes one, number 0, with all links.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    tier: u32,
+    /// Tier of the operator, from 1 (the fewest links) on, see `inspect`; left out: all links.
+    #[arg(long, value_name = "N")]
+    tier: Option<u32>,
 }
 
 fn bounces(text: &str) -> Result<Bounces, String> {
     match (text, text.parse()) {
         ("all", _) => Ok(Bounces::All),
-        (_, Ok(count @ 1..=1024)) => Ok(Bounces::Count(count)),
-        _ => Err("a number from 1 to 1024, or `all`, is needed".into()),
+        (_, Ok(count @ 1..=MOST_BOUNCES)) => Ok(Bounces::Count(count)),
+        _ => Err(format!(
+            "a number from 1 to {MOST_BOUNCES}, or `all`, is needed"
+        )),
     }
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
-    if args.tier != 0 {
-        return Err(ToolError::Usage(format!(
-            "{} has no tier {}: there is one, number 0",
-            args.bake.display(),
-            args.tier
-        )));
-    }
     let baked = BakedScene::read(&args.bake, &Limits::default())
         .map_err(|why| ToolError::asset(&args.bake, &why))?;
+    let tiers = baked.operator.tiers();
+    if let Some(tier) = args.tier
+        && !(1..=tiers).contains(&tier)
+    {
+        let why = match tiers {
+            1 => format!("has no tier {tier}: there is one, number 1"),
+            _ => format!("has no tier {tier}: there are {tiers}, 1 to {tiers}"),
+        };
+        return Err(ToolError::input(&args.bake, &why));
+    }
     let description = SceneDescription::read(&args.scene)?;
     let places = points::read(&args.points)?;
     check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
@@ -56,7 +65,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 
     let step = progress::Step::new(format!("{} points", output::count(places.len() as u64)));
     let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info.bounces));
-    let evaluator = Evaluator::new(&baked, &meshes, &description.lights, bounces);
+    let tier = args.tier.unwrap_or(tiers);
+    let evaluator = Evaluator::with_tier(&baked, &meshes, &description.lights, bounces, tier);
     let values: Vec<Evaluated> = places
         .par_iter()
         .enumerate()

@@ -2,7 +2,7 @@
 
 use super::error::ToolError;
 use super::output::{self, Table};
-use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, Limits};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, Limits, TierInfo};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -42,7 +42,30 @@ fn as_json(scene: &BakedScene, stats: &BakedStats, size: u64) -> serde_json::Val
         "places_per_sender": scene.places.per_sender,
         "sender_form": format!("{:?}", scene.operator.form),
         "display_radius": scene.display.radius,
+        "tiers": tiers(scene),
     })
+}
+
+/// One entry a tier, the one with the fewest links first.
+fn tiers(scene: &BakedScene) -> serde_json::Value {
+    (scene.info.tiers.iter().zip(1..))
+        .map(|(tier, number)| {
+            json!({
+                "tier": number,
+                "rows": tier.rows,
+                "links": tier.links,
+                "bytes": tier.bytes(),
+                "share": share(scene, tier),
+                "estimated_nrmse": tier.estimated_nrmse,
+                "estimated_nrmse_interval": tier.estimated_nrmse_interval,
+            })
+        })
+        .collect()
+}
+
+/// A tier's links as a share of all.
+fn share(scene: &BakedScene, tier: &TierInfo) -> f64 {
+    tier.links as f64 / scene.operator.links.len().max(1) as f64
 }
 
 fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> String {
@@ -130,6 +153,34 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             format!("{:.3} % of a row's largest", 100.0 * info.link_error),
         )
         .row("uncovered", format!("{:.3} %", 100.0 * info.uncovered))
-        .row("largest row sum", format!("{:.3}", info.largest_row_sum));
+        .row("largest row sum", format!("{:.3}", info.largest_row_sum))
+        .row("gain", output::gain(&info.energy))
+        .row(
+            "rows off one",
+            format!(
+                "{:.1e} at most, {:.1e} rms",
+                info.energy.row_deviation, info.energy.row_deviation_rms
+            ),
+        )
+        .row(
+            "not reciprocal",
+            format!("{:.1} %", 100.0 * info.energy.reciprocity),
+        );
+    for (tier, number) in info.tiers.iter().zip(1..) {
+        table.row(
+            if number == 1 { "tiers" } else { "" },
+            format!(
+                "{number}: {} rows, {} links, {}, {:.0} %, error {}",
+                output::count(tier.rows),
+                output::count(tier.links),
+                output::bytes(tier.bytes()),
+                100.0 * share(scene, tier),
+                output::error(
+                    f64::from(tier.estimated_nrmse),
+                    f64::from(tier.estimated_nrmse_interval)
+                ),
+            ),
+        );
+    }
     table.text()
 }

@@ -1,0 +1,131 @@
+//! Tiers of the operator (design D11): which rows a cheaper frame leaves out.
+//!
+//! Under rule `bounded` rows stand alone, and a point without a row takes the weighted mean of its parents (kernel `flatten`), a sender in a sweep too. So every
+//! set of rows that holds those without parents is an operator, and the tiers are a nested series of such sets.
+//!
+//! The rows of coarser levels come first, and the rows of one level as they lie evenly over the surface. What an interpolation loses falls with the square of the spacing,
+//! its square by sixteen from level to level, while a row costs about as much on every level; and a part of a level that is spread evenly leaves light out
+//! on no side, so that no tier is darker or brighter than another. The other order that was tried, by the loss that refinement measures at each row (times the
+//! surface that shows it, over its links), is no better at equal links and darkens: where light bends gently the loss drowns in the noise of the rays, and just
+//! there thousands of rows are left out at once.
+//!
+//! Rule `l08` has one tier: its rows are differences, every point below takes part of them ([L08] Eq. (17)), and ε has left out what is small already.
+
+use super::SenderForm;
+use super::refine::RawRow;
+use crate::basis::Weights;
+
+/// Tiers of a bake under rule `bounded`.
+pub const TIERS: u32 = 4;
+
+/// Links of the first tier, relative to all of them, where the rows without parents have no more.
+const FIRST: f64 = 0.125;
+
+/// The tier of each point's row, 1 to [`TIERS`]: from the one on a frame uses it. Of points without rows the number means nothing.
+///
+/// `level_starts` bounds the levels' points, which lie along a curve that leaves no places behind (Morton order); `parents` has a row a point. The tiers hold about an eighth,
+/// a quarter, half and all of the links.
+#[must_use]
+pub fn assign_tiers(
+    rows: &[RawRow],
+    level_starts: &[u32],
+    parents: &Weights,
+    form: SenderForm,
+) -> Vec<u32> {
+    let mut tiers = vec![1; rows.len()];
+    if form == SenderForm::Differences {
+        return tiers;
+    }
+    // What packing will make of it, up to links that round to nothing. A row is never free.
+    let cost = |i: usize| rows[i].links.len() as u64 + 1;
+    let active = |i: &usize| rows[*i].active;
+    let needed = |i: &usize| parents.row(*i).is_empty();
+    let sum = |of: &dyn Fn(&usize) -> bool| (0..rows.len()).filter(of).map(cost).sum::<u64>();
+    let least = sum(&|i| active(i) && needed(i));
+    let targets = targets(sum(&active), least);
+    let mut used = least;
+    let mut tier = 1;
+    for bounds in level_starts.windows(2) {
+        let level = bounds[0] as usize..bounds[1] as usize;
+        let mut optional: Vec<usize> = level.filter(|i| active(i) && !needed(i)).collect();
+        // Weyl's sequence of the golden ratio: the first of its numbers, however many, are spread evenly.
+        optional.sort_by_key(|&i| ((i as u32).wrapping_mul(0x9e37_79b9), i));
+        for i in optional {
+            while tier < TIERS && used >= targets[tier as usize - 1] {
+                tier += 1;
+            }
+            tiers[i] = tier;
+            used += cost(i);
+        }
+    }
+    tiers
+}
+
+/// Links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from what is needed where that is more, to all of them.
+fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
+    let first = (needed as f64 / all.max(1) as f64).max(FIRST);
+    let step = libm::cbrt(first);
+    [first, step * step, step].map(|share| (share * all as f64) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::basis::WeightEntry;
+    use glam::Vec3A;
+
+    /// 20 points that need their rows, 2000 that do not, every fifth of those without one; four links a row.
+    fn rows() -> (Vec<RawRow>, Weights, [u32; 4]) {
+        let rows = (0..2020)
+            .map(|i| match i < 20 || i % 5 != 0 {
+                true => RawRow {
+                    links: (0..4).map(|j| (j, Vec3A::X)).collect(),
+                    active: true,
+                },
+                false => RawRow::default(),
+            })
+            .collect();
+        let parents = Weights::from_rows((0..2020u32).map(|i| match i < 20 {
+            true => vec![],
+            false => vec![WeightEntry {
+                index: i % 20,
+                weight: 1.0,
+            }],
+        }));
+        (rows, parents, [0, 20, 420, 2020])
+    }
+
+    #[test]
+    fn tiers_double_and_take_coarse_levels_first() {
+        let (rows, parents, starts) = rows();
+        let tiers = assign_tiers(&rows, &starts, &parents, SenderForm::Averages);
+        let active: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].active).collect();
+        for (t, share) in (1..=TIERS).zip([0.125, 0.25, 0.5, 1.0]) {
+            let used = active.iter().filter(|&&i| tiers[i] <= t).count() as f64;
+            let found = used / active.len() as f64;
+            assert!((found - share).abs() < 0.002, "tier {t}: {found}");
+        }
+        assert!(tiers[..20].iter().all(|&t| t == 1));
+        let highest = |r: std::ops::Range<usize>| r.map(|i| tiers[i]).max().unwrap();
+        // 340 of 1620 rows are on the two coarser levels: two tiers.
+        assert_eq!((highest(20..420), highest(420..2020)), (2, 4));
+        // Every sixteenth of the finest level has about as many rows of tier 3 as any other.
+        for part in 0..16 {
+            let range = 420 + 100 * part..520 + 100 * part;
+            let count = range.filter(|&i| rows[i].active && tiers[i] == 3).count();
+            assert!((20..=32).contains(&count), "part {part}: {count}");
+        }
+    }
+
+    #[test]
+    fn differences_and_rows_that_are_all_needed_have_one_tier() {
+        let (rows, parents, starts) = rows();
+        let one = assign_tiers(&rows, &starts, &parents, SenderForm::Differences);
+        assert!(one.iter().all(|&t| t == 1));
+        let none = Weights::from_rows((0..2020).map(|_| []));
+        let one = assign_tiers(&rows, &starts, &none, SenderForm::Averages);
+        assert!(one.iter().all(|&t| t == 1));
+        let empty = Weights::default();
+        assert!(assign_tiers(&[], &[0], &empty, SenderForm::Averages).is_empty());
+    }
+}
