@@ -96,6 +96,8 @@ fn a_quick_report_is_whole() {
     let of = |k: usize, name: &str| rows[k][name].as_f64().unwrap();
     let bounces = |k: usize| rows[k]["settings"]["bounces"].as_u64().unwrap();
     assert_eq!((bounces(0), bounces(1)), (4, 1));
+    let tier = rows.iter().find(|r| r["settings"]["factor"] == "tier");
+    assert!(tier.unwrap()["links"].as_u64() < rows[0]["links"].as_u64());
     assert!(of(0, "nrmse") < 0.1 && of(1, "nrmse_all") > 3.0 * of(0, "nrmse_all"));
 
     let md = fs::read_to_string(folder.join("report.md")).unwrap();
@@ -214,8 +216,18 @@ fn tiny_variants(base: &Settings) -> Vec<Variant> {
     };
     vec![
         Variant {
-            run: Run { bounces: 1 },
+            run: Run {
+                bounces: 1,
+                ..Run::default()
+            },
             ..variant(Factor::Bounces, "1 reflection", 0.0, tiny())
+        },
+        Variant {
+            run: Run {
+                tier: 1,
+                ..Run::default()
+            },
+            ..variant(Factor::Tier, "tier 1", 0.0, tiny())
         },
         variant(Factor::RuleL08, "l08 ε 0.1", 1.0, l08(0.1)),
         variant(Factor::RuleL08, "l08 ε 0.01", 1.0, l08(0.01)),
@@ -251,7 +263,7 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
         ["reference", "tiny", "l08 ε 0.1", "l08 ε 0.01", "512 rays"]
     );
     assert_eq!(made.left_out, ["for ever"]);
-    let [tiny, once, coarse, fine, more] = &made.rows[..] else {
+    let [tiny, once, tier, coarse, fine, more] = &made.rows[..] else {
         panic!("{:?}", made.rows);
     };
     assert!(made.noise.0 < 0.05, "{:?}", made.noise);
@@ -262,6 +274,8 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
     assert!(fine.nrmse < coarse.nrmse && fine.links > coarse.links);
     // Frames of one bake differ in what they run, not in what was baked.
     assert_eq!((once.bytes, once.settings.baked.bounces), (tiny.bytes, 1));
+    assert!(tier.links < tiny.links && tier.nrmse > tiny.nrmse && tier.bytes == tiny.bytes);
+    assert!(tier.settings.tier == 1 && tiny.settings.tier > 1);
     assert!(once.bias < -0.2 && once.nrmse > tiny.nrmse);
 
     let figures = figures("A & B", &made);
@@ -273,7 +287,7 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
     let [bounded, _, l08, _] = &links.unwrap().chart.series[..] else {
         panic!("two rules and their fronts");
     };
-    assert_eq!((bounded.points.len(), l08.points.len()), (2, 2));
+    assert_eq!((bounded.points.len(), l08.points.len()), (3, 2));
     let all = text("A & B", &made, &figures);
     for word in [
         "for ever",
@@ -364,7 +378,7 @@ fn rules_are_compared_at_equal_error_and_at_equal_links() {
     };
     assert!(row("| 10 %").contains("Bounded 1000: 3.00 s") && !row("| 10 %").contains("L08"));
     assert!(!chosen.contains("The paper's rule"), "{chosen}");
-    assert!(row("| 2.0 %").contains("Bounded 100000"));
+    assert!(row("| 2 %").contains("Bounded 100000"));
     assert!(row("**To ship").contains("100 ms"), "{chosen}");
     let cheap = choice(&made_up(&[(b, 90, 0.04, 1.0), (l, 80, 0.04, 1.0)]).rows);
     assert!(cheap.contains("The paper's rule, kept for comparison, would do that faster here"));

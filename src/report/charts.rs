@@ -17,12 +17,21 @@ const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 const GROUPS: [(&str, &[Factor]); 6] = [
     ("presets", &[Factor::Preset]),
     ("rule l08, as published", &[Factor::RuleL08]),
-    ("threshold ε", &[Factor::Epsilon]),
+    (
+        "threshold ε (plain: without added levels)",
+        &[Factor::Epsilon, Factor::Plain],
+    ),
     (
         "points, levels, senders",
-        &[Factor::Density, Factor::Levels, Factor::Senders],
+        &[
+            Factor::Density,
+            Factor::Levels,
+            Factor::Added,
+            Factor::Senders,
+            Factor::Places,
+        ],
     ),
-    ("several at once", &[Factor::Several]),
+    ("several at once, tiers", &[Factor::Several, Factor::Tier]),
     ("rays a point", &[Factor::Rays]),
 ];
 
@@ -191,7 +200,7 @@ fn links(name: &str, rows: &[Row]) -> Chart {
     Chart {
         title: format!("{name}: error against links, by rule"),
         caption: "Each marker is one bake; further left is fewer links, further down is better. Both axes are logarithmic.".into(),
-        x: Axis::log("links of the operator", Format::Si),
+        x: Axis::log("links that a frame uses", Format::Si),
         y: Axis::log("error of indirect light (NRMSE)", Format::Percent),
         series,
         guides: guides(),

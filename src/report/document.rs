@@ -6,7 +6,7 @@ use super::rules::{Ratio, comparable, compare};
 use super::sweep::Report;
 use super::text::{WANTED, cheapest, section};
 use super::variant::Factor;
-use super::words::{cell, error, megabytes, percent, short};
+use super::words::{cell, error, how, megabytes, short, whole};
 use crate::bake::Rule;
 use std::fmt::Write;
 
@@ -47,7 +47,7 @@ pub fn document(parts: &[Part], command: &str) -> String {
 
 /// A variant that every level has: what can be advised for levels that are not here.
 fn everywhere<'a>(parts: &'a [Part], like: &Row) -> Option<Vec<&'a Row>> {
-    let same = |row: &&Row| row.settings.recipe == like.settings.recipe && comparable(row);
+    let same = |row: &&Row| how(row) == how(like) && comparable(row);
     parts
         .iter()
         .map(|p| p.report.rows.iter().find(same))
@@ -80,9 +80,9 @@ fn advice(parts: &[Part]) -> String {
         let _ = match best {
             Some((_, rows)) => writeln!(
                 out,
-                "**For at most {} error, bake by `{}`**: of what was tried on all levels here ({}) and stayed below, it has the fastest frame. {}.",
-                percent(most),
-                rows[0].settings.recipe,
+                "**For at most {} error, bake by {}**: of what was tried on all levels here ({}) and stayed below, it has the fastest frame. {}.",
+                whole(most),
+                how(rows[0]),
                 names.join(", "),
                 rows.iter()
                     .zip(&names)
@@ -99,7 +99,7 @@ fn advice(parts: &[Part]) -> String {
             None => writeln!(
                 out,
                 "**Nothing that was tried stays below {} error on all levels here** ({}); see each of them.",
-                percent(most),
+                whole(most),
                 names.join(", ")
             ),
         };
@@ -116,7 +116,7 @@ fn advice(parts: &[Part]) -> String {
         "---|".repeat(parts.len())
     );
     for most in WANTED {
-        let _ = write!(out, "| {} |", percent(most));
+        let _ = write!(out, "| {} |", whole(most));
         for part in parts {
             let _ = match cheapest(&part.report.rows, most, |r| r.frame_ms) {
                 Some(r) => write!(

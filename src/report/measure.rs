@@ -28,6 +28,8 @@ pub struct RowSettings {
     pub name: String,
     /// The recipe as a user writes it.
     pub recipe: String,
+    /// Tier of the operator that the frame used, from 1 on.
+    pub tier: u32,
     /// Everything that followed from it. `bounces` is what the frame ran.
     #[serde(flatten)]
     pub baked: Settings,
@@ -46,7 +48,7 @@ pub struct Row {
     pub splat_ms_per_1000: f64,
     /// The container.
     pub bytes: u64,
-    /// Links of the operator.
+    /// Links that the frame used.
     pub links: u64,
     /// Points of all levels.
     pub points: u64,
@@ -132,11 +134,15 @@ impl<'a> Measured<'a> {
             uncovered,
         } = exam.grade(self.scene, &settings);
         let info = &self.scene.info;
+        let tier = variant.run.tier.clamp(1, info.tiers.len().max(1) as u32);
+        let used = info.tiers.get(tier as usize - 1).copied();
+        let used = used.unwrap_or_default();
         Row {
             settings: RowSettings {
                 factor: variant.factor,
                 name: variant.name.clone(),
                 recipe: variant.recipe_text(),
+                tier,
                 baked: Settings {
                     bounces: variant.run.bounces,
                     ..self.settings.clone()
@@ -146,7 +152,7 @@ impl<'a> Measured<'a> {
             frame_ms: frame_ms(self.scene, &settings, exam),
             splat_ms_per_1000: self.splat_ms_per_1000,
             bytes: self.bytes,
-            links: self.stats.links,
+            links: used.links,
             points: self.stats.points_per_level.iter().sum(),
             senders: self.stats.senders,
             nrmse: errors.nrmse,
@@ -155,8 +161,8 @@ impl<'a> Measured<'a> {
             bias: errors.bias,
             nrmse_all: all.nrmse,
             uncovered,
-            estimated_nrmse: f64::from(info.estimated_nrmse),
-            estimated_nrmse_interval: f64::from(info.estimated_nrmse_interval),
+            estimated_nrmse: f64::from(used.estimated_nrmse),
+            estimated_nrmse_interval: f64::from(used.estimated_nrmse_interval),
             link_error: f64::from(info.link_error),
             known: Vec::new(),
         }
@@ -217,6 +223,7 @@ fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
     FrameSettings {
         baked_bounces: scene.info.bounces == run.bounces,
         emission: 0.0,
+        tier: run.tier,
         ..FrameSettings::bounces(run.bounces)
     }
 }

@@ -39,7 +39,7 @@ impl Sweep {
             exam: ExamSize {
                 lamps: 4,
                 places: 150,
-                paths: 8192,
+                paths: 4096,
             },
             baseline: variant::baseline(),
             choose: variant::quick,

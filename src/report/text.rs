@@ -5,7 +5,7 @@ use super::measure::Row;
 use super::rules::{Compared, Ratio, comparable, compare};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
-use super::words::{cell, count, error, megabytes, percent, short};
+use super::words::{cell, count, error, how, megabytes, percent, short, whole};
 use crate::bake::Rule;
 use std::fmt::Write;
 
@@ -76,8 +76,8 @@ pub fn choice(rows: &[Row]) -> String {
     };
     let said = |r: &Row| {
         format!(
-            "`{}`, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
-            r.settings.recipe,
+            "{}, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
+            how(r),
             short(r.bake_seconds),
             megabytes(r.bytes),
             short(r.frame_ms),
@@ -131,7 +131,7 @@ pub fn choice(rows: &[Row]) -> String {
         let _ = writeln!(
             out,
             "| {} | {} | {} | {} |",
-            percent(most),
+            whole(most),
             cost(
                 |r| r.bake_seconds,
                 |r| format!("{} s", short(r.bake_seconds))
@@ -160,8 +160,8 @@ fn factors(rows: &[Row]) -> String {
             .iter()
             .filter(|r| r.settings.factor == factor)
             .collect();
-        // The paper's rule is no neighbour of the baseline.
-        let alone = factor == Factor::RuleL08;
+        // Not one thing alone is changed.
+        let alone = matches!(factor, Factor::RuleL08 | Factor::Plain);
         if !alone && factor != Factor::Preset {
             all.push(base);
         }
@@ -175,6 +175,13 @@ fn factors(rows: &[Row]) -> String {
         });
         if factor == Factor::Rays {
             all.sort_by_key(|r| r.settings.baked.rays);
+        }
+        if factor == Factor::Tier {
+            all.retain(|r| r.settings.baked == base.settings.baked);
+            all.sort_by_key(|r| r.settings.tier);
+        }
+        if factor == Factor::Places {
+            all.sort_by_key(|r| r.settings.baked.places);
         }
         let (first, last) = (all[0], all[all.len() - 1]);
         let both = |show: &dyn Fn(&Row) -> String| format!("{} → {}", show(first), show(last));
@@ -260,7 +267,8 @@ fn rules(compared: &[Compared]) -> String {
         return "The paper's rule was not tried.\n".into();
     }
     let mut out = "Each row is a bake on the front of `l08`; the default rule's front is read at its error and at its number of links, on straight lines between \
-                   the logarithms. \"At most\" stands where `bounded` does better than that with what it was tried with.\n\n\
+                   the logarithms. \"At most\" stands where `bounded` does better than that with what it was tried with. Bakes called \
+                   plain are by the default rule on the very points of `l08`: there the rule alone differs.\n\n\
                    | by `l08` | links | error | links of `bounded` at equal error | error of `bounded` at equal links |\n|---|---|---|---|---|\n"
         .to_string();
     for c in compared {

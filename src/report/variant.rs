@@ -1,6 +1,8 @@
 //! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule beside ours.
 
 use crate::bake::{BounceMode, Preset, Recipe, Rule, Settings};
+use crate::frame::FrameSettings;
+use crate::transport::TIERS;
 use serde::Serialize;
 
 /// Reflections that errors are measured for, and that a frame runs where nothing else is said: the recipes' default.
@@ -14,33 +16,45 @@ pub enum Factor {
     Preset,
     /// The threshold of the rule `bounded`, and with it the tolerance.
     Epsilon,
+    /// The same without added levels: on the points that the paper's rule has.
+    Plain,
     /// The paper's rule, by its threshold.
     RuleL08,
     /// Points of all levels.
     Density,
-    /// Levels of the hierarchy, and levels that are added where light asks for them.
+    /// Levels of the hierarchy.
     Levels,
+    /// Levels that are added where light asks for them.
+    Added,
     /// Rays a point.
     Rays,
-    /// Levels that send, and places that each sender is lit at.
+    /// Levels that send.
     Senders,
+    /// Places that each sender is lit at.
+    Places,
     /// More than one at once.
     Several,
+    /// The operator's tier that a frame uses.
+    Tier,
     /// Reflections, and where they are computed.
     Bounces,
 }
 
 impl Factor {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::Preset,
         Self::Epsilon,
+        Self::Plain,
         Self::RuleL08,
         Self::Density,
         Self::Levels,
+        Self::Added,
         Self::Rays,
         Self::Senders,
+        Self::Places,
         Self::Several,
+        Self::Tier,
         Self::Bounces,
     ];
 
@@ -50,28 +64,36 @@ impl Factor {
         match self {
             Self::Preset => "presets",
             Self::Epsilon => "threshold ε",
+            Self::Plain => "threshold ε, no added levels",
             Self::RuleL08 => "rule l08, as published",
             Self::Density => "density of points",
             Self::Levels => "levels",
             Self::Rays => "rays a point",
-            Self::Senders => "senders",
+            Self::Added => "added levels",
+            Self::Senders => "levels that send",
+            Self::Places => "places a sender",
             Self::Several => "several at once",
+            Self::Tier => "tier in the frame",
             Self::Bounces => "reflections",
         }
     }
 }
 
-/// What is chosen in the frame and not in the bake. Each choice is a field here, a line in [`Variant::bakes_alike`]'s callers' settings, and a line where a
-/// frame is measured.
+/// What is chosen in the frame and not in the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Diffuse reflections.
     pub bounces: u32,
+    /// Tier of the operator, see [`FrameSettings::tier`].
+    pub tier: u32,
 }
 
 impl Default for Run {
     fn default() -> Self {
-        Self { bounces: BOUNCES }
+        Self {
+            bounces: BOUNCES,
+            tier: FrameSettings::ALL_TIERS,
+        }
     }
 }
 
@@ -157,6 +179,15 @@ fn epsilon(value: f32, cost: f64) -> Variant {
     Variant::new(Factor::Epsilon, format!("ε {value}"), cost, recipe)
 }
 
+/// The default rule on the very points that the paper's rule gets: what differs then is the rule alone.
+fn plain(value: f32, cost: f64) -> Variant {
+    let mut variant = epsilon(value, cost);
+    variant.factor = Factor::Plain;
+    variant.name = format!("plain ε {value}");
+    variant.recipe.extra_levels = Some(0);
+    variant
+}
+
 fn l08(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
         rule: Rule::L08,
@@ -194,10 +225,31 @@ fn bounces(count: u32) -> Variant {
         n => format!("{n} reflections"),
     };
     Variant {
-        run: Run { bounces: count },
+        run: Run {
+            bounces: count,
+            ..Run::default()
+        },
         cost: 0.0,
         ..Variant::new(Factor::Bounces, name, 0.0, draft())
     }
+}
+
+/// The tiers below all of them of a preset's bake, which needs no bake where it comes right after that.
+fn tiers(preset: Preset) -> impl Iterator<Item = Variant> {
+    (1..TIERS).map(move |tier| {
+        let recipe = Recipe {
+            preset,
+            ..Recipe::default()
+        };
+        let name = format!("{preset:?}, tier {tier}").to_lowercase();
+        Variant {
+            run: Run {
+                tier,
+                ..Run::default()
+            },
+            ..Variant::new(Factor::Tier, name, 0.0, recipe)
+        }
+    })
 }
 
 fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
@@ -215,17 +267,19 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
 /// A handful of bakes, most important first, for the settings that the baseline got. Those that need no bake of their own come first.
 #[must_use]
 pub fn quick(base: &Settings) -> Vec<Variant> {
-    vec![
-        bounces(1),
-        bounces(2),
-        bounces(8),
+    let mut all = vec![bounces(1), bounces(2), bounces(8)];
+    all.extend(tiers(Preset::Draft));
+    all.extend([
         l08(0.025, 1.0),
         epsilon(0.1, 0.8),
         l08(0.005, 1.0),
+        plain(0.05, 0.7),
+        plain(0.01, 0.9),
         rays(64),
         density(base, 0.25),
         several(Preset::Draft, 1024, 0.02, 3.0),
-    ]
+    ]);
+    all
 }
 
 /// All that is swept, most important first, for the settings that the baseline got.
@@ -233,9 +287,13 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
 pub fn full(base: &Settings) -> Vec<Variant> {
     let with = |factor, name: &str, cost, recipe| Variant::new(factor, name, cost, recipe);
     let mut all: Vec<Variant> = [1, 2, 3, 6, 8, 16].into_iter().map(bounces).collect();
+    all.extend(tiers(Preset::Draft));
     all.extend([0.1, 0.05, 0.025, 0.01, 0.004, 0.0015].map(|e| l08(e, 1.0)));
+    all.extend([0.2, 0.1, 0.05, 0.02, 0.007, 0.0025].map(|e| plain(e, 0.8)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));
+    // As dear as the bake, so that they are left out with it.
+    all.extend(tiers(Preset::Medium).map(|v| Variant { cost: 15.0, ..v }));
     all.push(epsilon(0.007, 2.0));
     all.extend([64, 128, 512, 1024, 4096].map(rays));
     all.extend([0.25, 0.5, 2.0, 4.0].map(|times| density(base, times)));
@@ -258,7 +316,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
             extra_levels: Some(extra),
             ..draft()
         };
-        with(Factor::Levels, name, 1.0, recipe)
+        with(Factor::Added, name, 1.0, recipe)
     };
     all.extend([added(0, "no added levels"), added(4, "4 added levels")]);
     let sending = |count, name| {
@@ -274,7 +332,7 @@ pub fn full(base: &Settings) -> Vec<Variant> {
             places: Some(places),
             ..draft()
         };
-        with(Factor::Senders, name, 1.0, recipe)
+        with(Factor::Places, name, 1.0, recipe)
     };
     all.extend([lit(1, "1 place a sender"), lit(32, "32 places a sender")]);
     all.push(with(

@@ -1,6 +1,7 @@
 //! Numbers as a report writes them.
 
 use super::measure::Row;
+use super::variant::Factor;
 
 /// 0.0312 as "3.1 %".
 pub fn percent(share: f64) -> String {
@@ -13,12 +14,28 @@ pub fn percent(share: f64) -> String {
     format!("{v:.decimals$} %").replace('-', "−")
 }
 
+/// A round share: 0.05 as "5 %".
+pub fn whole(share: f64) -> String {
+    format!("{:.0} %", 100.0 * share)
+}
+
 /// The error of a row.
 pub fn error(row: &Row) -> String {
     if row.nrmse < row.nrmse_interval {
         format!("below {}", percent(row.nrmse_interval))
     } else {
         percent(row.nrmse)
+    }
+}
+
+/// How a user comes to a row.
+pub fn how(row: &Row) -> String {
+    match row.settings.factor {
+        Factor::Tier => format!(
+            "`{}`, run at tier {}",
+            row.settings.recipe, row.settings.tier
+        ),
+        _ => format!("`{}`", row.settings.recipe),
     }
 }
 

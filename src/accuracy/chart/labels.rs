@@ -40,39 +40,48 @@ pub fn width(text: &str, size: f64) -> f64 {
     ems * size
 }
 
-/// Chooses the left end and the baseline of a label beside `place`: of eight sides the one that covers least of `taken`; its area is added to those.
-pub fn put(text: &str, place: (f64, f64), frame: &Area, taken: &mut Vec<Area>) -> (f64, f64) {
-    let (w, h, gap) = (width(text, HEIGHT), HEIGHT, 11.0);
+/// Chooses the left end and the baseline of a label beside `place`: the near or far side that covers least of `taken`; its area is added to those. None
+/// where it would cover much: a label that nobody can read hides others.
+pub fn put(
+    text: &str,
+    place: (f64, f64),
+    frame: &Area,
+    taken: &mut Vec<Area>,
+) -> Option<(f64, f64)> {
+    let (w, h) = (width(text, HEIGHT), HEIGHT);
     let (x, y) = place;
-    let near = 0.7 * gap;
-    // Above and right of a place of a falling front there is room.
-    let sides = [
-        (x + near, y - near - h),
-        (x - near - w, y + near),
-        (x + gap, y - h / 2.0),
-        (x - w / 2.0, y - gap - h),
-        (x - w / 2.0, y + gap),
-        (x - gap - w, y - h / 2.0),
-        (x + near, y + near),
-        (x - near - w, y - near - h),
-    ];
-    let cost = |&(left, top): &(f64, f64)| {
+    let covered = |left: f64, top: f64| {
         let area = Area(left, top, left + w, top + h);
         let covered: f64 = taken.iter().map(|t| area.overlap(t)).sum();
-        // Rounded, so that equal sides are equal.
-        ((covered + 4.0 * area.outside(frame)) * 16.0).round()
+        covered + 4.0 * area.outside(frame)
     };
-    // The first of the best.
-    let mut best = (f64::INFINITY, sides[0]);
-    for side in sides {
-        let cost = cost(&side);
-        if cost < best.0 {
-            best = (cost, side);
+    let mut best = (f64::INFINITY, (0.0, 0.0));
+    for (gap, penalty) in [(11.0, 0.0), (20.0, 0.08)] {
+        let near = 0.7 * gap;
+        // Above and right of a place of a falling front there is room.
+        let sides = [
+            (x + near, y - near - h),
+            (x - near - w, y + near),
+            (x + gap, y - h / 2.0),
+            (x - w / 2.0, y - gap - h),
+            (x - w / 2.0, y + gap),
+            (x - gap - w, y - h / 2.0),
+            (x + near, y + near),
+            (x - near - w, y - near - h),
+        ];
+        for (left, top) in sides {
+            // Rounded, so that equal sides are equal, and the first of them is taken.
+            let cost = ((covered(left, top) / (w * h) + penalty) * 64.0).round();
+            if cost < best.0 {
+                best = (cost, (left, top));
+            }
         }
     }
-    let (left, top) = best.1;
-    taken.push(Area(left, top, left + w, top + h));
-    (left, top + 0.8 * h)
+    let (cost, (left, top)) = best;
+    (cost <= 64.0 * 0.3).then(|| {
+        taken.push(Area(left, top, left + w, top + h));
+        (left, top + 0.8 * h)
+    })
 }
 
 #[cfg(test)]
@@ -85,7 +94,7 @@ mod tests {
         let places = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
         let mut taken: Vec<Area> = places.iter().map(|p| Area::around(*p, 5.0)).collect();
         for place in places {
-            put("a label", place, &frame, &mut taken);
+            assert!(put("a label", place, &frame, &mut taken).is_some());
         }
         for (i, a) in taken.iter().enumerate() {
             assert!(i < places.len() || a.outside(&frame) < 1e-9, "{a:?}");
@@ -94,5 +103,9 @@ mod tests {
                 assert!(markers || a.overlap(b) < 1e-9, "{a:?} {b:?}");
             }
         }
+        // Where there is no room, there is no label.
+        let mut full = vec![frame];
+        assert_eq!(put("a label", (150.0, 150.0), &frame, &mut full), None);
+        assert_eq!(full.len(), 1);
     }
 }

@@ -47,7 +47,7 @@ pub struct Mark {
     pub x: f64,
     /// On the vertical axis.
     pub y: f64,
-    /// Written beside it, where that is not empty.
+    /// Written beside it, where that is not empty and there is room.
     pub label: String,
     /// Shown by viewers that show such things when the pointer rests on the marker; the label, where this is empty.
     pub hint: String,

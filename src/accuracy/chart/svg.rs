@@ -373,7 +373,9 @@ fn texts(out: &mut String, placed: &[Placed]) {
             let Some(at) = at.filter(|at| inside(*at) && !mark.label.is_empty()) else {
                 continue;
             };
-            let at = labels::put(&mark.label, at, &FRAME, &mut taken);
+            let Some(at) = labels::put(&mark.label, at, &FRAME, &mut taken) else {
+                continue;
+            };
             // A white rim keeps them readable over lines.
             let rim = " paint-order=\"stroke\" stroke=\"#ffffff\" stroke-width=\"3\" stroke-linejoin=\"round\"";
             text(out, at, labels::HEIGHT, rim, &mark.label);
