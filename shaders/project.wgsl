@@ -22,7 +22,13 @@ fn lift(x: vec3f, extent: f32) -> f32 {
     return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
 }
 
-fn unshadowed(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
+// Below the square of this distance a lamp grows no brighter.
+fn nearest_square(extent: f32) -> f32 {
+    return clamp(2.5e-5 * extent * extent, 1.17549435e-38, 1e-4);
+}
+
+// A point or spot lamp nearer to the place's plane than `apart` shines from that height.
+fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
     let axis = light.direction;
     if light.kind == LIGHT_NONE {
         return 0.0;
@@ -35,10 +41,15 @@ fn unshadowed(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
     if square <= 0.0 {
         return 0.0;
     }
+    let height = dot(n, toward);
     let to = toward / sqrt(square);
-    var e = max(dot(n, to), 0.0) / max(square, 1e-4);
+    var e = max(dot(n, to), 0.0) / max(square, nearest_square(params.extent));
     if light.kind == LIGHT_PATCH {
         return e * max(-dot(to, axis), 0.0);
+    }
+    if height > 0.0 && height < apart {
+        let lifted = square - height * height + apart * apart;
+        e = apart / (lifted * sqrt(lifted));
     }
     let factor = square * light.inverse_square_range;
     let window = clamp(1.0 - factor * factor, 0.0, 1.0);
@@ -74,8 +85,8 @@ fn place_normal(bits: u32) -> vec3f {
     return normalize(vec3f(p, z));
 }
 
-fn project_at(light: FrameLight, x: vec3f, n: vec3f) -> f32 {
-    let e = unshadowed(light, x, n);
+fn project_at(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
+    let e = unshadowed(light, x, n, apart);
     if e > 0.0 && shadowed(light, x, n) {
         return 0.0;
     }
@@ -92,7 +103,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     let light = lights[slot];
     var e = 0.0;
     if j < params.finest_sender || params.places == 0u {
-        e = project_at(light, points[j].position, points[j].normal);
+        e = project_at(light, points[j].position, points[j].normal, 0.0);
     } else {
         let first = (j - params.finest_sender) * params.places;
         var stride = 1u;
@@ -101,7 +112,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
         }
         var used = 0.0;
         for (var k = first + stride / 2u; k < first + params.places; k += stride) {
-            e += project_at(light, places[k].position, place_normal(places[k].normal));
+            e += project_at(light, places[k].position, place_normal(places[k].normal), params.apart);
             used += 1.0;
         }
         e /= used;

@@ -16,6 +16,7 @@
 //! | [`frame`] | the CPU twins of the frame's kernels, in the order of a frame |
 //! | [`accuracy`] | the reference integrator and the metrics |
 //! | [`bake`] | recipe, stages, progress, statistics: the whole bake as one call |
+//! | [`report`] | what accuracy costs: sweeps over recipes, Pareto fronts, charts and a text |
 //! | [`plan`] | what this frame's scene calls for |
 //! | `gpu` | the same kernels on any wgpu device (feature `gpu`) |
 //! | `plugin` | `MeshlessGiPlugin` (feature `bevy`) |
@@ -31,6 +32,7 @@ pub mod gpu;
 pub mod plan;
 #[cfg(feature = "bevy")]
 pub mod plugin;
+pub mod report;
 pub mod samples;
 pub mod scene;
 pub mod transport;

@@ -5,6 +5,7 @@ mod asset_support;
 use asset_support::{build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::samples::GridSlot;
+use bevy_meshless_gi::transport::Link;
 
 #[test]
 fn scenes_come_back_bit_by_bit() {
@@ -44,6 +45,7 @@ fn validation_finds_what_is_broken() {
         ("points", |s| s.points[1].planes = 4 | 1 << 24),
         ("surfaces", |s| s.surfaces[0].albedo[1] = 1.5),
         ("surfaces", |s| s.surfaces[0].emission[1] = f32::INFINITY),
+        ("surfaces", |s| s.surfaces[0].emission[1] = 1e30),
         ("surfaces", |s| s.surfaces.truncate(3)),
         ("levels", |s| s.level_starts[1] = 100),
         ("levels", |s| s.level_starts.clear()),
@@ -63,6 +65,14 @@ fn validation_finds_what_is_broken() {
         ("rows", |s| s.operator.rows[0].start = 1),
         ("rows", |s| s.operator.rows[1].count += 1),
         ("rows", |s| s.operator.rows[0].scale = f32::INFINITY),
+        // Links that are no larger than any may be, but in sum more light than there is.
+        ("rows", |s| {
+            let n = s.points[0].n();
+            let row = s.operator.rows[0];
+            let links = row.start as usize..(row.start + row.count) as usize;
+            s.operator.links[links].fill(Link::pack(n, 1.0, 0));
+            s.operator.rows[0].scale = 2.0;
+        }),
         ("rows", |s| s.operator.rows[0].tier = 0),
         // Without parents it cannot be left out.
         ("rows", |s| s.operator.rows[0].tier = 2),

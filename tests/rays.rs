@@ -263,3 +263,24 @@ fn a_site_is_where_its_surface_is() {
         "{kinds:?}"
     );
 }
+
+#[test]
+fn surfaces_a_hair_from_the_start_are_met() {
+    // In a level of two metres, a tile of a millimetre from 50 µm away; and the same a thousand times smaller and larger.
+    for scale in [1e-3f32, 1.0, 1e3] {
+        let v = |x: f32, y: f32, z: f32| scale * Vec3::new(x, y, z);
+        let tile = [v(-5e-4, 0.0, -5e-4), v(5e-4, 0.0, -5e-4), v(0.0, 0.0, 5e-4)];
+        let far = [v(-1.0, -1.0, -1.0), v(1.0, -1.0, -1.0), v(0.0, -1.0, 1.0)];
+        let mesh = TriangleMesh::new(vec![far, tile], vec![0; 2], vec![Material::default()]);
+        for height in [1e-3, 5e-5, 1e-5] {
+            let from = v(0.0, height, 0.0);
+            let hit = mesh.cast(&Ray::new(from, -Vec3::Y)).expect("a hit");
+            assert_eq!(hit.primitive, 1, "scale {scale}, height {height}");
+            assert!(
+                mesh.occluded(from, v(0.0, -0.9, 0.0)),
+                "scale {scale}, height {height}"
+            );
+            assert!(!mesh.occluded(from, v(0.0, 0.9, 0.0)));
+        }
+    }
+}

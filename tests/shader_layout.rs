@@ -84,7 +84,8 @@ fn layouts() -> Vec<Layout> {
             tier,
             sky_sender,
             coarsest,
-            differences
+            differences,
+            apart
         }),
         layout!(Span { first, count, base }),
         layout!(SplatParams {
@@ -482,7 +483,16 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
     assert_eq!(kernels.len(), KERNELS.len());
     assert_eq!(stems("shaders", "wgsl"), kernels);
     // The rest of src/frame/: types that the twins share, and what runs them.
-    let shared = ["mod", "layout", "light", "gbuffer", "settings", "cpu_frame"].map(str::to_owned);
+    let shared = [
+        "mod",
+        "layout",
+        "light",
+        "gbuffer",
+        "settings",
+        "cpu_frame",
+        "anderson",
+    ]
+    .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")
         .into_iter()
         .filter(|s| !shared.contains(s))

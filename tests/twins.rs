@@ -124,7 +124,8 @@ fn projection_problems(
         let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
         let mut places = project::places_for(light, own);
         let used = places.len() as f32;
-        places.any(|p| is(project::unshadowed(light, p.x(), p.n()) / used))
+        let (extent, apart) = (project::extent(scene), project::apart(scene));
+        places.any(|p| is(project::unshadowed_within(light, p.x(), p.n(), extent, apart) / used))
     });
     (found.len(), flips.count())
 }

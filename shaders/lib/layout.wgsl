@@ -89,7 +89,7 @@ struct SolveParams {
     sky_sender: u32,
     coarsest: u32,
     differences: u32,
-    pad1: u32,
+    apart: f32,
 }
 
 struct Span {

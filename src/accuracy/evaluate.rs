@@ -15,15 +15,13 @@ use glam::Vec3;
 const PATCHES: u32 = 64;
 /// Patches of a rectangle light where its direct light is asked for.
 const FINE_PATCHES: u32 = 1024;
-/// Reflections beyond which nothing is looked for.
-const MOST_BOUNCES: u32 = 1024;
-/// Change of the light, relative to it, at which further reflections are left out.
+/// What further reflections may add, relative to the light, where they are left out.
 const CONVERGED: f32 = 1e-4;
 
 /// How many diffuse reflections count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounces {
-    /// So many at most; one at least.
+    /// So many; one at least, and at most one more than [`FrameSettings::MOST_SWEEPS`].
     Count(u32),
     /// As many as change anything.
     All,
@@ -45,7 +43,7 @@ pub struct Evaluator<'a> {
     values: Vec<VectorIrradiance>,
     lamps: Vec<FrameLight>,
     glow: GlowLight<'a>,
-    /// Reflections that were simulated; none where the bake's own were used.
+    /// Reflections that were simulated one by one; none where the bake's own were used, or all at once.
     bounces: Option<u32>,
 }
 
@@ -133,7 +131,7 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Reflections that were simulated by sweeps; none where the bake's own further bounces were used.
+    /// Reflections that were simulated one by one; none where the bake's own further bounces were used, or all of them at once.
     #[must_use]
     pub fn bounces(&self) -> Option<u32> {
         self.bounces
@@ -151,7 +149,7 @@ fn settings(sky: Vec3, bounces: u32, tier: u32) -> FrameSettings {
     }
 }
 
-/// The light of lamps and sky, and how many reflections were simulated by sweeps.
+/// The light of lamps and sky, and how many reflections were simulated one by one.
 fn solve(
     scene: &BakedScene,
     lamps: &[FrameLight],
@@ -170,7 +168,7 @@ fn solve(
         return (frame.values().to_vec(), None);
     }
     let count = sweep(scene, &mut frame, &settings(sky, 1, tier), bounces);
-    (frame.values().to_vec(), Some(count))
+    (frame.values().to_vec(), count)
 }
 
 /// The light of emissive surfaces, the first step through links counted as a reflection.
@@ -184,63 +182,29 @@ fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Vec<Vector
     frame.values().to_vec()
 }
 
-/// Solves with so many reflections and returns how many those were.
+/// Solves with so many reflections and returns how many those were; none for all at once.
 fn sweep(
     scene: &BakedScene,
     frame: &mut CpuFrame,
     settings: &FrameSettings,
     bounces: Bounces,
-) -> u32 {
-    let mut solve = |count: u32| {
-        let settings = FrameSettings {
-            sweeps: count.max(1) - 1,
-            ..*settings
-        };
-        frame.solve(scene, &settings);
-        frame.values().to_vec()
+) -> Option<u32> {
+    let Bounces::Count(count) = bounces else {
+        frame.converge(scene, settings, CONVERGED);
+        return None;
     };
-    match bounces {
-        Bounces::Count(count) => {
-            solve(count);
-            count.max(1)
-        }
-        Bounces::All => {
-            let mut count = 8;
-            let mut before = solve(count);
-            while count < MOST_BOUNCES {
-                count *= 2;
-                let after = solve(count);
-                if change(&before, &after) < CONVERGED {
-                    break;
-                }
-                before = after;
-            }
-            count
-        }
-    }
+    let sweeps = (count.max(1) - 1).min(FrameSettings::MOST_SWEEPS);
+    let settings = FrameSettings {
+        sweeps,
+        ..*settings
+    };
+    frame.solve(scene, &settings);
+    Some(sweeps + 1)
 }
 
 fn add(values: &mut [VectorIrradiance], weight: f32, more: &[VectorIrradiance]) {
     for (value, more) in values.iter_mut().zip(more) {
         value.add_scaled(weight, more);
-    }
-}
-
-/// ‖a − b‖ / ‖b‖; 0 where there is no light.
-fn change(a: &[VectorIrradiance], b: &[VectorIrradiance]) -> f32 {
-    let (mut difference, mut power) = (0.0f64, 0.0f64);
-    for (a, b) in a.iter().zip(b) {
-        for (a, b) in [(a.x, b.x), (a.y, b.y), (a.z, b.z)] {
-            for c in 0..3 {
-                difference += f64::from(a[c] - b[c]).powi(2);
-                power += f64::from(b[c]).powi(2);
-            }
-        }
-    }
-    if power > 0.0 {
-        (difference / power).sqrt() as f32
-    } else {
-        0.0
     }
 }
 

@@ -1,4 +1,4 @@
-//! Errors of irradiances against a reference that has noise of its own.
+//! Errors of irradiances against a reference that has noise of its own, and light where there should be none.
 
 use glam::Vec3;
 
@@ -13,6 +13,9 @@ pub struct Errors {
     pub bias: f64,
     /// 99th percentile of |x − ref| over the root mean square of the reference.
     pub p99: f64,
+    /// Mean of (x − ref)² / (ref² + ε), the reference's own variance subtracted, with ε a hundredth of the reference's mean square: dim places count as
+    /// much as bright ones (\[RKZ11\], whose ε is 0.01 for pictures of values about one; ours has a unit).
+    pub rel_mse: f64,
 }
 
 /// Compares `values` with `reference` and its `standard_errors` (zero where it has none), all of equal length.
@@ -36,6 +39,15 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     if power == 0.0 || total == 0.0 {
         return Errors::default();
     }
+    let floor = 0.01 * power / all.len() as f64;
+    let mut relative = 0.0;
+    for ((x, r), s) in values.iter().zip(reference).zip(standard_errors) {
+        for c in 0..3 {
+            let (x, r, s) = (f64::from(x[c]), f64::from(r[c]), f64::from(s[c]));
+            relative += ((x - r).powi(2) - s * s) / (r * r + floor);
+        }
+    }
+    let rel_mse = relative / all.len() as f64;
     all.sort_by(f64::total_cmp);
     let at = ((all.len() as f64 * 0.99) as usize).min(all.len() - 1);
     Errors {
@@ -48,7 +60,32 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
         raw_nrmse: (square / power).sqrt(),
         bias: sum / total,
         p99: all[at] / (power / all.len() as f64).sqrt(),
+        rel_mse: if rel_mse < 0.0 { 0.0 } else { rel_mse },
     }
+}
+
+/// How much light came through a wall: the root mean square of what is too much or too little on its dark side, over the root mean square of the light
+/// on its lit side. Stricter than a ratio of means, in which single bright spots drown. Infinite where the lit side is dark but the dark one is not.
+///
+/// # Panics
+/// Where `dark` and `dark_reference` differ in length.
+#[must_use]
+pub fn leak_ratio(dark: &[Vec3], dark_reference: &[Vec3], lit_reference: &[Vec3]) -> f64 {
+    assert_eq!(dark.len(), dark_reference.len());
+    let mean_square = |all: &mut dyn Iterator<Item = Vec3>| {
+        let (mut sum, mut count) = (0.0f64, 0usize);
+        for v in all {
+            sum += v.as_dvec3().length_squared();
+            count += 1;
+        }
+        if count == 0 { 0.0 } else { sum / count as f64 }
+    };
+    let pairs = dark.iter().zip(dark_reference);
+    let leak = mean_square(&mut pairs.map(|(x, r)| *x - *r));
+    if leak == 0.0 {
+        return 0.0;
+    }
+    (leak / mean_square(&mut lit_reference.iter().copied())).sqrt()
 }
 
 #[cfg(test)]
@@ -68,11 +105,35 @@ mod tests {
             "{e:?}"
         );
         assert_eq!(e.nrmse, e.raw_nrmse);
+        // Where all values are much alike, relMSE is the square of the error times 1 / 1.01.
+        let even = vec![Vec3::splat(3.0); 20];
+        let off: Vec<Vec3> = even.iter().map(|r| 1.1 * *r).collect();
+        let none_20 = vec![Vec3::ZERO; 20];
+        let relative = errors(&off, &even, &none_20).rel_mse;
+        assert!((relative - 0.01 / 1.01).abs() < 1e-6, "{relative}");
+        assert_eq!(errors(&off, &even, &off).rel_mse, 0.0);
         // Noise of the reference is not the value's fault.
         let noise: Vec<Vec3> = reference.iter().map(|r| 0.04 * *r).collect();
         assert!(errors(&values, &reference, &noise).nrmse < 1e-3);
         assert_eq!(errors(&reference, &reference, &none), Errors::default());
         assert_eq!(errors(&none, &none, &none), Errors::default());
+    }
+
+    #[test]
+    fn leaks_are_measured_by_the_light_of_the_lit_side() {
+        let lit = [Vec3::splat(4.0); 3];
+        let (black, one) = ([Vec3::ZERO; 4], {
+            let mut dark = [Vec3::ZERO; 4];
+            dark[2] = Vec3::splat(0.4);
+            dark
+        });
+        // One place of four at a tenth: √(1/4) / 10.
+        assert!((leak_ratio(&one, &black, &lit) - 0.05).abs() < 1e-7);
+        assert!((leak_ratio(&black, &one, &lit) - 0.05).abs() < 1e-7);
+        assert_eq!(leak_ratio(&one, &one, &lit), 0.0);
+        assert_eq!(leak_ratio(&black, &black, &[]), 0.0);
+        assert_eq!(leak_ratio(&one, &black, &black), f64::INFINITY);
+        assert!(leak_ratio(&[Vec3::NAN], &[Vec3::ZERO], &lit).is_nan());
     }
 
     #[test]

@@ -1,18 +1,34 @@
-//! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the metrics of design and docs, a baked
-//! scene evaluated at single places, and a renderer for pictures on the CPU.
+//! How wrong it is: a reference integrator that shares nothing with the baked path but the geometry, the closed forms that it is tested against, the
+//! metrics of design and docs, a test whether two noisy estimates agree, a baked scene evaluated at single places, a renderer for pictures on the
+//! CPU, and charts of all that.
 
+mod agreement;
+mod basis_comparison;
+mod chart;
+pub mod closed_form;
 mod direct;
 mod evaluate;
+mod flip;
 mod metrics;
+mod pareto;
 mod reference;
 mod render;
+mod sphere_over_disk;
 mod truth;
 
+pub use agreement::{Agreement, Estimates, agreement};
+pub use basis_comparison::{
+    Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
+};
+pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
-pub use metrics::{Errors, errors};
+pub use flip::{flip, flip_map};
+pub use metrics::{Errors, errors, leak_ratio};
+pub use pareto::{interpolate_log, pareto_front};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };
 pub use render::{Camera, Image, render};
+pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
 pub use truth::{BOUNCES, Comparison, Truth, TruthError};

@@ -67,6 +67,29 @@ pub struct BakeInfo {
     pub link_error: f32,
     /// Share of the gathered light that met a surface which no sender covers.
     pub uncovered: f32,
-    /// Largest row sum of |F·n| over all points: below 1 the bounces cannot gain energy.
+    /// Largest row sum of F·n that was gathered.
     pub largest_row_sum: f32,
+    /// What the bake's bounces can gain and lose.
+    #[serde(default)]
+    pub energy: EnergyInfo,
+}
+
+/// What a reflection can gain at most, and how well the operator keeps to the two laws that light obeys. Read off the packed operator, as a frame uses it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EnergyInfo {
+    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders): below 1, so that light dies away.
+    pub gain: f32,
+    /// What a power iteration found it to be.
+    pub gain_found: f32,
+    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so white that light would not die away.
+    pub guarded: u64,
+    /// The smallest factor that an albedo was lowered by; 1 where none was.
+    pub guard_factor: f32,
+    /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender covers make one.
+    pub row_deviation: f32,
+    /// Its root mean square over all rows.
+    pub row_deviation_rms: f32,
+    /// Root mean square of the difference between what pairs of surfaces send each other, relative to that of its mean: noise of rays and points.
+    pub reciprocity: f32,
 }

@@ -18,5 +18,5 @@ pub use baked::{BakedScene, Display, Places, PointSurface};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;
-pub use info::{BakeInfo, TierInfo};
+pub use info::{BakeInfo, EnergyInfo, TierInfo};
 pub use validate::{BakedStats, Violation};

@@ -14,6 +14,10 @@ const MOST_VIOLATIONS: usize = 32;
 const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
+/// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
+const BRIGHTEST: f32 = 1e20;
+/// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
+const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 const LARGEST_LINK: f32 = 16.0;
 
@@ -227,7 +231,7 @@ impl BakedScene {
                 i,
                 || format!("albedo {:?}", s.albedo),
             );
-            check.item(within(s.emission, 0.0, f32::MAX), "surfaces", i, || {
+            check.item(within(s.emission, 0.0, BRIGHTEST), "surfaces", i, || {
                 format!("emission {:?}", s.emission)
             });
             check.item(within(s.sky, -2.0, 2.0), "surfaces", i, || {
@@ -364,6 +368,7 @@ impl BakedScene {
                 return;
             }
         }
+        self.check_row_sums(check);
         let Some(bounces) = &self.bounces else { return };
         let starts = &bounces.starts;
         check.whole(
@@ -378,6 +383,23 @@ impl BakedScene {
             check.item(sound, "bounce links", i, || format!("gain {:?}", link.gain));
             check.item((link.sender as usize) < senders, "bounce links", i, || {
                 format!("sender {} of {senders}", link.sender)
+            });
+        }
+    }
+
+    /// No point receives more than all senders shine: sweeps over rows that sum to more would grow without end. Differences have signs, and are left out.
+    fn check_row_sums(&self, check: &mut Check) {
+        if !check.0.is_empty() || self.operator.form == SenderForm::Differences {
+            return;
+        }
+        let all = self.operator.rows.iter().zip(&self.points).enumerate();
+        for (i, (row, point)) in all {
+            let links = &self.operator.links[row.start as usize..][..row.count as usize];
+            let n = point.n();
+            let sum: f32 = links.iter().map(|l| l.vector().dot(n).abs()).sum();
+            let sum = sum * row.scale;
+            check.item(sum <= LARGEST_ROW_SUM, "rows", i, || {
+                format!("links sum to {sum}: more light than there is")
             });
         }
     }

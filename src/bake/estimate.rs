@@ -135,8 +135,9 @@ fn summarise(mut parts: Vec<f64>, power: f64, places: usize) -> Estimate {
 }
 
 /// The geometry without its own emission: the estimate is of lamps' light.
-struct Lit<'a> {
-    geometry: &'a dyn Geometry,
+pub struct Lit<'a> {
+    /// What it is of.
+    pub geometry: &'a dyn Geometry,
 }
 
 impl Geometry for Lit<'_> {

@@ -4,6 +4,7 @@
 //! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
 //! counted. Threads are those of the rayon pool that the call runs in.
 
+mod energy;
 mod estimate;
 mod level;
 mod progress;
@@ -12,16 +13,17 @@ mod signals;
 mod stale;
 mod stats;
 
+pub(crate) use estimate::Lit;
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
-use crate::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
+use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, TierInfo};
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
-use crate::scene::{Bvh, Geometry};
+use crate::scene::{Bounds, Bvh, Geometry};
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
     SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
@@ -69,6 +71,18 @@ pub enum BakeError {
         /// How many were tried.
         viewpoints: usize,
     },
+    /// The level lies so far from its origin that single precision cannot tell its places apart.
+    #[error(
+        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and place its root instead"
+    )]
+    TooFar {
+        /// Largest coordinate, metres.
+        far: f32,
+        /// Largest edge of the box around it, metres.
+        size: f32,
+        /// Distance between neighbouring coordinates there, metres.
+        spacing: f32,
+    },
     /// Somebody asked it to stop.
     #[error("the bake was cancelled")]
     Cancelled,
@@ -115,6 +129,8 @@ fn bake_once(
         threads: rayon::current_num_threads() as u64,
         ..BakeStats::default()
     };
+
+    stats.warnings.extend(remoteness(&geometry.bounds())?);
 
     // Viewpoints and the size of things.
     go_on(Stage::Points, 0.0)?;
@@ -164,10 +180,12 @@ fn bake_once(
     let sender_levels = settings.sender_levels as usize;
     let places = lit_places(geometry, &mut hierarchy, &settings, &mut stats.rays);
     let tree = hierarchy.tree();
-    let pull = match settings.rule {
+    let mut shown = Vec::new();
+    let mut pull = match settings.rule {
         Rule::Bounded => {
-            let (shown, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
+            let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
+            shown = areas;
             hierarchy.tree_pull(&tree, &shown)
         }
         Rule::L08 => hierarchy.pull(),
@@ -215,17 +233,18 @@ fn bake_once(
                 parents: &mut parents,
                 building: &building,
             };
-            (
-                refine_bounded(
-                    &gathering,
-                    &mut receivers,
-                    &tree,
-                    &training,
-                    &bounded,
-                    &told,
-                ),
-                SenderForm::Averages,
-            )
+            let refined = refine_bounded(
+                &gathering,
+                &mut receivers,
+                &tree,
+                &training,
+                &bounded,
+                &told,
+            );
+            if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
+                pull = handed.pull(&tree, &shown);
+            }
+            (refined, SenderForm::Averages)
         }
         Rule::L08 => {
             let neighbours = l08::neighbours(&hierarchy, sender_levels);
@@ -253,6 +272,30 @@ fn bake_once(
         form, stats, progress,
     )?;
     finish(source, recipe, baked, began, progress)
+}
+
+/// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
+const MOST_LIFT: f32 = 0.1;
+/// From how much on it is worth a warning: a level of 2 m then lies 2 km away.
+const NOTED_LIFT: f32 = 1e-3;
+
+/// A warning of a level that lies so far from its origin that roundings show.
+fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
+    let far = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let size = bounds.size().max_element();
+    let spacing = f32::EPSILON * far;
+    // Nothing at all is somebody else's error.
+    let lift = 8.0 * spacing / size;
+    if size <= 0.0 || lift.is_nan() || lift <= NOTED_LIFT {
+        return Ok(None);
+    }
+    if lift > MOST_LIFT {
+        return Err(BakeError::TooFar { far, size, spacing });
+    }
+    Ok(Some(format!(
+        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: rays start {:.1} % of its size off their surfaces. Move it to its origin, and place its root instead",
+        100.0 * lift
+    )))
 }
 
 /// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its
@@ -340,33 +383,6 @@ fn assemble(
         }
     }
 
-    let bounces_began = Instant::now();
-    let bounces = (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
-        progress.set(Stage::Bounces, 0.0);
-        let coarsest = hierarchy.level(0);
-        bounce_operator(
-            &BounceScene {
-                rows: &refined.rows,
-                normals: &hierarchy.surfaces[coarsest.clone()]
-                    .iter()
-                    .map(|s| s.normal)
-                    .collect::<Vec<_>>(),
-                albedo: &surfaces[coarsest]
-                    .iter()
-                    .map(|s| s.albedo.into())
-                    .collect::<Vec<_>>(),
-                parents: &parents,
-                senders,
-            },
-            settings.bounces - 1,
-            0.02 * settings.epsilon,
-        )
-    });
-    stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
-    if progress.is_cancelled() {
-        return Err(BakeError::Cancelled);
-    }
-
     let tiers = assign_tiers(&refined.rows, &hierarchy.level_starts, &parents, form);
     let packed = pack(&refined.rows, &tiers, &refined.sky, senders, form);
     let tiers = TierInfo::of(&packed.operator);
@@ -378,7 +394,7 @@ fn assemble(
     stats.largest_row_sum = f64::from(refined.largest_row_sum);
     stats.link_error = f64::from(packed.error);
     stats.clip_planes = flat.planes.len() as u64;
-    let scene = BakedScene {
+    let mut scene = BakedScene {
         surfaces,
         level_starts: hierarchy.level_starts,
         sender_levels: settings.sender_levels,
@@ -386,7 +402,7 @@ fn assemble(
         pull,
         parents,
         operator: packed.operator,
-        bounces,
+        bounces: None,
         display: Display {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,
@@ -413,8 +429,44 @@ fn assemble(
             link_error: packed.error,
             uncovered: refined.uncovered as f32,
             largest_row_sum: refined.largest_row_sum,
+            energy: EnergyInfo::default(),
         },
     };
+    let energy = energy::conserve(&mut scene, &refined.missed);
+    stats
+        .warnings
+        .extend(energy::warning(&energy, stats.senders));
+    stats.energy = energy;
+    scene.info.energy = energy;
+
+    let bounces_began = Instant::now();
+    scene.bounces =
+        (settings.bounce_mode == BounceMode::Baked && settings.bounces > 1).then(|| {
+            progress.set(Stage::Bounces, 0.0);
+            let coarsest = scene.level(0);
+            bounce_operator(
+                &BounceScene {
+                    rows: &refined.rows,
+                    normals: &hierarchy.surfaces[coarsest.clone()]
+                        .iter()
+                        .map(|s| s.normal)
+                        .collect::<Vec<_>>(),
+                    albedo: &scene.surfaces[coarsest]
+                        .iter()
+                        .map(|s| s.albedo.into())
+                        .collect::<Vec<_>>(),
+                    parents: &scene.parents,
+                    senders,
+                },
+                settings.bounces - 1,
+                0.02 * settings.epsilon,
+            )
+        });
+    stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
+    if progress.is_cancelled() {
+        return Err(BakeError::Cancelled);
+    }
+
     Ok(Baked { scene, stats })
 }
 

@@ -1,6 +1,6 @@
 //! Where a bake's time went and what came out: the tool's `--stats` file.
 
-use crate::asset::TierInfo;
+use crate::asset::{EnergyInfo, TierInfo};
 use serde::{Deserialize, Serialize};
 
 /// Seconds of wall-clock time by stage. Gather and refinement run together on all threads; their share of it is split by the processor
@@ -62,10 +62,14 @@ pub struct BakeStats {
     pub uncovered: f64,
     /// See [`crate::asset::BakeInfo::largest_row_sum`].
     pub largest_row_sum: f64,
+    /// See [`crate::asset::BakeInfo::energy`].
+    pub energy: EnergyInfo,
     /// See [`crate::asset::BakeInfo::link_error`].
     pub link_error: f64,
     /// Clip planes of the display basis.
     pub clip_planes: u64,
     /// Levels cut short because they would have had too many points.
     pub truncated_levels: Vec<u64>,
+    /// What the user of the bake should know of it, in words; nothing for most.
+    pub warnings: Vec<String>,
 }

@@ -4,10 +4,13 @@
 //! not get light from it, nor give any. Exact visibility per place would cost a ray per weight; instead the bake looks, once, from
 //! each centre at the surface places around it. Where the view is blocked, the plane of the blocker, turned towards the centre, is a
 //! candidate; the planes that cut off most blocked places and no visible one are kept, four at most.
+//!
+//! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each centre also looks around
+//! along its tangent plane for walls, and behind each one for surface.
 
 use super::kernel::kernel;
 use super::{LevelBasis, support_bounds};
-use crate::samples::{Candidate, HashedGrid, Point, dist};
+use crate::samples::{Candidate, F_SQUASH, HashedGrid, Point, dist, tangents};
 use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -21,6 +24,14 @@ const EYE: f32 = 0.1;
 
 /// Places at most that a function looks at for its clip planes.
 const MOST_LOOKS: usize = 64;
+/// Directions along the tangent plane in which it looks for walls.
+const DIRECTIONS: u32 = 16;
+/// Places behind a wall in each of them.
+const BEHIND: u32 = 4;
+/// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq. (10).
+const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
+/// Blocked weight, out of a function's own 1, that is worth a plane.
+const WORTH: f32 = 1e-5;
 
 /// The clip planes of one function: `around` are surface places (x, n) in and near its support. Returns planes (n, d) with n·x + d ≥ 0
 /// on the function's side, and adds the rays cast to `rays`.
@@ -44,7 +55,8 @@ pub fn clip_planes(
     let eye = x_j + n_j * height;
     let mut places: Vec<Place> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
-    for (x, n) in around {
+    let behind = behind_walls(geometry, point, eye, rays);
+    for (x, n) in around.chain(behind) {
         let cosine = n.dot(n_j);
         let r = dist(x - x_j, n_j);
         if cosine <= 0.0 || r >= radius {
@@ -76,7 +88,8 @@ pub fn clip_planes(
     while kept.len() < MOST_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
         for &plane in &candidates {
-            if plane.dot(x_j.extend(1.0)) < slack {
+            // The function's own place stays, however near the wall it is.
+            if plane.dot(x_j.extend(1.0)) <= 0.0 {
                 continue;
             }
             let mut gain = 0.0;
@@ -89,7 +102,7 @@ pub fn clip_planes(
                     };
                 }
             }
-            if gain > best.map_or(1e-3, |(g, _)| g) {
+            if gain > best.map_or(WORTH, |(g, _)| g) {
                 best = Some((gain, plane));
             }
         }
@@ -98,6 +111,38 @@ pub fn clip_planes(
         places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
     }
     kept
+}
+
+/// Surface places within a function's support behind whatever stands on its tangent plane, as seen from `eye`.
+fn behind_walls(
+    geometry: &dyn Geometry,
+    point: &Point,
+    eye: Vec3,
+    rays: &mut u64,
+) -> Vec<(Vec3, Vec3)> {
+    let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
+    let (t, b) = tangents(n_j);
+    let tall = TALL * radius;
+    let mut found = Vec::new();
+    for k in 0..DIRECTIONS {
+        let angle = core::f32::consts::TAU * (k as f32 + 0.5) / DIRECTIONS as f32;
+        let way = t * libm::cosf(angle) + b * libm::sinf(angle);
+        *rays += 1;
+        let Some(wall) = geometry.cast(&Ray::segment(eye, way, radius)) else {
+            continue;
+        };
+        for place in 0..BEHIND {
+            let across = wall.t + (radius - wall.t) * (place as f32 + 0.5) / BEHIND as f32;
+            let above = x_j + way * across + n_j * tall;
+            let down = Ray::segment(above, -n_j, 2.0 * tall);
+            *rays += 1;
+            if let Some(hit) = geometry.cast(&down) {
+                let there = geometry.site(&down, &hit);
+                found.push((there.position, there.normal));
+            }
+        }
+    }
+    found
 }
 
 /// Gives each function its clip planes, looking at the places in `around`. Also says how many rays it took.

@@ -1,10 +1,12 @@
 //! How light is written down: the multilevel Shepard basis of \[L08\] §2.
 
 mod clip;
+mod dense;
 mod flat;
 mod hierarchy;
 mod kernel;
 mod places;
+mod rival;
 mod shepard;
 mod weights;
 
@@ -12,6 +14,10 @@ pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{kernel, weight};
 pub use places::find_places;
+pub use rival::{
+    GaussianBasis, MultilevelBasis, PointBasis, PointBasisError, PointSample, ShepardBasis,
+    SurfaceField, check_samples, site_distance,
+};
 pub use shepard::{LevelBasis, support_bounds};
 pub use weights::{WeightEntry, Weights};
 

@@ -1,6 +1,7 @@
 //! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for any number of threads, for no sum is shared
 //! between threads.
 
+use super::anderson::Anderson;
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, Steps, VectorIrradiance, apply, bounce,
     flatten, project, pull, push, radiosity, splat,
@@ -74,14 +75,14 @@ impl CpuFrame {
                 .resize(lights.len(), FrameLight::default());
             self.projected.resize(lights.len() * senders, 0.0);
         }
-        let extent = project::extent(scene);
+        let (extent, apart) = (project::extent(scene), project::apart(scene));
         let mut count = 0;
         for (slot, light) in lights.iter().enumerate() {
             if light.kind == FrameLight::NONE || light.same_geometry(&self.projected_for[slot]) {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];
-            project::project(scene, extent, light, out);
+            project::project(scene, extent, apart, light, out);
             self.projected_for[slot] = *light;
             count += 1;
         }
@@ -99,7 +100,6 @@ impl CpuFrame {
         let shape = SceneShape::new(scene);
         let params = shape.params(settings, self.lights.len());
         let steps = Steps::new(&shape, settings);
-        let senders = scene.senders();
         radiosity::radiosity(
             &params,
             &self.lights,
@@ -128,25 +128,97 @@ impl CpuFrame {
             self.direct.copy_from_slice(&self.senders);
         }
         for _ in 0..steps.sweeps {
-            self.transport(scene, &params, &steps, 0..senders, &steps.senders);
-            bounce::sweep(
-                &params,
-                &scene.points,
-                &scene.surfaces,
-                &scene.pull,
-                &self.direct,
-                &self.values,
-                &mut self.senders,
-            );
-            for level in &steps.pull {
-                pull::pull(&scene.pull, level.clone(), &mut self.senders);
-            }
+            self.sweep(scene, &params, &steps);
         }
         self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
         true
+    }
+
+    /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says of them: until what further ones would add, by
+    /// the bake's own bound on the gain of a reflection, is below `tolerance` times the light, or single precision says no more. The sweeps are accelerated:
+    /// they are no single reflections, but end where all of those would. Returns how many ran, at most [`MOST_ACCELERATED`](Self::MOST_ACCELERATED).
+    pub fn converge(
+        &mut self,
+        scene: &BakedScene,
+        settings: &FrameSettings,
+        tolerance: f32,
+    ) -> u32 {
+        let one = FrameSettings {
+            sweeps: 1,
+            baked_bounces: false,
+            ..*settings
+        };
+        self.solved = None;
+        self.solve(scene, &one);
+        let shape = SceneShape::new(scene);
+        let params = shape.params(&one, self.lights.len());
+        let steps = Steps::new(&shape, &one);
+        let gain = scene.info.energy.gain;
+        let gain = if gain.is_finite() { gain } else { 1.0 };
+        let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
+        // Sums of a few hundred links round by so much.
+        let enough = enough.max(3e-7);
+        let finest = params.finest_sender as usize;
+        let own: Vec<usize> = (0..scene.senders())
+            .filter(|&j| j >= finest || scene.pull.row(j).is_empty())
+            .collect();
+        // Colours have nothing to do with one another.
+        let mut memory: [Anderson; 3] = Default::default();
+        let values = |senders: &[[f32; 4]], c: usize| -> Vec<f32> {
+            own.iter().map(|&j| senders[j][c]).collect()
+        };
+        let mut sweeps = 1;
+        let mut x = [0, 1, 2].map(|c| values(&self.senders, c));
+        loop {
+            self.sweep(scene, &params, &steps);
+            sweeps += 1;
+            let g = [0, 1, 2].map(|c| values(&self.senders, c));
+            let mut change = 0.0f64;
+            for ((memory, x), g) in memory.iter_mut().zip(&mut x).zip(&g) {
+                change = change.max(memory.step(x, g));
+            }
+            // The sweep's own result is light that arrived; what lies beyond it is a guess.
+            if change <= enough || sweeps >= Self::MOST_ACCELERATED {
+                break;
+            }
+            for (c, x) in x.iter_mut().enumerate() {
+                for (&j, x) in own.iter().zip(x) {
+                    *x = x.max(0.0);
+                    self.senders[j][c] = *x;
+                }
+            }
+            for level in &steps.pull {
+                pull::pull(&scene.pull, level.clone(), &mut self.senders);
+            }
+        }
+        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
+        // No plain solve is like this one.
+        self.solved = None;
+        self.counters.sweeps += u64::from(sweeps - 1);
+        sweeps
+    }
+
+    /// Most sweeps of [`converge`](Self::converge).
+    pub const MOST_ACCELERATED: u32 = 200;
+
+    /// One reflection: the senders' light carried to them again, and added to their direct light.
+    fn sweep(&mut self, scene: &BakedScene, params: &SolveParams, steps: &Steps) {
+        self.transport(scene, params, steps, 0..scene.senders(), &steps.senders);
+        bounce::sweep(
+            params,
+            &scene.points,
+            &scene.surfaces,
+            &scene.pull,
+            &self.direct,
+            &self.values,
+            &mut self.senders,
+        );
+        for level in &steps.pull {
+            pull::pull(&scene.pull, level.clone(), &mut self.senders);
+        }
     }
 
     /// Push, apply and flatten for the points of `levels`.

@@ -70,8 +70,8 @@ pub struct SolveParams {
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// Not used.
-    pub pad1: u32,
+    /// How far apart a sender's places lie, metres ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
+    pub apart: f32,
 }
 
 /// The points (or rows, or list entries) that one dispatch works on. 16 bytes.

@@ -27,6 +27,9 @@ pub struct FrameLight {
     pub pad: [f32; 3],
 }
 
+/// No lamp, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers in single precision.
+pub const BRIGHTEST: f32 = 1e18;
+
 impl FrameLight {
     /// `kind` of a slot without a light.
     pub const NONE: u32 = 0;
@@ -165,10 +168,15 @@ impl FrameLight {
         } == *other
     }
 
-    /// The light, or no light where a number of it is not finite.
+    /// The light, no brighter than [`BRIGHTEST`]; or no light where a number of it is not finite.
     fn or_none(self) -> Self {
         if self.is_finite() {
-            self
+            let color = Vec3::from_array(self.color);
+            let most = Vec3::splat(BRIGHTEST);
+            Self {
+                color: color.clamp(-most, most).to_array(),
+                ..self
+            }
         } else {
             Self::default()
         }
@@ -185,10 +193,10 @@ impl FrameLight {
     }
 }
 
-/// 1 / range²; 0 for an infinite range. Bevy's shader clamps the same way.
+/// 1 / range²; 0 for an infinite range, and a range of zero reaches nothing that is farther than 1e-15 m.
 fn inverse_square(range: f32) -> f32 {
     if range.is_finite() {
-        1.0 / (range * range).max(1e-4)
+        1.0 / (range * range).max(1e-30)
     } else {
         0.0
     }

@@ -15,6 +15,7 @@
 //!
 //! [`CpuFrame`] runs them all; a [`FrameSettings`] says how many bounces.
 
+mod anderson;
 pub mod apply;
 pub mod bounce;
 pub mod composite;

@@ -26,11 +26,55 @@ pub fn lift(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Irradiance at (x, n) from `light` with colour one and without shadows: 1/m² (point, spot, patch) or dimensionless (directional). Finite for
-/// every input that is.
+/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimetre, and in levels below two metres as much less.
+#[must_use]
+#[inline]
+pub fn nearest_square(extent: f32) -> f32 {
+    (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
+}
+
+/// How far apart the places of a sender lie, metres; 0 where they are lit at their own points alone.
+///
+/// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks of that level's points are 0.8 of the radius, and there are
+/// 0.7 of them to a square of that: a place stands for a square of edge 2σ / √places.
+#[must_use]
+pub fn apart(scene: &BakedScene) -> f32 {
+    const ASKED: usize = 256;
+    let count = scene.places.per_sender as usize;
+    if count < 2 {
+        return 0.0;
+    }
+    let senders = scene.places.list.chunks_exact(count);
+    let stride = senders.len().div_ceil(ASKED).max(1);
+    let (mut variance, mut asked) = (0.0f32, 0u32);
+    for own in senders.step_by(stride) {
+        let share = 1.0 / count as f32;
+        let middle: Vec3 = own.iter().map(|p| share * p.x()).sum();
+        variance += own
+            .iter()
+            .map(|p| share * p.x().distance_squared(middle))
+            .sum::<f32>();
+        asked += 1;
+    }
+    let apart = 2.0 * (variance / asked.max(1) as f32).sqrt() / (count as f32).sqrt();
+    if apart.is_finite() { apart } else { 0.0 }
+}
+
+/// [`unshadowed_within`] in a level of two metres or more, at a single place.
 #[must_use]
 #[inline]
 pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
+    unshadowed_within(light, x, n, f32::MAX, 0.0)
+}
+
+/// Irradiance at (x, n) from `light` with colour one and without shadows, in a level as large as `extent` (metres): 1/m² (point, spot, patch) or
+/// dimensionless (directional). Finite for every input that is.
+///
+/// A point or spot lamp nearer to the place's plane than `apart` (metres) shines from that height: I cos θ / d² is far narrower there than the places are
+/// apart, which would miss it or take it for all of their surface. What a plane receives does not depend on the height.
+#[must_use]
+#[inline]
+pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apart: f32) -> f32 {
     let axis = Vec3::from_array(light.direction);
     if light.kind == FrameLight::NONE {
         return 0.0;
@@ -43,10 +87,15 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
     if square <= 0.0 {
         return 0.0;
     }
+    let height = n.dot(to);
     let to = to / square.sqrt();
-    let mut e = n.dot(to).max(0.0) / square.max(1e-4);
+    let mut e = n.dot(to).max(0.0) / square.max(nearest_square(extent));
     if light.kind == FrameLight::PATCH {
         return e * (-to.dot(axis)).max(0.0);
+    }
+    if height > 0.0 && height < apart {
+        let lifted = square - height * height + apart * apart;
+        e = apart / (lifted * lifted.sqrt());
     }
     let factor = square * light.inverse_square_range;
     let window = (1.0 - factor * factor).clamp(0.0, 1.0);
@@ -81,7 +130,19 @@ pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<R
 #[must_use]
 #[inline]
 pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
-    let e = unshadowed(light, x, n);
+    shadowed(
+        bvh,
+        extent,
+        light,
+        x,
+        n,
+        unshadowed_within(light, x, n, extent, 0.0),
+    )
+}
+
+/// `e` where `light` sees (x, n), 0 elsewhere.
+#[inline]
+fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
     if e <= 0.0 {
         return 0.0;
     }
@@ -109,8 +170,18 @@ pub fn places_for<'a>(
 /// Irradiance of sender `j` from `light` with colour one.
 #[must_use]
 #[inline]
-pub fn project_sender(scene: &BakedScene, extent: f32, light: &FrameLight, j: usize) -> f32 {
+pub fn project_sender(
+    scene: &BakedScene,
+    extent: f32,
+    apart: f32,
+    light: &FrameLight,
+    j: usize,
+) -> f32 {
     let at = |x, n| project_at(&scene.bvh, extent, light, x, n);
+    let near = |x, n| {
+        let e = unshadowed_within(light, x, n, extent, apart);
+        shadowed(&scene.bvh, extent, light, x, n, e)
+    };
     let count = scene.places.per_sender as usize;
     let finest = scene.finest_senders().start;
     if j < finest || count == 0 {
@@ -120,13 +191,13 @@ pub fn project_sender(scene: &BakedScene, extent: f32, light: &FrameLight, j: us
     let own = &scene.places.list[(j - finest) * count..(j - finest + 1) * count];
     let places = places_for(light, own);
     let used = places.len() as f32;
-    places.map(|p| at(p.x(), p.n())).sum::<f32>() / used
+    places.map(|p| near(p.x(), p.n())).sum::<f32>() / used
 }
 
 /// Fills `out`, one value a sender.
-pub fn project(scene: &BakedScene, extent: f32, light: &FrameLight, out: &mut [f32]) {
+pub fn project(scene: &BakedScene, extent: f32, apart: f32, light: &FrameLight, out: &mut [f32]) {
     out.par_iter_mut()
         .with_min_len(16)
         .enumerate()
-        .for_each(|(j, e)| *e = project_sender(scene, extent, light, j));
+        .for_each(|(j, e)| *e = project_sender(scene, extent, apart, light, j));
 }

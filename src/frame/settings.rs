@@ -1,7 +1,8 @@
 //! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
 
 use super::layout::SolveParams;
-use super::project::extent;
+use super::light::BRIGHTEST;
+use super::project::{apart, extent};
 use crate::asset::BakedScene;
 use crate::transport::SenderForm;
 use glam::Vec3;
@@ -73,6 +74,8 @@ pub struct SceneShape {
     pub nodes: usize,
     /// Largest edge of the geometry's box, metres.
     pub extent: f32,
+    /// How far apart a sender's places lie, metres.
+    pub apart: f32,
 }
 
 impl SceneShape {
@@ -88,6 +91,7 @@ impl SceneShape {
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
             extent: extent(scene),
+            apart: apart(scene),
         }
     }
 
@@ -118,10 +122,14 @@ impl SceneShape {
     /// The numbers that all kernels of a solve know.
     #[must_use]
     pub fn params(&self, settings: &FrameSettings, slots: usize) -> SolveParams {
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let finite = |v: f32| match v.is_finite() {
+            true => v.clamp(-BRIGHTEST, BRIGHTEST),
+            false => 0.0,
+        };
         SolveParams {
             sky: (settings.sky * PI).to_array().map(finite),
-            emission: finite(settings.emission),
+            // Surfaces are as bright as lamps already.
+            emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
             places: self.places,
             senders: self.senders() as u32,
@@ -129,6 +137,7 @@ impl SceneShape {
             slots: slots as u32,
             nodes: self.nodes as u32,
             extent: self.extent,
+            apart: self.apart,
             tier: settings.tier.clamp(1, self.tiers.max(1)),
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
@@ -193,6 +202,7 @@ mod tests {
             bounces: false,
             nodes: 0,
             extent: 1.0,
+            apart: 0.0,
         }
     }
 

@@ -94,7 +94,7 @@ fn look_around(
                 if let Some(hit) = geometry.cast(&ray) {
                     view.hits += 1;
                     view.fronts += u32::from(geometry.surface(&ray, &hit).front);
-                    inverse += 1.0 / hit.t.max(1e-6);
+                    inverse += 1.0 / hit.t.max(f32::MIN_POSITIVE);
                 }
             }
             view.openness = if inverse > 0.0 {

@@ -10,7 +10,7 @@
 
 use super::{Bounds, Geometry, Hit, Ray, Surface};
 use core::f32::consts::PI;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// Steps after which a ray is given up as a miss.
 const MOST_STEPS: u32 = 4096;
@@ -66,6 +66,17 @@ pub enum Shape {
         /// Radius of the tube.
         minor: f32,
     },
+    /// A cylinder with flat ends; a low one is a disk.
+    Cylinder {
+        /// Its centre, half-way between the ends.
+        center: Vec3,
+        /// Unit axis.
+        axis: Vec3,
+        /// Its radius.
+        radius: f32,
+        /// Half the distance of its ends.
+        half_height: f32,
+    },
 }
 
 impl Shape {
@@ -89,6 +100,19 @@ impl Shape {
                 let ring = (q - axis * height).length() - major;
                 (ring * ring + height * height).sqrt() - minor
             }
+            Self::Cylinder {
+                center,
+                axis,
+                radius,
+                half_height,
+            } => {
+                let q = p - center;
+                let height = q.dot(axis);
+                let out = (q - axis * height).length() - radius;
+                let above = height.abs() - half_height;
+                let beyond = Vec2::new(out, above).max(Vec2::ZERO).length();
+                beyond + out.max(above).min(0.0)
+            }
         }
     }
 
@@ -110,6 +134,16 @@ impl Shape {
                 minor,
                 ..
             } => around(center, Vec3::splat(major + minor)),
+            Self::Cylinder {
+                center,
+                axis,
+                radius,
+                half_height,
+            } => {
+                let across = (Vec3::ONE - axis * axis).max(Vec3::ZERO);
+                let across = Vec3::new(across.x.sqrt(), across.y.sqrt(), across.z.sqrt());
+                around(center, axis.abs() * half_height + across * radius)
+            }
             Self::HalfSpace { .. } => None,
         }
     }
@@ -289,7 +323,6 @@ impl Geometry for ImplicitScene {
 mod tests {
     use super::*;
     use crate::samples::{Random, uniform_sphere};
-    use glam::Vec2;
 
     fn object(shape: Shape) -> ImplicitObject {
         ImplicitObject {
@@ -373,6 +406,42 @@ mod tests {
             ray = Ray::new(start, (d + s.normal * 1.001).normalize());
         }
         assert!(met.iter().all(|&m| m > 200), "{met:?}");
+    }
+
+    #[test]
+    fn a_cylinder_has_flat_ends_and_a_round_side() {
+        let axis = Vec3::new(0.6, 0.8, 0.0);
+        let center = Vec3::new(3.0, -1.0, 2.0);
+        let shape = Shape::Cylinder {
+            center,
+            axis,
+            radius: 2.0,
+            half_height: 0.5,
+        };
+        let at = |height: f32, out: f32| shape.distance(center + axis * height + Vec3::Z * out);
+        for (height, out, right) in [
+            (0.0, 0.0, -0.5),
+            (0.0, 1.75, -0.25),
+            (0.75, 1.0, 0.25),
+            (0.25, 3.0, 1.0),
+            (3.5, 6.0, 5.0),
+        ] {
+            assert!((at(height, out) - right).abs() < 1e-5, "{height} {out}");
+        }
+        let scene = ImplicitScene::new(vec![object(shape)]);
+        let bounds = scene.bounds();
+        // Corners of the solid along x: half the axis' share and the rim's.
+        assert!((bounds.max.x - center.x - (0.3 + 1.6)).abs() < 1e-5);
+        assert!((bounds.max.z - center.z - 2.0).abs() < 1e-5);
+        let down = Ray::new(center + axis * 4.0 + Vec3::Z, -axis);
+        let hit = scene.cast(&down).expect("the end");
+        let seen = scene.surface(&down, &hit);
+        assert!((hit.t - 3.5).abs() < 1e-4 && (seen.normal - axis).length() < 1e-2);
+        assert!(
+            scene
+                .cast(&Ray::new(center + axis * 4.0 + Vec3::Z * 2.1, -axis))
+                .is_none()
+        );
     }
 
     #[test]

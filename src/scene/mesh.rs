@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 /// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
 const FARTHEST: f32 = 1e9;
 
+/// Radiances from here on, in W/(m² sr), are taken for damage: sums of them overflow.
+const BRIGHTEST: f32 = 1e18;
+
 /// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TriangleUvs {
@@ -40,7 +43,7 @@ pub struct MeshProblems {
     pub bad_material: u64,
     /// Materials whose reflectance was not within [0, 1]: clamped.
     pub albedo_clamped: u64,
-    /// Materials whose emission was not finite or negative: it was dropped.
+    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m² sr): it was lowered to that.
     pub bad_emission: u64,
     /// Materials that named a texture that is not there: used without it.
     pub bad_texture: u64,
@@ -297,6 +300,13 @@ impl TriangleMesh {
         *hasher.finalize().as_bytes()
     }
 
+    /// The unit that the wide walk measures distances along `ray` in: ten thousandth parts of the mesh's size, in lengths of the ray's direction.
+    fn walk_unit(&self, ray: &Ray) -> f32 {
+        let length = ray.direction.abs().max_element();
+        let unit = 1e-4 * self.bounds.size().max_element() / length;
+        power_of_two(unit.clamp(1e-15, 1e15))
+    }
+
     /// Whether a hit is on the surface or in one of its holes.
     fn solid(&self, face: &Face, hit: &TriangleHit) -> bool {
         if !face.masked {
@@ -376,6 +386,9 @@ fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems)
     if !(material.emissive.is_finite() && material.emissive.min_element() >= 0.0) {
         material.emissive = Vec3::ZERO;
         problems.bad_emission += 1;
+    } else if material.emissive.max_element() > BRIGHTEST {
+        material.emissive = material.emissive.min(Vec3::splat(BRIGHTEST));
+        problems.bad_emission += 1;
     }
     if material.alpha_cutoff.is_some_and(|c| !c.is_finite()) {
         material.alpha_cutoff = None;
@@ -395,9 +408,16 @@ fn repair(material: &mut Material, textures: usize, problems: &mut MeshProblems)
     }
 }
 
+/// The largest power of two that is not above `x`, which must be positive and normal.
+fn power_of_two(x: f32) -> f32 {
+    f32::from_bits(x.to_bits() & 0x7f80_0000)
+}
+
 /// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that is nearly zero must not
 /// count as larger than it is, or a ray along a wall would miss the wall behind.
-fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
+///
+/// Distances are in `unit`s, a power of two: the walk looks into no box that ends before 1e-4 of them, whatever the size of the level.
+fn traversal_ray(ray: &Ray, unit: f32) -> obvhs::ray::Ray {
     const SMALLEST: f32 = 1e-18;
     let guarded = |d: f32| {
         if d.abs() < SMALLEST {
@@ -406,13 +426,13 @@ fn traversal_ray(ray: &Ray) -> obvhs::ray::Ray {
             d
         }
     };
-    let inverse = ray.direction.to_array().map(|d| 1.0 / guarded(d));
+    let inverse = ray.direction.to_array().map(|d| 1.0 / (guarded(d) * unit));
     obvhs::ray::Ray {
         origin: ray.origin.to_array().into(),
-        direction: ray.direction.to_array().into(),
+        direction: (ray.direction * unit).to_array().into(),
         inv_direction: inverse.into(),
         tmin: 0.0,
-        tmax: ray.max_t,
+        tmax: ray.max_t / unit,
     }
 }
 
@@ -434,10 +454,11 @@ impl Geometry for TriangleMesh {
         if self.faces.is_empty() || !usable(ray) {
             return None;
         }
+        let unit = self.walk_unit(ray);
         let test = WatertightRay::new(ray);
         let mut best: Option<Hit> = None;
         self.wide
-            .ray_traverse(traversal_ray(ray), &mut RayHit::none(), |_, k| {
+            .ray_traverse(traversal_ray(ray, unit), &mut RayHit::none(), |_, k| {
                 let face = &self.faces[k];
                 let [a, b, c] = face.corners;
                 let limit = best.map_or(ray.max_t, |h| h.t);
@@ -456,7 +477,7 @@ impl Geometry for TriangleMesh {
                     primitive: face.index,
                     uv: [hit.u, hit.v],
                 });
-                hit.t * BEYOND
+                hit.t * BEYOND / unit
             });
         best
     }
@@ -468,14 +489,17 @@ impl Geometry for TriangleMesh {
             return false;
         }
         let test = WatertightRay::new(&ray);
-        !self.wide.ray_traverse_miss(traversal_ray(&ray), |_, k| {
-            let face = &self.faces[k];
-            let [a, b, c] = face.corners;
-            match test.meet(a, b, c, 1.0) {
-                Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
-                _ => f32::INFINITY,
-            }
-        })
+        let unit = self.walk_unit(&ray);
+        !self
+            .wide
+            .ray_traverse_miss(traversal_ray(&ray, unit), |_, k| {
+                let face = &self.faces[k];
+                let [a, b, c] = face.corners;
+                match test.meet(a, b, c, 1.0) {
+                    Some(hit) if hit.t < 1.0 && self.solid(face, &hit) => 0.0,
+                    _ => f32::INFINITY,
+                }
+            })
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {

@@ -49,6 +49,12 @@ impl SenderTree {
             level_starts: level_starts.to_vec(),
         }
     }
+
+    /// The level of sender `k`.
+    #[must_use]
+    pub fn level_of(&self, k: u32) -> usize {
+        self.level_starts.partition_point(|&start| start <= k) - 1
+    }
 }
 
 /// Room for [`cut_row`]; one a thread.

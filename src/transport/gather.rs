@@ -77,6 +77,8 @@ pub struct Gathered {
     pub sky: Vec3A,
     /// The part of the normal component that met a surface which no sender covers.
     pub uncovered: f32,
+    /// The part that met the back of a single-sided surface, from where no light comes.
+    pub unlit: f32,
     marks: Vec<bool>,
     found: Vec<WeightEntry>,
     directions: Vec<(Vec3, f32)>,
@@ -101,6 +103,7 @@ impl Gathered {
             touched: Vec::new(),
             sky: Vec3A::ZERO,
             uncovered: 0.0,
+            unlit: 0.0,
             marks: vec![false; senders],
             found: Vec::new(),
             directions: Vec::new(),
@@ -117,6 +120,7 @@ impl Gathered {
         self.touched.clear();
         self.sky = Vec3A::ZERO;
         self.uncovered = 0.0;
+        self.unlit = 0.0;
     }
 
     /// Adds `value` to the link to `sender`, to the half sum 0 or 1.
@@ -186,8 +190,12 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
                 }
             }
         }
-        if !covered && hit.site.lit {
-            out.uncovered += hit.value.dot(n.into());
+        if !covered {
+            let lost = match hit.site.lit {
+                true => &mut out.uncovered,
+                false => &mut out.unlit,
+            };
+            *lost += hit.value.dot(n.into());
         }
     }
     out.found = found;

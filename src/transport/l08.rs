@@ -35,8 +35,8 @@ pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> 
         .collect()
 }
 
-/// Row, sky, uncovered part, row sum, and the time of gathering and of deciding.
-type Gathered1 = (RawRow, Vec3A, f32, f32, [Duration; 2]);
+/// Row, sky, uncovered and unlit part, row sum, and the time of gathering and of deciding.
+type Gathered1 = (RawRow, Vec3A, [f32; 2], f32, [Duration; 2]);
 
 /// The rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
 pub fn refine_l08(
@@ -115,7 +115,7 @@ pub fn refine_l08(
                     Some((
                         row,
                         gathered.sky,
-                        gathered.uncovered,
+                        [gathered.uncovered, gathered.unlit],
                         row_sum,
                         [gather_time, began.elapsed() - gather_time],
                     ))
@@ -126,16 +126,18 @@ pub fn refine_l08(
             }
         }
         for (i, result) in level.clone().zip(results) {
-            if let Some((row, sky, missed, row_sum, spent)) = result {
+            if let Some((row, sky, [missed, unlit], row_sum, spent)) = result {
                 times[0] += spent[0];
                 times[1] += spent[1];
                 out.gathered += 1;
                 uncovered += f64::from(missed);
+                out.missed.push(missed + unlit);
                 out.largest_row_sum = out.largest_row_sum.max(row_sum);
                 out.sky.push(sky.into());
                 out.rows.push(row);
             } else {
                 // Not looked at: the sky as the parents see it, level weights summing to one over the coarser levels that cover it.
+                out.missed.push(0.0);
                 let row = parents.row(i);
                 let total: f32 = row.iter().map(|w| w.weight).sum();
                 let sum: Vec3 = row

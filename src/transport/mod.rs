@@ -2,6 +2,7 @@
 
 pub mod bounded;
 mod gather;
+mod handed;
 pub mod l08;
 mod leaves;
 mod neumann;
@@ -13,6 +14,7 @@ mod training;
 
 pub use bounded::SenderTree;
 pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather};
+pub use handed::Handed;
 pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,

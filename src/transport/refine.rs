@@ -12,6 +12,7 @@
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
+use super::handed::Handed;
 use super::leaves::Leaves;
 use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
@@ -39,6 +40,8 @@ pub struct Refined {
     pub rows: Vec<RawRow>,
     /// (1/π) ∫ ω dω over the sky, for every point.
     pub sky: Vec<Vec3>,
+    /// For every point, the share of its gathered light that met a surface which no sender covers, or an unlit back; 0 where nothing was gathered.
+    pub missed: Vec<f32>,
     /// Mean share of the gathered light that met a surface which no sender covers.
     pub uncovered: f64,
     /// Receivers that were gathered.
@@ -47,6 +50,8 @@ pub struct Refined {
     pub rays: u64,
     /// Largest row sum Σ F·n that was seen.
     pub largest_row_sum: f32,
+    /// What the rows of the senders' points handed over.
+    pub handed: Option<Handed>,
     /// Share of the processor time that went into gathering; the rest went into deciding.
     pub gather_share: f64,
 }
@@ -87,6 +92,7 @@ struct Gather1 {
     sky: Vec3A,
     error: f32,
     uncovered: f32,
+    unlit: f32,
     row_sum: f32,
     gather_time: Duration,
     other_time: Duration,
@@ -97,6 +103,9 @@ struct Room {
     gathered: Gathered,
     cut: CutScratch,
     compared: Compared,
+    /// The gathered senders and their links' normal components, before the cut.
+    masses: Vec<(u32, f32)>,
+    kept: Vec<bool>,
 }
 
 /// A row along its point's normal beside what its parents say.
@@ -132,6 +141,7 @@ pub fn refine_bounded(
     let senders = tree.parent.len();
     let mut out = Refined::default();
     let mut known = Known::default();
+    let handed = Handed::new(tree);
     let measure = CutMeasure {
         training,
         epsilon: settings.epsilon,
@@ -203,11 +213,15 @@ pub fn refine_bounded(
                         expected: vec![0.0; senders],
                         foreseen: Vec::new(),
                     },
+                    masses: Vec::new(),
+                    kept: vec![false; senders],
                 },
                 |room, &i| {
                     wanted[i - level.start].then(|| {
+                        let handed = (l < settings.always).then_some(&handed);
                         receive(
-                            scene, parents, &out, &known, tree, &measure, judged, !last, i, room,
+                            scene, parents, &out, &known, tree, &measure, judged, !last, handed, i,
+                            room,
                         )
                     })
                 },
@@ -226,6 +240,7 @@ pub fn refine_bounded(
             };
             let Some(one) = result else {
                 inherited(&mut known, &mut out);
+                out.missed.push(0.0);
                 known.errors.push(0.0);
                 continue;
             };
@@ -234,6 +249,7 @@ pub fn refine_bounded(
             times[0] += one.gather_time;
             times[1] += one.other_time;
             uncovered += f64::from(one.uncovered);
+            out.missed.push(one.uncovered + one.unlit);
             out.largest_row_sum = out.largest_row_sum.max(one.row_sum);
             known.errors.push(one.error);
             if l < settings.always || l >= base_levels || one.error > 0.25 * tolerance(l) {
@@ -248,6 +264,7 @@ pub fn refine_bounded(
         l += 1;
     }
     out.uncovered = uncovered / out.gathered.max(1) as f64;
+    out.handed = Some(handed);
     out.gather_share = share(times);
     Some(out)
 }
@@ -319,6 +336,7 @@ fn receive(
     measure: &CutMeasure<'_>,
     judged: bool,
     keep: bool,
+    handed: Option<&Handed>,
     i: usize,
     room: &mut Room,
 ) -> Gather1 {
@@ -327,6 +345,8 @@ fn receive(
         gathered,
         cut,
         compared,
+        masses,
+        kept,
     } = room;
     gather(scene, i, gathered);
     let gather_time = began.elapsed();
@@ -351,7 +371,15 @@ fn receive(
     } else {
         Leaves::default()
     };
+    masses.clear();
+    if handed.is_some() {
+        let touched = gathered.touched.iter();
+        masses.extend(touched.map(|&j| (j, gathered.link(j).dot(n))));
+    }
     let links = cut_row(gathered, tree, n, measure, cut);
+    if let Some(handed) = handed {
+        note_handed(handed, tree, &links, masses, kept);
+    }
     if judged {
         let coherent = difference(
             &response,
@@ -372,9 +400,35 @@ fn receive(
         sky,
         error,
         uncovered: gathered.uncovered,
+        unlit: gathered.unlit,
         row_sum: row_sum.dot(n),
         gather_time,
         other_time: began.elapsed() - gather_time,
+    }
+}
+
+/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link.
+fn note_handed(
+    handed: &Handed,
+    tree: &SenderTree,
+    links: &[(u32, Vec3A)],
+    masses: &[(u32, f32)],
+    kept: &mut [bool],
+) {
+    for &(k, _) in links {
+        kept[k as usize] = true;
+    }
+    for &(j, mass) in masses {
+        let mut k = j;
+        while !kept[k as usize] && tree.parent[k as usize] != k {
+            k = tree.parent[k as usize];
+        }
+        if kept[k as usize] {
+            handed.add(tree, j, k, mass);
+        }
+    }
+    for &(k, _) in links {
+        kept[k as usize] = false;
     }
 }
 

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// More threads help nobody.
-const MOST_THREADS: i64 = 1024;
+pub const MOST_THREADS: i64 = 1024;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -191,6 +191,9 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         true => Some(measure(&mesh, &scene, &stats, threads)?),
         false => None,
     };
+    for warning in &stats.warnings {
+        output::note(warning);
+    }
     if let Some(path) = &args.stats {
         let all = Statistics {
             bake: &stats,
@@ -207,41 +210,52 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 
 /// The recipe with the options in it, and the level's file.
 fn what_to_bake(args: &Args) -> Result<(Recipe, PathBuf), ToolError> {
-    let name = args.scene.to_string_lossy().to_lowercase();
+    let (mut recipe, level) = level_and_recipe(&args.scene, args.recipe.as_ref())?;
+    args.options.apply(&mut recipe);
+    sound(&recipe).map_err(|why| ToolError::Usage(why.to_string()))?;
+    Ok((recipe, level))
+}
+
+/// The level's file, and the recipe beside it or in its place.
+pub fn level_and_recipe(
+    scene: &PathBuf,
+    recipe: Option<&PathBuf>,
+) -> Result<(Recipe, PathBuf), ToolError> {
+    let name = scene.to_string_lossy().to_lowercase();
     if name.ends_with(".ply") {
         return Err(ToolError::input(
-            &args.scene,
+            scene,
             &"point clouds (.ply) are not supported yet; a level is a .glb or .gltf file",
         ));
     }
     let is_recipe = name.ends_with(".ron");
-    let recipe_file = match (is_recipe, &args.recipe) {
+    let recipe_file = match (is_recipe, recipe) {
         (true, Some(_)) => {
             return Err(ToolError::Usage(format!(
                 "{} is a recipe: --recipe would be a second one",
-                args.scene.display()
+                scene.display()
             )));
         }
-        (true, None) => Some(&args.scene),
-        (false, recipe) => recipe.as_ref(),
+        (true, None) => Some(scene),
+        (false, recipe) => recipe,
     };
-    let mut recipe = match recipe_file {
+    let recipe = match recipe_file {
         Some(path) => read_recipe(path)?,
         None => Recipe::default(),
     };
     let level = match (is_recipe, &recipe.scene) {
-        (false, _) => args.scene.clone(),
-        (true, Some(scene)) => args.scene.parent().unwrap_or(Path::new("")).join(scene),
+        (false, _) => scene.clone(),
+        (true, Some(level)) => scene.parent().unwrap_or(Path::new("")).join(level),
         (true, None) => {
             return Err(ToolError::input(
-                &args.scene,
+                scene,
                 &"the recipe names no level: add `scene: \"level.glb\"`",
             ));
         }
     };
     if level.to_string_lossy().to_lowercase().ends_with(".ron") {
         return Err(ToolError::input(
-            &args.scene,
+            scene,
             &format!("`scene` is {}, not a level", level.display()),
         ));
     }
@@ -249,8 +263,6 @@ fn what_to_bake(args: &Args) -> Result<(Recipe, PathBuf), ToolError> {
     if let Some(path) = recipe_file {
         sound(&recipe).map_err(|why| ToolError::input(path, &why))?;
     }
-    args.options.apply(&mut recipe);
-    sound(&recipe).map_err(|why| ToolError::Usage(why.to_string()))?;
     Ok((recipe, level))
 }
 
@@ -274,7 +286,7 @@ fn same_file(a: &Path, b: &Path) -> bool {
 }
 
 /// Reads a level, and remarks on what was not taken as it stands there.
-fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
+pub fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new(format!("reading {}", path.display()));
     let LoadedScene {
         mesh,
@@ -301,7 +313,7 @@ fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
     );
     told(
         problems.bad_emission,
-        "materials emitted what light can't be: their emission was dropped",
+        "materials emitted what light can't be: their emission was dropped or lowered",
     );
     told(
         problems.bad_texture,
@@ -369,6 +381,7 @@ fn summary(path: &Path, stats: &BakeStats, yardstick: Option<Yardstick>) -> Stri
             "estimated error",
             output::error(stats.estimated_nrmse, stats.estimated_nrmse_interval),
         )
+        .row("gain", output::gain(&stats.energy))
         .row(
             "seconds",
             format!(

@@ -5,10 +5,14 @@ use super::points::{self, COLUMNS, Place};
 use super::{output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
+use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
+
+/// Reflections that are simulated one by one; `all` takes no more steps than these.
+const MOST_BOUNCES: u32 = FrameSettings::MOST_SWEEPS + 1;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -34,8 +38,10 @@ pub struct Args {
 fn bounces(text: &str) -> Result<Bounces, String> {
     match (text, text.parse()) {
         ("all", _) => Ok(Bounces::All),
-        (_, Ok(count @ 1..=1024)) => Ok(Bounces::Count(count)),
-        _ => Err("a number from 1 to 1024, or `all`, is needed".into()),
+        (_, Ok(count @ 1..=MOST_BOUNCES)) => Ok(Bounces::Count(count)),
+        _ => Err(format!(
+            "a number from 1 to {MOST_BOUNCES}, or `all`, is needed"
+        )),
     }
 }
 

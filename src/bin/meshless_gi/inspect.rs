@@ -153,7 +153,19 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             format!("{:.3} % of a row's largest", 100.0 * info.link_error),
         )
         .row("uncovered", format!("{:.3} %", 100.0 * info.uncovered))
-        .row("largest row sum", format!("{:.3}", info.largest_row_sum));
+        .row("largest row sum", format!("{:.3}", info.largest_row_sum))
+        .row("gain", output::gain(&info.energy))
+        .row(
+            "rows off one",
+            format!(
+                "{:.1e} at most, {:.1e} rms",
+                info.energy.row_deviation, info.energy.row_deviation_rms
+            ),
+        )
+        .row(
+            "not reciprocal",
+            format!("{:.1} %", 100.0 * info.energy.reciprocity),
+        );
     for (tier, number) in info.tiers.iter().zip(1..) {
         table.row(
             if number == 1 { "tiers" } else { "" },

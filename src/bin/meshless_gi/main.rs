@@ -1,4 +1,4 @@
-//! The tool: bakes levels, evaluates, inspects and validates bakes, and shows what it is about without a file and without a GPU.
+//! The tool: bakes levels, reports what accuracy costs, evaluates, inspects and validates bakes, and shows what it is about without a file and without a GPU.
 //!
 //! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong usage; 3 could not read or write. Standard
 //! output carries results only; work that takes longer shows its progress on standard error where that is a terminal.
@@ -12,6 +12,7 @@ mod output;
 mod picture;
 mod points;
 mod progress;
+mod report;
 mod validate;
 
 use clap::{Parser, Subcommand};
@@ -40,6 +41,8 @@ enum Command {
     Eval(eval::Args),
     /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
     Demo(demo::Args),
+    /// What accuracy costs in time: bakes a level by many recipes and says what to choose.
+    Report(report::Args),
     /// What is in a bake.
     Inspect(inspect::Args),
     /// Whether a bake is whole: exit code 0, or 1 with the list of what is wrong.
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Validate(args) => validate::run(&args),
     };
     let failed = match catch_unwind(AssertUnwindSafe(run)) {

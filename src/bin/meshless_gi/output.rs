@@ -1,6 +1,7 @@
 //! Standard output, for results, and standard error, for remarks. Neither panics where nobody reads.
 
 use super::error::ToolError;
+use bevy_meshless_gi::asset::EnergyInfo;
 use std::io::{self, Write};
 
 /// Prints a result as a whole. Who closes the pipe early has read enough: that is no error.
@@ -65,6 +66,22 @@ pub fn bytes(n: u64) -> String {
 /// "4.20 % ± 0.30 %".
 pub fn error(nrmse: f64, interval: f64) -> String {
     format!("{:.2} % ± {:.2} %", 100.0 * nrmse, 100.0 * interval)
+}
+
+/// "at most 0.6123 (0.5971 found)", and what had to be done for it.
+pub fn gain(energy: &EnergyInfo) -> String {
+    let mut text = format!(
+        "at most {:.4} ({:.4} found)",
+        energy.gain, energy.gain_found
+    );
+    if energy.guarded > 0 {
+        text += &format!(
+            ", the albedo of {} senders lowered by up to {:.2} %",
+            count(energy.guarded),
+            100.0 * (1.0 - energy.guard_factor)
+        );
+    }
+    text
 }
 
 /// "30 = 2 + 8 + 20".

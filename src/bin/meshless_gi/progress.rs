@@ -13,7 +13,8 @@ fn bar() -> ProgressBar {
     // Hidden where standard error is no terminal.
     let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
     // The template is a constant, and valid.
-    if let Ok(style) = ProgressStyle::with_template("{msg:20} [{bar:40}] {percent:>3} % {elapsed}")
+    if let Ok(style) =
+        ProgressStyle::with_template("{prefix}{msg:20} [{bar:40}] {percent:>3} % {elapsed}")
     {
         bar.set_style(style.progress_chars("=> "));
     }
@@ -22,9 +23,16 @@ fn bar() -> ProgressBar {
 
 /// Runs `work` while a bar follows its progress.
 pub fn watch<T: Send>(work: impl FnOnce(&Progress) -> T + Send) -> T {
+    watch_steps(|progress, _| work(progress))
+}
+
+/// Runs `work`, which says what it is doing, while a bar follows the progress of each step.
+pub fn watch_steps<T: Send>(
+    work: impl FnOnce(&Progress, &(dyn Fn(String) + Sync)) -> T + Send,
+) -> T {
     let progress = Progress::default();
     if !std::io::stderr().is_terminal() {
-        return work(&progress);
+        return work(&progress, &|_| ());
     }
     let bar = bar();
     let done = AtomicBool::new(false);
@@ -46,7 +54,7 @@ pub fn watch<T: Send>(work: impl FnOnce(&Progress) -> T + Send) -> T {
             }
         }
         let _end = End(&done);
-        work(&progress)
+        work(&progress, &|what| bar.set_prefix(what))
     })
 }
 

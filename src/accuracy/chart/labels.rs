@@ -1,0 +1,98 @@
+//! Where the labels of a chart's places go: beside their markers, and not over other markers or labels where that can be helped.
+
+/// Height of a label, pixels.
+pub const HEIGHT: f64 = 11.0;
+
+/// A box, pixels: left, top, right, bottom.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area(pub f64, pub f64, pub f64, pub f64);
+
+impl Area {
+    /// A square around a place.
+    pub fn around((x, y): (f64, f64), half: f64) -> Self {
+        Self(x - half, y - half, x + half, y + half)
+    }
+
+    fn overlap(&self, other: &Self) -> f64 {
+        let width = self.2.min(other.2) - self.0.max(other.0);
+        let height = self.3.min(other.3) - self.1.max(other.1);
+        width.max(0.0) * height.max(0.0)
+    }
+
+    /// How much of it lies outside of `frame`.
+    fn outside(&self, frame: &Self) -> f64 {
+        (self.2 - self.0) * (self.3 - self.1) - self.overlap(frame)
+    }
+}
+
+/// About how wide `text` is in a common sans-serif font, pixels.
+pub fn width(text: &str, size: f64) -> f64 {
+    let ems: f64 = text
+        .chars()
+        .map(|c| match c {
+            'i' | 'j' | 'l' | 't' | 'f' | 'I' | '.' | ',' | ':' | ';' | '|' | ' ' | '\'' | '!'
+            | '(' | ')' => 0.32,
+            'm' | 'w' | 'M' | 'W' | '%' => 0.86,
+            c if c.is_uppercase() => 0.68,
+            _ => 0.56,
+        })
+        .sum();
+    ems * size
+}
+
+/// Chooses the left end and the baseline of a label beside `place`: of eight sides the one that covers least of `taken`; its area is added to those.
+pub fn put(text: &str, place: (f64, f64), frame: &Area, taken: &mut Vec<Area>) -> (f64, f64) {
+    let (w, h, gap) = (width(text, HEIGHT), HEIGHT, 11.0);
+    let (x, y) = place;
+    let near = 0.7 * gap;
+    // Above and right of a place of a falling front there is room.
+    let sides = [
+        (x + near, y - near - h),
+        (x - near - w, y + near),
+        (x + gap, y - h / 2.0),
+        (x - w / 2.0, y - gap - h),
+        (x - w / 2.0, y + gap),
+        (x - gap - w, y - h / 2.0),
+        (x + near, y + near),
+        (x - near - w, y - near - h),
+    ];
+    let cost = |&(left, top): &(f64, f64)| {
+        let area = Area(left, top, left + w, top + h);
+        let covered: f64 = taken.iter().map(|t| area.overlap(t)).sum();
+        // Rounded, so that equal sides are equal.
+        ((covered + 4.0 * area.outside(frame)) * 16.0).round()
+    };
+    // The first of the best.
+    let mut best = (f64::INFINITY, sides[0]);
+    for side in sides {
+        let cost = cost(&side);
+        if cost < best.0 {
+            best = (cost, side);
+        }
+    }
+    let (left, top) = best.1;
+    taken.push(Area(left, top, left + w, top + h));
+    (left, top + 0.8 * h)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_keep_off_markers_off_each_other_and_inside() {
+        let frame = Area(0.0, 0.0, 300.0, 300.0);
+        let places = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
+        let mut taken: Vec<Area> = places.iter().map(|p| Area::around(*p, 5.0)).collect();
+        for place in places {
+            put("a label", place, &frame, &mut taken);
+        }
+        for (i, a) in taken.iter().enumerate() {
+            assert!(i < places.len() || a.outside(&frame) < 1e-9, "{a:?}");
+            for b in &taken[..i.min(taken.len())] {
+                let markers = a.3 - a.1 <= 10.0 && b.3 - b.1 <= 10.0;
+                assert!(markers || a.overlap(b) < 1e-9, "{a:?} {b:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Which of many measurements are worth choosing: the Pareto front, and what a front says between its places.
+
+/// The places of which no other is at least as good in both coordinates and better in one, where less is better: their numbers, by the first
+/// coordinate. Of equal places the first is taken; places that are not finite are none.
+#[must_use]
+pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..places.len())
+        .filter(|&i| places[i].0.is_finite() && places[i].1.is_finite())
+        .collect();
+    // By cost, then by error; the order of what is equal stays.
+    order.sort_by(|&a, &b| {
+        let (a, b) = (places[a], places[b]);
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    let mut best = f64::INFINITY;
+    order.retain(|&i| {
+        let better = places[i].1 < best;
+        best = best.min(places[i].1);
+        better
+    });
+    order
+}
+
+/// What a falling curve through `front` (by x, both coordinates above 0) has at `x`, on straight lines between the logarithms. None outside of it.
+#[must_use]
+pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {
+    let (first, last) = (front.first()?, front.last()?);
+    if !(x >= first.0 && x <= last.0 && first.0 > 0.0 && front.iter().all(|p| p.1 > 0.0)) {
+        return None;
+    }
+    let after = front.partition_point(|p| p.0 < x).max(1);
+    let Some(&(x1, y1)) = front.get(after) else {
+        return Some(last.1);
+    };
+    let (x0, y0) = front[after - 1];
+    if x1 <= x0 {
+        return Some(y1);
+    }
+    let t = libm::log(x / x0) / libm::log(x1 / x0);
+    Some(libm::exp((1.0 - t) * libm::log(y0) + t * libm::log(y1)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_front_holds_what_nothing_beats() {
+        let places = [
+            (3.0, 3.0),
+            (1.0, 9.0),
+            (2.0, 4.0),
+            (2.0, 5.0),
+            (4.0, 4.0),
+            (f64::NAN, 0.0),
+            (9.0, 1.0),
+            (9.0, 1.0),
+            (10.0, 1.0),
+            (0.5, f64::INFINITY),
+        ];
+        assert_eq!(pareto_front(&places), [1, 2, 0, 6]);
+        assert!(pareto_front(&[]).is_empty());
+        // By its definition, on many places.
+        let many: Vec<(f64, f64)> = (0..200u32)
+            .map(|i| (f64::from(i * 7919 % 101), f64::from(i * 104_729 % 97)))
+            .collect();
+        let front = pareto_front(&many);
+        for (i, a) in many.iter().enumerate() {
+            let beaten = many
+                .iter()
+                .enumerate()
+                .any(|(j, b)| b.0 <= a.0 && b.1 <= a.1 && (b != a || j < i));
+            assert_eq!(front.contains(&i), !beaten, "{i}");
+        }
+    }
+
+    #[test]
+    fn a_front_is_read_between_its_places() {
+        let front = [(1.0, 100.0), (100.0, 1.0), (1000.0, 0.5)];
+        let at = |x| interpolate_log(&front, x);
+        assert!((at(10.0).unwrap() - 10.0).abs() < 1e-9);
+        assert_eq!((at(1.0), at(1000.0)), (Some(100.0), Some(0.5)));
+        assert_eq!((at(0.9), at(1001.0), at(f64::NAN)), (None, None, None));
+        assert_eq!(interpolate_log(&[], 1.0), None);
+        assert_eq!(interpolate_log(&[(2.0, 3.0)], 2.0), Some(3.0));
+        assert_eq!(interpolate_log(&[(0.0, 3.0), (1.0, 1.0)], 0.5), None);
+    }
+}

@@ -1,0 +1,368 @@
+//! Whether a bake's light dies away: the gain of its bounces, bounded from above; what its rows miss of the hemisphere's closed form; how far it is from
+//! reciprocal. All of it is read off the packed operator, as a frame uses it.
+//!
+//! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a sender that `pull` fills is a mean of others, with weights
+//! that sum to one. A is not negative, so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius (Collatz and
+//! Wielandt): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
+//! differences (\[L08\] Eq. (7), (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole step, differences resolved.
+//!
+//! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the albedo of each sender is lowered until its row sums to 0.999 at
+//! most, and the bake says so: no reflection adds light then, and every series and sweep converges.
+//!
+//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and what met surfaces that no sender covers make one. Packing
+//! to halves misses that by its rounding, which a room that reflects 99 % shows a hundredfold: rows of averages get the scale that mends it.
+//!
+//! **Reciprocity.** The light that surface I has from J and J from I is alike for equal radiosity: Σ_{r ∈ I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest
+//! senders below two coarsest ones, which stand for equal areas, for they are as dense as their disks allow. What is left is noise of rays and points.
+
+use crate::asset::{BakedScene, EnergyInfo, PointSurface};
+use crate::frame::{CpuFrame, FrameSettings};
+use crate::transport::SenderForm;
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::FRAC_1_PI;
+
+/// The gain that the guard lowers to: a thousand reflections leave a third of the light.
+const MOST_GAIN: f64 = 0.999;
+/// Bounds above this one are guarded against.
+const GUARDED_FROM: f64 = 0.9995;
+/// Steps that sharpen the bound.
+const STEPS: usize = 12;
+/// Share of itself that each step keeps, so that it stays positive.
+const KEEP: f64 = 0.1;
+/// Coarsest senders that reciprocity is asked of.
+const ROOTS: usize = 128;
+
+/// Rows this near to the closed form miss it by rounding, and are mended.
+const ROUNDING: f64 = 0.01;
+
+/// Measures `scene`, mends its rows and guards its albedos. `missed` holds, for each point, the share of its gathered light that met a surface without
+/// a sender.
+pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
+    mend(scene, missed);
+    let senders = Senders::new(scene);
+    let (sums, reciprocity) = senders.sums(scene);
+    let (mut gain, mut found) = senders.gain(scene, &sums);
+    let (mut guarded, mut guard_factor) = (0, 1.0);
+    if gain > GUARDED_FROM {
+        for (surface, &sum) in scene.surfaces.iter_mut().zip(&sums) {
+            let mut lowered = false;
+            for albedo in &mut surface.albedo {
+                let row = f64::from(*albedo) * sum;
+                if row > MOST_GAIN {
+                    let factor = MOST_GAIN / row;
+                    // Rounded down, so that the product is no more than it may be.
+                    *albedo = (f64::from(*albedo) * factor) as f32 * (1.0 - f32::EPSILON);
+                    guard_factor = f64::min(guard_factor, factor);
+                    lowered = true;
+                }
+            }
+            guarded += u64::from(lowered);
+        }
+        (gain, found) = senders.gain(scene, &sums);
+    }
+    let (largest, rms) = deviation(scene, missed);
+    EnergyInfo {
+        // Rounded up: it is a bound.
+        gain: (gain as f32).next_up(),
+        gain_found: found as f32,
+        guarded,
+        guard_factor: guard_factor as f32,
+        row_deviation: largest as f32,
+        row_deviation_rms: rms as f32,
+        reciprocity: reciprocity as f32,
+    }
+}
+
+/// What a bake that was guarded tells its user.
+pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
+    (energy.guarded > 0).then(|| {
+        format!(
+            "light would hardly ever die away in so closed and so white a level: the albedo of {} of {senders} senders was lowered, by {:.2} % at most, for a gain of {MOST_GAIN}",
+            energy.guarded,
+            100.0 * (1.0 - energy.guard_factor)
+        )
+    })
+}
+
+/// Gives rows of averages the scale with which they sum to what was gathered.
+fn mend(scene: &mut BakedScene, missed: &[f32]) {
+    let operator = &mut scene.operator;
+    if operator.form != SenderForm::Averages {
+        return;
+    }
+    let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
+    for ((row, point), &missed) in rows {
+        let links = &operator.links[row.start as usize..][..row.count as usize];
+        let n = point.n();
+        let sum: f64 = links.iter().map(|l| f64::from(l.vector().dot(n))).sum();
+        let factor = (1.0 - f64::from(missed)) / (f64::from(row.scale) * sum);
+        if (factor - 1.0).abs() < ROUNDING {
+            row.scale = (f64::from(row.scale) * factor) as f32;
+        }
+    }
+}
+
+/// How far the rows of a white room under a white sky are from one: largest, and root mean square.
+fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
+    let white = PointSurface {
+        emission: [1.0; 3],
+        ..PointSurface::default()
+    };
+    let white = vec![white; scene.surfaces.len()];
+    let surfaces = std::mem::replace(&mut scene.surfaces, white);
+    let mut frame = CpuFrame::new(scene);
+    let settings = FrameSettings {
+        sky: Vec3::splat(FRAC_1_PI),
+        baked_bounces: false,
+        ..FrameSettings::bounces(1)
+    };
+    frame.solve(scene, &settings);
+    scene.surfaces = surfaces;
+    let (mut largest, mut squares, mut count) = (0.0f64, 0.0, 0u64);
+    let rows = scene.operator.rows.iter().zip(&scene.points);
+    let rows = rows.zip(&scene.surfaces).zip(frame.values()).zip(missed);
+    for ((((row, point), surface), value), &missed) in rows {
+        if row.tier == 0 {
+            continue;
+        }
+        // Rows of differences have no link to the sky.
+        let sky = match scene.operator.form {
+            SenderForm::Averages => 0.0,
+            SenderForm::Differences => Vec3::from_array(surface.sky).dot(point.n()),
+        };
+        let d = f64::from(value.dot(point.n()).x) + f64::from(sky) + f64::from(missed) - 1.0;
+        largest = largest.max(d.abs());
+        squares += d * d;
+        count += 1;
+    }
+    (largest, (squares / count.max(1) as f64).sqrt())
+}
+
+/// One reflection's entries, of the senders that have light of their own: those that `pull` does not fill.
+struct Senders {
+    count: usize,
+    /// Whether `pull` leaves it alone.
+    own: Vec<bool>,
+    /// The coarsest sender that each one is below.
+    root: Vec<u32>,
+}
+
+impl Senders {
+    fn new(scene: &BakedScene) -> Self {
+        let count = scene.senders();
+        let finest = scene.finest_senders().start;
+        let own = (0..count)
+            .map(|j| j >= finest || scene.pull.row(j).is_empty())
+            .collect();
+        // Of several that take its light, the one in which it weighs most.
+        let mut best: Vec<(f32, u32)> = (0..count as u32).map(|j| (0.0, j)).collect();
+        let mut root: Vec<u32> = (0..count as u32).collect();
+        for k in 0..count {
+            root[k] = match best[k].1 {
+                parent if parent as usize == k => k as u32,
+                parent => root[parent as usize],
+            };
+            for w in scene.pull.row(k) {
+                let child = &mut best[w.index as usize];
+                if w.weight > child.0 {
+                    *child = (w.weight, k as u32);
+                }
+            }
+        }
+        Self { count, own, root }
+    }
+
+    /// Tells `each` of every sender k and F_jk·n_j, as a frame adds them up for point `j`; the sky is left out. Operators of averages only.
+    fn links(
+        &self,
+        scene: &BakedScene,
+        j: usize,
+        n: Vec3,
+        weight: f64,
+        each: &mut impl FnMut(usize, f64),
+    ) {
+        let row = &scene.operator.rows[j];
+        if row.tier == 0 {
+            // Parents have lower indices: this ends.
+            for w in scene.parents.row(j) {
+                let weight = weight * f64::from(w.weight);
+                self.links(scene, w.index as usize, n, weight, each);
+            }
+            return;
+        }
+        let links = &scene.operator.links[row.start as usize..][..row.count as usize];
+        let scale = weight * f64::from(row.scale);
+        for link in links {
+            let k = link.sender() as usize;
+            if k < self.count {
+                each(k, scale * f64::from(link.vector().dot(n)));
+            }
+        }
+    }
+
+    /// Row `j` of a whole step in the form of differences, over the senders with light of their own: apply, flatten, push and pull, backwards.
+    fn resolved(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
+        row.fill(0.0);
+        let n = scene.points[j].n();
+        let mut add = |i: usize, weight: f64| {
+            let r = &scene.operator.rows[i];
+            for link in &scene.operator.links[r.start as usize..][..r.count as usize] {
+                let k = link.sender() as usize;
+                if k < self.count {
+                    row[k] += weight * f64::from(r.scale) * f64::from(link.vector().dot(n));
+                }
+            }
+        };
+        add(j, 1.0);
+        for w in scene.parents.row(j) {
+            add(w.index as usize, f64::from(w.weight));
+        }
+        // α_k = f_k − Σ w α_parent: fine to coarse.
+        for k in (0..self.count).rev() {
+            let value = row[k];
+            if value != 0.0 {
+                for w in scene.parents.row(k) {
+                    row[w.index as usize] -= value * f64::from(w.weight);
+                }
+            }
+        }
+        for k in 0..self.count {
+            if !self.own[k] {
+                let value = std::mem::take(&mut row[k]);
+                for w in scene.pull.row(k) {
+                    row[w.index as usize] += value * f64::from(w.weight);
+                }
+            }
+        }
+    }
+
+    /// Σ_k |F_jk·n_j| of every sender (in the form of differences, of those with light of their own), and the residual of reciprocity.
+    fn sums(&self, scene: &BakedScene) -> (Vec<f64>, f64) {
+        let coarsest = scene.level(0).len().min(self.count);
+        let stride = coarsest.div_ceil(ROOTS).max(1);
+        let chosen = coarsest.div_ceil(stride);
+        let place = |j: usize| {
+            let root = self.root[j] as usize;
+            (root < coarsest && root.is_multiple_of(stride)).then_some(root / stride)
+        };
+        let averages = scene.operator.form == SenderForm::Averages;
+        let dense = if averages { 0 } else { self.count };
+        // The sum, and where there is a chosen surface above it what it has from each of them.
+        let rows: Vec<(f64, Vec<f64>)> = (0..self.count)
+            .into_par_iter()
+            .map_init(
+                || vec![0.0; dense],
+                |row, j| {
+                    if !averages && !self.own[j] {
+                        return (0.0, Vec::new());
+                    }
+                    let asked = self.own[j] && place(j).is_some();
+                    let mut from = vec![0.0; if asked { chosen } else { 0 }];
+                    let mut sum = 0.0;
+                    let mut add = |k: usize, f: f64| {
+                        sum += f.abs();
+                        if let (true, Some(place)) = (asked, place(k)) {
+                            from[place] += f;
+                        }
+                    };
+                    if averages {
+                        self.links(scene, j, scene.points[j].n(), 1.0, &mut add);
+                    } else {
+                        self.resolved(scene, j, row);
+                        row.iter().enumerate().for_each(|(k, &f)| add(k, f));
+                    }
+                    (sum, from)
+                },
+            )
+            .collect();
+        let mut between = vec![vec![0.0; chosen]; chosen];
+        for (j, (_, from)) in rows.iter().enumerate() {
+            if let (false, Some(place)) = (from.is_empty(), place(j)) {
+                // A sender of a coarser level stands for four times the surface.
+                let level = scene.level_starts.partition_point(|&s| s as usize <= j);
+                let area = 4f64.powi(scene.sender_levels as i32 - level as i32);
+                for (sum, f) in between[place].iter_mut().zip(from) {
+                    *sum += area * f;
+                }
+            }
+        }
+        let (mut differences, mut means) = (0.0, 0.0);
+        for (a, row) in between.iter().enumerate() {
+            for (b, &there) in row.iter().enumerate().take(a) {
+                let back = between[b][a];
+                differences += (there - back).powi(2);
+                means += (0.5 * (there + back)).powi(2);
+            }
+        }
+        let residual = match means > 0.0 {
+            true => (differences / means).sqrt(),
+            false => 0.0,
+        };
+        (rows.into_iter().map(|row| row.0).collect(), residual)
+    }
+
+    /// A proved bound on the gain of a reflection, and an estimate of it.
+    fn gain(&self, scene: &BakedScene, sums: &[f64]) -> (f64, f64) {
+        let albedo = |j: usize| scene.surfaces[j].albedo.map(f64::from);
+        let owners = (0..self.count).filter(|&j| self.own[j]);
+        let mut bound = owners
+            .flat_map(|j| albedo(j).map(|a| a * sums[j]))
+            .fold(0.0, f64::max);
+        if scene.operator.form == SenderForm::Differences {
+            // The row sums are all that signs leave of the theorem.
+            return (bound, bound);
+        }
+        let mut x = vec![[1.0f64; 3]; self.count];
+        let mut grown = bound;
+        for _ in 0..STEPS {
+            // Fine to coarse: means of children that are there already.
+            for k in (0..self.count).rev() {
+                if !self.own[k] {
+                    let mut mean = [0.0; 3];
+                    for w in scene.pull.row(k) {
+                        for (m, v) in mean.iter_mut().zip(x[w.index as usize]) {
+                            *m += f64::from(w.weight) * v;
+                        }
+                    }
+                    x[k] = mean;
+                }
+            }
+            let y: Vec<[f64; 3]> = (0..self.count)
+                .into_par_iter()
+                .map(|j| {
+                    let mut sum = [0.0; 3];
+                    if self.own[j] {
+                        self.links(scene, j, scene.points[j].n(), 1.0, &mut |k, f| {
+                            for (s, v) in sum.iter_mut().zip(x[k]) {
+                                *s += f.abs() * v;
+                            }
+                        });
+                    }
+                    let albedo = albedo(j);
+                    [0, 1, 2].map(|c| albedo[c] * sum[c])
+                })
+                .collect();
+            let (mut largest, mut before, mut after) = (0.0f64, [0.0; 3], [0.0; 3]);
+            for j in (0..self.count).filter(|&j| self.own[j]) {
+                for c in 0..3 {
+                    largest = largest.max(y[j][c] / x[j][c]);
+                    before[c] += x[j][c];
+                    after[c] += y[j][c];
+                }
+            }
+            bound = bound.min(largest);
+            grown = (0..3).map(|c| after[c] / before[c]).fold(0.0, f64::max);
+            if bound <= 0.0 {
+                break;
+            }
+            for (x, y) in x.iter_mut().zip(&y) {
+                for c in 0..3 {
+                    // Nothing grows beyond bounds or fades to nothing.
+                    x[c] = (KEEP * x[c] + (1.0 - KEEP) * y[c] / bound).max(1e-100);
+                }
+            }
+        }
+        (bound, grown)
+    }
+}

@@ -1,0 +1,50 @@
+//! Numbers as a report writes them.
+
+use super::measure::Row;
+
+/// 0.0312 as "3.1 %".
+pub fn percent(share: f64) -> String {
+    let v = 100.0 * share;
+    let decimals = match v.abs() {
+        a if a >= 9.95 => 0,
+        a if a >= 0.995 => 1,
+        _ => 2,
+    };
+    format!("{v:.decimals$} %").replace('-', "−")
+}
+
+/// The error of a row.
+pub fn error(row: &Row) -> String {
+    if row.nrmse < row.nrmse_interval {
+        format!("below {}", percent(row.nrmse_interval))
+    } else {
+        percent(row.nrmse)
+    }
+}
+
+/// Three digits or so.
+pub fn short(v: f64) -> String {
+    let decimals = match v.abs() {
+        a if a >= 99.5 => 0,
+        a if a >= 9.95 => 1,
+        _ => 2,
+    };
+    format!("{v:.decimals$}")
+}
+
+pub fn megabytes(bytes: u64) -> String {
+    format!("{} MB", short(bytes as f64 / 1e6))
+}
+
+pub fn count(n: u64) -> String {
+    match n {
+        0..10_000 => n.to_string(),
+        10_000..1_000_000 => format!("{} k", short(n as f64 / 1e3)),
+        _ => format!("{} M", short(n as f64 / 1e6)),
+    }
+}
+
+/// Text within a cell of a table.
+pub fn cell(text: &str) -> String {
+    text.replace('|', "\\|").replace(['\n', '\r'], " ")
+}

@@ -1,0 +1,121 @@
+//! What rows handed to each coarse sender, and the mean that it has to be for them: the pull rows of rule `bounded` (design D3).
+//!
+//! A row that hands mass to a parent puts the parent's mean in place of what its children say. Receivers do not see all children alike: those that
+//! look into the lit yard are themselves seen from the yard, and a mean by area darkens what comes from there by per cents. So the mean is taken by
+//! the mass that the rows of the senders' own points handed over. Over all of them truncation then loses nothing, for any light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with
+//! f_k = Σ_c m_c f_c / Σ_c m_c and m_c = Σ_i a_ic.
+
+use super::SenderTree;
+use crate::basis::{WeightEntry, Weights};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Sums are counted in these steps: whole numbers add up alike in any order (design D5). A row's mass is at most one, and 2²⁴ rows fit.
+const STEPS: f32 = (1u64 << 40) as f32;
+/// Share of what children show in general, where little was handed over.
+const GENERAL: f32 = 0.01;
+
+/// Mass handed over, for every sender by the level of the ancestor that took it.
+#[derive(Debug)]
+pub struct Handed {
+    levels: Vec<Vec<AtomicU64>>,
+}
+
+impl Handed {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(tree: &SenderTree) -> Self {
+        let level = || tree.parent.iter().map(|_| AtomicU64::new(0)).collect();
+        let levels = tree.level_starts.len() - 1;
+        Self {
+            levels: (0..levels).map(|_| level()).collect(),
+        }
+    }
+
+    /// Notes that a row's `mass` of sender `j` ended at its ancestor `k`.
+    pub fn add(&self, tree: &SenderTree, j: u32, k: u32, mass: f32) {
+        if j != k && mass > 0.0 {
+            let level = &self.levels[tree.level_of(k)];
+            level[j as usize].fetch_add((mass * STEPS) as u64, Ordering::Relaxed);
+        }
+    }
+
+    /// The mean that each sender is of those below it that handed it mass; of its children by `shown`, which says for every level how much surface each
+    /// sender shows to those farther away than the level's functions reach, as far as there was none. Rows of senders without children are empty.
+    #[must_use]
+    pub fn pull(&self, tree: &SenderTree, shown: &[Vec<f32>]) -> Weights {
+        let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); tree.parent.len()];
+        let mut sums = vec![[0.0f32; 2]; tree.parent.len()];
+        // Every pair of a sender and an ancestor of it.
+        let pairs = |visit: &mut dyn FnMut(usize, usize, f32, f32)| {
+            for (j, &parent) in tree.parent.iter().enumerate() {
+                let mut k = j;
+                while tree.parent[k] as usize != k {
+                    k = tree.parent[k] as usize;
+                    let level = tree.level_of(k as u32);
+                    let mass = self.levels[level][j].load(Ordering::Relaxed) as f32;
+                    let own = k == parent as usize;
+                    let general = if own { shown[level][j] } else { 0.0 };
+                    visit(j, k, mass, general);
+                }
+            }
+        };
+        pairs(&mut |_, k, mass, general| {
+            sums[k][0] += mass;
+            sums[k][1] += general;
+        });
+        pairs(&mut |j, k, mass, general| {
+            let [handed, shown] = sums[k];
+            let general = if shown > 0.0 { general / shown } else { 0.0 };
+            let weight = if handed > 0.0 {
+                (1.0 - GENERAL) * mass / handed + GENERAL * general
+            } else {
+                general
+            };
+            if weight > 0.0 {
+                rows[k].push(WeightEntry {
+                    index: j as u32,
+                    weight,
+                });
+            }
+        });
+        for row in &mut rows {
+            let sum: f32 = row.iter().map(|w| w.weight).sum();
+            for w in row.iter_mut() {
+                w.weight /= sum;
+            }
+        }
+        Weights::from_rows(rows)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_what_was_handed_over() {
+        // Two roots, two children each, two grandchildren below the first child.
+        let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1, 2, 2], &[0, 2, 6, 8]);
+        let shown = vec![vec![1.0; 8]; 3];
+        let handed = Handed::new(&tree);
+        handed.add(&tree, 6, 2, 0.25);
+        handed.add(&tree, 7, 2, 0.75);
+        handed.add(&tree, 6, 0, 0.3);
+        handed.add(&tree, 3, 0, 0.1);
+        handed.add(&tree, 3, 3, 0.5);
+        let pull = handed.pull(&tree, &shown);
+        let weight = |k: usize, j: u32| {
+            let entry = pull.row(k).iter().find(|w| w.index == j);
+            entry.map_or(0.0, |w| w.weight)
+        };
+        for k in [0, 1, 2] {
+            let sum: f32 = pull.row(k).iter().map(|w| w.weight).sum();
+            assert!((sum - 1.0).abs() < 1e-6, "{k}: {sum}");
+        }
+        assert!((weight(2, 7) - 0.75).abs() < 0.01 && (weight(2, 6) - 0.25).abs() < 0.01);
+        assert!((weight(0, 6) - 0.75).abs() < 0.01 && (weight(0, 3) - 0.25).abs() < 0.01);
+        // Nobody handed anything to the second root: its children as they show.
+        assert_eq!([weight(1, 4), weight(1, 5)], [0.5, 0.5]);
+        assert!(pull.row(3).is_empty() && pull.row(7).is_empty());
+    }
+}
