@@ -291,7 +291,9 @@ impl BakedScene {
 
     /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first, and differences are not left out.
     fn most_tier(&self, i: usize) -> u32 {
-        let needed = self.parents.row(i).is_empty();
+        // The parents' rows may be unsound themselves.
+        let needed =
+            !matches!(self.parents.starts.get(i..i + 2), Some(&[start, end]) if start < end);
         match needed || self.operator.form == SenderForm::Differences {
             true => 1,
             false => Operator::MOST_TIERS,
