@@ -1,10 +1,11 @@
 //! Renders one picture with indirect light, without a window: for servers, tests and machines without a GPU (software Vulkan does).
 //!
 //! ```text
-//! cargo run --release --features engine --example headless -- cornell.png [--direct]
+//! cargo run --release --features engine --example headless -- cornell.png [--direct] [--budget MS]
 //! ```
 //!
-//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to compare.
+//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to compare. `--budget` moves lamp and camera along a path before the
+//! picture, lets indirect light take so many milliseconds a frame, and prints what frames and solves took and which tier of the bake was used.
 
 mod common;
 
@@ -12,6 +13,7 @@ use bevy::app::PluginsState;
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
@@ -19,11 +21,12 @@ use bevy::render::renderer::RenderDevice;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed};
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiTier};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 /// Pixels. 4 bytes each: rows of a multiple of 256 bytes need no unpacking.
 const SIZE: UVec2 = UVec2::new(640, 480);
@@ -31,11 +34,20 @@ const SIZE: UVec2 = UVec2::new(640, 480);
 fn main() -> ExitCode {
     let mut path = "headless.png".to_string();
     let mut indirect = true;
-    for argument in std::env::args().skip(1) {
+    let mut budget = None;
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--direct" => indirect = false,
+            "--budget" => {
+                budget = arguments.next().and_then(|ms| ms.parse::<f32>().ok());
+                if budget.is_none() {
+                    eprintln!("--budget needs milliseconds");
+                    return ExitCode::from(2);
+                }
+            }
             option if option.starts_with('-') => {
-                eprintln!("usage: headless [PICTURE.png] [--direct]");
+                eprintln!("usage: headless [PICTURE.png] [--direct] [--budget MS]");
                 return ExitCode::from(2);
             }
             file => path = file.to_string(),
@@ -55,6 +67,8 @@ fn main() -> ExitCode {
             })
             .disable::<WinitPlugin>()
             .disable::<PipelinedRenderingPlugin>(),
+        // For the device's clock.
+        RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),
     ))
     .insert_resource(GlobalAmbientLight::NONE);
@@ -89,6 +103,9 @@ fn main() -> ExitCode {
     for _ in 0..5 {
         frame(&mut app);
     }
+    if let Some(ms) = budget {
+        walk(&mut app, ms);
+    }
     let bytes = Arc::new(Mutex::new(None));
     let sink = bytes.clone();
     app.world_mut()
@@ -116,6 +133,45 @@ fn frame(app: &mut App) {
     if let Some(device) = app.world().get_resource::<RenderDevice>() {
         // What is lost with the device shows in the log, and as a picture that never comes.
         let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+    }
+}
+
+/// Moves lamp and camera along a path under a budget, and prints a row for every tenth frame.
+fn walk(app: &mut App, ms: f32) {
+    const FRAMES: u32 = 300;
+    let world = app.world_mut();
+    let mut roots = world.query_filtered::<Entity, With<MeshlessGi>>();
+    let roots: Vec<Entity> = roots.iter(world).collect();
+    for &root in &roots {
+        let budget = MeshlessGiQuality::FrameBudget(ms);
+        world.entity_mut(root).insert(budget);
+    }
+    let mut moving = world.query_filtered::<&mut Transform, Or<(With<PointLight>, With<Camera>)>>();
+    println!("| frame | frame ms | tier, and why |");
+    println!("|---|---|---|");
+    for k in 0..FRAMES {
+        let (sine, cosine) = (0.05 * k as f32).sin_cos();
+        for mut transform in moving.iter_mut(app.world_mut()) {
+            transform.translation += 0.01 * Vec3::new(cosine, 0.0, sine);
+        }
+        let began = Instant::now();
+        frame(app);
+        let took = 1e3 * began.elapsed().as_secs_f32();
+        let tiers = roots.iter().filter_map(|&root| app.world().get(root));
+        for picked in tiers.filter_map(MeshlessGiTier::picked) {
+            if k % 10 == 0 {
+                println!("| {k} | {took:.1} | {picked} |");
+            }
+        }
+    }
+    for tier in roots
+        .iter()
+        .filter_map(|&root| app.world().get::<MeshlessGiTier>(root))
+    {
+        println!(
+            "\nthe tier changed {} times in {FRAMES} frames",
+            tier.changes()
+        );
     }
 }
 

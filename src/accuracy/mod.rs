@@ -11,6 +11,7 @@ mod evaluate;
 mod flip;
 mod metrics;
 mod pareto;
+mod point_set;
 mod reference;
 mod render;
 mod sphere_over_disk;
@@ -18,7 +19,7 @@ mod truth;
 
 pub use agreement::{Agreement, Estimates, agreement};
 pub use basis_comparison::{
-    Basis, ComparisonRow, PointSet, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
+    ComparisonRow, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
 };
 pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
@@ -26,6 +27,7 @@ pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use flip::{flip, flip_map};
 pub use metrics::{Errors, errors, leak_ratio};
 pub use pareto::{interpolate_log, pareto_front};
+pub use point_set::{Basis, PointSet};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
 };

@@ -78,7 +78,8 @@ pub struct BakeInfo {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct EnergyInfo {
-    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders): below 1, so that light dies away.
+    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders) in a frame of any tier: below 1, so that
+    /// light dies away.
     pub gain: f32,
     /// What a power iteration found it to be.
     pub gain_found: f32,

@@ -291,7 +291,9 @@ impl BakedScene {
 
     /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first, and differences are not left out.
     fn most_tier(&self, i: usize) -> u32 {
-        let needed = self.parents.row(i).is_empty();
+        // The parents' rows may be unsound themselves.
+        let needed =
+            !matches!(self.parents.starts.get(i..i + 2), Some(&[start, end]) if start < end);
         match needed || self.operator.form == SenderForm::Differences {
             true => 1,
             false => Operator::MOST_TIERS,
@@ -330,8 +332,11 @@ impl BakedScene {
             });
             end += u64::from(row.count);
         }
+        // Whose parents are not sound cannot be asked for them.
+        let sound = check.0.is_empty();
         for (i, row) in rows.iter().enumerate() {
-            check.item(row.tier <= self.most_tier(i), "rows", i, || {
+            let fits = !sound || row.tier <= self.most_tier(i);
+            check.item(fits, "rows", i, || {
                 format!(
                     "is of tier {}, but may be of {}",
                     row.tier,

@@ -1,9 +1,9 @@
 //! Whether a bake's light dies away: the gain of its bounces, bounded from above; what its rows miss of the hemisphere's closed form; how far it is from
-//! reciprocal. All of it is read off the packed operator, as a frame uses it.
+//! reciprocal. All of it is read off the packed operator, as a frame uses it; the gain is the largest of all tiers'.
 //!
 //! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a sender that `pull` fills is a mean of others, with weights
 //! that sum to one. A is not negative, so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius (Collatz and
-//! Wielandt): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
+//! Wielandt, [Var00] Chapter 2): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
 //! differences (\[L08\] Eq. (7), (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole step, differences resolved.
 //!
 //! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the albedo of each sender is lowered until its row sums to 0.999 at
@@ -40,12 +40,37 @@ const ROUNDING: f64 = 0.01;
 /// a sender.
 pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
     mend(scene, missed);
-    let senders = Senders::new(scene);
-    let (sums, reciprocity) = senders.sums(scene);
-    let (mut gain, mut found) = senders.gain(scene, &sums);
+    let mut senders = Senders::new(scene);
+    // A frame of a low tier does without some rows: each tier is asked, the whole operator last.
+    let tiers: Vec<u32> = (1..=senders.tier).collect();
+    let mut all_sums = Vec::new();
+    let mut reciprocity = 0.0;
+    for &tier in &tiers {
+        senders.tier = tier;
+        let (sums, residual) = senders.sums(scene);
+        all_sums.push(sums);
+        reciprocity = residual;
+    }
+    let mut gains = |scene: &BakedScene| -> (f64, f64) {
+        let (mut gain, mut found) = (0.0f64, 0.0);
+        for (&tier, sums) in tiers.iter().zip(&all_sums) {
+            senders.tier = tier;
+            let (bound, grown) = senders.gain(scene, sums);
+            gain = gain.max(bound);
+            found = grown;
+        }
+        (gain, found)
+    };
+    let (mut gain, mut found) = gains(scene);
     let (mut guarded, mut guard_factor) = (0, 1.0);
     if gain > GUARDED_FROM {
-        for (surface, &sum) in scene.surfaces.iter_mut().zip(&sums) {
+        for (j, surface) in scene
+            .surfaces
+            .iter_mut()
+            .enumerate()
+            .take(all_sums.first().map_or(0, Vec::len))
+        {
+            let sum = all_sums.iter().map(|sums| sums[j]).fold(0.0, f64::max);
             let mut lowered = false;
             for albedo in &mut surface.albedo {
                 let row = f64::from(*albedo) * sum;
@@ -59,7 +84,7 @@ pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
             }
             guarded += u64::from(lowered);
         }
-        (gain, found) = senders.gain(scene, &sums);
+        (gain, found) = gains(scene);
     }
     let (largest, rms) = deviation(scene, missed);
     EnergyInfo {
@@ -142,6 +167,8 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
 /// One reflection's entries, of the senders that have light of their own: those that `pull` does not fill.
 struct Senders {
     count: usize,
+    /// Rows of higher tiers are left out, as a frame of this one leaves them out.
+    tier: u32,
     /// Whether `pull` leaves it alone.
     own: Vec<bool>,
     /// The coarsest sender that each one is below.
@@ -170,7 +197,14 @@ impl Senders {
                 }
             }
         }
-        Self { count, own, root }
+        let rows = scene.operator.rows[..count].iter();
+        let tier = rows.map(|r| r.tier).max().unwrap_or(0).max(1);
+        Self {
+            count,
+            tier,
+            own,
+            root,
+        }
     }
 
     /// Tells `each` of every sender k and F_jk·n_j, as a frame adds them up for point `j`; the sky is left out. Operators of averages only.
@@ -183,7 +217,7 @@ impl Senders {
         each: &mut impl FnMut(usize, f64),
     ) {
         let row = &scene.operator.rows[j];
-        if row.tier == 0 {
+        if row.tier == 0 || row.tier > self.tier {
             // Parents have lower indices: this ends.
             for w in scene.parents.row(j) {
                 let weight = weight * f64::from(w.weight);

@@ -1,5 +1,5 @@
 //! Anderson's acceleration of a fixed-point iteration x ← G(x): the next x is where a combination of the last few steps leaves the least residual. For a
-//! linear G, as the sweeps of a frame are, it does what GMRES does (Walker and Ni 2011): a room that reflects 99 % of the light needs a dozen steps
+//! linear G, as the sweeps of a frame are, it does what GMRES does ([WN11] §2): a room that reflects 99 % of the light needs a dozen steps
 //! and no five hundred. Serves [`CpuFrame::converge`](super::CpuFrame::converge).
 
 /// Steps that are remembered.

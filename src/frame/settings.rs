@@ -142,7 +142,6 @@ impl SceneShape {
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
-            ..SolveParams::default()
         }
     }
 }

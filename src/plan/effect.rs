@@ -5,7 +5,9 @@
 //! the earlier ones decided. To add one (multiresolution splatting, shadows of area lights, point models, dynamic
 //! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
 
-use super::{FrameState, Pass, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewId};
+use super::{
+    FrameState, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewId,
+};
 use std::fmt;
 
 /// A row of the table.
@@ -62,6 +64,8 @@ pub struct Plan {
     pub passes: Vec<Pass>,
     /// What does not, and why. A view is named where the view is the cause.
     pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
+    /// The tiers of the operators that run, and why.
+    pub tiers: Vec<(SceneId, Picked)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
 }
@@ -143,6 +147,9 @@ impl fmt::Display for Plan {
             }
             writeln!(f, ": {why}")?;
         }
+        for (scene, picked) in &self.tiers {
+            writeln!(f, "use  scene {:x} with {picked}", scene.0)?;
+        }
         for scene in &self.release {
             writeln!(f, "free scene {:x}", scene.0)?;
         }
@@ -211,6 +218,9 @@ fn lights(state: &FrameState, plan: &mut Plan) {
 
 fn transport(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state) {
+        if let Some(picked) = &scene.tier {
+            plan.tiers.push((scene.id, picked.clone()));
+        }
         let of = |change| scene.slots.iter().filter(|s| **s == change).count();
         let reason = if !scene.resident {
             Reason::NewBake

@@ -14,14 +14,18 @@
 //! | all lights at rest | display alone |
 //! | a scene has been out of view for a while | its buffers go |
 //!
+//! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
+//!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 
 mod effect;
 mod lights;
 mod pass;
+mod quality;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{SlotTable, Slots, projects_alike, reaches, shines_alike};
 pub use pass::{Pass, Reason, Skip, Stage};
+pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{FrameState, SceneId, SceneState, SlotChange, ViewId, ViewState};

@@ -63,7 +63,7 @@ pub enum Reason {
     LightsMoved(usize),
     /// These many light slots changed their colour, and none moved.
     LightsRecoloured(usize),
-    /// Sky, emission or bounces changed.
+    /// Sky, emission, bounces or the tier changed.
     SettingsChanged,
     /// A light went away.
     LightRemoved,
@@ -79,7 +79,7 @@ impl fmt::Display for Reason {
             Self::NewBake => f.write_str("the device does not hold this bake"),
             Self::LightsMoved(n) => write!(f, "{n} light slot(s) new or moved"),
             Self::LightsRecoloured(n) => write!(f, "{n} light slot(s) changed colour"),
-            Self::SettingsChanged => f.write_str("sky, emission or bounces changed"),
+            Self::SettingsChanged => f.write_str("sky, emission, bounces or tier changed"),
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),

@@ -1,5 +1,7 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
+use super::Picked;
+
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SceneId(pub u64);
@@ -35,7 +37,7 @@ pub struct SceneState {
     pub largest_buffer: u64,
     /// One entry a light slot. Where the device does not hold the bake, every slot that shines is [`SlotChange::Geometry`].
     pub slots: Vec<SlotChange>,
-    /// The sky's radiance, the emission or the number of bounces differ from what the device last computed.
+    /// The sky's radiance, the emission, the number of bounces or the tier differ from what the device last computed.
     pub settings_changed: bool,
     /// The scene's transport is not what the lights say for another reason (a slot was freed).
     pub stale: bool,
@@ -43,6 +45,8 @@ pub struct SceneState {
     pub idle_frames: u32,
     /// Somebody wants the coefficients back on the CPU (the gizmos).
     pub read_back: bool,
+    /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
+    pub tier: Option<Picked>,
 }
 
 impl SceneState {
@@ -60,6 +64,7 @@ impl SceneState {
             stale: false,
             idle_frames: 0,
             read_back: false,
+            tier: None,
         }
     }
 }

@@ -4,6 +4,7 @@
 //! (lux, cd/m²); the core's W stand for lumens one to one.
 
 use super::asset::MeshlessGiAsset;
+use super::quality::{MeshlessGiQuality, MeshlessGiTier};
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};
 use bevy::color::LinearRgba;
@@ -22,7 +23,13 @@ use bevy::transform::components::Transform;
 /// `RenderLayers` on the root say which cameras show the bake and which lights take part in it; layer 0 without them.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-#[require(Transform, Visibility, MeshlessGiLighting)]
+#[require(
+    Transform,
+    Visibility,
+    MeshlessGiLighting,
+    MeshlessGiQuality,
+    MeshlessGiTier
+)]
 pub struct MeshlessGi(pub Handle<MeshlessGiAsset>);
 
 /// What lights a baked scene beside Bevy's lights. Goes beside [`MeshlessGi`]; every value may change in any frame.

@@ -3,10 +3,10 @@
 //! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
-use super::components::MeshlessGiLighting;
 use super::composite::ViewRuntime;
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
+use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
@@ -58,8 +58,10 @@ pub(crate) fn device_able(device: &RenderDevice) -> Result<(), GpuError> {
 }
 
 /// The settings of a solve.
-fn frame_settings(lighting: &MeshlessGiLighting) -> FrameSettings {
+fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
+    let lighting = &scene.lighting;
     FrameSettings {
+        tier: (scene.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
         sky: Vec3::new(lighting.sky.red, lighting.sky.green, lighting.sky.blue).max(Vec3::ZERO),
         emission: lighting.emission.max(0.0),
         ..FrameSettings::bounces(lighting.bounces)
@@ -126,6 +128,7 @@ impl GiRender {
             loaded: scene.bake.is_some(),
             shown: scene.shown && scene.placement.is_some(),
             read_back,
+            tier: scene.tier.clone(),
             ..SceneState::new(scene.id)
         };
         let Some(bake) = &scene.bake else {
@@ -175,7 +178,7 @@ impl GiRender {
             state.stale = stale;
         }
         state.resident = runtime.frame.is_some();
-        state.settings_changed = runtime.solved != Some(frame_settings(&scene.lighting));
+        state.settings_changed = runtime.solved != Some(frame_settings(scene));
         state.idle_frames = runtime.idle_frames;
         // Fewer lights need less.
         runtime.too_large = runtime
@@ -198,6 +201,17 @@ impl GiRender {
         runtime.read_back = None;
     }
 
+    /// The scenes that the frame solved, and with which tier.
+    fn solved(&self) -> BTreeMap<u64, u32> {
+        let solved = self.plan.passes.iter().filter(|p| p.stage == Stage::Apply);
+        solved
+            .filter_map(|p| {
+                let runtime = self.scenes.get(&p.scene)?;
+                runtime.solved.map(|settings| (p.scene.0, settings.tier))
+            })
+            .collect()
+    }
+
     /// Everything that exists on the device, and what ran since the last call.
     fn count(&mut self) -> MeshlessGiCounters {
         let mut total = self.retired;
@@ -206,6 +220,7 @@ impl GiRender {
             pipelines: self.kernels.as_ref().map_or(0, Kernels::created),
             active_scenes: self.plan.active_scenes().len() as u32,
             plan: self.plan.to_string(),
+            solved: self.solved(),
             ..MeshlessGiCounters::default()
         };
         for runtime in self.scenes.values() {
@@ -330,7 +345,7 @@ pub(crate) fn compute(
         let Some(runtime) = render.scenes.get_mut(&scene.id) else {
             continue;
         };
-        let settings = frame_settings(&scene.lighting);
+        let settings = frame_settings(scene);
         if plan.find(Stage::ReadBack, scene.id).is_none() && runtime.read_back.take().is_some() {
             coefficients.forget(scene.id.0);
         }
@@ -340,6 +355,7 @@ pub(crate) fn compute(
             &settings,
             kernels,
             &queue,
+            &recorder,
             ctx.command_encoder(),
         ) {
             warn!("a baked scene stays dark: {why}");
@@ -360,6 +376,10 @@ pub(crate) fn compute(
 
 impl SceneRuntime {
     /// Uploads, projects and solves, as far as the plan says so for this scene.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the plan, and all that it is recorded with"
+    )]
     fn record(
         &mut self,
         id: SceneId,
@@ -367,6 +387,7 @@ impl SceneRuntime {
         settings: &FrameSettings,
         kernels: &Kernels,
         queue: &RenderQueue,
+        recorder: &impl RecordDiagnostics,
         encoder: &mut bevy::render::render_resource::CommandEncoder,
     ) -> Result<(), GpuError> {
         if plan.find(Stage::Upload, id).is_some() {
@@ -382,11 +403,13 @@ impl SceneRuntime {
         };
         if plan.find(Stage::Apply, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;
+            let span = recorder.time_span(encoder, span_name(id.0));
             if let Some(pass) = plan.find(Stage::Project, id) {
                 frame.project(kernels, queue, encoder, &pass.slots);
                 self.slots.mark_projected(&pass.slots);
             }
             frame.solve(kernels, queue, encoder, settings);
+            span.end(encoder);
             self.slots.mark_applied();
             self.solved = Some(*settings);
         }

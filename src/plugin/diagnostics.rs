@@ -36,6 +36,8 @@ pub struct MeshlessGiCounters {
     pub projected_slots: u32,
     /// Dispatches (draws, for the composite) of each stage; a stage that did not run is missing.
     pub dispatches: BTreeMap<Stage, u32>,
+    /// The scenes that were solved, by the bits of their roots, and with which tier of the operator.
+    pub solved: BTreeMap<u64, u32>,
     /// The plan of the frame in words, one line a pass.
     pub plan: String,
 }

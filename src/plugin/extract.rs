@@ -10,9 +10,10 @@ use super::components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
 };
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
+use super::quality::MeshlessGiTier;
 use super::transform::Placement;
 use crate::asset::BakedScene;
-use crate::plan::{SceneId, ViewId};
+use crate::plan::{Picked, SceneId, ViewId};
 use crate::scene::Light;
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -40,6 +41,8 @@ pub(crate) struct ExtractedScene {
     pub shown: bool,
     pub layers: RenderLayers,
     pub lighting: MeshlessGiLighting,
+    /// The tier and why; none while the bake loads.
+    pub tier: Option<Picked>,
 }
 
 /// A camera with display settings.
@@ -88,6 +91,7 @@ type Scenes<'w, 's> = Query<
         Entity,
         &'static MeshlessGi,
         &'static MeshlessGiLighting,
+        &'static MeshlessGiTier,
         &'static GlobalTransform,
         &'static InheritedVisibility,
         Option<&'static RenderLayers>,
@@ -195,7 +199,7 @@ pub(crate) fn extract(
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
-    for (entity, gi, lighting, transform, visibility, layers) in &scenes {
+    for (entity, gi, lighting, tier, transform, visibility, layers) in &scenes {
         let placement = Placement::new(transform);
         if placement.is_some_and(|p| p.distorted) && warned.insert(entity) {
             warn!(
@@ -210,6 +214,7 @@ pub(crate) fn extract(
             shown: visibility.get(),
             layers: layers.cloned().unwrap_or_default(),
             lighting: lighting.clone(),
+            tier: tier.picked(),
         });
     }
     // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.

@@ -58,6 +58,7 @@ mod gizmos;
 mod level;
 mod loader;
 pub mod prelude;
+mod quality;
 mod readback;
 mod sets;
 mod transform;
@@ -81,11 +82,12 @@ pub use level::{
     RecipeLoadError,
 };
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
+pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
 
-use bevy::app::{App, Last, Plugin, PreUpdate};
+use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate};
 use bevy::asset::AssetApp;
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
@@ -116,10 +118,12 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiSettings>()
             .register_type::<MeshlessGiView>()
             .init_resource::<MeshlessGiSettings>()
             .init_resource::<MeshlessGiFindings>()
+            .init_resource::<MeshlessGiCost>()
             .init_resource::<MeshlessGiCoefficients>()
             .init_asset::<MeshlessGiAsset>()
             .register_asset_loader(MeshlessGiLoader)
@@ -128,6 +132,7 @@ impl Plugin for MeshlessGiPlugin {
                 PreUpdate,
                 bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
             )
+            .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
         #[cfg(feature = "gltf")]
         app.register_asset_loader(MeshlessGiRecipeLoader)

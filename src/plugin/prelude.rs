@@ -2,5 +2,5 @@
 
 pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting,
-    MeshlessGiPlugin, MeshlessGiSystems,
+    MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiSystems,
 };

@@ -8,6 +8,8 @@ pub enum MeshlessGiSystems {
     /// `PreUpdate` of the main world: counters of the last frame reach the diagnostics, finished bakes become
     /// [`MeshlessGi`](super::MeshlessGi) components. Order *after* it to see them in the same frame.
     Collect,
+    /// `PostUpdate` of the main world: the tier of each root is picked ([`MeshlessGiQuality`](super::MeshlessGiQuality)). What was asked for before it counts in the same frame.
+    Pick,
     /// `Last` of the main world: checks cameras and lights for what would be counted twice, and warns.
     Check,
     /// `ExtractSchedule` of the render world: scenes, lights and cameras are read. Change lights and transforms in the main

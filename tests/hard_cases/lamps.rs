@@ -221,7 +221,8 @@ fn thousands_of_lamps_are_their_sum() {
     }
     let share = mean(&whole, &scene).x / (0.5 * 4.0 * PI / 24.0);
     eprintln!("{LAMPS} lamps: {share:.4} of their light");
-    assert!((share - 1.0).abs() < 0.02, "{share}");
+    // With senders a quarter of a metre apart.
+    assert!((share - 1.0).abs() < 0.03, "{share}");
     // All in one place, they are one lamp.
     let place = Vec3::new(0.7, 1.1, 1.3);
     let together = solved(&vec![lamp(place, 1.0 / LAMPS as f32); LAMPS]);

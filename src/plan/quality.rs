@@ -1,0 +1,461 @@
+//! Which tier of the operator a scene's frames use (design D11): as asked for by number, by error, or by time; and why that one.
+//!
+//! A budget is held by measuring: what the solves cost says what those of other tiers would, for the cost grows with the links that are read. The picker goes down at once
+//! when a few solves in a row are over the budget. It goes up when the tier above is predicted to stay well below it for many solves; and when it has to come
+//! down again soon after, it waits twice as long before the next try. So a load at the edge between two tiers flips a number of times that
+//! grows with the logarithm of the time, and noise of single frames does nothing.
+//!
+//! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake measures.
+
+use crate::asset::BakedScene;
+use std::fmt;
+
+/// Solves in a row over the budget before the picker goes down.
+const OVER: u32 = 3;
+/// Share of the budget that the tier above must be predicted to stay below.
+const HEADROOM: f32 = 0.8;
+/// Solves in a row that must say so before the first try.
+const CALM: u32 = 60;
+/// Coming down within so many solves after going up is a failed try.
+const TRIAL: u32 = 300;
+/// Measurements after a change that may still be of the tier before.
+const SETTLE: u32 = 4;
+/// Weight of a new measurement in the running mean.
+const SMOOTH: f32 = 0.2;
+
+/// What is asked of a scene's indirect light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Quality {
+    /// All links.
+    #[default]
+    All,
+    /// This tier, from 1 (the fewest links) on; the nearest one that there is.
+    Tier(u32),
+    /// The lowest tier whose estimated NRMSE is at most this, at the upper end of its 95 % confidence interval; all links where none is.
+    MaxError(f32),
+    /// The highest tier whose solves stay within so many milliseconds of the device's time.
+    FrameBudget(f32),
+}
+
+/// What is known of a tier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TierChoice {
+    /// Links that a solve reads, those of the sweeps counted as often as they run.
+    pub work: u64,
+    /// Estimated NRMSE at the upper end of its confidence interval.
+    pub error: f32,
+}
+
+impl TierChoice {
+    /// The tiers of a bake, tier 1 first, for solves with so many sweeps.
+    #[must_use]
+    pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
+        let mut work = vec![0u64; scene.operator.tiers() as usize];
+        let senders = scene.senders();
+        for (i, row) in scene.operator.rows.iter().enumerate() {
+            if row.tier > 0 {
+                let times = if i < senders {
+                    1 + u64::from(sweeps)
+                } else {
+                    1
+                };
+                work[row.tier as usize - 1] += times * u64::from(row.count);
+            }
+        }
+        let mut sum = 0;
+        (work.into_iter().enumerate())
+            .map(|(t, work)| {
+                sum += work;
+                let info = scene.info.tiers.get(t);
+                Self {
+                    work: sum,
+                    // Unknown is no promise.
+                    error: info.map_or(f32::INFINITY, |tier| {
+                        tier.estimated_nrmse + tier.estimated_nrmse_interval
+                    }),
+                }
+            })
+            .collect()
+    }
+}
+
+/// A choice and its reason.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Picked {
+    /// The tier, from 1 on.
+    pub tier: u32,
+    /// How many there are.
+    pub tiers: u32,
+    /// Why this one.
+    pub why: String,
+}
+
+impl fmt::Display for Picked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "tier {} of {}: {}", self.tier, self.tiers, self.why)
+    }
+}
+
+/// Picks the tier of one scene, frame by frame.
+#[derive(Clone, Debug)]
+pub struct Picker {
+    asked: Quality,
+    tiers: Vec<TierChoice>,
+    tier: u32,
+    /// Running mean of what a solve of this tier costs, milliseconds.
+    cost: Option<f32>,
+    /// Solves in a row over the budget, and their sum.
+    over: (u32, f32),
+    /// Solves in a row that leave room for the tier above.
+    calm: u32,
+    /// How many of them a try takes; doubles with each failed one.
+    wait: u32,
+    /// Measurements since the last change upwards, while that is on trial.
+    trial: Option<u32>,
+    /// Measurements still to be left out.
+    settle: u32,
+    changes: u64,
+}
+
+impl Picker {
+    /// A picker for a bake's tiers, tier 1 first. A budget starts from all links.
+    #[must_use]
+    pub fn new(asked: Quality, tiers: Vec<TierChoice>) -> Self {
+        let top = tiers.len().max(1) as u32;
+        let tier = match asked {
+            Quality::Tier(n) => n.clamp(1, top),
+            Quality::MaxError(most) => {
+                let met = tiers.iter().position(|tier| tier.error <= most);
+                met.map_or(top, |at| at as u32 + 1)
+            }
+            Quality::All | Quality::FrameBudget(_) => top,
+        };
+        Self {
+            asked,
+            tiers,
+            tier,
+            cost: None,
+            over: (0, 0.0),
+            calm: 0,
+            wait: CALM,
+            trial: None,
+            settle: 0,
+            changes: 0,
+        }
+    }
+
+    /// What was asked for.
+    #[must_use]
+    pub fn asked(&self) -> Quality {
+        self.asked
+    }
+
+    /// The tiers that there are.
+    #[must_use]
+    pub fn tiers(&self) -> &[TierChoice] {
+        &self.tiers
+    }
+
+    /// The tier now.
+    #[must_use]
+    pub fn tier(&self) -> u32 {
+        self.tier
+    }
+
+    /// How often the tier has changed.
+    #[must_use]
+    pub fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// A solve took so many milliseconds. Matters to a budget alone; what is no time is left out.
+    pub fn measured(&mut self, ms: f32) {
+        let Quality::FrameBudget(budget) = self.asked else {
+            return;
+        };
+        if !(ms.is_finite() && ms >= 0.0 && budget.is_finite()) {
+            return;
+        }
+        if self.settle > 0 {
+            self.settle -= 1;
+            return;
+        }
+        let cost = self.cost.map_or(ms, |mean| mean + SMOOTH * (ms - mean));
+        self.cost = Some(cost);
+        self.trial = self.trial.map(|n| n + 1).filter(|&n| n <= TRIAL);
+        self.over = if ms > budget {
+            (self.over.0 + 1, self.over.1 + ms)
+        } else {
+            (0, 0.0)
+        };
+        if self.over.0 >= OVER && cost > budget {
+            if self.tier > 1 {
+                self.down(self.over.1 / self.over.0 as f32, budget);
+            }
+            return;
+        }
+        let above = self.tier + 1;
+        let room =
+            above as usize <= self.tiers.len() && self.predict(above, cost) <= HEADROOM * budget;
+        self.calm = if room { self.calm + 1 } else { 0 };
+        if self.calm >= self.wait {
+            self.go(above);
+            self.trial = Some(0);
+        }
+    }
+
+    /// The tier and why.
+    #[must_use]
+    pub fn picked(&self) -> Picked {
+        let top = self.tiers.len().max(1) as u32;
+        let percent = |error: f32| 100.0 * error;
+        let error = self
+            .tiers
+            .get(self.tier as usize - 1)
+            .map_or(f32::INFINITY, |t| t.error);
+        let why = match (self.asked, self.cost) {
+            (Quality::All, _) => "nothing less was asked for".into(),
+            (Quality::Tier(n), _) if n == self.tier => "it was asked for".into(),
+            (Quality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
+            (Quality::MaxError(most), _) if error <= most => format!(
+                "the lowest with an error of at most {:.1} %: {:.1} %",
+                percent(most),
+                percent(error)
+            ),
+            (Quality::MaxError(most), _) => format!(
+                "none has an error of at most {:.1} %; this is the best, {:.1} %",
+                percent(most),
+                percent(error)
+            ),
+            (Quality::FrameBudget(budget), None) => {
+                format!("within {budget} ms as far as is known; it is not measured yet")
+            }
+            (Quality::FrameBudget(budget), Some(cost)) => {
+                let held = if cost <= budget { "within" } else { "over" };
+                let change = match self.tiers.get(self.tier as usize) {
+                    Some(_) => format!(
+                        "tier {} would take {:.2} ms",
+                        self.tier + 1,
+                        self.predict(self.tier + 1, cost)
+                    ),
+                    None => "all links".into(),
+                };
+                format!("{cost:.2} ms a solve, {held} {budget} ms; {change}")
+            }
+        };
+        Picked {
+            tier: self.tier,
+            tiers: top,
+            why,
+        }
+    }
+
+    /// To the highest tier below that is predicted to stay well below the budget.
+    fn down(&mut self, cost: f32, budget: f32) {
+        if self.trial.is_some() {
+            self.wait = self.wait.saturating_mul(2);
+        }
+        let fits = |t: &u32| self.predict(*t, cost) <= HEADROOM * budget;
+        let tier = (1..self.tier).rev().find(fits).unwrap_or(1);
+        self.go(tier);
+        self.trial = None;
+    }
+
+    fn go(&mut self, tier: u32) {
+        self.tier = tier;
+        self.changes += 1;
+        self.settle = SETTLE;
+        self.cost = None;
+        self.over = (0, 0.0);
+        self.calm = 0;
+    }
+
+    /// What a solve of tier `t` would cost where one of this tier costs `cost`.
+    fn predict(&self, t: u32, cost: f32) -> f32 {
+        let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;
+        (f64::from(cost) * work(t) / work(self.tier)) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tiers() -> Vec<TierChoice> {
+        [(1, 0.08), (2, 0.05), (4, 0.045), (8, 0.04)]
+            .map(|(work, error)| TierChoice {
+                work: 1000 * work,
+                error,
+            })
+            .to_vec()
+    }
+
+    /// Counted noise in -1 to 1.
+    fn noise(i: u32) -> f32 {
+        let hash = i.wrapping_mul(0x9e37_79b9) ^ 0x51ed_270b;
+        let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
+        ((hash ^ hash >> 13) >> 8) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    /// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier after each.
+    fn run(picker: &mut Picker, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
+        (0..count)
+            .map(|i| {
+                let work = picker.tiers()[picker.tier() as usize - 1].work as f32 / 8000.0;
+                picker.measured(cost(i, work));
+                picker.tier()
+            })
+            .collect()
+    }
+
+    fn budget(ms: f32) -> Picker {
+        Picker::new(Quality::FrameBudget(ms), tiers())
+    }
+
+    #[test]
+    fn a_tier_is_picked_by_number_and_by_error() {
+        let of = |asked| Picker::new(asked, tiers()).picked();
+        assert_eq!(of(Quality::All).tier, 4);
+        for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
+            let picked = of(Quality::Tier(n));
+            assert_eq!(picked.tier, tier);
+            assert_eq!(picked.why == "it was asked for", n == tier, "{picked}");
+        }
+        for (error, tier) in [
+            (1.0, 1),
+            (0.08, 1),
+            (0.06, 2),
+            (0.041, 4),
+            (0.01, 4),
+            (f32::NAN, 4),
+        ] {
+            let picked = of(Quality::MaxError(error));
+            assert_eq!(picked.tier, tier, "{error}: {picked}");
+            let met = error >= 0.04;
+            assert!(picked.why.starts_with("none") != met, "{picked}");
+        }
+        // What costs what matters to a budget alone.
+        let mut picker = Picker::new(Quality::Tier(4), tiers());
+        run(&mut picker, 500, |_, _| 1e6);
+        assert_eq!((picker.tier(), picker.changes()), (4, 0));
+    }
+
+    #[test]
+    fn a_budget_that_all_links_fit_changes_nothing() {
+        let mut picker = budget(10.0);
+        assert!(picker.picked().why.contains("not measured"));
+        run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
+        assert_eq!((picker.tier(), picker.changes()), (4, 0));
+        let why = picker.picked().why;
+        assert!(
+            why.contains("within 10 ms") && why.contains("all links"),
+            "{why}"
+        );
+    }
+
+    #[test]
+    fn a_load_over_the_budget_goes_down_within_a_few_solves_and_once() {
+        // 20, 10, 5 and 2.5 ms: the second tier is the highest that fits, with its headroom.
+        let mut picker = budget(9.0);
+        let seen = run(&mut picker, 20_000, |i, work| {
+            20.0 * work * (1.0 + 0.1 * noise(i))
+        });
+        assert_eq!(seen.iter().position(|&t| t < 4), Some(OVER as usize - 1));
+        assert_eq!((picker.tier(), picker.changes()), (2, 1));
+        assert!(
+            picker.picked().why.contains("tier 3 would take"),
+            "{}",
+            picker.picked()
+        );
+    }
+
+    #[test]
+    fn a_noisy_load_at_the_edge_does_not_flip_back_and_forth() {
+        // Means on both sides of every threshold.
+        for k in 0..60 {
+            let mean = 6.0 + 0.25 * k as f32;
+            for spread in [0.1, 0.3, 0.6] {
+                let mut picker = budget(10.0);
+                let cost = |i: u32, work| mean * work * (1.0 + spread * noise(i + 7919 * k));
+                run(&mut picker, 20_000, cost);
+                // log2(20 000 / 60) tries, each up and down, and the way down at first.
+                assert!(
+                    picker.changes() <= 20,
+                    "{mean} ± {spread}: {}",
+                    picker.changes()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn steps_of_the_load_are_followed_both_ways() {
+        let mut picker = budget(10.0);
+        let load = |i: u32| if (2000..6000).contains(&i) { 30.0 } else { 7.0 };
+        let seen = run(&mut picker, 12_000, |i, work| {
+            load(i) * work * (1.0 + 0.2 * noise(i))
+        });
+        assert_eq!((seen[1999], seen[11_999]), (4, 4));
+        // 30, 15, 7.5: the third tier from above, at once.
+        assert!(
+            seen[2010..6000].iter().all(|&t| t == 2),
+            "{:?}",
+            &seen[2000..2020]
+        );
+        assert!(picker.changes() <= 4, "{}", picker.changes());
+        let over = (0..12_000).filter(|&i| {
+            load(i) * tiers()[seen[i as usize] as usize - 1].work as f32 / 8000.0 > 10.0
+        });
+        assert!(over.count() <= OVER as usize);
+    }
+
+    #[test]
+    fn where_the_prediction_is_wrong_tries_become_rare() {
+        // Nothing fits, for the cost is not the links': down, and no way up.
+        let mut picker = budget(4.0);
+        run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
+        assert_eq!(picker.tier(), 1);
+        assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
+        // All links cost three times what half of them let expect.
+        let mut picker = budget(10.0);
+        let seen = run(&mut picker, 100_000, |_, work| {
+            if work == 1.0 { 12.0 } else { 4.0 * work }
+        });
+        assert!(picker.changes() <= 2 * 11 + 1, "{}", picker.changes());
+        let high = seen.iter().filter(|&&t| t == 4).count();
+        assert!(high < 200, "{high} solves over the budget");
+    }
+
+    #[test]
+    fn single_spikes_and_what_is_no_time_do_nothing() {
+        let mut picker = budget(10.0);
+        run(&mut picker, 3000, |i, work| match i % 10 {
+            3 => 60.0,
+            5 => f32::NAN,
+            7 => f32::INFINITY,
+            8 => -1.0,
+            _ => 5.0 * work,
+        });
+        assert_eq!((picker.tier(), picker.changes()), (4, 0));
+        for odd in [f32::NAN, f32::INFINITY, -1.0, 0.0] {
+            let mut picker = budget(odd);
+            run(&mut picker, 100, |_, _| 5.0);
+            let down = odd <= 0.0;
+            assert_eq!(picker.tier() == 1, down, "{odd}");
+        }
+    }
+
+    #[test]
+    fn a_bake_without_tiers_has_one() {
+        let mut picker = Picker::new(Quality::FrameBudget(1.0), Vec::new());
+        picker.measured(f32::NAN);
+        assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
+        let one = vec![TierChoice {
+            work: 0,
+            error: 0.1,
+        }];
+        let mut picker = Picker::new(Quality::FrameBudget(1.0), one);
+        (0..100).for_each(|_| picker.measured(5.0));
+        assert_eq!((picker.tier(), picker.changes()), (1, 0));
+    }
+}

@@ -1,0 +1,192 @@
+//! Which tier of its bake's operator a scene is lit with (design D11): asks the [picker](crate::plan::Picker) of each root, and tells it what solves cost.
+//!
+//! The request stands on the level's root and not on a camera: a scene is solved once for all cameras that show it.
+//!
+//! The cost of a solve is what the device's clock says, by way of Bevy's `RenderDiagnosticsPlugin`, which the app has to add: the span
+//! `render/meshless_gi_compute/solve_<root>/elapsed_gpu` holds projection and solve of one root. Where there are no such timestamps (Metal and WebGPU have none in
+//! Bevy) nothing is known of the cost, and the picker stays with all links and says so.
+
+use super::asset::MeshlessGiAsset;
+use super::components::{MeshlessGi, MeshlessGiLighting};
+use super::diagnostics::MeshlessGiStatus;
+use crate::frame::FrameSettings;
+use crate::plan::{Picked, Picker, Quality, TierChoice};
+use bevy::asset::Assets;
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
+use bevy::ecs::prelude::*;
+use bevy::log::info;
+use bevy::reflect::prelude::*;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator is used. Goes beside [`MeshlessGi`] on the scene's root; may change
+/// in any frame. What was picked and why is in [`MeshlessGiTier`] and in the plan's words ([`MeshlessGiStatus`]).
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub enum MeshlessGiQuality {
+    /// All links of the bake.
+    #[default]
+    All,
+    /// The tier of this number, from 1 (the fewest links) on; the nearest one that the bake has.
+    Tier(u32),
+    /// The lowest tier whose NRMSE, as the bake estimated it, is at most this (0.05 for 5 %), at the upper end of the confidence interval.
+    MaxError(f32),
+    /// The highest tier whose solves stay within so many milliseconds of the device's time. Needs Bevy's `RenderDiagnosticsPlugin`.
+    FrameBudget(f32),
+}
+
+impl From<MeshlessGiQuality> for Quality {
+    fn from(asked: MeshlessGiQuality) -> Self {
+        match asked {
+            MeshlessGiQuality::All => Self::All,
+            MeshlessGiQuality::Tier(n) => Self::Tier(n),
+            MeshlessGiQuality::MaxError(error) => Self::MaxError(error),
+            MeshlessGiQuality::FrameBudget(ms) => Self::FrameBudget(ms),
+        }
+    }
+}
+
+/// What [`MeshlessGiQuality`] came to. Comes with [`MeshlessGi`]; to be read.
+#[derive(Component, Debug, Default)]
+pub struct MeshlessGiTier {
+    picker: Option<Picker>,
+    /// What the picker was made for.
+    made_for: Option<(usize, [u32; 2], u32)>,
+    /// When the last cost was measured.
+    seen: Option<Instant>,
+}
+
+impl MeshlessGiTier {
+    /// The tier that the next frames use, and why; none while the bake is not there.
+    #[must_use]
+    pub fn picked(&self) -> Option<Picked> {
+        self.picker.as_ref().map(Picker::picked)
+    }
+
+    /// How often the tier has changed since quality, bake or bounces did.
+    #[must_use]
+    pub fn changes(&self) -> u64 {
+        self.picker.as_ref().map_or(0, Picker::changes)
+    }
+}
+
+/// What a solve costs, milliseconds, by the links that it reads.
+pub type GivenCost = dyn Fn(u64) -> f32 + Send + Sync;
+
+/// Where the cost of solves is known from.
+#[derive(Resource, Clone, Default)]
+pub enum MeshlessGiCost {
+    /// The device's timestamps.
+    #[default]
+    Timestamps,
+    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked once after each frame that solved the scene. For a game that measures by
+    /// itself, and for tests.
+    Given(Arc<GivenCost>),
+}
+
+impl fmt::Debug for MeshlessGiCost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Timestamps => "Timestamps",
+            Self::Given(_) => "Given",
+        })
+    }
+}
+
+/// Name of the span of a root's solves.
+pub(crate) fn span_name(root: u64) -> String {
+    format!("solve_{root:x}")
+}
+
+/// Runs in [`MeshlessGiSystems::Pick`](super::MeshlessGiSystems::Pick).
+pub(crate) fn pick(
+    mut roots: Query<(
+        Entity,
+        &MeshlessGi,
+        &MeshlessGiQuality,
+        &MeshlessGiLighting,
+        &mut MeshlessGiTier,
+    )>,
+    assets: Res<Assets<MeshlessGiAsset>>,
+    status: Res<MeshlessGiStatus>,
+    store: Option<Res<DiagnosticsStore>>,
+    cost: Res<MeshlessGiCost>,
+    mut last_frame: Local<u64>,
+) {
+    // Only a budget asks what was solved.
+    let asks = |q: &MeshlessGiQuality| matches!(q, MeshlessGiQuality::FrameBudget(_));
+    let counters = roots
+        .iter()
+        .any(|(_, _, quality, ..)| asks(quality))
+        .then(|| status.get())
+        .filter(|c| c.frame != *last_frame);
+    for (root, gi, quality, lighting, mut tier) in &mut roots {
+        let tier = &mut *tier;
+        let Some(asset) = assets.get(&gi.0) else {
+            *tier = MeshlessGiTier::default();
+            continue;
+        };
+        let bake = &asset.scene;
+        let sweeps = match bake.bounces {
+            Some(_) => 0,
+            None => (lighting.bounces.max(1) - 1).min(FrameSettings::MOST_SWEEPS),
+        };
+        let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps);
+        if tier.made_for != Some(made_for) {
+            tier.made_for = Some(made_for);
+            tier.seen = None;
+            tier.picker = Some(Picker::new((*quality).into(), TierChoice::of(bake, sweeps)));
+        }
+        let Some(picker) = tier.picker.as_mut().filter(|_| asks(quality)) else {
+            continue;
+        };
+        let sample = match &*cost {
+            MeshlessGiCost::Given(of) => {
+                let solved = counters
+                    .as_ref()
+                    .and_then(|c| c.solved.get(&root.to_bits()));
+                let choice = solved.and_then(|&t| {
+                    let last = picker.tiers().len().checked_sub(1)?;
+                    picker.tiers().get((t.max(1) as usize - 1).min(last))
+                });
+                choice.map(|choice| of(choice.work))
+            }
+            MeshlessGiCost::Timestamps => {
+                let path = DiagnosticPath::from_components([
+                    "render",
+                    "meshless_gi_compute",
+                    &span_name(root.to_bits()),
+                    "elapsed_gpu",
+                ]);
+                let measured = store.as_ref().and_then(|s| s.get(&path)?.measurement());
+                measured
+                    .filter(|m| tier.seen.replace(m.time) != Some(m.time))
+                    .map(|m| m.value as f32)
+            }
+        };
+        let Some(sample) = sample else { continue };
+        let before = picker.tier();
+        let was = picker.picked();
+        picker.measured(sample);
+        if picker.tier() != before {
+            info!(
+                "indirect light of {root}: now tier {}, was {was}",
+                picker.tier()
+            );
+        }
+    }
+    if let Some(counters) = counters {
+        *last_frame = counters.frame;
+    }
+}
+
+/// A request as bits, so that one that is no number equals itself.
+fn bits(quality: MeshlessGiQuality) -> [u32; 2] {
+    match quality {
+        MeshlessGiQuality::All => [0, 0],
+        MeshlessGiQuality::Tier(n) => [1, n],
+        MeshlessGiQuality::MaxError(error) => [2, error.to_bits()],
+        MeshlessGiQuality::FrameBudget(ms) => [3, ms.to_bits()],
+    }
+}

@@ -1,0 +1,231 @@
+//! The tier of the operator that the running plugin uses: by number, by error, and within a time that holds while camera and lamp move. The time is given by the test, for
+//! no test is decided by a clock.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::plan::TierChoice;
+use bevy_meshless_gi::plugin::{MeshlessGiCost, MeshlessGiTier};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use plugin_support::scenes::{cornell, cpu_indirect};
+use plugin_support::stage::{
+    assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
+};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+struct Stage {
+    root: Entity,
+    eye: Entity,
+    lamp: Entity,
+    image: Handle<Image>,
+}
+
+const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+
+fn stage(app: &mut App) -> Stage {
+    let root = spawn_room(app, Transform::IDENTITY);
+    let image = target(app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    let lamp = app
+        .world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(PLACE)))
+        .id();
+    Stage {
+        root,
+        eye,
+        lamp,
+        image,
+    }
+}
+
+fn ask(app: &mut App, stage: &Stage, quality: MeshlessGiQuality) {
+    app.world_mut().entity_mut(stage.root).insert(quality);
+}
+
+fn tier(app: &App, stage: &Stage) -> (u32, String) {
+    let found = app.world().get::<MeshlessGiTier>(stage.root).unwrap();
+    let picked = found.picked().unwrap();
+    (picked.tier, picked.why)
+}
+
+/// Each tier is what the CPU makes of it; and the plan says which and why.
+#[test]
+fn a_tier_that_is_asked_for_is_what_is_seen() {
+    let mut app = app();
+    let stage = stage(&mut app);
+    let (room, bake) = cornell();
+    let tiers = bake.operator.tiers();
+    assert_eq!(tiers, 4);
+    let lights: [Light; 1] = [lamp(PLACE)];
+    let mut seen = Vec::new();
+    for n in [4, 1, 2] {
+        ask(&mut app, &stage, MeshlessGiQuality::Tier(n));
+        run(&mut app, 2);
+        let c = counters(&app);
+        assert!(
+            c.plan
+                .contains(&format!("with tier {n} of 4: it was asked for")),
+            "{}",
+            c.plan
+        );
+        let settings = FrameSettings {
+            tier: n,
+            ..settings()
+        };
+        let cpu = cpu_indirect(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &lights,
+            &settings,
+        );
+        let found = picture(&mut app, &stage.image);
+        assert_alike(&format!("tier_{n}"), &cpu, &found);
+        seen.push((found, cpu));
+    }
+    // Each is nearest to its own twin.
+    for (i, (found, own)) in seen.iter().enumerate() {
+        for (j, (_, other)) in seen.iter().enumerate() {
+            let (near, far) = (found.nrmse(own), found.nrmse(other));
+            assert!(i == j || far > 2.0 * near, "{i}, {j}: {far} and {near}");
+        }
+    }
+    // Nothing moves: a change of the tier is one solve.
+    ask(&mut app, &stage, MeshlessGiQuality::Tier(3));
+    run(&mut app, 1);
+    assert_eq!(counters(&app).solved.values().collect::<Vec<_>>(), [&3]);
+    run(&mut app, 1);
+    assert!(counters(&app).solved.is_empty());
+
+    // By error: what the bake says of its tiers.
+    let upper: Vec<f32> = TierChoice::of(&bake, 3).iter().map(|t| t.error).collect();
+    for most in [upper[0], 1e-6, f32::NAN] {
+        ask(&mut app, &stage, MeshlessGiQuality::MaxError(most));
+        run(&mut app, 1);
+        let expected = upper
+            .iter()
+            .position(|&e| e <= most)
+            .map_or(4, |at| at as u32 + 1);
+        let (found, why) = tier(&app, &stage);
+        assert_eq!(found, expected, "{most}: {why}");
+        let met = most > 1e-3;
+        assert!(why.starts_with("none") != met, "{why}");
+    }
+}
+
+/// A budget holds while lamp and camera move and the load changes under it, and the tier does not flip.
+#[test]
+fn a_budget_holds_on_a_moving_camera_and_lamp() {
+    let mut app = app();
+    let stage = stage(&mut app);
+    let (_, bake) = cornell();
+    let choices = TierChoice::of(&bake, 3);
+    let all = choices[3].work as f32;
+    // Thousandths of a millisecond that all links take.
+    let load = Arc::new(AtomicU32::new(2_000));
+    let (given, count) = (load.clone(), Arc::new(AtomicU32::new(0)));
+    let asked = count.clone();
+    app.insert_resource(MeshlessGiCost::Given(Arc::new(move |work| {
+        let n = asked.fetch_add(1, Ordering::Relaxed);
+        let noise = 1.0 + 0.15 * ((n.wrapping_mul(0x9e37_79b9) >> 16) as f32 / 32768.0 - 1.0);
+        noise * given.load(Ordering::Relaxed) as f32 / 1000.0 * work as f32 / all
+    })));
+    const BUDGET: f32 = 3.0;
+    ask(&mut app, &stage, MeshlessGiQuality::FrameBudget(BUDGET));
+    let mut over = 0;
+    let mut frame = 0u32;
+    let mut go = |app: &mut App, frames: u32| -> Vec<u32> {
+        (0..frames)
+            .map(|_| {
+                frame += 1;
+                let t = frame as f32 * 0.02;
+                let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
+                place.translation = PLACE + Vec3::new(0.2 * t.sin(), 0.0, 0.1 * t.cos());
+                let mut eye = app.world_mut().get_mut::<Transform>(stage.eye).unwrap();
+                *eye = view() * Transform::from_xyz(0.05 * t.sin(), 0.0, 0.0);
+                run(app, 1);
+                let used = *counters(app)
+                    .solved
+                    .values()
+                    .next()
+                    .expect("the lamp moved");
+                let work = choices[used as usize - 1].work as f32;
+                over +=
+                    u32::from(load.load(Ordering::Relaxed) as f32 / 1000.0 * work / all > BUDGET);
+                used
+            })
+            .collect()
+    };
+    let easy = go(&mut app, 30);
+    assert!(easy.iter().all(|&t| t == 4), "{easy:?}");
+    load.store(8_000, Ordering::Relaxed);
+    let heavy = go(&mut app, 60);
+    // What fits is found at once, and kept.
+    let fits = (1..=4)
+        .rev()
+        .find(|&t| 8.0 * choices[t as usize - 1].work as f32 / all <= 0.8 * BUDGET);
+    let fits = fits.unwrap_or(1);
+    assert!(heavy[12..].iter().all(|&t| t == fits), "{fits}: {heavy:?}");
+    load.store(2_000, Ordering::Relaxed);
+    let again = go(&mut app, 260);
+    assert_eq!(*again.last().unwrap(), 4, "{:?}", tier(&app, &stage));
+    let changes = app
+        .world()
+        .get::<MeshlessGiTier>(stage.root)
+        .unwrap()
+        .changes();
+    assert!((2..=5).contains(&changes), "{changes}");
+    assert!(over <= 12, "{over} solves over the budget");
+    assert!(count.load(Ordering::Relaxed) > 300);
+    let words = counters(&app).plan;
+    assert!(
+        words.contains("ms a solve, within 3 ms; all links"),
+        "{words}"
+    );
+    // At rest nothing is solved, and nothing is asked for its cost.
+    run(&mut app, 3);
+    let before = count.load(Ordering::Relaxed);
+    run(&mut app, 5);
+    assert_eq!(count.load(Ordering::Relaxed), before);
+}
+
+/// Bevy's timestamps reach the picker where the device has them. How long anything takes is not looked at, but that no time at all is too little.
+#[test]
+fn the_devices_clock_is_heard() {
+    let mut app = App::new();
+    app.add_plugins((
+        headless_plugins(),
+        RenderDiagnosticsPlugin,
+        MeshlessGiPlugin::default(),
+    ));
+    ready(&mut app);
+    let stage = stage(&mut app);
+    ask(&mut app, &stage, MeshlessGiQuality::FrameBudget(1e-6));
+    for k in 0..60 {
+        let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
+        place.translation.x = PLACE.x + 0.005 * k as f32;
+        run(&mut app, 1);
+    }
+    let store = app.world().resource::<bevy::diagnostic::DiagnosticsStore>();
+    let timed = store.iter().any(|d| {
+        d.path().as_str().ends_with("elapsed_gpu") && d.path().as_str().contains("/solve_")
+    });
+    let (found, why) = tier(&app, &stage);
+    println!("timestamps: {timed}; tier {found}: {why}");
+    if timed {
+        assert_eq!(found, 1, "{why}");
+        assert!(why.contains("over"), "{why}");
+    } else {
+        assert_eq!(found, 4, "{why}");
+        assert!(why.contains("not measured"), "{why}");
+    }
+}
