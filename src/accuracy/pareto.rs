@@ -33,8 +33,12 @@ pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {
         return Some(last.1);
     };
     let (x0, y0) = front[after - 1];
-    if x1 <= x0 {
+    // Exactly at its places; logarithms would round.
+    if x >= x1 {
         return Some(y1);
+    }
+    if x <= x0 {
+        return Some(y0);
     }
     let t = libm::log(x / x0) / libm::log(x1 / x0);
     Some(libm::exp((1.0 - t) * libm::log(y0) + t * libm::log(y1)))

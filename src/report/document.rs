@@ -150,7 +150,10 @@ fn rules(parts: &[Part]) -> String {
             match (found.is_empty(), missing) {
                 (true, _) => "not reached".to_string(),
                 (false, 0) => format!("× {least:.2} to × {most:.2}"),
-                (false, n) => format!("× {least:.2} to × {most:.2}; not reached at {n} places"),
+                (false, n) => format!(
+                    "× {least:.2} to × {most:.2}; not reached at {n} of {} places",
+                    compared.len()
+                ),
             }
         };
         let _ = writeln!(

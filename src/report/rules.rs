@@ -103,7 +103,7 @@ mod tests {
         let ours = [(1e4, 0.2), (1e6, 0.02)];
         // Half-way between, in logarithms.
         assert!(matches!(ratio(&ours, 1e5, 0.4), Ratio::Is(r) if (r - 0.158).abs() < 1e-3));
-        assert_eq!(ratio(&ours, 1e7, 0.1), Ratio::AtMost(0.2));
+        assert!(matches!(ratio(&ours, 1e7, 0.1), Ratio::AtMost(r) if (r - 0.2).abs() < 1e-9));
         assert_eq!(ratio(&ours, 1e3, 0.1), Ratio::NotReached);
         assert_eq!(ratio(&[], 1e3, 0.1), Ratio::NotReached);
         assert_eq!(Ratio::AtMost(0.2).value(), Some(0.2));
