@@ -4,7 +4,7 @@
 #[path = "twins/synthetic.rs"]
 mod synthetic;
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
 use bevy_meshless_gi::basis::{Weights, support_bounds};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
@@ -63,7 +63,14 @@ fn furnace(to_sky: bool) -> BakedScene {
         },
         points,
         bvh: Bvh::default(),
-        info: BakeInfo::default(),
+        info: BakeInfo {
+            tiers: vec![TierInfo {
+                rows: POINTS as u64,
+                links: POINTS as u64,
+                ..TierInfo::default()
+            }],
+            ..BakeInfo::default()
+        },
     }
 }
 

@@ -104,6 +104,8 @@ pub struct Picker {
     tier: u32,
     /// Running mean of what a solve of this tier costs, milliseconds.
     cost: Option<f32>,
+    /// The tier before, and what its solves cost: two tiers tell what a solve costs beside its links.
+    before: Option<(u32, f32)>,
     /// Solves in a row over the budget, and their sum.
     over: (u32, f32),
     /// Solves in a row that leave room for the tier above.
@@ -135,6 +137,7 @@ impl Picker {
             tiers,
             tier,
             cost: None,
+            before: None,
             over: (0, 0.0),
             calm: 0,
             wait: CALM,
@@ -199,7 +202,7 @@ impl Picker {
             above as usize <= self.tiers.len() && self.predict(above, cost) <= HEADROOM * budget;
         self.calm = if room { self.calm + 1 } else { 0 };
         if self.calm >= self.wait {
-            self.go(above);
+            self.go(above, cost);
             self.trial = Some(0);
         }
     }
@@ -257,11 +260,13 @@ impl Picker {
         }
         let fits = |t: &u32| self.predict(*t, cost) <= HEADROOM * budget;
         let tier = (1..self.tier).rev().find(fits).unwrap_or(1);
-        self.go(tier);
+        self.go(tier, cost);
         self.trial = None;
     }
 
-    fn go(&mut self, tier: u32) {
+    /// To another tier; a solve of this one costs `cost`.
+    fn go(&mut self, tier: u32, cost: f32) {
+        self.before = Some((self.tier, cost));
         self.tier = tier;
         self.changes += 1;
         self.settle = SETTLE;
@@ -270,10 +275,20 @@ impl Picker {
         self.calm = 0;
     }
 
-    /// What a solve of tier `t` would cost where one of this tier costs `cost`.
+    /// What a solve of tier `t` would cost where one of this tier costs `cost`. Without another tier to compare with, the cost is the links'. With one, what does not
+    /// grow with the links is set apart (shadow rays of lamps that move); no more than nine tenths, for the load may have changed in between.
     fn predict(&self, t: u32, cost: f32) -> f32 {
         let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;
-        (f64::from(cost) * work(t) / work(self.tier)) as f32
+        let (cost, here) = (f64::from(cost), work(self.tier));
+        let links = cost / here;
+        let slope = match self.before {
+            Some((other, before)) if work(other) != here => {
+                let slope = (cost - f64::from(before)) / (here - work(other));
+                slope.clamp(0.1 * links, links)
+            }
+            _ => links,
+        };
+        (cost + slope * (work(t) - here)) as f32
     }
 }
 
@@ -416,6 +431,16 @@ mod tests {
         run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
         assert_eq!(picker.tier(), 1);
         assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
+        // Most of the cost is not the links': what the first step down taught lets it go up to where it fits.
+        let mut picker = budget(10.0);
+        let load = |i: u32| if i < 500 { 9.0 } else { 4.0 };
+        run(&mut picker, 2000, |i, work| load(i) + 3.0 * work);
+        assert_eq!(
+            (picker.tier(), picker.changes() <= 5),
+            (4, true),
+            "{}",
+            picker.changes()
+        );
         // All links cost three times what half of them let expect.
         let mut picker = budget(10.0);
         let seen = run(&mut picker, 100_000, |_, work| {

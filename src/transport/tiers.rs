@@ -5,7 +5,7 @@
 //!
 //! The rows of coarser levels come first, and the rows of one level as they lie evenly over the surface. What an interpolation loses falls with the square of the spacing,
 //! its square by sixteen from level to level, while a row costs about as much on every level; and a part of a level that is spread evenly leaves light out
-//! on no side, so that no tier is darker or brighter than another. The other order that was tried, by the loss that refinement measures at each row (times the
+//! on no side: tiers are neither darker nor brighter, but where light sits in places smaller than the points are apart. The other order that was tried, by the loss that refinement measures at each row (times the
 //! surface that shows it, over its links), is no better at equal links and darkens: where light bends gently the loss drowns in the noise of the rays, and just
 //! there thousands of rows are left out at once.
 //!
