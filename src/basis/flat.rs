@@ -39,17 +39,12 @@ impl Hierarchy {
         let sure = sure.map(|s| (s.position, s.normal, f32::INFINITY));
         let (beside, asked) = self.beside(geometry, settings.levels - 1, seed);
         let places: Vec<(Vec3, Vec3, f32)> = sure.chain(beside).collect();
-        // Clip planes may leave a place to functions that are far away. It is lit all the same, and what lights it is near.
-        let walled = 0.5 * reach(&self.levels[settings.levels - 1]);
         let nearest: Vec<Vec<(u32, f32)>> = places
             .par_iter()
             .map_init(
                 || (Vec::new(), Vec::new()),
                 |(found, near), &(x, n, most)| {
                     let mut nearest = self.nearest(x, n, found, near);
-                    if nearest.first().is_none_or(|&(_, d)| d > walled) {
-                        nearest = self.behind_planes(x, n).map_or(nearest, |one| vec![one]);
-                    }
                     if nearest.first().is_none_or(|&(_, d)| d > most) {
                         nearest.clear();
                     }
@@ -145,17 +140,6 @@ impl Hierarchy {
             .filter(|&(k, n)| k < 2 || n.0 <= most)
             .map(|(_, &(_, i, d))| (i, d))
             .collect()
-    }
-
-    /// The point nearest to a place, planes or not, and dist_j(x): on the finest level that has one near it.
-    fn behind_planes(&self, x: Vec3, n: Vec3) -> Option<(u32, f32)> {
-        let levels = self.levels.iter().zip(&self.level_starts).rev();
-        levels
-            .filter_map(|(level, first)| {
-                let (index, d) = level.nearest_unclipped(x, n)?;
-                Some((first + index, d))
-            })
-            .next()
     }
 
     /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say

@@ -81,21 +81,6 @@ impl LevelBasis {
         sum
     }
 
-    /// The function nearest to the place under \[L08\] Eq. (10) over the squared cosine of the normals, as Eq. (11) has it, among those that would cover it were there no clip
-    /// planes; and its dist_j(x), metres.
-    #[must_use]
-    pub fn nearest_unclipped(&self, x: Vec3, n: Vec3) -> Option<(u32, f32)> {
-        let mut best = (f32::INFINITY, None);
-        for &index in self.grid.near(x) {
-            let (cosine, squared, inside) = reach(&self.points[index as usize], x, n);
-            let ranked = squared / cosine.powi(4);
-            if inside && ranked < best.0 {
-                best = (ranked, Some((index, squared.sqrt())));
-            }
-        }
-        best.1
-    }
-
     /// The basis functions B_j(x, n) that are not zero, \[L08\] Eq. (2): weights that sum to one. Replaces `out`; false, and `out` empty,
     /// where no function covers the place.
     #[inline]
