@@ -15,28 +15,19 @@ use bevy_meshless_gi::plugin::{
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
-use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::app::{app, camera, picture, run};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{cornell, cpu_indirect};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
+    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
+    spawn_room, view,
 };
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
 /// A room, a camera that shows indirect light alone, its target, and a lamp at [`PLACE`].
 fn stage(app: &mut App) -> (Entity, Entity, Handle<Image>, Entity) {
-    let root = spawn_room(app, Transform::IDENTITY);
-    let image = target(app);
-    let eye = app
-        .world_mut()
-        .spawn((camera(&image, view()), indirect()))
-        .id();
-    let lamp = app
-        .world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(PLACE)))
-        .id();
-    (root, eye, image, lamp)
+    lit_room(app, PLACE)
 }
 
 fn cpu(lights: &[Light]) -> Picture {

@@ -10,11 +10,9 @@ use bevy_meshless_gi::plan::TierChoice;
 use bevy_meshless_gi::plugin::{MeshlessGiCost, MeshlessGiTier};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
-use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use plugin_support::app::{app, headless_plugins, picture, ready, run};
 use plugin_support::scenes::{cornell, cpu_indirect};
-use plugin_support::stage::{
-    assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
-};
+use plugin_support::stage::{assert_alike, counters, lamp, lit_room, settings, view};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -28,16 +26,7 @@ struct Stage {
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 
 fn stage(app: &mut App) -> Stage {
-    let root = spawn_room(app, Transform::IDENTITY);
-    let image = target(app);
-    let eye = app
-        .world_mut()
-        .spawn((camera(&image, view()), indirect()))
-        .id();
-    let lamp = app
-        .world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(PLACE)))
-        .id();
+    let (root, eye, image, lamp) = lit_room(app, PLACE);
     Stage {
         root,
         eye,

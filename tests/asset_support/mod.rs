@@ -4,13 +4,15 @@
     reason = "each test binary uses its own part of this module"
 )]
 
+#[path = "../twins/by_hand.rs"]
+mod by_hand;
+
 use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use bevy_meshless_gi::transport::{
-    BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
-};
+use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Row, SenderForm};
+use by_hand::operator;
 use glam::Vec3;
 
 /// Counted random numbers (SplitMix64).
@@ -267,23 +269,6 @@ pub fn build(make: &Make) -> BakedScene {
             planes,
             grid,
         },
-    }
-}
-
-/// Puts links that lie row after row into the order of the tiers.
-fn operator(form: SenderForm, mut rows: Vec<Row>, links: &[Link]) -> Operator {
-    let sorted = row_order(&rows)
-        .iter()
-        .flat_map(|&i| {
-            let row = &rows[i as usize];
-            links[row.start as usize..][..row.count as usize].to_vec()
-        })
-        .collect();
-    place_links(&mut rows).unwrap();
-    Operator {
-        form,
-        rows,
-        links: sorted,
     }
 }
 

@@ -1,5 +1,6 @@
 //! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and the comparison of pictures.
 
+use super::app::{camera, target};
 use super::flip::{Picture, flip};
 use super::scenes::cornell;
 use bevy::prelude::*;
@@ -51,6 +52,21 @@ pub fn settings() -> FrameSettings {
         emission: 998.0,
         ..FrameSettings::bounces(4)
     }
+}
+
+/// A room, a camera that shows indirect light alone, its target, and a lamp at `place`.
+pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
+    let root = spawn_room(app, Transform::IDENTITY);
+    let image = target(app);
+    let eye = app
+        .world_mut()
+        .spawn((camera(&image, view()), indirect()))
+        .id();
+    let lamp = app
+        .world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(place)))
+        .id();
+    (root, eye, image, lamp)
 }
 
 /// A room with its bake on one root.

@@ -1,14 +1,16 @@
 //! A scene that no bake would make: hundreds of points on five levels with random rows, so that every branch of every kernel runs. Everything follows from
 //! a counter, so it is the same on every machine.
 
+#[path = "by_hand.rs"]
+mod by_hand;
+
 use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::frame::FrameLight;
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Light};
-use bevy_meshless_gi::transport::{
-    BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
-};
+use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Row, SenderForm};
+use by_hand::operator;
 use glam::{IVec3, Vec3};
 
 /// Counted random numbers in [0, 1).
@@ -182,23 +184,6 @@ pub fn scene(form: SenderForm) -> BakedScene {
             bounds: [[-3.0; 3], [3.0; 3]],
             ..BakeInfo::default()
         },
-    }
-}
-
-/// Puts links that lie row after row into the order of the tiers.
-fn operator(form: SenderForm, mut rows: Vec<Row>, links: &[Link]) -> Operator {
-    let sorted = row_order(&rows)
-        .iter()
-        .flat_map(|&i| {
-            let row = &rows[i as usize];
-            links[row.start as usize..][..row.count as usize].to_vec()
-        })
-        .collect();
-    place_links(&mut rows).unwrap();
-    Operator {
-        form,
-        rows,
-        links: sorted,
     }
 }
 
