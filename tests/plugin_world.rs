@@ -22,27 +22,10 @@ use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, ta
 use plugin_support::flip::flip;
 use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_room, view,
-    work,
+    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
+    spawn_lamp, spawn_room, view, work,
 };
 use std::any::TypeId;
-
-/// A room, a camera that shows indirect light alone, and the camera's target.
-fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
-    let root = spawn_room(app, Transform::IDENTITY);
-    let image = target(app);
-    let eye = app
-        .world_mut()
-        .spawn((camera(&image, view()), indirect()))
-        .id();
-    (root, eye, image)
-}
-
-fn spawn_lamp(app: &mut App, place: Vec3) -> Entity {
-    app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(place)))
-        .id()
-}
 
 fn cpu(lights: &[Light]) -> plugin_support::flip::Picture {
     let (room, bake) = cornell();

@@ -54,18 +54,28 @@ pub fn settings() -> FrameSettings {
     }
 }
 
-/// A room, a camera that shows indirect light alone, its target, and a lamp at `place`.
-pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
+/// A room, a camera that shows indirect light alone, and the camera's target.
+pub fn room_and_camera(app: &mut App) -> (Entity, Entity, Handle<Image>) {
     let root = spawn_room(app, Transform::IDENTITY);
     let image = target(app);
     let eye = app
         .world_mut()
         .spawn((camera(&image, view()), indirect()))
         .id();
-    let lamp = app
-        .world_mut()
+    (root, eye, image)
+}
+
+/// The room's lamp at `place`.
+pub fn spawn_lamp(app: &mut App, place: Vec3) -> Entity {
+    app.world_mut()
         .spawn((bevy_lamp(), Transform::from_translation(place)))
-        .id();
+        .id()
+}
+
+/// [`room_and_camera`] with a lamp at `place`.
+pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, Entity) {
+    let (root, eye, image) = room_and_camera(app);
+    let lamp = spawn_lamp(app, place);
     (root, eye, image, lamp)
 }
 
