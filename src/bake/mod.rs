@@ -13,7 +13,7 @@ mod signals;
 mod stale;
 mod stats;
 
-pub(crate) use estimate::Lit;
+pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
@@ -479,9 +479,8 @@ fn finish(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let estimate_began = Instant::now();
-    let (estimates, rays) =
-        estimate::estimate_errors(&baked.scene, source.geometry, recipe.seed, progress)
-            .ok_or(BakeError::Cancelled)?;
+    let (estimates, rays) = estimate_errors(&baked.scene, source.geometry, recipe.seed, progress)
+        .ok_or(BakeError::Cancelled)?;
     let info = &mut baked.scene.info;
     for (tier, estimate) in info.tiers.iter_mut().zip(&estimates) {
         tier.estimated_nrmse = estimate.nrmse;

@@ -2,24 +2,19 @@
 //! once for all bakes, so that they differ by their own errors and not by the reference's noise.
 
 use crate::accuracy::{
-    Errors, Irradiance, ReferenceSettings, errors, irradiance, irradiance_at_all,
+    Errors, Irradiance, Lit, ReferenceSettings, errors, irradiance, irradiance_at_all, roomy_places,
 };
 use crate::asset::BakedScene;
-use crate::bake::Lit;
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
-use crate::samples::{
-    Candidate, Random, find_viewpoints, lattice, trace_particles, uniform_sphere,
-};
-use crate::scene::{Geometry, Light, Ray};
-use glam::{Vec2, Vec3};
+use crate::samples::{Random, find_viewpoints, trace_particles};
+use crate::scene::{Geometry, Light};
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// Drawn from by nothing else: no place or lamp of the exam is one of a bake's.
 const SEED: u64 = 0x65_78_61_6d;
 /// Free places of which the one with the most room around it becomes a lamp.
 const TRIED: usize = 6;
-/// Directions in which that room is looked for.
-const LOOKS: u32 = 96;
 /// Paths that find out how noisy a place is. They count for nothing else.
 const PILOT: u32 = 256;
 
@@ -111,7 +106,7 @@ impl Exam {
             return None;
         }
         let mut random = Random::new(SEED, 0, 0);
-        let lamps = free_places(geometry, &candidates, size.lamps, &mut random);
+        let lamps = roomy_places(geometry, &candidates, size.lamps, TRIED, &mut random);
         let lit = Lit { geometry };
         let questions: Vec<Question> = (0..)
             .zip(lamps)
@@ -209,34 +204,6 @@ impl Exam {
             uncovered: dark as f64 / values.len().max(1) as f64,
         }
     }
-}
-
-/// Places in free space for lamps, each with the most room around it of some: what a lamp a hair's breadth from a wall lights says little of the level,
-/// and no reference is sure of it.
-fn free_places(
-    geometry: &dyn Geometry,
-    candidates: &[Candidate],
-    count: usize,
-    random: &mut Random,
-) -> Vec<Vec3> {
-    let size = geometry.bounds().size().max_element();
-    let room = |p: Vec3| {
-        (0..LOOKS)
-            .filter_map(|k| {
-                let direction = uniform_sphere(lattice(k, LOOKS, Vec2::splat(0.5)));
-                geometry.cast(&Ray::new(p, direction)).map(|hit| hit.t)
-            })
-            .fold(size, f32::min)
-    };
-    (0..count)
-        .filter_map(|_| {
-            (0..TRIED)
-                .map(|_| candidates[random.below(candidates.len())].free)
-                .map(|p| (room(p), p))
-                .max_by(|a, b| a.0.total_cmp(&b.0))
-        })
-        .map(|best| best.1)
-        .collect()
 }
 
 /// How many paths each place gets, `paths` in the mean: as many as its noise in a pilot asks for, which makes the least noise of all for so much work. The

@@ -1,0 +1,76 @@
+//! What lamps an error is measured under: points in free space, with room around them, that no bake has seen. The self-measurement of a bake and the
+//! exam of a report draw them in the same way, so that the two are about the same thing.
+
+use crate::samples::{Candidate, Random, lattice, uniform_sphere};
+use crate::scene::{Bounds, Geometry, Hit, Ray, Surface};
+use glam::{Vec2, Vec3};
+
+/// Directions in which that room is looked for.
+const LOOKS: u32 = 96;
+
+/// Rays that [`roomy_places`] casts for each place that it tries.
+pub const RAYS_A_PLACE: u64 = LOOKS as u64;
+
+/// Places in free space for lamps, each the one with the most room around it of `tried`: what a lamp a hair's breadth from a wall lights says little of the level,
+/// and no reference is sure of it. As many as `count`, or none where there are no candidates.
+#[must_use]
+pub fn roomy_places(
+    geometry: &dyn Geometry,
+    candidates: &[Candidate],
+    count: usize,
+    tried: usize,
+    random: &mut Random,
+) -> Vec<Vec3> {
+    if candidates.is_empty() {
+        return Vec::new();
+    }
+    let size = geometry.bounds().size().max_element();
+    let room = |p: Vec3| {
+        (0..LOOKS)
+            .filter_map(|k| {
+                let direction = uniform_sphere(lattice(k, LOOKS, Vec2::splat(0.5)));
+                geometry.cast(&Ray::new(p, direction)).map(|hit| hit.t)
+            })
+            .fold(size, f32::min)
+    };
+    (0..count)
+        .filter_map(|_| {
+            (0..tried)
+                .map(|_| candidates[random.below(candidates.len())].free)
+                .map(|p| (room(p), p))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        })
+        .map(|best| best.1)
+        .collect()
+}
+
+/// The geometry without its own emission: errors are of lamps' light.
+pub struct Lit<'a> {
+    /// What it is of.
+    pub geometry: &'a dyn Geometry,
+}
+
+impl Geometry for Lit<'_> {
+    fn bounds(&self) -> Bounds {
+        self.geometry.bounds()
+    }
+
+    fn cast(&self, ray: &Ray) -> Option<Hit> {
+        self.geometry.cast(ray)
+    }
+
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+        self.geometry.occluded(from, to)
+    }
+
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        Surface {
+            emission: Vec3::ZERO,
+            ..self.geometry.surface(ray, hit)
+        }
+    }
+
+    fn lift(&self, p: Vec3) -> f32 {
+        self.geometry.lift(p)
+    }
+}
