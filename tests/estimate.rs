@@ -105,3 +105,55 @@ fn holds_the_truth_in_the_cornell_box() {
 fn holds_the_truth_in_open_rooms() {
     is_honest("rooms_open");
 }
+
+/// A largest error makes a bake as fine as it must be, and no finer.
+#[test]
+fn a_largest_error_is_met_with_no_more_care_than_it_takes() {
+    let level = level("cornell");
+    let bake = |recipe: &Recipe| bake_level(&level.mesh, recipe, 0, &Progress::default()).unwrap();
+    let draft = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let preset = bake(&draft);
+    let [coarse, fine] = [0.16, 0.055].map(|error| {
+        let baked = bake(&Recipe {
+            max_error: Some(error),
+            ..Recipe::default()
+        });
+        println!(
+            "at most {error}: {} links, estimated {:.4}",
+            baked.stats.links, baked.stats.estimated_nrmse
+        );
+        assert!(baked.stats.estimated_nrmse <= f64::from(error));
+        assert!(
+            baked.stats.warnings.is_empty(),
+            "{:?}",
+            baked.stats.warnings
+        );
+        baked.stats
+    });
+    assert!(coarse.links < fine.links && coarse.gather_rays < fine.gather_rays);
+    assert!(fine.estimated_nrmse < coarse.estimated_nrmse);
+    assert!(2 * coarse.links < preset.stats.links);
+    // What cannot be met is said: here all care is fixed.
+    let poor = bake(&Recipe {
+        max_error: Some(1e-3),
+        coarse_radius: Some(1.2),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        extra_points: Some(0),
+        rays: Some(32),
+        places: Some(4),
+        epsilon: Some(0.1),
+        tolerance: Some(0.1),
+        ..Recipe::default()
+    });
+    assert!(poor.stats.estimated_nrmse > 1e-3);
+    assert!(
+        poor.stats.warnings.iter().any(|w| w.contains("0.10 %")),
+        "{:?}",
+        poor.stats.warnings
+    );
+}

@@ -390,12 +390,12 @@ fn rules_are_compared_at_equal_error_and_at_equal_links() {
 
 #[test]
 fn every_variant_can_be_baked_and_written_as_a_recipe() {
-    let base = baseline().recipe.settings(30.0, 1.0).unwrap();
+    let base = baseline().recipe.settings(30.0).unwrap();
     let (quick, full) = (quick(&base), full(&base));
     assert!(quick.len() >= 6 && full.len() > 2 * quick.len());
     for list in [&quick, &full] {
         for (i, v) in list.iter().enumerate() {
-            v.recipe.settings(30.0, 1.0).unwrap();
+            v.recipe.settings(30.0).unwrap();
             assert_eq!(
                 Recipe::from_ron(&v.recipe_text()).unwrap(),
                 v.recipe,

@@ -3,7 +3,8 @@
 //!
 //! What is estimated is the NRMSE as [`crate::accuracy::errors`] defines it, e = ‖E' − E‖ / ‖E‖ over the reached surface, under one lamp: what a user finds who
 //! puts a lamp into the level and compares with a path tracer. Lamps differ in their error, so that the interval is a prediction for one more of them, not the
-//! standard error of a mean. Lamps count by how much of their light comes back: one that shines into the open has no error to speak of.
+//! standard error of a mean. Each lamp counts alike, as it may be the one that a user places, but for those of whose light next to nothing comes back: one that shines into the open
+//! has no error to speak of.
 //!
 //! Three lamps shine at a time, a red, a green and a blue one: light of one colour knows nothing of the others, so that a solve and a path serve all three.
 //!
@@ -31,6 +32,8 @@ const COLOURS: usize = 3;
 const PARTICLES: u64 = 4096;
 /// Free places of which the one with the most room becomes a lamp: lamps hang under ceilings and stand on tables.
 const TRIED: usize = 4;
+/// A lamp of whose light less comes back than this share of the usual one's counts the less.
+const RETURNS: f64 = 0.1;
 /// Reasons to draw a place; each has the same weight.
 const PARTS: f64 = 4.0;
 
@@ -83,7 +86,7 @@ struct LampError {
     /// Variance of that by the paths of the reference alone.
     noise: f64,
     /// Mean square of what comes back of its light, over that of the light itself.
-    weight: f64,
+    returns: f64,
 }
 
 /// Measures the error of each tier of `scene` on `geometry`, tier 1 first, and says how many rays that took. None when `progress` asks to stop.
@@ -223,9 +226,9 @@ impl Question<'_> {
                 .map(|c| LampError {
                     square: square[c] / power[c],
                     noise: noise[c] / power[c].powi(2),
-                    weight: power[c] / direct[c],
+                    returns: power[c] / direct[c],
                 })
-                .filter(|lamp| lamp.weight.is_finite())
+                .filter(|lamp| lamp.returns.is_finite())
                 .collect()
         };
         (values.iter().map(of_tier).collect(), rays)
@@ -373,22 +376,33 @@ fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
     out
 }
 
+/// Zero of nothing.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// The estimate from what the lamps say.
 ///
 /// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their squared errors tells both, and is what one more lamp
 /// will show. Only what the reference's paths put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay below
 /// m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom; they are skewed to larger errors, so that the upper end makes the width for both sides.
 fn summarise(lamps: &[LampError]) -> Estimate {
-    let total: f64 = lamps.iter().map(|l| l.weight).sum();
-    if total <= 0.0 {
+    let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
+    let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
+    let total: f64 = weights.iter().sum();
+    // Not a number either where there are no lamps.
+    if !(total > 0.0) {
         return Estimate::default();
     }
     let mean = |of: &dyn Fn(&LampError) -> f64| {
-        lamps.iter().map(|l| l.weight * of(l)).sum::<f64>() / total
+        let parts = lamps.iter().zip(&weights).map(|(l, weight)| weight * of(l));
+        parts.sum::<f64>() / total
     };
     let m = mean(&|l| l.square).max(0.0);
     // As many lamps of equal weight.
-    let count = total * total / lamps.iter().map(|l| l.weight.powi(2)).sum::<f64>();
+    let count = total * total / weights.iter().map(|w| w * w).sum::<f64>();
     let nrmse = m.sqrt();
     if count < 1.5 {
         return Estimate {
@@ -399,9 +413,7 @@ fn summarise(lamps: &[LampError]) -> Estimate {
     }
     let seen = mean(&|l| (l.square - m).powi(2)) * count / (count - 1.0);
     // The usual lamp's: a single one of great noise is one of great error as often as not.
-    let mut noise: Vec<f64> = lamps.iter().map(|l| l.noise).collect();
-    noise.sort_by(f64::total_cmp);
-    let noise = noise[noise.len() / 2].clamp(0.0, seen);
+    let noise = median(lamps.iter().map(|l| l.noise)).clamp(0.0, seen);
     let width = student(count - 1.0) * (seen - noise + seen / count).sqrt();
     Estimate {
         nrmse: nrmse as f32,
@@ -420,11 +432,11 @@ fn student(freedom: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn lamp(square: f64, noise: f64, weight: f64) -> LampError {
+    fn lamp(square: f64, noise: f64, returns: f64) -> LampError {
         LampError {
             square,
             noise,
-            weight,
+            returns,
         }
     }
 

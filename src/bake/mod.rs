@@ -4,6 +4,7 @@
 //! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
 //! counted. Threads are those of the rayon pool that the call runs in.
 
+mod care;
 mod energy;
 mod estimate;
 mod level;
@@ -13,6 +14,7 @@ mod signals;
 mod stale;
 mod stats;
 
+use care::Care;
 pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
@@ -98,21 +100,40 @@ pub fn bake(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     recipe.check()?;
-    let mut finer = 1.0;
-    loop {
-        let baked = bake_once(source, recipe, finer, progress)?;
-        // Four times the points halve the spacing; three tries are a factor of 64 in points, more than any level is worth.
-        match recipe.max_error {
-            Some(most) if baked.scene.info.estimated_nrmse > most && finer < 64.0 => finer *= 4.0,
-            _ => return Ok(baked),
+    let Some(most) = recipe.max_error else {
+        return bake_once(source, recipe, &recipe.preset.care(), progress);
+    };
+    let began = Instant::now();
+    let mut best: Option<Baked> = None;
+    let error = |baked: &Baked| baked.scene.info.estimated_nrmse;
+    for care in Care::ladder(most) {
+        let baked = bake_once(source, recipe, &care, progress)?;
+        let met = error(&baked) <= most;
+        // A recipe that fixes all that care is taken by makes the same again.
+        let again = best.as_ref().map(|b| &b.scene.info.recipe) == Some(&baked.scene.info.recipe);
+        if best.as_ref().is_none_or(|best| error(&baked) < error(best)) {
+            best = Some(baked);
+        }
+        if met || again {
+            break;
         }
     }
+    let mut baked = best.ok_or(BakeError::Cancelled)?;
+    if error(&baked) > most {
+        baked.stats.warnings.push(format!(
+            "the estimated error is {:.2} %, not the {:.2} % that were asked for: this is the best of what was tried, up to the finest settings",
+            100.0 * error(&baked),
+            100.0 * most
+        ));
+    }
+    baked.stats.seconds.total = began.elapsed().as_secs_f64();
+    Ok(baked)
 }
 
 fn bake_once(
     source: &BakeSource<'_>,
     recipe: &Recipe,
-    finer: f32,
+    care: &Care,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let began = Instant::now();
@@ -151,7 +172,7 @@ fn bake_once(
     let drop_first = pilot.candidates.len() >= 512 * 8;
     let (area, rays) = reached_area(geometry, &viewpoints, drop_first, recipe.seed);
     stats.rays += rays;
-    let settings = recipe.settings(area, finer)?;
+    let settings = recipe.settings_with(area, care)?;
 
     // Points, levels, parents, pull.
     let building = HierarchySettings {

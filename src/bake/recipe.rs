@@ -1,6 +1,7 @@
 //! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
 //! scene's size.
 
+use super::care::Care;
 use crate::asset::Places;
 use crate::scene::Geometry;
 use crate::transport::Link;
@@ -74,7 +75,7 @@ pub struct Recipe {
     pub epsilon: Option<f32>,
     /// Difference to the parents' value below which a receiver needs no row (`Bounded`).
     pub tolerance: Option<f32>,
-    /// Bake again, finer, until the estimated NRMSE is at most this.
+    /// Takes as much care as it needs for an estimated NRMSE of at most this, whatever the preset says: bakes coarsely first, and finer until it is met.
     pub max_error: Option<f32>,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -132,58 +133,6 @@ pub struct Settings {
     pub seed: u64,
     /// See [`Recipe::walls`].
     pub walls: bool,
-}
-
-/// What a preset stands for.
-struct Care {
-    /// Points wanted on the finest level.
-    points: f32,
-    sender_levels: u32,
-    extra_levels: u32,
-    /// Most points on the levels that are added where light asks for them.
-    extra_points: f32,
-    rays: u32,
-    places: u32,
-    epsilon: f32,
-    tolerance: f32,
-}
-
-impl Preset {
-    fn care(self) -> Care {
-        match self {
-            Self::Draft => Care {
-                points: 8_000.0,
-                sender_levels: 4,
-                extra_levels: 2,
-                extra_points: 16_000.0,
-                rays: 256,
-                places: 8,
-                epsilon: 0.03,
-                tolerance: 0.06,
-            },
-            Self::Medium => Care {
-                points: 32_000.0,
-                sender_levels: 5,
-                extra_levels: 3,
-                extra_points: 256_000.0,
-                rays: 1024,
-                places: 16,
-                epsilon: 0.01,
-                tolerance: 0.02,
-            },
-            // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
-            Self::High => Care {
-                points: 40_000.0,
-                sender_levels: 5,
-                extra_levels: 4,
-                extra_points: 400_000.0,
-                rays: 2048,
-                places: 32,
-                epsilon: 0.005,
-                tolerance: 0.01,
-            },
-        }
-    }
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
@@ -274,13 +223,17 @@ impl Recipe {
         Ok(())
     }
 
-    /// Fills in what is left out, for a surface of `area` m² reached by light. `finer` scales the number of points (1 as the preset has it).
+    /// Fills in what is left out as the preset has it, for a surface of `area` m² reached by light.
     ///
     /// # Errors
     /// [`RecipeError::OutOfRange`] where values do not go together.
-    pub fn settings(&self, area: f32, finer: f32) -> Result<Settings, RecipeError> {
+    pub fn settings(&self, area: f32) -> Result<Settings, RecipeError> {
+        self.settings_with(area, &self.preset.care())
+    }
+
+    /// Fills in what is left out as `care` has it.
+    pub(super) fn settings_with(&self, area: f32, care: &Care) -> Result<Settings, RecipeError> {
         self.check()?;
-        let care = self.preset.care();
         let levels = self.levels.unwrap_or(5);
         let sender_levels = self.sender_levels.unwrap_or(care.sender_levels.min(levels));
         if sender_levels > levels {
@@ -290,7 +243,7 @@ impl Recipe {
                 allowed: "at most `levels`",
             });
         }
-        let fine = (FILL * area / (care.points * finer)).sqrt();
+        let fine = (FILL * area / care.points).sqrt();
         let coarse_radius = self
             .coarse_radius
             .unwrap_or(fine * (1u32 << (levels - 1)) as f32);
@@ -306,12 +259,8 @@ impl Recipe {
             levels,
             sender_levels,
             extra_levels: self.extra_levels.unwrap_or(care.extra_levels),
-            extra_points: self
-                .extra_points
-                .unwrap_or((care.extra_points * finer) as u32),
-            rays: self
-                .rays
-                .unwrap_or((care.rays as f32 * finer.sqrt()) as u32),
+            extra_points: self.extra_points.unwrap_or(care.extra_points as u32),
+            rays: self.rays.unwrap_or(care.rays),
             places: self.places.unwrap_or(match self.rule {
                 Rule::Bounded => care.places,
                 // [L08] takes the light at a function's own point.

@@ -54,7 +54,7 @@ pub struct BakeStats {
     pub threads: u64,
     /// See [`crate::asset::BakeInfo::estimated_nrmse`].
     pub estimated_nrmse: f64,
-    /// Half width of its 95 % confidence interval.
+    /// Half width of its 95 % prediction interval for one more lamp.
     pub estimated_nrmse_interval: f64,
     /// See [`crate::asset::BakeInfo::tiers`].
     pub tiers: Vec<TierInfo>,

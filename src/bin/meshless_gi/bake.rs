@@ -275,7 +275,7 @@ fn read_recipe(path: &Path) -> Result<Recipe, ToolError> {
 
 /// Each value on its own, and all together, for a level of any size.
 fn sound(recipe: &Recipe) -> Result<(), RecipeError> {
-    recipe.settings(1.0, 1.0).map(|_| ())
+    recipe.settings(1.0).map(|_| ())
 }
 
 fn same_file(a: &Path, b: &Path) -> bool {

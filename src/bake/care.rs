@@ -1,0 +1,147 @@
+//! How much care a bake takes: what the presets stand for, and the ladder that a largest error climbs.
+//!
+//! A largest error asks for care by the same knobs as presets do, all at once: thresholds for links and for points that are added (where their tolerance is met, nothing is
+//! refined), density, rays, places. Rungs lie between and beyond the presets, each for [`STEP`] times less error than the one below, and are the same
+//! for every error asked for: so a smaller error never makes a coarser bake.
+
+use super::recipe::Preset;
+#[cfg(doc)]
+use super::recipe::Recipe;
+
+/// What a preset stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Care {
+    /// Points wanted on the finest level.
+    pub points: f32,
+    /// See [`Recipe`].
+    pub sender_levels: u32,
+    /// See [`Recipe`].
+    pub extra_levels: u32,
+    /// Most points on the levels that are added where light asks for them.
+    pub extra_points: f32,
+    /// See [`Recipe`].
+    pub rays: u32,
+    /// See [`Recipe`].
+    pub places: u32,
+    /// See [`Recipe`].
+    pub epsilon: f32,
+    /// See [`Recipe`].
+    pub tolerance: f32,
+}
+
+impl Preset {
+    /// What it stands for.
+    #[must_use]
+    pub(super) fn care(self) -> Care {
+        match self {
+            Self::Draft => Care {
+                points: 8_000.0,
+                sender_levels: 4,
+                extra_levels: 2,
+                extra_points: 16_000.0,
+                rays: 256,
+                places: 8,
+                epsilon: 0.03,
+                tolerance: 0.06,
+            },
+            Self::Medium => Care {
+                points: 32_000.0,
+                sender_levels: 5,
+                extra_levels: 3,
+                extra_points: 256_000.0,
+                rays: 1024,
+                places: 16,
+                epsilon: 0.01,
+                tolerance: 0.02,
+            },
+            // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
+            Self::High => Care {
+                points: 40_000.0,
+                sender_levels: 5,
+                extra_levels: 4,
+                extra_points: 400_000.0,
+                rays: 2048,
+                places: 32,
+                epsilon: 0.005,
+                tolerance: 0.01,
+            },
+        }
+    }
+}
+
+/// Errors of the presets on levels without hard corners: where the ladder starts for an error asked for, and no more than a guess.
+const USUAL: [(f32, Preset); 3] = [
+    (0.04, Preset::Draft),
+    (0.015, Preset::Medium),
+    (0.008, Preset::High),
+];
+/// Error of the coarsest rung, on such a level.
+const COARSEST: f32 = 0.16;
+/// Error of a rung over that of the next.
+const STEP: f32 = 1.6;
+/// Rungs. The last is finer than the finest preset by half a step; beyond it memory ends on large levels.
+const RUNGS: i32 = 8;
+
+impl Care {
+    /// The rungs to try for an error of at most `error`, one after the other: from the coarsest that may do, by the errors of the presets, to the finest of all.
+    pub fn ladder(error: f32) -> impl Iterator<Item = Self> {
+        let usual = |rung: i32| COARSEST / STEP.powi(rung);
+        let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
+        (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
+    }
+
+    /// Between the presets whose errors are next to this one, by geometric means; beyond them on as between the nearest two.
+    fn of_error(error: f32) -> Self {
+        let pair = if error > USUAL[1].0 { 0 } else { 1 };
+        let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];
+        let (coarse, fine) = (coarse.care(), fine.care());
+        let t = libm::logf(error / e0) / libm::logf(e1 / e0);
+        let mix = |a: f32, b: f32| a * libm::powf(b / a, t);
+        let whole = |a: u32, b: u32, least: f32| {
+            let straight = a as f32 + t * (b as f32 - a as f32);
+            straight.round().max(least) as u32
+        };
+        let count = |a: u32, b: u32, least: f32, most: f32| {
+            mix(a as f32, b as f32).round().clamp(least, most) as u32
+        };
+        Self {
+            points: mix(coarse.points, fine.points),
+            sender_levels: whole(coarse.sender_levels, fine.sender_levels, 3.0).min(5),
+            extra_levels: whole(coarse.extra_levels, fine.extra_levels, 0.0),
+            extra_points: mix(coarse.extra_points, fine.extra_points),
+            rays: count(coarse.rays, fine.rays, 64.0, 8192.0),
+            places: count(coarse.places, fine.places, 4.0, 64.0),
+            epsilon: mix(coarse.epsilon, fine.epsilon).min(1.0),
+            tolerance: mix(coarse.tolerance, fine.tolerance).min(1.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ladder_goes_through_the_presets_and_only_up() {
+        for (error, preset) in USUAL {
+            let (a, b) = (Care::of_error(error), preset.care());
+            assert!((a.points / b.points - 1.0).abs() < 1e-3 && a.rays == b.rays);
+            assert!((a.epsilon / b.epsilon - 1.0).abs() < 1e-3 && a.places == b.places);
+            assert_eq!(a.extra_levels, b.extra_levels);
+        }
+        let all: Vec<Care> = Care::ladder(1.0).collect();
+        assert_eq!(all.len(), RUNGS as usize);
+        for pair in all.windows(2) {
+            let (a, b) = (pair[0], pair[1]);
+            assert!(a.points < b.points && a.rays < b.rays && a.extra_points < b.extra_points);
+            assert!(a.epsilon > b.epsilon && a.tolerance > b.tolerance);
+            assert!(a.places <= b.places && a.extra_levels <= b.extra_levels);
+            assert!(a.sender_levels <= b.sender_levels);
+        }
+        // Where it starts: coarser for a larger error, and always with something to try.
+        let errors = [1.0, 0.1, 0.05, 0.03, 0.01, 0.001, 1e-4];
+        let left = errors.map(|e| Care::ladder(e).count());
+        assert!(left.is_sorted_by(|a, b| a >= b) && left[6] == 1, "{left:?}");
+        assert!(left[1] > left[3] && left[3] > left[4], "{left:?}");
+    }
+}
