@@ -25,7 +25,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Share of the bake's rays that the estimate may cast.
-const SHARE: f64 = 0.08;
+const SHARE: f64 = 0.04;
 /// Lamps that shine together, each in a colour of its own.
 const COLOURS: usize = 3;
 /// Importance particles that places and lamps are drawn from.
@@ -53,7 +53,7 @@ struct Effort {
 impl Effort {
     /// What is in proportion to a bake, but enough for an answer.
     fn of(scene: &BakedScene) -> Self {
-        let (triples, places) = (12, 64);
+        let (triples, places) = (8, 96);
         let each =
             (triples * places) as f64 * RAYS_A_REFLECTION as f64 * f64::from(scene.info.bounces);
         let paths = SHARE * scene.info.rays as f64 / each;
