@@ -596,7 +596,7 @@ fn the_guide_lists_every_field_of_a_recipe() {
 
 #[test]
 fn the_guide_has_the_numbers_of_the_presets() {
-    let source = read("src/bake/recipe.rs");
+    let source = read("src/bake/care.rs");
     let guide = read("docs/GUIDE.md");
     for name in ["Draft", "Medium", "High"] {
         let numbers = preset(&source, name);

@@ -392,8 +392,7 @@ fn summarise(lamps: &[LampError]) -> Estimate {
     let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
     let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
     let total: f64 = weights.iter().sum();
-    // Not a number either where there are no lamps.
-    if !(total > 0.0) {
+    if total <= 0.0 {
         return Estimate::default();
     }
     let mean = |of: &dyn Fn(&LampError) -> f64| {
