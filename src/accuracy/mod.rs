@@ -7,6 +7,7 @@ mod basis_comparison;
 mod chart;
 pub mod closed_form;
 mod direct;
+mod drawn;
 mod evaluate;
 mod flip;
 mod lamps;
@@ -24,6 +25,7 @@ pub use basis_comparison::{
 };
 pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
+pub use drawn::DrawnView;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub use flip::{flip, flip_map};
 pub use lamps::{Lit, RAYS_A_PLACE, roomy_places};
