@@ -10,10 +10,13 @@
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
-//! | [`splat`] | → irradiance of a pixel, or at any place |
+//! | [`pyramid`] | depth and normals → where the picture is not continuous |
+//! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
+//! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
+//! | [`upsample`] | → between the subsplats, and at every pixel |
 //! | [`composite`] | → what a pixel's colour gains |
 //!
-//! [`CpuFrame`] runs them all; a [`FrameSettings`] says how many bounces.
+//! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 
 mod anderson;
 pub mod apply;
@@ -27,11 +30,18 @@ mod light;
 pub mod project;
 pub mod pull;
 pub mod push;
+pub mod pyramid;
 pub mod radiosity;
+pub mod refine;
 mod settings;
 pub mod splat;
+pub mod subsplat;
+pub mod upsample;
+mod view;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
 pub use settings::{FrameSettings, SceneShape, Steps};
+pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
+pub use view::{SubsplatCounts, Subsplats, subsplats};
