@@ -564,9 +564,12 @@ impl Recorder<'_> {
 }
 
 /// Workgroups of one dimension: WebGPU's limit.
-const MOST_GROUPS: u32 = 65_535;
+pub(super) const MOST_GROUPS: u32 = 65_535;
 
-fn compute<'e>(encoder: &'e mut wgpu::CommandEncoder, label: &str) -> wgpu::ComputePass<'e> {
+pub(super) fn compute<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    label: &str,
+) -> wgpu::ComputePass<'e> {
     encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
         label: Some(label),
         timestamp_writes: None,

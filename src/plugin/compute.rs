@@ -269,6 +269,8 @@ fn stage_of(pass: Pass) -> Stage {
         Pass::Apply => Stage::Apply,
         Pass::Averages | Pass::Differences => Stage::Flatten,
         Pass::Splat | Pass::SplatOver => Stage::Splat,
+        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
+        Pass::Vpl | Pass::VplOver => Stage::Vpl,
     }
 }
 
