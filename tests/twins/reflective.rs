@@ -123,7 +123,8 @@ fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
     rsm::choose(&params, texels)
 }
 
-/// Texels whose numbers differ. Scales are the items' own: places, normals, flux and spread each by themselves.
+/// Texels whose places, normals, flux or spread differ: each by itself, for they have different units. At the edge of a cone the flux is a small difference,
+/// so the scale is that of all texels.
 fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     let parts: [fn(&RsmTexel) -> [f32; 3]; 4] = [
         |t| t.position,
@@ -135,7 +136,7 @@ fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
         .iter()
         .flat_map(|part| {
             let of = |all: &[RsmTexel]| all.iter().map(part).collect::<Vec<_>>();
-            differing(&of(gpu), &of(cpu), 3, 3.0 * SINGLE, Scale::Item)
+            differing(&of(gpu), &of(cpu), 3, 3.0 * SINGLE, Scale::Rms)
         })
         .collect();
     found.sort_unstable();
