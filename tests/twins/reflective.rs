@@ -11,7 +11,7 @@ use bevy_meshless_gi::frame::{
     VplViewParams, gbuffer, project, rsm, vpl,
 };
 use bevy_meshless_gi::gpu::{
-    DrawnMap, GpuFrame, Harness, Kernels, Pass, ReflectiveMaps, SplatTargets,
+    DrawnMap, GpuFrame, Harness, Kernels, Pass, ReflectiveMaps, SplatTargets, VplShadows,
 };
 use bevy_meshless_gi::transport::SenderForm;
 use glam::{Mat4, Vec3};
@@ -325,7 +325,12 @@ fn vpl() {
     let before = wide(&screen.earlier);
 
     for (shadows, over, scale) in [(false, false, 50.0), (true, true, 50.0), (true, false, 1e6)] {
-        let shadows = shadows.then_some((local, frame.buffers()));
+        let by = VplShadows {
+            local_from_space: local,
+            scene: frame.buffers(),
+            dim: 0.0,
+        };
+        let shadows = shadows.then_some(&by);
         let world_from_clip = super::screen::world_from_clip();
         let params = VplViewParams {
             space_from_clip: space_from_clip(&world_from_clip, &Mat4::IDENTITY, ORIGIN)
@@ -346,7 +351,7 @@ fn vpl() {
         };
         let queue = &harness.queue;
         harness
-            .run(|e| maps.splat(&kernels, queue, e, &params, shadows, 0.0, &targets))
+            .run(|e| maps.splat(&kernels, queue, e, &params, shadows, &targets))
             .unwrap();
         let gpu = wide(&harness.read_texture::<[f16; 4]>(&out).unwrap());
         let picture = |params: &VplViewParams, lit: &VplParams, lights: &[Vpl]| {
@@ -359,7 +364,7 @@ fn vpl() {
                 })
                 .collect::<Vec<_>>()
         };
-        let lit = maps.params(shadows, 0.0);
+        let lit = maps.params(shadows);
         assert_eq!((lit.vpls, lit.nodes > 0), (VPLS, shadows.is_some()));
         let expected = picture(&params, &lit, &lights);
         let wrong = |expected: &[[f32; 4]]| differing(&gpu, expected, 4, HALF, Scale::Rms).len();
@@ -377,7 +382,7 @@ fn vpl() {
         }
         let other = VplParams {
             nodes: scene.bvh.nodes.len() as u32 - lit.nodes,
-            ..maps.params(Some((local, frame.buffers())), 0.0)
+            ..maps.params(Some(&by))
         };
         assert!(wrong(&picture(&params, &other, &lights)) > 20, "shadows");
         let mut dimmer = lights.clone();
