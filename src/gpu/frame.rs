@@ -32,6 +32,16 @@ impl GpuCounters {
         self.dispatches[pass as usize]
     }
 
+    /// Adds what another has recorded.
+    pub fn add(&mut self, more: &Self) {
+        for (sum, more) in self.dispatches.iter_mut().zip(more.dispatches) {
+            *sum += more;
+        }
+        self.projected += more.projected;
+        self.solves += more.solves;
+        self.composites += more.composites;
+    }
+
     /// All dispatches.
     #[must_use]
     pub fn total(&self) -> u64 {
@@ -564,9 +574,12 @@ impl Recorder<'_> {
 }
 
 /// Workgroups of one dimension: WebGPU's limit.
-const MOST_GROUPS: u32 = 65_535;
+pub(super) const MOST_GROUPS: u32 = 65_535;
 
-fn compute<'e>(encoder: &'e mut wgpu::CommandEncoder, label: &str) -> wgpu::ComputePass<'e> {
+pub(super) fn compute<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    label: &str,
+) -> wgpu::ComputePass<'e> {
     encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
         label: Some(label),
         timestamp_writes: None,

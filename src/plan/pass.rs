@@ -16,8 +16,12 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
+    /// Reflective shadow maps become virtual point lights: what moving objects reflect.
+    Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
     Splat,
+    /// The virtual point lights over the pixels of a view.
+    Vpl,
     /// Irradiance times base colour, added to the picture.
     Composite,
     /// Coefficients back to the CPU.
@@ -26,13 +30,15 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
+        Self::Rsm,
         Self::Splat,
+        Self::Vpl,
         Self::Composite,
         Self::ReadBack,
     ];
@@ -46,7 +52,9 @@ impl Stage {
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
             Self::Flatten => "flatten",
+            Self::Rsm => "rsm",
             Self::Splat => "splat",
+            Self::Vpl => "vpl",
             Self::Composite => "composite",
             Self::ReadBack => "read_back",
         }

@@ -194,7 +194,7 @@ impl GiRender {
             return;
         };
         if let Some(frame) = runtime.frame.take() {
-            add(&mut self.retired, &frame.counters());
+            self.retired.add(&frame.counters());
         }
         runtime.slots.forget();
         runtime.solved = None;
@@ -225,7 +225,7 @@ impl GiRender {
         };
         for runtime in self.scenes.values() {
             if let Some(frame) = &runtime.frame {
-                add(&mut total, &frame.counters());
+                total.add(&frame.counters());
                 counters.buffers += frame.buffers().count() as u32;
                 counters.bytes += frame.buffers().bytes();
             }
@@ -268,17 +268,19 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Add => Stage::PullPush,
         Pass::Apply => Stage::Apply,
         Pass::Averages | Pass::Differences => Stage::Flatten,
-        Pass::Splat | Pass::SplatOver => Stage::Splat,
+        Pass::Splat
+        | Pass::SplatOver
+        | Pass::SplatNodes
+        | Pass::PyramidBase
+        | Pass::PyramidReduce
+        | Pass::RefineStart
+        | Pass::Refine
+        | Pass::Upsample
+        | Pass::Resolve
+        | Pass::Fill => Stage::Splat,
+        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
+        Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
     }
-}
-
-fn add(sum: &mut GpuCounters, more: &GpuCounters) {
-    for (sum, more) in sum.dispatches.iter_mut().zip(more.dispatches) {
-        *sum += more;
-    }
-    sum.projected += more.projected;
-    sum.solves += more.solves;
-    sum.composites += more.composites;
 }
 
 /// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
