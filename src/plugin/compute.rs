@@ -3,6 +3,7 @@
 //! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
+use super::capture::ReflectiveMaps;
 use super::composite::ViewRuntime;
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
@@ -78,6 +79,7 @@ impl GiRender {
     fn observe(
         &mut self,
         world: &ExtractedGi,
+        maps: &ReflectiveMaps,
         largest_binding: u64,
         coefficients: &MeshlessGiCoefficients,
     ) -> FrameState {
@@ -87,6 +89,7 @@ impl GiRender {
             keep_frames: world.keep_frames,
             scenes: Vec::with_capacity(world.scenes.len()),
             views: Vec::with_capacity(world.views.len()),
+            bounces: maps.describe(world),
         };
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
         let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
@@ -284,6 +287,7 @@ fn add(sum: &mut GpuCounters, more: &GpuCounters) {
 /// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
 pub(crate) fn compute(
     world: Res<ExtractedGi>,
+    maps: Res<ReflectiveMaps>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -303,7 +307,7 @@ pub(crate) fn compute(
     let largest = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
-    let state = render.observe(&world, largest, &coefficients);
+    let state = render.observe(&world, &maps, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
         render.release(id);
