@@ -362,7 +362,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         DeferredPrepass,
         Msaa::Off,
         NoIndirectDrawing,
-        ClusterConfig::None,
+        ClusterConfig::Single,
         (Tonemapping::None, DebandDither::Disabled),
         Name::new("meshless_gi reflective shadow map"),
     )
