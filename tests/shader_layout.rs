@@ -6,8 +6,9 @@
 use bevy_meshless_gi::asset::PointSurface;
 use bevy_meshless_gi::basis::{NO_COVER, WeightEntry};
 use bevy_meshless_gi::frame::{
-    CompositeParams, FrameLight, SolveParams, Span, SplatParams, VectorIrradiance, apply, gbuffer,
-    project, splat,
+    CompositeParams, FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
+    SolveParams, Span, SplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, apply,
+    gbuffer, project, rsm, splat, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -106,11 +107,58 @@ fn layouts() -> Vec<Layout> {
             count
         }),
         layout!(BvhTriangle { a, b, c }),
+        layout!(RsmParams {
+            space_from_clip,
+            light,
+            forward,
+            side,
+            right,
+            first,
+            up,
+            area
+        }),
+        layout!(RsmTexel {
+            position,
+            spread,
+            normal,
+            flux
+        }),
+        layout!(RsmShadowParams {
+            local_from_space,
+            light,
+            texels,
+            nodes,
+            extent
+        }),
+        layout!(RsmChooseParams {
+            texels,
+            first,
+            vpls
+        }),
+        layout!(Vpl {
+            position,
+            square,
+            normal,
+            flux
+        }),
+        layout!(VplParams {
+            local_from_space,
+            vpls,
+            nodes,
+            extent,
+            dim
+        }),
+        layout!(VplViewParams {
+            space_from_clip,
+            viewport,
+            size,
+            scale
+        }),
     ]
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 2] = ["Place", "Shear"];
+const SHADER_ONLY: [&str; 3] = ["Place", "Shear", "VplShare"];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
@@ -138,6 +186,13 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
         ("STACK", Some(Bvh::STACK as f64)),
         ("SMALLEST", Some(f64::from(Bvh::SMALLEST))),
+        ("CHUNKS", Some(rsm::CHUNKS as f64)),
+        ("FARTHEST", Some(f64::from(rsm::FARTHEST))),
+        ("LEAST_COSINE", Some(f64::from(rsm::LEAST_COSINE))),
+        ("NEAREST_SQUARE", Some(f64::from(rsm::NEAREST_SQUARE))),
+        ("DISK", Some(f64::from(vpl::DISK))),
+        ("LIFTS", Some(f64::from(vpl::LIFTS))),
+        ("TINY", Some(f64::from(f32::MIN_POSITIVE))),
     ])
 }
 
@@ -418,6 +473,24 @@ fn a_spoiled_shader_is_noticed() {
             "uses",
         ),
         ("rgba16float, write", "rgba8unorm, write", "splat", "output"),
+        (
+            "spread: f32,\n    normal: vec3f,",
+            "normal: vec3f,\n    spread: f32,",
+            "rsm",
+            "struct RsmTexel",
+        ),
+        (
+            "const CHUNKS: u32 = 256u;",
+            "const CHUNKS: u32 = 128u;",
+            "rsm",
+            "const CHUNKS",
+        ),
+        (
+            "extent: f32,\n    dim: f32,",
+            "dim: f32,\n    extent: f32,",
+            "vpl",
+            "struct VplParams",
+        ),
     ];
     for (from, to, name, complaint) in spoils {
         let kernel = KERNELS.iter().find(|k| k.name == name).unwrap();
@@ -491,6 +564,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "settings",
         "cpu_frame",
         "anderson",
+        "reflective",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")

@@ -11,6 +11,8 @@
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
 //! | [`splat`] | → irradiance of a pixel, or at any place |
+//! | [`rsm`] | what a light sees of moving objects → virtual point lights |
+//! | [`vpl`] | → their irradiance, added to a pixel's, or at any place |
 //! | [`composite`] | → what a pixel's colour gains |
 //!
 //! [`CpuFrame`] runs them all; a [`FrameSettings`] says how many bounces.
@@ -28,10 +30,16 @@ pub mod project;
 pub mod pull;
 pub mod push;
 pub mod radiosity;
+pub mod reflective;
+pub mod rsm;
 mod settings;
 pub mod splat;
+pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
+pub use reflective::{
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
+};
 pub use settings::{FrameSettings, SceneShape, Steps};

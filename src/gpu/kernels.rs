@@ -4,7 +4,10 @@
 use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
-use crate::frame::{CompositeParams, FrameLight, SolveParams, SplatParams, VectorIrradiance};
+use crate::frame::{
+    CompositeParams, FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
+    SolveParams, SplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+};
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
 use crate::transport::{BounceLink, Link, Row};
@@ -70,11 +73,21 @@ pub enum Pass {
     Splat,
     /// `splat`, a further scene of a view.
     SplatOver,
+    /// `rsm`, the lit texels of one map.
+    RsmTexels,
+    /// `rsm`, shadows of one baked scene on a light's texels.
+    RsmShadow,
+    /// `rsm`, the virtual point lights of one light.
+    RsmChoose,
+    /// `vpl`, where a view has no light yet.
+    Vpl,
+    /// `vpl`, over what baked scenes gave.
+    VplOver,
 }
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 13;
+    pub const COUNT: usize = 18;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -91,6 +104,11 @@ impl Pass {
         Self::Differences,
         Self::Splat,
         Self::SplatOver,
+        Self::RsmTexels,
+        Self::RsmShadow,
+        Self::RsmChoose,
+        Self::Vpl,
+        Self::VplOver,
     ];
 
     /// Its kernel, and its entry point there.
@@ -183,10 +201,10 @@ const VECTOR: usize = size_of::<VectorIrradiance>();
 pub const COMPOSITE_ENTRIES: [&str; 2] = ["whole_screen", "composite"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 9] = [
+pub const KERNELS: [Kernel; 11] = [
     Kernel {
         name: "project",
-        source: shader!("project", "bvh"),
+        source: shader!("project", "bvh", "shadow"),
         bindings: &[
             PARAMS,
             bind(2, "lights", Read(LIGHT)),
@@ -319,6 +337,52 @@ pub const KERNELS: [Kernel; 9] = [
                 "splat_over",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
+        ],
+    },
+    Kernel {
+        name: "rsm",
+        source: shader!("rsm", "reflective", "gbuffer", "bvh", "shadow"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<RsmParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lit_texels", Write(size_of::<RsmTexel>())),
+            bind(4, "shade", Uniform(size_of::<RsmShadowParams>())),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "choice", Uniform(size_of::<RsmChooseParams>())),
+            bind(8, "vpls", Write(size_of::<Vpl>())),
+        ],
+        entries: &[
+            tile(Pass::RsmTexels, "texels", &[0, 1, 2, 3]),
+            each(Pass::RsmShadow, "shadow", &[3, 4, 5, 6]),
+            // One workgroup for all texels of a light.
+            Entry {
+                pass: Pass::RsmChoose,
+                name: "choose",
+                workgroup: [rsm::CHUNKS as u32, 1, 1],
+                items: u32::MAX,
+                bindings: &[3, 7, 8],
+            },
+        ],
+    },
+    Kernel {
+        name: "vpl",
+        source: shader!("vpl", "reflective", "gbuffer", "bvh", "shadow", "vpl"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<VplViewParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lit", Uniform(size_of::<VplParams>())),
+            bind(4, "vpls", Read(size_of::<Vpl>())),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "output", Output),
+            bind(8, "earlier", Float),
+        ],
+        entries: &[
+            tile(Pass::Vpl, "vpl", &[0, 1, 2, 3, 4, 5, 6, 7]),
+            tile(Pass::VplOver, "vpl_over", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
         ],
     },
     Kernel {

@@ -336,7 +336,13 @@ impl SceneBuffers {
                 .map_or(Some(&self.values), |d| Some(&d[1])),
             Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
             Pass::Averages | Pass::Differences => Some(&self.values),
-            Pass::Splat | Pass::SplatOver => None,
+            Pass::Splat
+            | Pass::SplatOver
+            | Pass::RsmTexels
+            | Pass::RsmShadow
+            | Pass::RsmChoose
+            | Pass::Vpl
+            | Pass::VplOver => None,
         }
     }
 

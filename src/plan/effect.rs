@@ -6,7 +6,8 @@
 //! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
-    FrameState, LightId, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewId,
+    BounceState, FrameState, LightId, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange,
+    Stage, ViewId,
 };
 use std::fmt;
 
@@ -298,14 +299,15 @@ fn display(state: &FrameState, plan: &mut Plan) {
                 first = first.or(Some(scene.id));
             }
         }
-        for light in &state.bounces {
-            let lights = view.enabled && view.has_gbuffer && light.views.contains(&view.id);
-            if lights && plan.find_light(light.id).is_some() {
-                let world = SceneId::WORLD;
-                let pass = plan.push("bounce_from_dynamic", Stage::Vpl, world, Reason::InView);
-                (pass.view, pass.light) = (Some(view.id), Some(light.id));
-                first = first.or(Some(world));
-            }
+        // All lights that bounce make one list.
+        let bounced = |light: &BounceState| {
+            light.views.contains(&view.id) && plan.find_light(light.id).is_some()
+        };
+        if view.enabled && view.has_gbuffer && state.bounces.iter().any(bounced) {
+            let world = SceneId::WORLD;
+            plan.push("bounce_from_dynamic", Stage::Vpl, world, Reason::InView)
+                .view = Some(view.id);
+            first = first.or(Some(world));
         }
         // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
@@ -324,7 +326,7 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{BounceState, ViewState};
+    use crate::plan::ViewState;
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);

@@ -16,11 +16,11 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
-    /// Reflective shadow maps of a light: what moves, drawn from there, and the virtual point lights made of it.
+    /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
     Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
     Splat,
-    /// A light's virtual point lights over the pixels of a view.
+    /// The virtual point lights over the pixels of a view.
     Vpl,
     /// Irradiance times base colour, added to the picture.
     Composite,
@@ -166,7 +166,7 @@ pub struct Pass {
     pub stage: Stage,
     /// For which scene; [`SceneId::WORLD`] for what belongs to no bake.
     pub scene: SceneId,
-    /// For which light ([`Stage::Rsm`] and [`Stage::Vpl`] only).
+    /// For which light ([`Stage::Rsm`] only).
     pub light: Option<LightId>,
     /// For which view; `None` for work that all views share.
     pub view: Option<ViewId>,

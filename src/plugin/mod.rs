@@ -189,7 +189,7 @@ impl Plugin for MeshlessGiPlugin {
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
             .init_resource::<compute::GiRender>()
-            .init_resource::<capture::ReflectiveMaps>()
+            .init_resource::<capture::LightMaps>()
             .add_schedule(capture::schedule())
             .add_systems(
                 ExtractSchedule,

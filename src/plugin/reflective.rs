@@ -9,6 +9,7 @@
 use super::components::MeshlessGiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
 use crate::frame::FrameLight;
+use crate::frame::reflective::side;
 use crate::plan::{Lens, MapView, Skip, map_views};
 use crate::scene::Bounds;
 use bevy::camera::primitives::Aabb;
@@ -52,11 +53,12 @@ pub struct MeshlessGiBouncer;
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiReflective {
-    /// Edge of a map in texels, 8 to 256. A point light may take up to six maps, see [`map_views`].
+    /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point light may take up to six maps, see [`map_views`].
     pub resolution: u32,
     /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
     pub lights: u32,
-    /// Baked geometry shadows the lamp's light on what moves, and the reflected light. Needs a bake in the same place.
+    /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays through the first bake that a camera shows. All lights' reflected
+    /// light goes its way together: it is shadowed where one of them asks for it.
     pub visibility: bool,
 }
 
@@ -71,10 +73,10 @@ impl Default for MeshlessGiReflective {
 }
 
 impl MeshlessGiReflective {
-    /// Edge of a map in texels, within its bounds.
+    /// Edge of a map in texels: the power of two that is drawn.
     #[must_use]
     pub fn texels(&self) -> u32 {
-        self.resolution.clamp(8, 256)
+        side(self.resolution.max(8))
     }
 }
 
@@ -151,6 +153,8 @@ pub(crate) struct AskingLight {
     pub light: FrameLight,
     pub layers: RenderLayers,
     pub settings: MeshlessGiReflective,
+    /// Where its first map stands, metres.
+    pub place: Vec3,
     pub maps: Result<Vec<Entity>, Skip>,
 }
 
@@ -206,6 +210,7 @@ pub(crate) fn aim(
             light: FrameLight::expand(&light, 1)[0],
             layers: parts.layers.cloned().unwrap_or_default(),
             settings: settings.clone(),
+            place: Vec3::ZERO,
             maps: Err(Skip::NotInView),
         });
     };
@@ -239,6 +244,7 @@ pub(crate) fn aim(
         }
         let texels = light.settings.texels();
         light.maps = map_views(&light.light, &boxes, texels).map(|views| {
+            light.place = views.first().map_or(Vec3::ZERO, |view| view.position);
             let mut drawn = Vec::with_capacity(views.len());
             for (map, view) in views.iter().enumerate() {
                 order += 1;
