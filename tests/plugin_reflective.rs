@@ -5,20 +5,27 @@ mod plugin_support;
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{CAPTURE_LAYER, MeshlessGiCapture};
+use bevy_meshless_gi::plugin::{CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters};
 use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::stage::{counters, indirect, keep, room_and_camera, spawn_lamp, view, work};
+use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_vpls};
+use plugin_support::flip::Picture;
+use plugin_support::scenes::{Room, cornell};
+use plugin_support::stage::{
+    CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
+};
+use std::f32::consts::PI;
 
-/// A matte ball of `radius` metres.
-fn ball(app: &mut App, at: Vec3, radius: f32, colour: Color) -> Entity {
-    let mesh = Sphere::new(radius).mesh().ico(5).unwrap();
+fn spawn_ball(app: &mut App, ball: Ball) -> Entity {
+    let mesh = Sphere::new(ball.radius).mesh().ico(20).unwrap();
     let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
+    let [r, g, b] = ball.colour.to_array();
     let material = app
         .world_mut()
         .resource_mut::<Assets<StandardMaterial>>()
         .add(StandardMaterial {
-            base_color: colour,
+            base_color: Color::linear_rgb(r, g, b),
             perceptual_roughness: 1.0,
             reflectance: 0.0,
             ..default()
@@ -27,7 +34,7 @@ fn ball(app: &mut App, at: Vec3, radius: f32, colour: Color) -> Entity {
         .spawn((
             Mesh3d(mesh),
             MeshMaterial3d(material),
-            Transform::from_translation(at),
+            Transform::from_translation(ball.center),
         ))
         .id()
 }
@@ -48,7 +55,11 @@ fn layers(app: &App, entity: Entity) -> Option<RenderLayers> {
     app.world().get::<RenderLayers>(entity).cloned()
 }
 
-const RED: Color = Color::linear_rgb(0.8, 0.02, 0.02);
+const RED: Ball = Ball {
+    center: Vec3::new(-0.4, 0.3, 0.3),
+    radius: 0.25,
+    colour: Vec3::new(0.8, 0.02, 0.02),
+};
 const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
 
 #[test]
@@ -58,7 +69,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     let lamp = spawn_lamp(&mut app, LAMP);
     run(&mut app, 2);
     let bare = counters(&app);
-    let ball = ball(&mut app, Vec3::new(-0.4, 0.3, 0.3), 0.25, RED);
+    let ball = spawn_ball(&mut app, RED);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0], "nobody asks");
 
@@ -91,7 +102,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     assert_eq!(layers(&app, ball), Some(own.clone().with(CAPTURE_LAYER)));
     assert_eq!(layers(&app, parent), None, "it has no mesh");
     let c = counters(&app);
-    let ran = |c: &bevy_meshless_gi::plugin::MeshlessGiCounters| c.plan.matches("run  rsm").count();
+    let ran = |c: &MeshlessGiCounters| c.plan.matches("run  rsm").count();
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
 
@@ -163,8 +174,8 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     assert_eq!(captures(&mut app), [0, 0]);
     let c = counters(&app);
     assert_eq!(
-        (c.buffers, c.bytes, c.pipelines),
-        (bare.buffers, bare.bytes, bare.pipelines),
+        (c.buffers, c.bytes),
+        (bare.buffers, bare.bytes),
         "everything was given back"
     );
 
@@ -178,4 +189,250 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     app.world_mut().despawn(lamp);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0]);
+}
+
+/// The room without a bake, a camera that shows what light bounces, and a moving ball.
+fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
+    let root = app
+        .world_mut()
+        .spawn((Transform::IDENTITY, Visibility::Inherited))
+        .id();
+    Room::cornell().spawn(app, root);
+    let image = target(app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let ball = spawn_ball(app, RED);
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    (root, image, ball)
+}
+
+/// Compares what a ball's bounce adds, which is dim, as a lamp so bright would show it that its mean is a twentieth of white.
+#[track_caller]
+fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
+    let brighter = 0.05 / expected.mean();
+    assert!(brighter < 1e4, "{name}: the CPU's picture is dark");
+    let bright = |p: &Picture| {
+        let mut p = p.clone();
+        p.pixels.iter_mut().flatten().for_each(|v| *v *= brighter);
+        p
+    };
+    assert_alike(name, &bright(expected), &bright(drawn));
+}
+
+fn room_and_ball(ball: Ball) -> Things {
+    Things {
+        quads: Room::cornell().0,
+        balls: vec![ball],
+    }
+}
+
+#[test]
+fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
+    let mut app = app();
+    let (_, image, ball) = unbaked_room(&mut app);
+    run(&mut app, 2);
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "no light yet");
+    let asked = MeshlessGiReflective::default();
+    let to_ball = |from: Vec3| Transform::from_translation(from).looking_at(RED.center, Vec3::Y);
+    let spot_at = to_ball(Vec3::new(0.5, 1.5, 0.8));
+    let sun_at = to_ball(Vec3::new(0.8, 2.3, 1.6));
+    let lights = [
+        ("point", lamp(LAMP)),
+        (
+            "spot",
+            Light::Spot {
+                position: spot_at.translation,
+                direction: spot_at.forward().as_vec3(),
+                intensity: Vec3::splat(CANDELA),
+                inner: 0.1,
+                outer: 0.15,
+                range: 20.0,
+            },
+        ),
+        (
+            "directional",
+            Light::Directional {
+                direction: sun_at.forward().as_vec3(),
+                irradiance: Vec3::splat(2000.0),
+            },
+        ),
+    ];
+    let balls = Things {
+        balls: vec![RED],
+        ..Things::default()
+    };
+    for (name, light) in lights {
+        let entity = match name {
+            "point" => spawn_lamp(&mut app, LAMP),
+            "spot" => {
+                let spot = SpotLight {
+                    intensity: CANDELA * 4.0 * PI,
+                    range: 20.0,
+                    inner_angle: 0.1,
+                    outer_angle: 0.15,
+                    ..default()
+                };
+                app.world_mut().spawn((spot, spot_at)).id()
+            }
+            _ => {
+                let sun = DirectionalLight {
+                    illuminance: 2000.0,
+                    ..default()
+                };
+                app.world_mut().spawn((sun, sun_at)).id()
+            }
+        };
+        app.world_mut().entity_mut(entity).insert(asked.clone());
+        run(&mut app, 3);
+        let c = counters(&app);
+        assert_eq!(captures(&mut app)[1], 1, "{name}");
+        let ran = [Stage::Rsm, Stage::Splat, Stage::Vpl, Stage::Composite];
+        let ran = ran.map(|s| c.dispatches_of(s));
+        assert_eq!(ran, [2, 0, 1, 1], "{name}: texels and choice; {}", c.plan);
+        let vpls = cpu_vpls(&balls, &light, &asked, None);
+        let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
+        let drawn = picture(&mut app, &image);
+        println!("{name}: mean {} and {}", expected.mean(), drawn.mean());
+        assert_bounce_alike(&format!("bounce_{name}"), &expected, &drawn);
+        app.world_mut().despawn(entity);
+        run(&mut app, 1);
+    }
+    // The ball moves, and its light at once with it.
+    let entity = spawn_lamp(&mut app, LAMP);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 3);
+    let moved = Ball {
+        center: Vec3::new(-0.6, 0.9, 0.2),
+        ..RED
+    };
+    *app.world_mut().get_mut::<Transform>(ball).unwrap() =
+        Transform::from_translation(moved.center);
+    let drawn = picture(&mut app, &image);
+    let balls = Things {
+        balls: vec![moved],
+        ..Things::default()
+    };
+    let vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
+    let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
+    assert_bounce_alike("bounce_moved", &expected, &drawn);
+}
+
+#[test]
+fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
+    let mut app = app();
+    let (root, image, _) = unbaked_room(&mut app);
+    app.world_mut().entity_mut(root).insert(MeshlessGiBouncer);
+    let lamp_at = Vec3::new(0.3, 1.5, 0.5);
+    let asked = MeshlessGiReflective {
+        lights: 256,
+        ..default()
+    };
+    let entity = spawn_lamp(&mut app, lamp_at);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 3);
+    assert!(
+        captures(&mut app)[1] > 1,
+        "walls all around take several maps"
+    );
+    let drawn = picture(&mut app, &image);
+    let all = room_and_ball(RED);
+    let vpls = cpu_vpls(&all, &lamp(lamp_at), &asked, None);
+    let expected = cpu_bounce(&all, &vpls, None, view());
+    assert_alike("bounce_dynamic", &expected, &drawn);
+}
+
+/// `a` without `b`.
+fn without(a: &Picture, b: &Picture) -> Picture {
+    let mut minus = b.clone();
+    minus.pixels.iter_mut().flatten().for_each(|v| *v = -*v);
+    a.plus(&minus)
+}
+
+#[test]
+fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
+    let mut app = app();
+    let (_, bake) = cornell();
+    let (_, _, image) = room_and_camera(&mut app);
+    let lamp_at = Vec3::new(-0.3, 1.2, 0.6);
+    let entity = spawn_lamp(&mut app, lamp_at);
+    // Behind the block, so that the block shadows its light.
+    let behind = Ball {
+        center: Vec3::new(-0.35, 0.3, -0.1),
+        ..RED
+    };
+    let ball = spawn_ball(&mut app, behind);
+    run(&mut app, 3);
+    let baked = picture(&mut app, &image);
+    let asked = MeshlessGiReflective::default();
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 2);
+    let same = picture(&mut app, &image);
+    assert!(
+        baked.mean() > 0.01 && same.pixels == baked.pixels,
+        "nothing moves: not a bit differs"
+    );
+
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(
+        c.dispatches_of(Stage::Rsm),
+        3,
+        "texels, shadows, choice: {}",
+        c.plan
+    );
+    assert_eq!(work(&c), [0; 4], "{}", c.plan);
+    let added = without(&picture(&mut app, &image), &baked);
+    let balls = Things {
+        balls: vec![behind],
+        ..Things::default()
+    };
+    let vpls = cpu_vpls(&balls, &lamp(lamp_at), &asked, Some(&bake));
+    let seen = room_and_ball(behind);
+    let expected = cpu_bounce(&seen, &vpls, Some(&bake), view());
+    assert_bounce_alike("bounce_beside_bake", &expected, &added);
+    let sum = |p: &Picture| {
+        p.pixels
+            .iter()
+            .fold([0.0; 3], |s, c| [s[0] + c[0], s[1] + c[1], s[2] + c[2]])
+    };
+    let [r, g, _] = sum(&added);
+    assert!(r > 10.0 * g, "a red ball reddens: {r} to {g}");
+    let open = cpu_bounce(&seen, &vpls, None, view());
+    assert!(
+        open.nrmse(&expected) > 0.1,
+        "the block's shadow shows: {}",
+        open.nrmse(&expected)
+    );
+
+    // Without shadows, the block lets it through.
+    let see_through = MeshlessGiReflective {
+        visibility: false,
+        ..asked
+    };
+    app.world_mut()
+        .entity_mut(entity)
+        .insert(see_through.clone());
+    run(&mut app, 2);
+    let added = without(&picture(&mut app, &image), &baked);
+    let vpls = cpu_vpls(&balls, &lamp(lamp_at), &see_through, Some(&bake));
+    let expected = cpu_bounce(&seen, &vpls, None, view());
+    assert_bounce_alike("bounce_without_shadows", &expected, &added);
+
+    // It goes, and the picture is the bake's again.
+    app.world_mut()
+        .entity_mut(ball)
+        .remove::<MeshlessGiBouncer>();
+    run(&mut app, 2);
+    assert!(picture(&mut app, &image).pixels == baked.pixels);
+    let lit = app
+        .world_mut()
+        .query_filtered::<Entity, With<MeshlessGiCamera>>()
+        .single(app.world())
+        .unwrap();
+    app.world_mut()
+        .entity_mut(lit)
+        .insert(MeshlessGiCamera::default());
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    keep("bounce_lit", &picture(&mut app, &image));
 }

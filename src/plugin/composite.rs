@@ -226,6 +226,9 @@ pub(crate) fn composite(
         }
         last = Some((which, output, scene));
     }
+    if scenes.len() + usize::from(bounced) < 2 {
+        runtime.irradiance[1] = None;
+    }
     let shown = last.as_ref().map(|(.., scene)| *scene);
     (runtime.buffers).retain(|id, _| scenes.contains(id) || shown == Some(*id));
     if let Some((_, irradiance, scene)) = last

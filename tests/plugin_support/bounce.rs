@@ -48,7 +48,8 @@ impl Things {
 
 impl Geometry for Things {
     fn bounds(&self) -> Bounds {
-        self.boxes().into_iter().fold(Bounds::EMPTY, Bounds::join)
+        let corners = |b: Bounds| [b.min, b.max];
+        (self.boxes().into_iter().flat_map(corners)).fold(Bounds::EMPTY, Bounds::join)
     }
 
     fn cast(&self, ray: &Ray) -> Option<Hit> {
