@@ -5,7 +5,9 @@ mod plugin_support;
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters};
+use bevy_meshless_gi::plugin::{
+    CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
+};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run, target};
@@ -296,9 +298,28 @@ fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
         app.world_mut().despawn(entity);
         run(&mut app, 1);
     }
-    // The ball moves, and its light at once with it.
+    // Two at once, whose maps take turns in the same textures.
     let entity = spawn_lamp(&mut app, LAMP);
     app.world_mut().entity_mut(entity).insert(asked.clone());
+    let other = Vec3::new(-0.8, 0.9, 0.9);
+    let second = spawn_lamp(&mut app, other);
+    let few = MeshlessGiReflective {
+        lights: 32,
+        ..asked.clone()
+    };
+    app.world_mut().entity_mut(second).insert(few.clone());
+    run(&mut app, 3);
+    assert_eq!(captures(&mut app)[1], 2);
+    let c = counters(&app);
+    let ran = [Stage::Rsm, Stage::Vpl].map(|s| c.dispatches_of(s));
+    assert_eq!(ran, [4, 1], "{}", c.plan);
+    let mut vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
+    vpls.extend(cpu_vpls(&balls, &lamp(other), &few, None));
+    let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
+    assert_bounce_alike("bounce_two", &expected, &picture(&mut app, &image));
+    app.world_mut().despawn(second);
+
+    // The ball moves, and its light at once with it.
     run(&mut app, 3);
     let moved = Ball {
         center: Vec3::new(-0.6, 0.9, 0.2),
@@ -340,20 +361,22 @@ fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
     assert_alike("bounce_dynamic", &expected, &drawn);
 }
 
-/// `a` without `b`.
-fn without(a: &Picture, b: &Picture) -> Picture {
-    let mut minus = b.clone();
-    minus.pixels.iter_mut().flatten().for_each(|v| *v = -*v);
-    a.plus(&minus)
-}
-
 #[test]
 fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
     let mut app = app();
     let (_, bake) = cornell();
-    let (_, _, image) = room_and_camera(&mut app);
+    let (root, eye, image) = room_and_camera(&mut app);
     let lamp_at = Vec3::new(-0.3, 1.2, 0.6);
     let entity = spawn_lamp(&mut app, lamp_at);
+    // So bright that the bounce of a small ball is to be seen, and with it what shadows it.
+    let bright = 100.0;
+    let mut lamp = app.world_mut().get_mut::<PointLight>(entity).unwrap();
+    lamp.intensity *= bright;
+    let light = Light::Point {
+        position: lamp_at,
+        intensity: Vec3::splat(bright * CANDELA),
+        range: 20.0,
+    };
     // Behind the block, so that the block shadows its light.
     let behind = Ball {
         center: Vec3::new(-0.35, 0.3, -0.1),
@@ -381,25 +404,37 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
         c.plan
     );
     assert_eq!(work(&c), [0; 4], "{}", c.plan);
-    let added = without(&picture(&mut app, &image), &baked);
+    let both = picture(&mut app, &image);
+    let added = |p: &Picture| p.mean() - baked.mean();
+    assert!(added(&both) > 0.0);
+    // The bake in another layer than the lamp: still there, and dark.
+    let layers = [RenderLayers::layer(5), RenderLayers::from_layers(&[0, 5])];
+    app.world_mut().entity_mut(root).insert(layers[0].clone());
+    app.world_mut().entity_mut(eye).insert(layers[1].clone());
+    run(&mut app, 2);
+    let alone = picture(&mut app, &image);
+    assert!(
+        (alone.mean() / added(&both) - 1.0).abs() < 0.05,
+        "the sum is a sum"
+    );
     let balls = Things {
         balls: vec![behind],
         ..Things::default()
     };
-    let vpls = cpu_vpls(&balls, &lamp(lamp_at), &asked, Some(&bake));
+    let vpls = cpu_vpls(&balls, &light, &asked, Some(&bake));
     let seen = room_and_ball(behind);
     let expected = cpu_bounce(&seen, &vpls, Some(&bake), view());
-    assert_bounce_alike("bounce_beside_bake", &expected, &added);
+    assert_bounce_alike("bounce_beside_bake", &expected, &alone);
     let sum = |p: &Picture| {
         p.pixels
             .iter()
             .fold([0.0; 3], |s, c| [s[0] + c[0], s[1] + c[1], s[2] + c[2]])
     };
-    let [r, g, _] = sum(&added);
+    let [r, g, _] = sum(&alone);
     assert!(r > 10.0 * g, "a red ball reddens: {r} to {g}");
     let open = cpu_bounce(&seen, &vpls, None, view());
     assert!(
-        open.nrmse(&expected) > 0.1,
+        open.nrmse(&expected) > 0.06,
         "the block's shadow shows: {}",
         open.nrmse(&expected)
     );
@@ -413,10 +448,11 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
         .entity_mut(entity)
         .insert(see_through.clone());
     run(&mut app, 2);
-    let added = without(&picture(&mut app, &image), &baked);
-    let vpls = cpu_vpls(&balls, &lamp(lamp_at), &see_through, Some(&bake));
+    let open = picture(&mut app, &image);
+    let vpls = cpu_vpls(&balls, &light, &see_through, Some(&bake));
     let expected = cpu_bounce(&seen, &vpls, None, view());
-    assert_bounce_alike("bounce_without_shadows", &expected, &added);
+    assert_bounce_alike("bounce_without_shadows", &expected, &open);
+    app.world_mut().entity_mut(root).remove::<RenderLayers>();
 
     // It goes, and the picture is the bake's again.
     app.world_mut()
@@ -424,15 +460,45 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
         .remove::<MeshlessGiBouncer>();
     run(&mut app, 2);
     assert!(picture(&mut app, &image).pixels == baked.pixels);
-    let lit = app
-        .world_mut()
-        .query_filtered::<Entity, With<MeshlessGiCamera>>()
-        .single(app.world())
-        .unwrap();
     app.world_mut()
-        .entity_mut(lit)
+        .entity_mut(eye)
         .insert(MeshlessGiCamera::default());
     app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
     run(&mut app, 2);
     keep("bounce_lit", &picture(&mut app, &image));
+}
+
+#[test]
+fn materials_that_get_no_indirect_light_are_told_once() {
+    use bevy::material::OpaqueRendererMethod;
+    let mut app = app();
+    let (.., ball) = unbaked_room(&mut app);
+    run(&mut app, 2);
+    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    assert_eq!(found(&app), [], "opaque and deferred");
+    let mut change = |look: fn(&mut StandardMaterial)| {
+        let material = app
+            .world()
+            .get::<MeshMaterial3d<StandardMaterial>>(ball)
+            .unwrap()
+            .0
+            .clone();
+        let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        look(&mut materials.get_mut(&material).unwrap());
+        run(&mut app, 2);
+        found(&app)
+    };
+    let unlit = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Blend, true));
+    assert_eq!(unlit, [], "what is unlit asks for none");
+    let cut_out = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Mask(0.5), false));
+    assert_eq!(cut_out, []);
+    let forward = change(|m| m.opaque_render_method = OpaqueRendererMethod::Forward);
+    assert_eq!(forward, [MeshlessGiFinding::ForwardMaterial]);
+    let blended = change(|m| m.alpha_mode = AlphaMode::Blend);
+    let both = [
+        MeshlessGiFinding::ForwardMaterial,
+        MeshlessGiFinding::TransparentMaterial,
+    ];
+    assert_eq!(blended, both);
+    assert_eq!(change(|m| m.alpha_mode = AlphaMode::Add), both, "once");
 }

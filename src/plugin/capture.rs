@@ -136,8 +136,8 @@ pub(crate) struct Reflections {
     visibility: bool,
 }
 
-/// A pixel that gets no more than this of white from one virtual point light does not ask for its shadow.
-const DIM: f32 = 2e-5;
+/// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask for their shadows: half a step of 12 bits.
+const DIM: f32 = 1.0 / 8192.0;
 
 impl Reflections {
     /// Makes room for a frame, or nothing where the plan draws no map.
@@ -211,7 +211,9 @@ impl Reflections {
             scale: exposure,
             pad: 0,
         };
-        let dim = DIM * std::f32::consts::PI / exposure.max(1e-30);
+        // An even share for each, as the irradiance of a white surface.
+        let share = DIM / self.maps.used().max(1) as f32;
+        let dim = share * std::f32::consts::PI / exposure.max(1e-30);
         let shadows = (bake.filter(|_| self.visibility))
             .map(|(local, scene)| (local_from_space(local, self.origin), scene));
         self.maps
