@@ -251,9 +251,9 @@ impl Grid {
     /// `count`² of the map's texels.
     pub fn new(room: &Room, side: u32, count: u32) -> Self {
         let light = room.slot();
-        let drawn = room.aim.draw(&mesh(room.object.clone(), room.colour), side);
         let params = room.aim.params(&light, side);
-        let texels = rsm::texels(&params, &drawn.depth, &drawn.gbuffer);
+        // Its map holds the walls too: they shadow it.
+        let texels = room.texels(side);
         let angle = |x: u32, y: u32| {
             // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of one.
             let white = bevy_meshless_gi::frame::gbuffer::pack(
