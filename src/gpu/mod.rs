@@ -28,5 +28,5 @@ pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite};
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
 pub use pipelines::{ComputeKernel, Kernels, RenderKernel};
-pub use rsm::{DrawnMap, ReflectiveMaps};
+pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};

@@ -32,6 +32,17 @@ pub struct DrawnMap<'a> {
     pub params: RsmParams,
 }
 
+/// The baked scene that shadows the virtual point lights.
+#[derive(Clone, Copy, Debug)]
+pub struct VplShadows<'a> {
+    /// From the space of the lights to the scene's ([`local_from_space`](crate::frame::reflective::local_from_space)).
+    pub local_from_space: Mat4,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// What gives less (W/m²) is not asked for its shadow.
+    pub dim: f32,
+}
+
 /// The buffers of all reflective shadow maps, and what is recorded of them.
 #[derive(Debug)]
 pub struct ReflectiveMaps {
@@ -213,16 +224,14 @@ impl ReflectiveMaps {
         self.used += vpls;
     }
 
-    /// Records the irradiance of each pixel of a view from the lights recorded so far, added to `targets.earlier`. `shadows` is the baked scene that shadows
-    /// them, with its [`local_from_space`](crate::frame::reflective::local_from_space); what gives less than `dim` W/m² is not asked for its shadow.
+    /// Records the irradiance of each pixel of a view from the lights recorded so far, added to `targets.earlier`.
     pub fn splat(
         &mut self,
         kernels: &Kernels,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         view: &VplViewParams,
-        shadows: Option<(Mat4, &SceneBuffers)>,
-        dim: f32,
+        shadows: Option<&VplShadows<'_>>,
         targets: &SplatTargets<'_>,
     ) {
         let [width, height] = view.size;
@@ -234,8 +243,8 @@ impl ReflectiveMaps {
             None => Pass::Vpl,
         };
         let view = self.uniform(kernels, queue, view);
-        let lit = self.uniform(kernels, queue, &self.params(shadows, dim));
-        let [nodes, triangles] = self.tree(shadows.map(|s| s.1));
+        let lit = self.uniform(kernels, queue, &self.params(shadows));
+        let [nodes, triangles] = self.tree(shadows);
         let texture = wgpu::BindingResource::TextureView;
         let mut resources = vec![
             (0, self.uniforms[view].as_entire_binding()),
@@ -257,11 +266,17 @@ impl ReflectiveMaps {
 
     /// What a kernel with `vpl_at` binds as its `lit`.
     #[must_use]
-    pub fn params(&self, shadows: Option<(Mat4, &SceneBuffers)>, dim: f32) -> VplParams {
+    pub fn params(&self, shadows: Option<&VplShadows<'_>>) -> VplParams {
         match shadows {
-            Some((local, scene)) => {
-                let shape = scene.shape();
-                VplParams::shadowed(self.used, local, shape.nodes as u32, shape.extent, dim)
+            Some(by) => {
+                let shape = by.scene.shape();
+                VplParams::shadowed(
+                    self.used,
+                    by.local_from_space,
+                    shape.nodes as u32,
+                    shape.extent,
+                    by.dim,
+                )
             }
             None => VplParams::unshadowed(self.used),
         }
@@ -269,9 +284,9 @@ impl ReflectiveMaps {
 
     /// What it binds as its `nodes` and `triangles`.
     #[must_use]
-    pub fn tree<'a>(&'a self, shadows: Option<&'a SceneBuffers>) -> [&'a wgpu::Buffer; 2] {
+    pub fn tree<'a>(&'a self, shadows: Option<&VplShadows<'a>>) -> [&'a wgpu::Buffer; 2] {
         match shadows {
-            Some(scene) => [&scene.nodes, &scene.triangles],
+            Some(by) => [&by.scene.nodes, &by.scene.triangles],
             None => [&self.nothing[0], &self.nothing[1]],
         }
     }
