@@ -465,6 +465,11 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
         .insert(MeshlessGiCamera::default());
     app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
     run(&mut app, 2);
+    app.world_mut()
+        .get_mut::<PointLight>(entity)
+        .unwrap()
+        .intensity /= bright;
+    run(&mut app, 2);
     keep("bounce_lit", &picture(&mut app, &image));
 }
 

@@ -1,6 +1,6 @@
 //! Where a light's reflective shadow maps stand: which views from it show what moves, and no more of them than that takes.
 //!
-//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome to the [plan](super). [N09] §3 draws one
+//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome to the [plan](super). \[N09\] §3 draws one
 //! map a light with the light's own lens; ours is aimed at what moves, for nothing else is drawn into it: the same texels hold more of the object.
 //!
 //! | light | maps |

@@ -14,6 +14,7 @@ use crate::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
 use crate::frame::{RsmParams, VplViewParams};
 use crate::gpu::{
     DrawnMap, GpuCounters, GpuError, Kernels, ReflectiveMaps, SceneBuffers, SplatTargets,
+    VplShadows,
 };
 use crate::plan::{BounceState, LightId, Plan, SceneId, ViewId};
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
@@ -214,10 +215,14 @@ impl Reflections {
         // An even share for each, as the irradiance of a white surface.
         let share = DIM / self.maps.used().max(1) as f32;
         let dim = share * std::f32::consts::PI / exposure.max(1e-30);
-        let shadows = (bake.filter(|_| self.visibility))
-            .map(|(local, scene)| (local_from_space(local, self.origin), scene));
+        let shadows = (bake.filter(|_| self.visibility)).map(|(local, scene)| VplShadows {
+            local_from_space: local_from_space(local, self.origin),
+            scene,
+            dim,
+        });
+        let shadows = shadows.as_ref();
         self.maps
-            .splat(kernels, queue, encoder, &view, shadows, dim, targets);
+            .splat(kernels, queue, encoder, &view, shadows, targets);
     }
 }
 

@@ -1,7 +1,7 @@
 //! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the cameras that draw it from there.
 //!
 //! A bake holds the light that static surfaces reflect. What moves is not in it: [`MeshlessGiBouncer`] marks such objects, and a light with
-//! [`MeshlessGiReflective`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, [N09] §3). Each map is drawn by a camera of
+//! [`MeshlessGiReflective`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
 //! its own ([`MeshlessGiCapture`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
 //!
 //! The cameras tell what moves by a [`RenderLayers`] of their own, [`CAPTURE_LAYER`], which the meshes below a bouncer get beside theirs.
