@@ -10,12 +10,15 @@
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
-//! | [`splat`] | → irradiance of a pixel, or at any place |
+//! | [`pyramid`] | depth and normals → where the picture is not continuous |
+//! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
 //! | [`rsm`] | what a light sees of moving objects → virtual point lights |
-//! | [`vpl`] | → their irradiance, added to a pixel's, or at any place |
+//! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
+//! | [`upsample`] | → between the subsplats, and at every pixel |
+//! | [`vpl`] | irradiance from virtual point lights, added to a pixel's, or at any place |
 //! | [`composite`] | → what a pixel's colour gains |
 //!
-//! [`CpuFrame`] runs them all; a [`FrameSettings`] says how many bounces.
+//! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 
 mod anderson;
 pub mod apply;
@@ -29,11 +32,16 @@ mod light;
 pub mod project;
 pub mod pull;
 pub mod push;
+pub mod pyramid;
 pub mod radiosity;
+pub mod refine;
 pub mod reflective;
 pub mod rsm;
 mod settings;
 pub mod splat;
+pub mod subsplat;
+pub mod upsample;
+mod view;
 pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
@@ -43,3 +51,5 @@ pub use reflective::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 pub use settings::{FrameSettings, SceneShape, Steps};
+pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
+pub use view::{SubsplatCounts, Subsplats, subsplats};

@@ -7,6 +7,7 @@
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
+use super::subsplat::{Node, state};
 use crate::asset::{BakedScene, Display};
 use crate::basis::{NO_COVER, weight};
 use crate::samples::Point;
@@ -83,6 +84,52 @@ pub fn splat_pixel(
             .to_array(),
         None => [0.0; 4],
     }
+}
+
+/// Entry point `nodes`, for one node of a list: its light, where no scene before covered it, in the axes of the world.
+pub fn splat_node(
+    params: &SplatParams,
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+    node: &mut Node,
+) {
+    if node.is(state::EVALUATED | state::COVERED) {
+        return;
+    }
+    let foretold = node.foretold();
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        *node = Node::new(&VectorIrradiance::default(), foretold, state::EVALUATED);
+        return;
+    }
+    let (x, n) = place(params, pixel, depth, texel);
+    *node = match splat_vector(&scene.points, &scene.display, values, x, n) {
+        Some(e) => Node::new(
+            &to_world(params, &e),
+            foretold,
+            state::EVALUATED | state::KNOWN | state::COVERED,
+        ),
+        None => Node::new(
+            &VectorIrradiance::default(),
+            foretold,
+            state::EVALUATED | state::KNOWN,
+        ),
+    };
+}
+
+/// Vector irradiance of the bake's local space in the axes of the world, times the view's scale.
+fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrradiance {
+    let axis = |column: [f32; 4]| {
+        let mut out = Vec4::ZERO;
+        for (part, weight) in [e.x, e.y, e.z].into_iter().zip(column) {
+            out += weight * params.scale * Vec4::from_array(part);
+        }
+        out.to_array()
+    };
+    let [x, y, z] = params.local_from_world.map(axis);
+    VectorIrradiance { x, y, z }
 }
 
 /// Place and normal of a pixel in the bake's local space.

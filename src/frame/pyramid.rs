@@ -1,0 +1,282 @@
+//! Kernel `pyramid`: where the picture is not continuous, cell by cell and level by level (\[N09\] §3.2): minima and maxima of linear depth and of the
+//! normal's components, or the largest measure of a pixel where the test has one. Entry points: `base`, pixels to level 1, and `reduce`, a level to the next.
+//!
+//! Thresholds are relative to depth, those of \[N09\] are lengths: the same settings then serve a room and a landscape.
+
+use super::gbuffer;
+use super::subsplat::{Levels, SubsplatParams};
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+/// Depth where nothing was drawn, metres.
+pub const NOTHING: f32 = 1e30;
+
+/// What a cell holds of its pixels. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct CellRange {
+    /// Smallest depth, metres; 0 where the test measures pixels.
+    pub near: f32,
+    /// Largest depth, metres, or the largest measure of a pixel.
+    pub far: f32,
+    /// Smallest components of the normal (WGSL's `pack4x8snorm`); 0 for curvature.
+    pub low: u32,
+    /// Largest components of the normal, or the largest curvature (the bits of a float).
+    pub high: u32,
+}
+
+/// The drawn picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Picture<'a> {
+    /// Reversed depth, row by row from the top; 0 where nothing was drawn.
+    pub depth: &'a [f32],
+    /// Texels of the G-buffer, see [`gbuffer`].
+    pub gbuffer: &'a [[u32; 4]],
+}
+
+impl Picture<'_> {
+    /// Depth of a pixel that is in the picture; 0 where no light applies.
+    fn at(&self, size: [u32; 2], pixel: [u32; 2]) -> usize {
+        (pixel[1] * size[0] + pixel[0]) as usize
+    }
+
+    /// Reversed depth of a pixel; 0 where nothing is to be lit.
+    #[must_use]
+    pub fn depth(&self, size: [u32; 2], pixel: [u32; 2]) -> f32 {
+        let i = self.at(size, pixel);
+        if gbuffer::is_unlit(self.gbuffer[i]) {
+            0.0
+        } else {
+            self.depth[i]
+        }
+    }
+
+    /// Its texel.
+    #[must_use]
+    pub fn texel(&self, size: [u32; 2], pixel: [u32; 2]) -> [u32; 4] {
+        self.gbuffer[self.at(size, pixel)]
+    }
+}
+
+/// A surface in a pixel, in the view's space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Where, metres; −z is the linear depth.
+    pub x: Vec3,
+    /// Unit normal.
+    pub n: Vec3,
+}
+
+/// Place in the view's space of a pixel with this reversed depth.
+#[must_use]
+pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+    let [left, top, width, height] = params.viewport;
+    let at = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
+        / Vec2::new(width, height);
+    let ndc = Vec4::new(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0, depth, 1.0);
+    let h = Mat4::from_cols_array_2d(&params.view_from_clip) * ndc;
+    h.truncate() / h.w
+}
+
+/// What a pixel shows; None where there is nothing to be lit.
+#[must_use]
+pub fn seen(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> Option<Seen> {
+    let depth = picture.depth(params.size, pixel);
+    (depth > 0.0).then(|| Seen {
+        x: view_place(params, pixel, depth),
+        n: params.turn() * gbuffer::normal(picture.texel(params.size, pixel)),
+    })
+}
+
+/// Linear depth, metres.
+fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
+    if depth > 0.0 {
+        -view_place(params, pixel, depth).z
+    } else {
+        NOTHING
+    }
+}
+
+/// The pixel (dx, dy) further, or the last before the picture ends.
+fn beside(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
+    let step = |at: u32, by: i32, edge: u32| at.saturating_add_signed(by).min(edge - 1);
+    [step(pixel[0], dx, size[0]), step(pixel[1], dy, size[1])]
+}
+
+/// What a pixel adds to its cell.
+fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> CellRange {
+    let size = params.size;
+    let depth = |p: [u32; 2]| picture.depth(size, p);
+    let d = depth(pixel);
+    let z = linear(params, pixel, d);
+    let (near, far) = match params.depth_test {
+        0 => {
+            let mut most = 0.0f32;
+            for (dx, dy) in [(1, 0), (0, 1)] {
+                let (a, b) = (beside(size, pixel, -dx, -dy), beside(size, pixel, dx, dy));
+                // At the picture's edge there is one neighbour only.
+                if d > 0.0 && a != pixel && b != pixel {
+                    // Depth is linear on the screen over a plane, in both kinds of projection.
+                    let on_plane = linear(params, pixel, 0.5 * (depth(a) + depth(b)));
+                    most = most.max((on_plane - z).abs() / z);
+                }
+            }
+            (0.0, most)
+        }
+        1 => (z, z),
+        _ => {
+            let change = |dx, dy| {
+                let p = beside(size, pixel, dx, dy);
+                let other = linear(params, p, depth(p));
+                (other - z) / other.min(z)
+            };
+            (0.0, Vec2::new(change(1, 0), change(0, 1)).length())
+        }
+    };
+    let normal = |p: [u32; 2]| gbuffer::normal(picture.texel(size, p));
+    // Of what is not lit only its depth counts.
+    let (low, high) = if d <= 0.0 {
+        EMPTY
+    } else if params.normal_test == 0 {
+        let packed = pack_snorm(normal(pixel));
+        (packed, packed)
+    } else {
+        let curvature = |dx, dy| {
+            let p = beside(size, pixel, dx, dy);
+            if depth(p) <= 0.0 {
+                return 0.0;
+            }
+            // 2 sin(arccos(c) / 2) = √(2 − 2c).
+            (2.0 - 2.0 * normal(pixel).dot(normal(p))).max(0.0).sqrt()
+        };
+        (0, curvature(1, 0).max(curvature(0, 1)).to_bits())
+    };
+    CellRange {
+        near,
+        far,
+        low,
+        high,
+    }
+}
+
+/// Low and high of no normal: what `min` and `max` leave as it is; 0 where curvature is measured is right too.
+const EMPTY: (u32, u32) = (0x007f_7f7f, 0x0081_8181);
+
+fn join(params: &SubsplatParams, a: &CellRange, b: &CellRange) -> CellRange {
+    let (low, high) = if params.normal_test == 0 {
+        (least(a.low, b.low), most(a.high, b.high))
+    } else {
+        // Bits of positive floats are in the order of the floats; what is empty measures nothing.
+        let of = |cell: &CellRange| if cell.low == EMPTY.0 { 0 } else { cell.high };
+        (0, of(a).max(of(b)))
+    };
+    CellRange {
+        near: a.near.min(b.near),
+        far: a.far.max(b.far),
+        low,
+        high,
+    }
+}
+
+fn bytes(word: u32) -> [i8; 4] {
+    word.to_le_bytes().map(|b| b as i8)
+}
+
+fn each(a: u32, b: u32, of: fn(i8, i8) -> i8) -> u32 {
+    let (a, b) = (bytes(a), bytes(b));
+    u32::from_le_bytes(core::array::from_fn(|i| of(a[i], b[i]) as u8))
+}
+
+fn least(a: u32, b: u32) -> u32 {
+    each(a, b, i8::min)
+}
+
+fn most(a: u32, b: u32) -> u32 {
+    each(a, b, i8::max)
+}
+
+/// WGSL's `pack4x8snorm` of (v, 0).
+fn pack_snorm(v: Vec3) -> u32 {
+    let byte = |c: f32| (0.5 + 127.0 * c.clamp(-1.0, 1.0)).floor() as i32 as u8;
+    u32::from_le_bytes([byte(v.x), byte(v.y), byte(v.z), 0])
+}
+
+/// Entry point `base`: level 1, cell by cell.
+pub fn base(params: &SubsplatParams, picture: &Picture<'_>, cells: &mut [CellRange]) {
+    let levels = params.levels();
+    let [w, h] = levels.grid(1);
+    for y in 0..h {
+        for x in 0..w {
+            cells[levels.index(1, x, y)] = four(params, levels.size, x, y, |px, py| {
+                measure(params, picture, [px, py])
+            });
+        }
+    }
+}
+
+/// Entry point `reduce`: level `k` from level `k` − 1.
+pub fn reduce(params: &SubsplatParams, k: u32, cells: &mut [CellRange]) {
+    let levels = params.levels();
+    let [w, h] = levels.grid(k);
+    for y in 0..h {
+        for x in 0..w {
+            cells[levels.index(k, x, y)] = four(params, levels.grid(k - 1), x, y, |cx, cy| {
+                cells[levels.index(k - 1, cx, cy)]
+            });
+        }
+    }
+}
+
+/// All levels.
+#[must_use]
+pub fn pyramid(params: &SubsplatParams, picture: &Picture<'_>) -> Vec<CellRange> {
+    let mut cells = vec![CellRange::default(); params.levels().starts[0] as usize];
+    base(params, picture, &mut cells);
+    for k in 2..=params.coarsest {
+        reduce(params, k, &mut cells);
+    }
+    cells
+}
+
+/// Joins the up to four children of a cell that are within `grid`.
+fn four(
+    params: &SubsplatParams,
+    grid: [u32; 2],
+    x: u32,
+    y: u32,
+    child: impl Fn(u32, u32) -> CellRange,
+) -> CellRange {
+    let mut out = child(2 * x, 2 * y);
+    for (dx, dy) in [(1, 0), (0, 1), (1, 1)] {
+        let (cx, cy) = (2 * x + dx, 2 * y + dy);
+        if cx < grid[0] && cy < grid[1] {
+            out = join(params, &out, &child(cx, cy));
+        }
+    }
+    out
+}
+
+/// True where cell (x, y) of level `k` is not continuous.
+#[must_use]
+pub fn breaks(
+    params: &SubsplatParams,
+    levels: &Levels,
+    cells: &[CellRange],
+    k: u32,
+    x: u32,
+    y: u32,
+) -> bool {
+    let cell = &cells[levels.index(k, x, y)];
+    let depth = match params.depth_test {
+        0 => cell.far * (1u32 << k) as f32 > params.depth_threshold,
+        1 => cell.far - cell.near > params.depth_threshold * cell.near,
+        _ => cell.far > params.depth_threshold,
+    };
+    let normal = if params.normal_test == 0 {
+        let (low, high) = (bytes(cell.low), bytes(cell.high));
+        (0..3).any(|i| f32::from(high[i]) - f32::from(low[i]) > 127.0 * params.normal_threshold)
+    } else {
+        f32::from_bits(cell.high) > params.normal_threshold && cell.low != EMPTY.0
+    };
+    depth || normal
+}

@@ -1,0 +1,111 @@
+//! Kernel `refine`: which cells are divided (\[N09\] §3.3). Entry points: `start` lists the cells of the coarsest level, `refine` the children of those listed of level k that are divided: all
+//! of the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal neighbours are not (\[N09\] §5.2), or where light was not as foretold.
+
+use super::gbuffer;
+use super::pyramid::{self, CellRange, Picture};
+use super::subsplat::{LUMINANCE, Levels, Node, SubsplatParams, state};
+use glam::Vec3;
+
+/// Light, in parts of what a well-exposed white surface sends, below which differences stop to count.
+pub const FLOOR: f32 = 0.1;
+
+/// A cell as a list holds it: x in the low half, y in the high one. Pictures are smaller than 65 536 pixels.
+#[must_use]
+pub fn pack_cell(x: u32, y: u32) -> u32 {
+    x | y << 16
+}
+
+/// What [`pack_cell`] packed.
+#[must_use]
+pub fn unpack_cell(word: u32) -> [u32; 2] {
+    [word & 0xffff, word >> 16]
+}
+
+/// Luminance that a node gives its own pixel.
+#[must_use]
+pub fn luminance(node: &Node, normal: Vec3) -> f32 {
+    LUMINANCE.dot(node.light().dot(normal).max(Vec3::ZERO))
+}
+
+/// True where the node at `pixel` was evaluated, and is not as foretold.
+fn surprises(params: &SubsplatParams, picture: &Picture<'_>, node: &Node, pixel: [u32; 2]) -> bool {
+    if !node.is(state::EVALUATED | state::COVERED) {
+        return false;
+    }
+    let found = luminance(node, gbuffer::normal(picture.texel(params.size, pixel)));
+    let foretold = node.foretold();
+    (found - foretold).abs() > params.light * (0.5 * (found + foretold) + FLOOR)
+}
+
+/// True where cell (x, y) of level `k` is to be divided.
+#[must_use]
+pub fn divides(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    cells: &[CellRange],
+    nodes: &[Node],
+    k: u32,
+    [x, y]: [u32; 2],
+) -> bool {
+    let levels = params.levels();
+    if k == params.coarsest || pyramid::breaks(params, &levels, cells, k, x, y) {
+        return true;
+    }
+    let [w, h] = levels.grid(k);
+    let breaks = |dx: i32, dy: i32| {
+        let (cx, cy) = (x.checked_add_signed(dx), y.checked_add_signed(dy));
+        matches!((cx, cy), (Some(cx), Some(cy)) if cx < w && cy < h
+            && pyramid::breaks(params, &levels, cells, k, cx, cy))
+    };
+    if params.diagonal != 0
+        && [(-1, -1), (1, -1), (-1, 1), (1, 1)]
+            .iter()
+            .any(|&(dx, dy)| breaks(dx, dy))
+    {
+        return true;
+    }
+    // The nodes at its corners.
+    [(0, 0), (1, 0), (0, 1), (1, 1)].iter().any(|&(dx, dy)| {
+        let (cx, cy) = (x + dx, y + dy);
+        cx < w && cy < h && {
+            let node = &nodes[levels.index(k, cx, cy)];
+            surprises(params, picture, node, [cx << k, cy << k])
+        }
+    })
+}
+
+/// Entry point `start`: all cells of the coarsest level.
+#[must_use]
+pub fn start(levels: &Levels) -> Vec<u32> {
+    let [w, h] = levels.grid(levels.coarsest);
+    (0..h)
+        .flat_map(|y| (0..w).map(move |x| pack_cell(x, y)))
+        .collect()
+}
+
+/// Entry point `refine`: the children of those cells of `list` (level `k`) that are divided.
+#[must_use]
+pub fn refine(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    cells: &[CellRange],
+    nodes: &[Node],
+    k: u32,
+    list: &[u32],
+) -> Vec<u32> {
+    let [w, h] = params.levels().grid(k - 1);
+    let mut out = Vec::new();
+    for &cell in list {
+        let [x, y] = unpack_cell(cell);
+        if !divides(params, picture, cells, nodes, k, [x, y]) {
+            continue;
+        }
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let (cx, cy) = (2 * x + dx, 2 * y + dy);
+            if cx < w && cy < h {
+                out.push(pack_cell(cx, cy));
+            }
+        }
+    }
+    out
+}

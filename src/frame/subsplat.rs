@@ -1,0 +1,387 @@
+//! Subsplats (\[N09\] §3.3): where on the screen indirect light is evaluated. What the kernels `pyramid`, `refine`, `splat` (nodes) and `upsample` share: settings,
+//! parameters, levels, and the node that a subsplat's light is kept in.
+//!
+//! Level k divides the screen into cells of 2^k pixels; every cell has one node, its upper left pixel. Nodes are nested: that of a cell is also that of one of its children, so that refining
+//! a cell costs three evaluations, and interpolating between nodes gives back what was evaluated. \[N09\] evaluates at the middles of cells, which are neither.
+//!
+//! A node holds *vector* irradiance (in the axes of the view's world): a pixel takes the cosine with its own normal. So detail of normals needs no subsplats and none of the
+//! modulation by which \[N09\] Eq. (3) stands in for it (which is there too, see [`SubsplatSettings::detail`]).
+
+use super::layout::VectorIrradiance;
+use super::splat::LARGEST_HALF;
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat3, Mat4, Vec3, Vec4};
+use half::f16;
+
+/// Coarsest level that there may be: cells of 64 pixels, \[N09\]'s 16² at 1024².
+pub const COARSEST: u32 = 6;
+/// Most levels, the pixels among them.
+pub const LEVELS: usize = COARSEST as usize + 1;
+/// Of four pixels one may be evaluated by itself; where more would have to, the rest is interpolated from what is least unlike.
+pub const PIXELS_A_HOLE: u32 = 4;
+
+/// How discontinuities of depth are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthTest {
+    /// How far a pixel is from the plane through its neighbours, in parts of its distance, times the cell's edge in pixels: slanted planes are none. Ours.
+    Plane(f32),
+    /// Farthest less nearest depth over the nearest (\[N09\] §3.2.1, there in units of length).
+    MinMax(f32),
+    /// Length of the depth's gradient a pixel, in parts of the depth (\[N09\] §3.2.1).
+    Derivative(f32),
+}
+
+/// How discontinuities of the normal are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NormalTest {
+    /// Largest less smallest of any component (\[N09\] §3.2.2), 0 to 2.
+    MinMax(f32),
+    /// Largest curvature between neighbours, κ = 2 sin(arccos(n₁·n₂) / 2) (\[N09\] Eq. (1)), 0 to 2.
+    Curvature(f32),
+}
+
+/// Where indirect light is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SubsplatSettings {
+    /// Level at which every node is evaluated, and every cell is refined once: cells of 2^coarsest pixels; 2 to [`COARSEST`].
+    pub coarsest: u32,
+    /// Level below which no cell is refined: 1 at least, and below `coarsest`. Single pixels are evaluated where nothing around is [`alike`](Self::alike).
+    pub finest: u32,
+    /// Test of depth.
+    pub depth: DepthTest,
+    /// Test of normals.
+    pub normal: NormalTest,
+    /// Test the four diagonal neighbours too (\[N09\] §5.2).
+    pub diagonal: bool,
+    /// A cell is refined where a node's light is this far from what its surroundings foretold, in parts of the light (\[N09\] §3.3.1 compares neighbours, which refines
+    /// where light merely slopes). Infinite for never.
+    pub light: f32,
+    /// A pixel is evaluated by itself where no more than this share of its surroundings is of its own surface.
+    pub alike: f32,
+    /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not refined; 0 for none, as vectors need none.
+    pub detail: f32,
+}
+
+impl Default for SubsplatSettings {
+    fn default() -> Self {
+        Self {
+            coarsest: 4,
+            finest: 1,
+            depth: DepthTest::Plane(0.05),
+            normal: NormalTest::MinMax(1.0),
+            diagonal: true,
+            light: 0.02,
+            alike: 0.35,
+            detail: 0.0,
+        }
+    }
+}
+
+impl SubsplatSettings {
+    /// The same with every number in its range.
+    #[must_use]
+    pub fn clamped(self) -> Self {
+        let coarsest = self.coarsest.clamp(2, COARSEST);
+        let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
+        Self {
+            coarsest,
+            finest: self.finest.clamp(1, coarsest - 1),
+            depth: match self.depth {
+                DepthTest::Plane(t) => DepthTest::Plane(positive(t)),
+                DepthTest::MinMax(t) => DepthTest::MinMax(positive(t)),
+                DepthTest::Derivative(t) => DepthTest::Derivative(positive(t)),
+            },
+            normal: match self.normal {
+                NormalTest::MinMax(t) => NormalTest::MinMax(positive(t)),
+                NormalTest::Curvature(t) => NormalTest::Curvature(positive(t)),
+            },
+            light: positive(self.light),
+            alike: positive(self.alike).min(1.0),
+            detail: positive(self.detail).min(1.0),
+            ..self
+        }
+    }
+}
+
+/// A view whose light is shown by subsplats. 240 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct SubsplatParams {
+    /// From clip space (reversed depth, y up) to the view's (looking along −Z), column by column.
+    pub view_from_clip: [[f32; 4]; 4],
+    /// Turns world-space normals into the view's space: three columns.
+    pub view_from_world: [[f32; 4]; 3],
+    /// The viewport in texels: x, y, width, height.
+    pub viewport: [f32; 4],
+    /// Size of the targets in texels.
+    pub size: [u32; 2],
+    /// Coarsest level.
+    pub coarsest: u32,
+    /// Finest level that cells are refined to.
+    pub finest: u32,
+    /// 0 [`DepthTest::Plane`], 1 [`DepthTest::MinMax`], 2 [`DepthTest::Derivative`].
+    pub depth_test: u32,
+    /// 0 [`NormalTest::MinMax`], 1 [`NormalTest::Curvature`].
+    pub normal_test: u32,
+    /// Threshold of the depth test.
+    pub depth_threshold: f32,
+    /// Threshold of the normal test.
+    pub normal_threshold: f32,
+    /// See [`SubsplatSettings::light`].
+    pub light: f32,
+    /// See [`SubsplatSettings::alike`].
+    pub alike: f32,
+    /// See [`SubsplatSettings::detail`].
+    pub detail: f32,
+    /// 1 to test diagonal neighbours.
+    pub diagonal: u32,
+    /// Where each level's cells start; those of level 0, the pixels that are evaluated by themselves, last: two vectors of four, the last not used.
+    pub starts: [[u32; 4]; 2],
+}
+
+/// Bits of [`Node::state`].
+pub mod state {
+    /// Something is known: light, or that there is none.
+    pub const KNOWN: u32 = 1;
+    /// Light is there: a basis function covers the node, or a virtual light shines.
+    pub const COVERED: u32 = 2;
+    /// Evaluated here, not interpolated.
+    pub const EVALUATED: u32 = 4;
+}
+
+/// Light at a node, as half floats. 24 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Node {
+    /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x, y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that
+    /// was foretold; the last word holds the state.
+    pub words: [u32; 6],
+}
+
+impl Node {
+    /// A node that knows nothing.
+    pub const UNKNOWN: Self = Self { words: [0; 6] };
+
+    /// A node with light (already scaled), the luminance foretold, and state bits.
+    #[must_use]
+    pub fn new(e: &VectorIrradiance, foretold: f32, state: u32) -> Self {
+        let [x, y, z] = [e.x, e.y, e.z];
+        Self {
+            words: [
+                pack(x[0], x[1]),
+                pack(x[2], y[0]),
+                pack(y[1], y[2]),
+                pack(z[0], z[1]),
+                pack(z[2], foretold),
+                state,
+            ],
+        }
+    }
+
+    /// Its light.
+    #[must_use]
+    pub fn light(&self) -> VectorIrradiance {
+        let h: [[f32; 2]; 5] = core::array::from_fn(|i| unpack(self.words[i]));
+        VectorIrradiance {
+            x: [h[0][0], h[0][1], h[1][0], 0.0],
+            y: [h[1][1], h[2][0], h[2][1], 0.0],
+            z: [h[3][0], h[3][1], h[4][0], 0.0],
+        }
+    }
+
+    /// The luminance foretold.
+    #[must_use]
+    pub fn foretold(&self) -> f32 {
+        unpack(self.words[4])[1]
+    }
+
+    /// Bits of [`state`].
+    #[must_use]
+    pub fn state(&self) -> u32 {
+        self.words[5]
+    }
+
+    /// True where all of `bits` are set.
+    #[must_use]
+    pub fn is(&self, bits: u32) -> bool {
+        self.words[5] & bits == bits
+    }
+}
+
+fn pack(a: f32, b: f32) -> u32 {
+    let bits = |v: f32| u32::from(f16::from_f32(v.clamp(-LARGEST_HALF, LARGEST_HALF)).to_bits());
+    bits(a) | bits(b) << 16
+}
+
+fn unpack(word: u32) -> [f32; 2] {
+    [word as u16, (word >> 16) as u16].map(|bits| f16::from_bits(bits).to_f32())
+}
+
+/// Weight of the channels in what counts as a difference of light (Rec. 709).
+pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// The levels of a view: how many cells, and where they are in the arrays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Levels {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Coarsest level.
+    pub coarsest: u32,
+    /// Where each level's cells start; level 0 last.
+    pub starts: [u32; LEVELS],
+}
+
+impl Levels {
+    /// Levels 1 to `coarsest` of a picture, and the pixels evaluated by themselves.
+    #[must_use]
+    pub fn new(size: [u32; 2], coarsest: u32) -> Self {
+        let mut levels = Self {
+            size,
+            coarsest,
+            starts: [0; LEVELS],
+        };
+        let mut next = 0;
+        for k in 1..=coarsest {
+            levels.starts[k as usize] = next;
+            next += levels.cells(k);
+        }
+        levels.starts[0] = next;
+        levels
+    }
+
+    /// Columns and rows of level `k`.
+    #[must_use]
+    pub fn grid(&self, k: u32) -> [u32; 2] {
+        self.size.map(|edge| edge.div_ceil(1 << k))
+    }
+
+    /// Cells of level `k`; for level 0 how many pixels may be evaluated by themselves.
+    #[must_use]
+    pub fn cells(&self, k: u32) -> u32 {
+        let [w, h] = self.grid(k);
+        match k {
+            0 => (w * h).div_ceil(PIXELS_A_HOLE),
+            _ => w * h,
+        }
+    }
+
+    /// Length of an array with an element for each cell of all levels.
+    #[must_use]
+    pub fn total(&self) -> u32 {
+        self.starts[0] + self.cells(0)
+    }
+
+    /// Index of cell (x, y) of level `k`, 1 or more.
+    #[must_use]
+    pub fn index(&self, k: u32, x: u32, y: u32) -> usize {
+        (self.starts[k as usize] + y * self.grid(k)[0] + x) as usize
+    }
+}
+
+impl SubsplatParams {
+    /// Parameters of a view: its matrices, the viewport in texels and the size of its targets.
+    #[must_use]
+    pub fn new(
+        settings: &SubsplatSettings,
+        view_from_clip: Mat4,
+        view_from_world: Mat4,
+        viewport: [f32; 4],
+        size: [u32; 2],
+    ) -> Self {
+        let settings = settings.clamped();
+        let (depth_test, depth_threshold) = match settings.depth {
+            DepthTest::Plane(t) => (0, t),
+            DepthTest::MinMax(t) => (1, t),
+            DepthTest::Derivative(t) => (2, t),
+        };
+        let (normal_test, normal_threshold) = match settings.normal {
+            NormalTest::MinMax(t) => (0, t),
+            NormalTest::Curvature(t) => (1, t),
+        };
+        let turn = |c: Vec4| c.truncate().normalize_or_zero().extend(0.0).to_array();
+        let levels = Levels::new(size, settings.coarsest);
+        let s = levels.starts;
+        Self {
+            view_from_clip: view_from_clip.to_cols_array_2d(),
+            view_from_world: [
+                view_from_world.x_axis,
+                view_from_world.y_axis,
+                view_from_world.z_axis,
+            ]
+            .map(turn),
+            viewport,
+            size,
+            coarsest: settings.coarsest,
+            finest: settings.finest,
+            depth_test,
+            normal_test,
+            depth_threshold,
+            normal_threshold,
+            // Shaders know no infinity.
+            light: settings.light.min(1e30),
+            alike: settings.alike,
+            detail: settings.detail,
+            diagonal: u32::from(settings.diagonal),
+            starts: [[s[0], s[1], s[2], s[3]], [s[4], s[5], s[6], 0]],
+        }
+    }
+
+    /// The levels.
+    #[must_use]
+    pub fn levels(&self) -> Levels {
+        Levels::new(self.size, self.coarsest)
+    }
+
+    /// Turns world-space normals into the view's space.
+    #[must_use]
+    pub fn turn(&self) -> Mat3 {
+        let [x, y, z] = self.view_from_world.map(|c| Vec4::from_array(c).truncate());
+        Mat3::from_cols(x, y, z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_keep_their_light() {
+        let e = VectorIrradiance {
+            x: [1.0, -2.0, 3.5, 0.0],
+            y: [0.25, 1e9, -1e9, 0.0],
+            z: [0.0, 7.0, 0.125, 0.0],
+        };
+        let node = Node::new(&e, 0.75, state::KNOWN | state::COVERED);
+        let back = node.light();
+        assert_eq!((back.x, back.z), (e.x, e.z));
+        assert_eq!(back.y, [0.25, LARGEST_HALF, -LARGEST_HALF, 0.0]);
+        assert_eq!(node.foretold(), 0.75);
+        assert!(node.is(state::COVERED) && !node.is(state::EVALUATED | state::KNOWN));
+    }
+
+    #[test]
+    fn levels_lie_behind_one_another() {
+        let levels = Levels::new([67, 41], 4);
+        assert_eq!(levels.grid(4), [5, 3]);
+        assert_eq!(levels.index(1, 0, 0), 0);
+        assert_eq!(levels.index(2, 0, 0), 34 * 21);
+        assert_eq!(levels.starts[0] as usize, levels.index(4, 4, 2) + 1);
+        assert_eq!(levels.total(), levels.starts[0] + (67 * 41u32).div_ceil(4));
+    }
+
+    #[test]
+    fn settings_out_of_range_are_brought_back() {
+        let wild = SubsplatSettings {
+            coarsest: 99,
+            finest: 99,
+            depth: DepthTest::MinMax(f32::NAN),
+            light: -1.0,
+            alike: 7.0,
+            ..SubsplatSettings::default()
+        };
+        let tame = wild.clamped();
+        assert_eq!((tame.coarsest, tame.finest), (COARSEST, COARSEST - 1));
+        assert_eq!((tame.light, tame.alike), (0.0, 1.0));
+        assert_eq!(tame.depth, DepthTest::MinMax(0.0));
+    }
+}

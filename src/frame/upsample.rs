@@ -1,0 +1,273 @@
+//! Kernel `upsample`: light between nodes, from coarse to fine (\[N09\] §3.5). Entry points: `upsample` fills a level from the next coarser one, before its own nodes are evaluated: what it
+//! foretells is what evaluation is compared with. `resolve` does the same for pixels, and lists those whose surroundings say too little of them; `fill` puts these in when they were evaluated.
+//!
+//! \[N09\] interpolates among texels that hold data and trusts that discontinuities were refined to the last pixel. Ours weighs each node by whether it lies on the pixel's own
+//! surface ([`alike`]), so that an edge costs a few pixels and not all along it. Where all nodes around are alike, a cubic interpolation reaches further, else a linear one.
+
+use super::gbuffer;
+use super::layout::VectorIrradiance;
+use super::pyramid::{Picture, Seen, seen};
+use super::refine::{luminance, pack_cell};
+use super::splat::LARGEST_HALF;
+use super::subsplat::{Levels, Node, SubsplatParams, state};
+use glam::Vec3;
+
+/// Nodes whose distance from the other's plane is up to half of this part of the depth are on one surface, up to all of it partly.
+pub const PLANE: f32 = 0.01;
+/// Cosine between normals up to which nodes say nothing of one another.
+pub const TURNED: f32 = 0.5;
+/// Cosine from which they are of one surface.
+pub const STRAIGHT: f32 = 0.9;
+/// Least likeness of all nodes for a cubic.
+pub const SURE: f32 = 0.9;
+
+/// How much two places are of one surface: 1 wholly, 0 not at all.
+#[must_use]
+pub fn alike(a: &Seen, b: &Seen) -> f32 {
+    let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
+    let plane = (2.0 - 2.0 * off / (PLANE * -a.x.z)).clamp(0.0, 1.0);
+    let normal = ((a.n.dot(b.n) - TURNED) / (STRAIGHT - TURNED)).clamp(0.0, 1.0);
+    plane * normal
+}
+
+/// The nodes of a midpoint, as steps and weights: a cubic's first, then those of a linear interpolation. Along an edge the four-point scheme (−1, 9, 9, −1)/16; in
+/// the middle of a cell 5/16 of each corner and −1/32 of the eight next to them, which gives quadratics back exactly too.
+const EDGE: [(i32, f32); 4] = [(-1, -0.0625), (0, 0.5625), (1, 0.5625), (2, -0.0625)];
+const MIDDLE: [(i32, i32, f32); 12] = [
+    (0, 0, 0.3125),
+    (1, 0, 0.3125),
+    (0, 1, 0.3125),
+    (1, 1, 0.3125),
+    (-1, 0, -0.03125),
+    (-1, 1, -0.03125),
+    (2, 0, -0.03125),
+    (2, 1, -0.03125),
+    (0, -1, -0.03125),
+    (1, -1, -0.03125),
+    (0, 2, -0.03125),
+    (1, 2, -0.03125),
+];
+
+/// What a level says of a place between its nodes.
+struct Between {
+    light: VectorIrradiance,
+    /// Share of the weight of nodes with light.
+    covered: f32,
+    /// How much of the linear weights was of the place's own surface; 1 where a cubic was taken.
+    weight: f32,
+}
+
+/// Light at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd, from the nodes of level `k` + 1.
+fn between(
+    params: &SubsplatParams,
+    levels: &Levels,
+    picture: &Picture<'_>,
+    nodes: &[Node],
+    k: u32,
+    [x, y]: [u32; 2],
+    here: &Seen,
+) -> Between {
+    let [w, h] = levels.grid(k + 1);
+    let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
+    let node = |dx: i32, dy: i32| -> Option<(Node, f32)> {
+        let (cx, cy) = (bx + dx, by + dy);
+        if cx < 0 || cy < 0 || cx >= w as i32 || cy >= h as i32 {
+            return None;
+        }
+        let node = nodes[levels.index(k + 1, cx as u32, cy as u32)];
+        if !node.is(state::KNOWN) {
+            return None;
+        }
+        let pixel = [(cx as u32) << (k + 1), (cy as u32) << (k + 1)];
+        seen(params, picture, pixel).map(|there| (node, alike(here, &there)))
+    };
+    let (odd_x, odd_y) = (x % 2 == 1, y % 2 == 1);
+    let count = if odd_x && odd_y { 12 } else { 4 };
+    let tap = |i: usize| match (odd_x, odd_y) {
+        (true, true) => MIDDLE[i],
+        (true, false) => (EDGE[i].0, 0, EDGE[i].1),
+        _ => (0, EDGE[i].0, EDGE[i].1),
+    };
+    let mut out = Between {
+        light: VectorIrradiance::default(),
+        covered: 1.0,
+        weight: 1.0,
+    };
+    let mut sure = true;
+    for i in 0..count {
+        let (dx, dy, weight) = tap(i);
+        match node(dx, dy) {
+            Some((node, likeness)) if node.is(state::COVERED) && likeness >= SURE => {
+                out.light.add_scaled(weight, &node.light());
+            }
+            _ => {
+                sure = false;
+                break;
+            }
+        }
+    }
+    if sure {
+        return out;
+    }
+    let (mut sum, mut covered, mut total) = (VectorIrradiance::default(), 0.0, 0.0);
+    let corners: [(i32, i32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
+    let share = if odd_x && odd_y { 0.25 } else { 0.5 };
+    for (dx, dy) in corners {
+        if (dx == 1 && !odd_x) || (dy == 1 && !odd_y) {
+            continue;
+        }
+        if let Some((node, likeness)) = node(dx, dy) {
+            let weight = share * likeness;
+            total += weight;
+            if node.is(state::COVERED) {
+                covered += weight;
+                sum.add_scaled(weight, &node.light());
+            }
+        }
+    }
+    let scale = if covered > 0.0 { 1.0 / covered } else { 0.0 };
+    let mut light = VectorIrradiance::default();
+    light.add_scaled(scale, &sum);
+    Between {
+        light,
+        covered: if total > 0.0 { covered / total } else { 0.0 },
+        weight: total,
+    }
+}
+
+impl Between {
+    /// State bits: known where enough of the weight is of one surface, and all of that has light, or none.
+    fn state(&self, params: &SubsplatParams) -> u32 {
+        if self.weight <= params.alike {
+            0
+        } else if self.covered > 0.99 {
+            state::KNOWN | state::COVERED
+        } else if self.covered < 0.01 {
+            state::KNOWN
+        } else {
+            0
+        }
+    }
+}
+
+/// Entry point `upsample`: level `k` from level `k` + 1.
+pub fn upsample(params: &SubsplatParams, picture: &Picture<'_>, k: u32, nodes: &mut [Node]) {
+    let levels = params.levels();
+    let [w, h] = levels.grid(k);
+    for y in 0..h {
+        for x in 0..w {
+            nodes[levels.index(k, x, y)] = node_of(params, &levels, picture, nodes, k, [x, y]);
+        }
+    }
+}
+
+fn node_of(
+    params: &SubsplatParams,
+    levels: &Levels,
+    picture: &Picture<'_>,
+    nodes: &[Node],
+    k: u32,
+    [x, y]: [u32; 2],
+) -> Node {
+    let pixel = [x << k, y << k];
+    let Some(here) = seen(params, picture, pixel) else {
+        return Node::UNKNOWN;
+    };
+    let normal = gbuffer::normal(picture.texel(params.size, pixel));
+    let (light, bits) = if x % 2 == 0 && y % 2 == 0 {
+        let same = nodes[levels.index(k + 1, x / 2, y / 2)];
+        // What was evaluated stays so, and has surprised already.
+        (same.light(), same.state())
+    } else {
+        let found = between(params, levels, picture, nodes, k, [x, y], &here);
+        let bits = found.state(params);
+        if bits == 0 {
+            return Node::UNKNOWN;
+        }
+        (found.light, bits)
+    };
+    let foretold = luminance(&Node::new(&light, 0.0, bits), normal);
+    Node::new(&light, foretold, bits)
+}
+
+/// What [`resolve`] says of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Resolved {
+    /// Irradiance times the view's scale, and 1 where light is there.
+    Texel([f32; 4]),
+    /// It is to be evaluated by itself; what it shows if there is no room for that.
+    Hole([f32; 4]),
+}
+
+/// Entry point `resolve`, for one pixel.
+#[must_use]
+pub fn resolve(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    nodes: &[Node],
+    pixel: [u32; 2],
+) -> Resolved {
+    let Some(here) = seen(params, picture, pixel) else {
+        return Resolved::Texel([0.0; 4]);
+    };
+    let levels = params.levels();
+    let [x, y] = pixel;
+    let (light, bits, some) = if x % 2 == 0 && y % 2 == 0 {
+        let node = nodes[levels.index(1, x / 2, y / 2)];
+        (node.light(), node.state(), node.is(state::COVERED))
+    } else {
+        let found = between(params, &levels, picture, nodes, 0, pixel, &here);
+        let bits = found.state(params);
+        (found.light, bits, found.covered > 0.0)
+    };
+    let lit = |some: bool| {
+        if some {
+            texel(params, picture, pixel, &here, &light)
+        } else {
+            [0.0; 4]
+        }
+    };
+    if bits & state::KNOWN == 0 {
+        return Resolved::Hole(lit(some));
+    }
+    Resolved::Texel(lit(bits & state::COVERED != 0))
+}
+
+/// Entry point `fill`, for one pixel that was evaluated by itself.
+#[must_use]
+pub fn fill(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    node: &Node,
+    pixel: [u32; 2],
+) -> [f32; 4] {
+    match seen(params, picture, pixel) {
+        Some(here) if node.is(state::COVERED) => {
+            texel(params, picture, pixel, &here, &node.light())
+        }
+        _ => [0.0; 4],
+    }
+}
+
+/// A pixel of this light: E⃗·n with its own normal, darkened at a slant as \[N09\] Eq. (3) says where that is asked for.
+fn texel(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    pixel: [u32; 2],
+    here: &Seen,
+    light: &VectorIrradiance,
+) -> [f32; 4] {
+    let n = gbuffer::normal(picture.texel(params.size, pixel));
+    let facing = here.n.dot(-here.x.normalize()).max(0.0);
+    let shade = params.detail * facing + (1.0 - params.detail);
+    (shade * light.dot(n).max(Vec3::ZERO))
+        .min(Vec3::splat(LARGEST_HALF))
+        .extend(1.0)
+        .to_array()
+}
+
+/// A pixel in the list of those evaluated by themselves.
+#[must_use]
+pub fn listed(pixel: [u32; 2]) -> u32 {
+    pack_cell(pixel[0], pixel[1])
+}

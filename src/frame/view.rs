@@ -1,0 +1,122 @@
+//! What a view shows by subsplats, on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes) and `upsample` in the order in which the device runs them.
+
+use super::pyramid::{Picture, pyramid};
+use super::refine::{refine, start, unpack_cell};
+use super::subsplat::{LEVELS, Node, SubsplatParams};
+use super::upsample::{Resolved, fill, resolve, upsample};
+use rayon::prelude::*;
+
+/// How many subsplats there were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SubsplatCounts {
+    /// Evaluations for each level; level 0 are the pixels evaluated by themselves.
+    pub evaluated: [u32; LEVELS],
+    /// Pixels of the view.
+    pub pixels: u32,
+}
+
+impl SubsplatCounts {
+    /// All evaluations.
+    #[must_use]
+    pub fn total(&self) -> u32 {
+        self.evaluated.iter().sum()
+    }
+}
+
+/// A view's light, and what it took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Subsplats {
+    /// For each pixel irradiance times the view's scale, and 1 where light is there; else zeros.
+    pub texels: Vec<[f32; 4]>,
+    /// All levels' nodes, see [`Levels`](super::Levels).
+    pub nodes: Vec<Node>,
+    /// The cells that each level lists.
+    pub lists: Vec<Vec<u32>>,
+    /// How many evaluations.
+    pub counts: SubsplatCounts,
+}
+
+/// Runs the kernels of the screen. `evaluate` is asked for the light at a pixel, and puts it into the node.
+#[must_use]
+pub fn subsplats(
+    params: &SubsplatParams,
+    picture: &Picture<'_>,
+    evaluate: &(dyn Fn([u32; 2], &mut Node) + Sync),
+) -> Subsplats {
+    let levels = params.levels();
+    let [width, height] = params.size;
+    let cells = pyramid(params, picture);
+    let mut nodes = vec![Node::UNKNOWN; levels.total() as usize];
+    let mut counts = SubsplatCounts {
+        pixels: width * height,
+        ..SubsplatCounts::default()
+    };
+    let mut lists = vec![Vec::new(); LEVELS];
+    let mut list = start(&levels);
+    for k in (1..=params.coarsest).rev() {
+        if k < params.coarsest {
+            upsample(params, picture, k, &mut nodes);
+        }
+        // Nodes of even cells are those of the level above.
+        let asked: Vec<[u32; 2]> = list
+            .iter()
+            .map(|&cell| unpack_cell(cell))
+            .filter(|[x, y]| k == params.coarsest || x % 2 == 1 || y % 2 == 1)
+            .collect();
+        let found: Vec<(usize, Node)> = asked
+            .par_iter()
+            .map(|&[x, y]| {
+                let at = levels.index(k, x, y);
+                let mut node = nodes[at];
+                evaluate([x << k, y << k], &mut node);
+                (at, node)
+            })
+            .collect();
+        counts.evaluated[k as usize] = found.len() as u32;
+        for (at, node) in found {
+            nodes[at] = node;
+        }
+        let next = if k > params.finest && k > 1 {
+            refine(params, picture, &cells, &nodes, k, &list)
+        } else {
+            Vec::new()
+        };
+        lists[k as usize] = core::mem::replace(&mut list, next);
+    }
+    let resolved: Vec<Resolved> = (0..width * height)
+        .into_par_iter()
+        .map(|i| resolve(params, picture, &nodes, [i % width, i / width]))
+        .collect();
+    let room = levels.cells(0) as usize;
+    let holes: Vec<u32> = (0..width * height)
+        .filter(|&i| matches!(resolved[i as usize], Resolved::Hole(_)))
+        .take(room)
+        .collect();
+    let mut texels: Vec<[f32; 4]> = resolved
+        .into_iter()
+        .map(|r| match r {
+            Resolved::Texel(t) | Resolved::Hole(t) => t,
+        })
+        .collect();
+    let filled: Vec<(Node, [f32; 4])> = holes
+        .par_iter()
+        .map(|&i| {
+            let pixel = [i % width, i / width];
+            let mut node = Node::UNKNOWN;
+            evaluate(pixel, &mut node);
+            (node, fill(params, picture, &node, pixel))
+        })
+        .collect();
+    counts.evaluated[0] = holes.len() as u32;
+    for (slot, (&i, (node, texel))) in holes.iter().zip(filled).enumerate() {
+        nodes[levels.starts[0] as usize + slot] = node;
+        texels[i as usize] = texel;
+        lists[0].push(super::refine::pack_cell(i % width, i / width));
+    }
+    Subsplats {
+        texels,
+        nodes,
+        lists,
+        counts,
+    }
+}
