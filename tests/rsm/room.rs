@@ -306,9 +306,9 @@ impl Grid {
     pub fn light_at(&self, x: Vec3, n: Vec3) -> Vec3 {
         let one = |l: &Vpl| -> Vec3 {
             let square = (Vec3::from_array(l.position) - x).length_squared();
-            vpl::share(l, x, n).map_or(Vec3::ZERO, |(to, e)| {
-                e * n.dot(to) * (square / square.max(self.least))
-            })
+            Vec3::from_array(l.flux)
+                * vpl::share(l, x, n).dot(n)
+                * (square / square.max(self.least))
         };
         self.lights.iter().map(one).sum()
     }
