@@ -151,7 +151,7 @@ fn one_bounce_agrees_with_the_reference() {
     };
     let cases = [
         case("ball", ball_room(), [0.012, 0.012], 0.012),
-        case("crate", crate_room(), [0.035, 0.035], 0.4),
+        case("crate", crate_room(), [0.03, 0.03], 0.2),
         case("door", door_room(), [0.02, 0.6], 0.02),
         case("sun", sunny_room(), [0.014, 0.014], 0.014),
     ];
@@ -318,7 +318,7 @@ fn a_lit_disk_gives_its_closed_form() {
         (flux / (radiosity * area) - 1.0).abs().max_element() < 0.01,
         "{flux}"
     );
-    for (vpls, bound) in [(1, 0.02), (16, 0.08), (256, 0.05)] {
+    for (vpls, bound) in [(1, 0.02), (16, 0.04), (256, 0.04)] {
         let lights = choose(&texels, vpls);
         let params = VplParams::unshadowed(vpls);
         for h in [0.02, 0.1, 0.25, 0.5, 1.0, 3.0] {
@@ -326,9 +326,17 @@ fn a_lit_disk_gives_its_closed_form() {
             let e = vpl::vpl_at(&params, &lights, &Bvh::default(), -h * Vec3::Y, Vec3::Y);
             let off = (e.dot(Vec3::Y) / right - 1.0).abs().max_element();
             eprintln!("disk, {vpls} lights, {h} m: {off:.4} off");
-            if vpls == 1 || h >= 0.25 {
+            if vpls == 1 || h >= 0.1 {
                 assert!(off < bound, "{vpls} lights, {h} m: {off}");
             }
+        }
+        // Flat as it is, it does not light itself, whatever the depth buffer rounds to.
+        for i in 0..40 {
+            let a = i as f32;
+            let x = 0.24 * (i as f32 / 40.0) * Vec3::new(a.cos(), 0.0, a.sin());
+            let x = x + Vec3::Y * [-1e-5, 0.0, 1e-5][i % 3];
+            let e = vpl::vpl_at(&params, &lights, &Bvh::default(), x, -Vec3::Y).dot(-Vec3::Y);
+            assert!(e.x < 2e-3 * radiosity.x, "{x}: {e}");
         }
     }
 }

@@ -184,9 +184,7 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 7] = [
-    "Place", "Shear", "VplShare", "Covered", "Seen", "Between", "Near",
-];
+const SHADER_ONLY: [&str; 6] = ["Place", "Shear", "Covered", "Seen", "Between", "Near"];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
@@ -237,6 +235,13 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("LEAST_COSINE", Some(f64::from(rsm::LEAST_COSINE))),
         ("NEAREST_SQUARE", Some(f64::from(rsm::NEAREST_SQUARE))),
         ("DISK", Some(f64::from(vpl::DISK))),
+        ("NEAR_FROM", Some(f64::from(vpl::NEAR_SQUARES[0]))),
+        ("NEAR_TO", Some(f64::from(vpl::NEAR_SQUARES[1]))),
+        ("FLAT_FROM", Some(f64::from(vpl::NEAR_FLAT[0]))),
+        ("FLAT_TO", Some(f64::from(vpl::NEAR_FLAT[1]))),
+        ("FADE", Some(f64::from(vpl::FADE))),
+        ("SHORTEST", Some(f64::from(vpl::SHORTEST))),
+        ("PI", Some(f64::from(std::f32::consts::PI))),
         ("LIFTS", Some(f64::from(vpl::LIFTS))),
         ("TINY", Some(f64::from(f32::MIN_POSITIVE))),
     ])

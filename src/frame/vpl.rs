@@ -6,20 +6,32 @@
 //!   bounds r² from below by a constant, which "all RSM approaches" share and Fig. 13 shows.
 //! - The mean of ⟨V̂, N⟩ over normals spread evenly about N_l, in place of the one value at a mean normal: a piece of a ball shines round its edge, and its
 //!   light adds up to its flux within 2 %.
+//!
+//! Nearer than four radii, neither will do where light and surface stand at an angle, as beside an object on the floor: there a flat light is a square.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
 use super::project::lift;
 use super::reflective::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
+use crate::samples::tangents;
 use crate::scene::{Bvh, Ray};
 use glam::{Mat4, Vec2, Vec3, Vec4};
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Squared radius of an even disk over its mean squared distance from the centre.
 pub const DISK: f32 = 2.0;
 /// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
 pub const LIFTS: f32 = 4.0;
+
+/// Squares of the distance over the squared radius of a light between which [`near`] goes over to the point's formula.
+pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
+/// Squared lengths of the mean normal between which a light becomes flat enough for [`near`].
+pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
+/// A square that rises above the horizon by less than this, over half its edge and times the cosine between the two normals, fades.
+pub const FADE: f32 = 0.1;
+/// No edge of a square and no form factor is shorter, in single precision.
+pub const SHORTEST: f32 = 1e-7;
 
 /// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly over a disk about it.
 ///
@@ -41,27 +53,84 @@ pub fn facing(normal: Vec3, v: Vec3) -> f32 {
     above * above / (4.0 * w)
 }
 
-/// What one light gives at `x` to surfaces that face `n`, unshadowed: the direction towards it (unit), and the irradiance on a surface that faces it, W/m².
-/// None where it gives nothing.
+/// What one light gives at `x` to surfaces that face `n`, unshadowed, as a vector g in 1/m²: the vector irradiance is flux · g, and g·n is not negative. Zero
+/// where it gives nothing.
+///
+/// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a light whose normals hardly differ, it is the form factor
+/// of a square of that size ([`near`]); between three and four radii, a mixture.
 #[must_use]
 #[inline]
-pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Option<(Vec3, Vec3)> {
-    let flux = Vec3::from_array(light.flux);
-    if flux.max_element() <= 0.0 {
-        return None;
+pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
+    let toward = Vec3::from_array(light.position) - x;
+    let square = toward.dot(toward);
+    if square <= 0.0 || Vec3::from_array(light.flux).max_element() <= 0.0 {
+        return Vec3::ZERO;
     }
-    let to = Vec3::from_array(light.position) - x;
-    let square = to.dot(to);
-    if square <= 0.0 {
-        return None;
+    let normal = Vec3::from_array(light.normal);
+    let flat = step(NEAR_FLAT[0], NEAR_FLAT[1], normal.dot(normal));
+    let mut out = Vec3::ZERO;
+    let mut beside = 1.0;
+    if flat > 0.0 && square < NEAR_SQUARES[1] * light.square {
+        let far = step(NEAR_SQUARES[0], NEAR_SQUARES[1], square / light.square);
+        beside = 1.0 - flat * (1.0 - far);
+        out = (1.0 - beside) * near(toward, normal / normal.length(), light.square, n);
     }
-    let to = to / square.sqrt();
-    if n.dot(to) <= 0.0 {
-        return None;
+    let to = toward / square.sqrt();
+    if n.dot(to) > 0.0 {
+        let cosine = facing(normal, -to);
+        out += to * (beside * FRAC_1_PI * cosine / (square + light.square));
     }
-    let cosine = facing(light.normal.into(), -to);
-    let e = flux * (FRAC_1_PI * cosine / (square + light.square));
-    (cosine > 0.0).then_some((to, e))
+    out
+}
+
+/// 0 below `low`, 1 above `high`, smooth between.
+fn step(low: f32, high: f32, v: f32) -> f32 {
+    let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward` from the place, has the normal `normal` and the area of a disk
+/// of squared radius `disk`. Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of equal form factor, whose cosines
+/// are spread as [`facing`]'s are. What hardly rises above the horizon of a surface that looks the
+/// same way fades, so that rounding lights no flat surface by itself.
+fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
+    if normal.dot(toward) >= 0.0 {
+        return Vec3::ZERO;
+    }
+    let (t, b) = tangents(normal);
+    let half = 0.5 * (PI * disk).sqrt();
+    let top = n.dot(toward) + half * (n.dot(t).abs() + n.dot(b).abs());
+    if top <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let corner = |v: Vec3| (toward + half * v).normalize_or_zero();
+    let corners = [corner(t + b), corner(b - t), corner(-t - b), corner(t - b)];
+    let mut sum = Vec3::ZERO;
+    for i in 0..4 {
+        let (u, v) = (corners[i], corners[(i + 1) % 4]);
+        let across = u.cross(v);
+        let sine = across.length();
+        sum += across * (libm::atan2f(sine, u.dot(v)) / sine.max(SHORTEST));
+    }
+    // The sign follows from which way round the corners go.
+    let factor = sum * (0.5 * FRAC_1_PI * if sum.dot(toward) < 0.0 { -1.0 } else { 1.0 });
+    let length = factor.length();
+    if length <= SHORTEST {
+        return Vec3::ZERO;
+    }
+    let to = factor / length;
+    let wide = length.sqrt();
+    let cosine = n.dot(to);
+    let clipped = if cosine >= wide {
+        cosine
+    } else if cosine <= -wide {
+        0.0
+    } else {
+        (cosine + wide) * (cosine + wide) / (4.0 * wide)
+    };
+    let fade = (top / (FADE * half * n.dot(normal)).max(SHORTEST * half)).min(1.0);
+    // The vector whose dot product with `n` is that.
+    (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
 }
 
 /// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the surface's horizon: its dot product with `n` is the sum
@@ -78,10 +147,13 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
     let start =
         at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent));
     for light in &lights[..params.vpls as usize] {
-        let Some((to, e)) = share(light, x, n) else {
+        let g = share(light, x, n);
+        let e = Vec3::from_array(light.flux);
+        let arrives = n.dot(g);
+        if arrives <= 0.0 {
             continue;
-        };
-        if params.nodes > 0 && e.max_element() * n.dot(to) >= params.dim {
+        }
+        if params.nodes > 0 && e.max_element() * arrives >= params.dim {
             let end = local.transform_point3(light.position.into());
             let ray = end - start;
             let length = ray.length();
@@ -92,9 +164,9 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
         }
         let add =
             |axis: [f32; 4], d: f32| (Vec4::from_array(axis) + (e * d).extend(0.0)).to_array();
-        sum.x = add(sum.x, to.x);
-        sum.y = add(sum.y, to.y);
-        sum.z = add(sum.z, to.z);
+        sum.x = add(sum.x, g.x);
+        sum.y = add(sum.y, g.y);
+        sum.z = add(sum.z, g.z);
     }
     sum
 }

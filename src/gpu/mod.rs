@@ -26,7 +26,7 @@ mod scene_buffers;
 mod subsplats;
 
 pub use error::GpuError;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite};
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
 pub use pipelines::{ComputeKernel, Kernels, RenderKernel};

@@ -251,9 +251,9 @@ impl Grid {
     /// `count`² of the map's texels.
     pub fn new(room: &Room, side: u32, count: u32) -> Self {
         let light = room.slot();
-        let drawn = room.aim.draw(&mesh(room.object.clone(), room.colour), side);
         let params = room.aim.params(&light, side);
-        let texels = rsm::texels(&params, &drawn.depth, &drawn.gbuffer);
+        // Its map holds the walls too: they shadow it.
+        let texels = room.texels(side);
         let angle = |x: u32, y: u32| {
             // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of one.
             let white = bevy_meshless_gi::frame::gbuffer::pack(
@@ -306,9 +306,9 @@ impl Grid {
     pub fn light_at(&self, x: Vec3, n: Vec3) -> Vec3 {
         let one = |l: &Vpl| -> Vec3 {
             let square = (Vec3::from_array(l.position) - x).length_squared();
-            vpl::share(l, x, n).map_or(Vec3::ZERO, |(to, e)| {
-                e * n.dot(to) * (square / square.max(self.least))
-            })
+            Vec3::from_array(l.flux)
+                * vpl::share(l, x, n).dot(n)
+                * (square / square.max(self.least))
         };
         self.lights.iter().map(one).sum()
     }
