@@ -42,6 +42,17 @@ impl GpuCounters {
         self.composites += more.composites;
     }
 
+    /// What was recorded since it was `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        Self {
+            dispatches: core::array::from_fn(|i| self.dispatches[i] - before.dispatches[i]),
+            projected: self.projected - before.projected,
+            solves: self.solves - before.solves,
+            composites: self.composites - before.composites,
+        }
+    }
+
     /// All dispatches.
     #[must_use]
     pub fn total(&self) -> u64 {

@@ -187,23 +187,34 @@ impl Reflections {
         (self.maps.buffers(), self.maps.bytes())
     }
 
-    /// Adds the irradiance of the pixels of a view. `exposure` is what its irradiance is stored times.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a view, what shadows it, and what it is recorded with"
-    )]
+    /// Adds the irradiance of the pixels of a view, see [`on_view`](Self::on_view).
     pub fn light_view(
         &mut self,
         kernels: &Kernels,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
+        lights: &(VplViewParams, Option<VplShadows<'_>>),
+        targets: &SplatTargets<'_>,
+    ) {
+        let (view, shadows) = lights;
+        self.maps
+            .splat(kernels, queue, encoder, view, shadows.as_ref(), targets);
+    }
+
+    /// The virtual lights.
+    pub fn maps(&self) -> &ReflectiveMaps {
+        &self.maps
+    }
+
+    /// How they light a view, and what shadows them there. `exposure` is what the view's irradiance is stored times.
+    pub fn on_view<'a>(
+        &self,
         [world_from_view, clip_from_view]: [&Mat4; 2],
         viewport: [f32; 4],
         size: [u32; 2],
         exposure: f32,
-        bake: Option<(DMat4, &SceneBuffers)>,
-        targets: &SplatTargets<'_>,
-    ) {
+        bake: Option<(DMat4, &'a SceneBuffers)>,
+    ) -> (VplViewParams, Option<VplShadows<'a>>) {
         let view = VplViewParams {
             space_from_clip: space_from_clip(world_from_view, clip_from_view, self.origin)
                 .to_cols_array_2d(),
@@ -220,9 +231,7 @@ impl Reflections {
             scene,
             dim,
         });
-        let shadows = shadows.as_ref();
-        self.maps
-            .splat(kernels, queue, encoder, &view, shadows, targets);
+        (view, shadows)
     }
 }
 

@@ -214,7 +214,7 @@ impl GiRender {
             Err(why) => warn_once!("what moves reflects nothing: {why}"),
         }
         if let (None, Some(counted)) = (&self.reflections, counted) {
-            add(&mut self.retired, &counted);
+            self.retired.add(&counted);
         }
     }
 
@@ -252,12 +252,15 @@ impl GiRender {
             }
         }
         if let Some(reflections) = &self.reflections {
-            add(&mut total, &reflections.counters());
+            total.add(&reflections.counters());
             let (buffers, bytes) = reflections.size();
             counters.buffers += buffers;
             counters.bytes += bytes;
         }
-        for view in self.views.values() {
+        for (id, view) in &mut self.views {
+            if let Some(counts) = view.subsplats().and_then(|s| s.counts()) {
+                counters.subsplats.insert(id.0, counts);
+            }
             counters.buffers += view.buffer_count();
             counters.bytes += view.bytes();
         }
@@ -461,6 +464,11 @@ pub(crate) fn publish(
     for (id, runtime) in &mut render.scenes {
         if let Some(read_back) = &mut runtime.read_back {
             read_back.fetch(id.0, &coefficients);
+        }
+    }
+    for view in render.views.values_mut() {
+        if let Some(subsplats) = view.subsplats() {
+            subsplats.fetch();
         }
     }
 }

@@ -9,6 +9,7 @@ use super::asset::MeshlessGiAsset;
 use super::components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
 };
+use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::quality::MeshlessGiTier;
 use super::transform::Placement;
@@ -50,6 +51,7 @@ pub(crate) struct ExtractedGiView {
     pub id: ViewId,
     pub layers: RenderLayers,
     pub settings: MeshlessGiCamera,
+    pub display: MeshlessGiDisplay,
     pub has_gbuffer: bool,
     pub sees: Vec<SceneId>,
 }
@@ -106,6 +108,7 @@ type Cameras<'w, 's> = Query<
         Entity,
         &'static Camera,
         &'static MeshlessGiCamera,
+        &'static MeshlessGiDisplay,
         &'static Frustum,
         Option<&'static Msaa>,
         Option<&'static RenderLayers>,
@@ -250,8 +253,16 @@ pub(crate) fn extract(
     }
     // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
     out.scenes.sort_unstable_by_key(|scene| scene.id);
-    for (entity, camera, settings, frustum, msaa, layers, (hdr, depth, normal, deferred)) in
-        &cameras
+    for (
+        entity,
+        camera,
+        settings,
+        display,
+        frustum,
+        msaa,
+        layers,
+        (hdr, depth, normal, deferred),
+    ) in &cameras
     {
         if !camera.is_active {
             continue;
@@ -275,6 +286,7 @@ pub(crate) fn extract(
         let view = ExtractedGiView {
             id: ViewId(entity.to_bits()),
             settings: settings.clone(),
+            display: *display,
             has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
             layers,

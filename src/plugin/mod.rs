@@ -55,6 +55,7 @@ mod components;
 mod composite;
 mod compute;
 mod diagnostics;
+mod display;
 mod extract;
 mod gizmos;
 #[cfg(feature = "gltf")]
@@ -79,6 +80,9 @@ pub use components::{
 };
 pub use diagnostics::{
     MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
+};
+pub use display::{
+    MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
 };
 pub use gizmos::MeshlessGiGizmos;
 #[cfg(feature = "gltf")]
@@ -128,6 +132,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiBakeFailed>()
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
+            .register_type::<MeshlessGiDisplay>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
             .register_type::<MeshlessGiQuality>()

@@ -1,7 +1,7 @@
 //! What most apps use, by name.
 
 pub use super::{
-    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiLight,
-    MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiReflective,
+    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
+    MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiReflective,
     MeshlessGiSystems,
 };
