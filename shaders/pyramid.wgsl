@@ -7,6 +7,7 @@
 @group(0) @binding(4) var<storage, read_write> cells: array<CellRange>;
 
 const NOTHING: f32 = 1e30;
+const STEEPEST: f32 = 1e9;
 // Of no normal: what `min` and `max` leave as it is.
 const EMPTY_LOW: u32 = 0x007f7f7fu;
 const EMPTY_HIGH: u32 = 0x00818181u;
@@ -35,7 +36,8 @@ fn off_plane(pixel: vec2u, z: f32, by: vec2i) -> f32 {
 fn slope(pixel: vec2u, z: f32, by: vec2i) -> f32 {
     let p = beside(pixel, by);
     let other = linear_depth(p, lit_depth(p));
-    return (other - z) / min(other, z);
+    // From something to nothing it is as steep as can be.
+    return min(abs(other - z) / min(other, z), STEEPEST);
 }
 
 fn curvature(pixel: vec2u, by: vec2i) -> f32 {

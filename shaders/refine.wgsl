@@ -102,6 +102,7 @@ fn refine(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
         // At the picture's edge some children are outside.
         let inside = min(grid - first, vec2u(2u));
         let children = inside.x * inside.y;
+        atomicAdd(&next[4], 1u);
         let slot = atomicAdd(&next[3], children);
         atomicMax(&next[0], groups_of(slot + children));
         for (var c = 0u; c < children; c++) {

@@ -52,11 +52,11 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
             add_scaled(&numerator, v, values[j]);
         }
     }
-    var out = Covered(VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0)), cover > NO_COVER);
-    if out.covered {
-        add_scaled(&out.e, 1.0 / denominator, numerator);
+    var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    if cover > NO_COVER {
+        add_scaled(&e, 1.0 / denominator, numerator);
     }
-    return out;
+    return Covered(e, cover > NO_COVER);
 }
 
 // Irradiance and, in alpha, 1 where any function covers the place.
@@ -82,8 +82,11 @@ fn splat_node(pixel: vec2u, node: Node) -> Node {
     if !found.covered {
         return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
     }
-    let turn = params.local_from_world;
-    let e = VectorIrradiance(world_axis(found.e, turn[0]), world_axis(found.e, turn[1]), world_axis(found.e, turn[2]));
+    let e = VectorIrradiance(
+        world_axis(found.e, params.local_from_world[0]),
+        world_axis(found.e, params.local_from_world[1]),
+        world_axis(found.e, params.local_from_world[2]),
+    );
     return node_new(e, node_foretold(node), EVALUATED | KNOWN | COVERED);
 }
 
@@ -134,8 +137,9 @@ fn nodes_of(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) g
             at = cell_index(k, cell);
         }
         // An earlier scene covers it.
-        if !node_is(nodes[at], EVALUATED | COVERED) {
-            nodes[at] = splat_node(cell << vec2u(k), nodes[at]);
+        let node = nodes[at];
+        if !node_is(node, EVALUATED | COVERED) {
+            nodes[at] = splat_node(cell << vec2u(k), node);
         }
     }
 }

@@ -81,7 +81,7 @@ fn between(k: u32, cell: vec2u, here: Seen) -> Between {
         vec2i(0, -1), vec2i(1, -1), vec2i(0, 2), vec2i(1, 2),
     );
     let along = vec2i(select(vec2u(0u), vec2u(1u), odd));
-    var out = Between(VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0)), 1.0, 1.0);
+    var cubic = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var sure = true;
     for (var i = 0; i < select(4, 12, middle); i++) {
         var step = along * (i - 1);
@@ -95,10 +95,10 @@ fn between(k: u32, cell: vec2u, here: Seen) -> Between {
             sure = false;
             break;
         }
-        add_scaled(&out.light, weight, node_light(near.node));
+        add_scaled(&cubic, weight, node_light(near.node));
     }
     if sure {
-        return out;
+        return Between(cubic, 1.0, 1.0);
     }
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var covered = 0.0;
@@ -119,16 +119,11 @@ fn between(k: u32, cell: vec2u, here: Seen) -> Between {
             }
         }
     }
-    out.light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     if covered > 0.0 {
-        add_scaled(&out.light, 1.0 / covered, sum);
+        add_scaled(&light, 1.0 / covered, sum);
     }
-    out.covered = 0.0;
-    if total > 0.0 {
-        out.covered = covered / total;
-    }
-    out.weight = total;
-    return out;
+    return Between(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total);
 }
 
 fn state_of(found: Between) -> u32 {

@@ -1,4 +1,5 @@
-// vpl: the irradiance of each pixel from virtual point lights. Twin: src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave.
+// vpl: the irradiance of each pixel from virtual point lights. Twin: src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave; `vpl_nodes`
+// adds to the subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -9,9 +10,18 @@
 @group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(8) var earlier: texture_2d<f32>;
+@group(0) @binding(9) var<uniform> screen: SubsplatParams;
+@group(0) @binding(10) var<uniform> span: Span;
+@group(0) @binding(11) var<storage, read_write> subsplats: array<Node>;
+@group(0) @binding(12) var<storage, read> lists: array<u32>;
+@group(0) @binding(13) var<storage, read> counted: array<u32>;
 
-// A half holds no more; what is brighter must not become infinite.
-const LARGEST_HALF: f32 = 65504.0;
+// Place of a pixel in the space of the lights.
+fn light_place(pixel: vec2u, depth: f32) -> vec3f {
+    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
+    let h = params.space_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+    return h.xyz / h.w;
+}
 
 fn vpl_pixel(pixel: vec2u, before: vec4f) -> vec4f {
     let depth = textureLoad(depths, pixel, 0);
@@ -19,10 +29,8 @@ fn vpl_pixel(pixel: vec2u, before: vec4f) -> vec4f {
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
         return before;
     }
-    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
-    let h = params.space_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
     let n = gbuffer_normal(texel);
-    let e = max(irradiance_dot(vpl_at(h.xyz / h.w, n), n), vec3f(0.0)) * params.scale;
+    let e = max(irradiance_dot(vpl_at(light_place(pixel, depth), n), n), vec3f(0.0)) * params.scale;
     if all(e <= vec3f(0.0)) {
         return before;
     }
@@ -43,4 +51,35 @@ fn vpl_over(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     textureStore(output, id.xy, vpl_pixel(id.xy, textureLoad(earlier, id.xy, 0)));
+}
+
+@compute @workgroup_size(64)
+fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let k = span.first;
+    let count = min(counted[3], span.count);
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let cell = unpack_cell(lists[level_start(k) + i]);
+        var at = level_start(0u) + i;
+        if k > 0u {
+            // The node of an even cell is that of the level above.
+            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
+                continue;
+            }
+            at = cell_index(k, cell);
+        }
+        let pixel = cell << vec2u(k);
+        let depth = lit_depth(pixel);
+        if depth <= 0.0 {
+            continue;
+        }
+        let e = vpl_at(light_place(pixel, depth), pixel_normal(pixel));
+        let most = max(max(max(abs(e.x), abs(e.y)), abs(e.z)), vec4f(0.0));
+        if all(most.xyz <= vec3f(0.0)) {
+            continue;
+        }
+        let node = subsplats[at];
+        var light = node_light(node);
+        add_scaled(&light, params.scale, e);
+        subsplats[at] = node_new(light, node_foretold(node), node.words[5] | EVALUATED | KNOWN | COVERED);
+    }
 }

@@ -11,6 +11,9 @@ mod compare;
 mod reflective;
 #[path = "twins/screen.rs"]
 mod screen;
+#[cfg(feature = "gltf")]
+#[path = "twins/subsplats.rs"]
+mod subsplats;
 #[path = "twins/synthetic.rs"]
 mod synthetic;
 

@@ -1,4 +1,5 @@
-// Lists of cells. Twin: src/frame/refine.rs. A count holds the three numbers of an indirect dispatch, and how many items there are.
+// Lists of cells. Twin: src/frame/refine.rs. A count holds the three numbers of an indirect dispatch, how many items there are, and how many
+// cells were divided for them.
 
 const ITEMS: u32 = 64u;
 const MOST_GROUPS: u32 = 65535u;

@@ -10,12 +10,12 @@
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
+//! | [`rsm`] | what a light sees of moving objects → virtual point lights |
 //! | [`pyramid`] | depth and normals → where the picture is not continuous |
 //! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
-//! | [`rsm`] | what a light sees of moving objects → virtual point lights |
 //! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
+//! | [`vpl`] | → irradiance from the virtual lights, added to that |
 //! | [`upsample`] | → between the subsplats, and at every pixel |
-//! | [`vpl`] | irradiance from virtual point lights, added to a pixel's, or at any place |
 //! | [`composite`] | → what a pixel's colour gains |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.

@@ -4,9 +4,10 @@
 use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
+use crate::frame::pyramid::CellRange;
 use crate::frame::{
-    CompositeParams, FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
-    SolveParams, SplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+    CompositeParams, FrameLight, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
+    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -83,11 +84,29 @@ pub enum Pass {
     Vpl,
     /// `vpl`, over what baked scenes gave.
     VplOver,
+    /// `vpl`, the subsplats of a list.
+    VplNodes,
+    /// `splat`, the subsplats of a list.
+    SplatNodes,
+    /// `pyramid`, pixels to level 1.
+    PyramidBase,
+    /// `pyramid`, a level from the one below.
+    PyramidReduce,
+    /// `refine`, the cells of the coarsest level.
+    RefineStart,
+    /// `refine`, the children of one level's.
+    Refine,
+    /// `upsample`, a level from the next coarser one.
+    Upsample,
+    /// `upsample`, the pixels.
+    Resolve,
+    /// `upsample`, the pixels that were evaluated by themselves.
+    Fill,
 }
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 18;
+    pub const COUNT: usize = 27;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -109,6 +128,15 @@ impl Pass {
         Self::RsmChoose,
         Self::Vpl,
         Self::VplOver,
+        Self::VplNodes,
+        Self::SplatNodes,
+        Self::PyramidBase,
+        Self::PyramidReduce,
+        Self::RefineStart,
+        Self::Refine,
+        Self::Upsample,
+        Self::Resolve,
+        Self::Fill,
     ];
 
     /// Its kernel, and its entry point there.
@@ -188,6 +216,9 @@ const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry
     }
 }
 
+const SCREEN: Kind = Uniform(size_of::<SubsplatParams>());
+const NODE: usize = size_of::<Node>();
+const CELL: usize = size_of::<CellRange>();
 const PARAMS: Binding = bind(0, "params", Uniform(size_of::<SolveParams>()));
 const SPAN: Binding = bind(1, "span", Span);
 const VEC4: usize = size_of::<[f32; 4]>();
@@ -201,7 +232,7 @@ const VECTOR: usize = size_of::<VectorIrradiance>();
 pub const COMPOSITE_ENTRIES: [&str; 2] = ["whole_screen", "composite"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 11] = [
+pub const KERNELS: [Kernel; 14] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -317,7 +348,9 @@ pub const KERNELS: [Kernel; 11] = [
     },
     Kernel {
         name: "splat",
-        source: shader!("splat", "grid", "weight", "gbuffer"),
+        source: shader!(
+            "splat", "grid", "weight", "gbuffer", "screen", "list", "node"
+        ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
             bind(1, "depths", Depth),
@@ -329,8 +362,18 @@ pub const KERNELS: [Kernel; 11] = [
             bind(7, "values", Read(VECTOR)),
             bind(8, "output", Output),
             bind(9, "earlier", Float),
+            bind(10, "screen", SCREEN),
+            bind(11, "span", Span),
+            bind(12, "nodes", Write(NODE)),
+            bind(13, "lists", Read(4)),
+            bind(14, "counted", Read(4)),
         ],
         entries: &[
+            each(
+                Pass::SplatNodes,
+                "nodes_of",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
+            ),
             tile(Pass::Splat, "splat", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
             tile(
                 Pass::SplatOver,
@@ -368,7 +411,17 @@ pub const KERNELS: [Kernel; 11] = [
     },
     Kernel {
         name: "vpl",
-        source: shader!("vpl", "reflective", "gbuffer", "bvh", "shadow", "vpl"),
+        source: shader!(
+            "vpl",
+            "reflective",
+            "gbuffer",
+            "bvh",
+            "shadow",
+            "vpl",
+            "screen",
+            "list",
+            "node"
+        ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<VplViewParams>())),
             bind(1, "depths", Depth),
@@ -379,10 +432,74 @@ pub const KERNELS: [Kernel; 11] = [
             bind(6, "triangles", Read(size_of::<BvhTriangle>())),
             bind(7, "output", Output),
             bind(8, "earlier", Float),
+            bind(9, "screen", SCREEN),
+            bind(10, "span", Span),
+            bind(11, "subsplats", Write(NODE)),
+            bind(12, "lists", Read(4)),
+            bind(13, "counted", Read(4)),
         ],
         entries: &[
+            each(
+                Pass::VplNodes,
+                "vpl_nodes",
+                &[0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13],
+            ),
             tile(Pass::Vpl, "vpl", &[0, 1, 2, 3, 4, 5, 6, 7]),
             tile(Pass::VplOver, "vpl_over", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+        ],
+    },
+    Kernel {
+        name: "pyramid",
+        source: shader!("pyramid", "gbuffer", "screen"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "cells", Write(CELL)),
+        ],
+        entries: &[
+            tile(Pass::PyramidBase, "base", &[0, 2, 3, 4]),
+            tile(Pass::PyramidReduce, "reduce", &[0, 1, 4]),
+        ],
+    },
+    Kernel {
+        name: "refine",
+        source: shader!("refine", "gbuffer", "screen", "list", "node", "luminance"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "cells", Read(CELL)),
+            bind(5, "nodes", Read(NODE)),
+            bind(6, "lists", Write(4)),
+            bind(7, "counted", Read(4)),
+            bind(8, "next", Write(4)),
+        ],
+        entries: &[
+            each(Pass::RefineStart, "start", &[0, 6, 8]),
+            each(Pass::Refine, "refine", &[0, 1, 3, 4, 5, 6, 7, 8]),
+        ],
+    },
+    Kernel {
+        name: "upsample",
+        source: shader!("upsample", "gbuffer", "screen", "list", "node", "luminance"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "nodes", Write(NODE)),
+            bind(5, "lists", Write(4)),
+            bind(6, "next", Write(4)),
+            bind(7, "output", Output),
+            bind(8, "counted", Read(4)),
+        ],
+        entries: &[
+            tile(Pass::Upsample, "upsample", &[0, 1, 2, 3, 4]),
+            tile(Pass::Resolve, "resolve", &[0, 2, 3, 4, 5, 6, 7]),
+            each(Pass::Fill, "fill", &[0, 2, 3, 4, 5, 7, 8]),
         ],
     },
     Kernel {

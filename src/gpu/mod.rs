@@ -8,6 +8,7 @@
 //! | [`SceneBuffers`] | a baked scene on the device |
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
+//! | [`SubsplatBuffers`] | records what a view shows by subsplats |
 //! | [`ReflectiveMaps`] | records `rsm` and `vpl`: what moving objects reflect |
 //! | [`Harness`] | a device without a window |
 //!
@@ -22,11 +23,13 @@ mod links;
 mod pipelines;
 mod rsm;
 mod scene_buffers;
+mod subsplats;
 
 pub use error::GpuError;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite};
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
 pub use pipelines::{ComputeKernel, Kernels, RenderKernel};
 pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
+pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};

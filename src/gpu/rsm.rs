@@ -53,6 +53,8 @@ pub struct ReflectiveMaps {
     vpls: wgpu::Buffer,
     capacity: u32,
     used: u32,
+    /// Texels of the light that is being recorded.
+    filled: u32,
     /// A node and a triangle that are bound where there is no baked scene.
     nothing: [wgpu::Buffer; 2],
     /// Uniform buffers of a frame, and how many of them it uses so far.
@@ -73,6 +75,7 @@ impl ReflectiveMaps {
             vpls: storage::<Vpl>(device, "virtual point lights", vpls)?,
             capacity: vpls,
             used: 0,
+            filled: 0,
             nothing: [
                 storage::<BvhNode>(device, "no BVH nodes", 1)?,
                 storage::<BvhTriangle>(device, "no BVH triangles", 1)?,
@@ -97,7 +100,7 @@ impl ReflectiveMaps {
             self.vpls = storage::<Vpl>(device, "virtual point lights", vpls)?;
             self.capacity = vpls;
         }
-        (self.used, self.taken) = (0, 0);
+        (self.used, self.filled, self.taken) = (0, 0, 0);
         Ok(())
     }
 
@@ -117,38 +120,68 @@ impl ReflectiveMaps {
         scenes: &[(Mat4, &SceneBuffers)],
         vpls: u32,
     ) {
-        let vpls = vpls.min(MOST_VPLS).min(self.capacity - self.used);
-        if vpls == 0 || maps.is_empty() {
+        for map in maps {
+            self.map(kernels, queue, encoder, map);
+        }
+        self.choose(kernels, queue, encoder, light, scenes, vpls);
+    }
+
+    /// Records what one map of a light shows; after its last map comes [`ReflectiveMaps::choose`]. Apart from [`ReflectiveMaps::light`] for maps that take
+    /// turns in the same textures.
+    pub fn map(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        map: &DrawnMap<'_>,
+    ) {
+        let side = map.params.side;
+        let count = side.saturating_mul(side);
+        if !side.is_power_of_two() || count > self.room - self.filled {
             return;
         }
-        let mut texels = 0;
-        for map in maps {
-            let side = map.params.side;
-            let count = side.saturating_mul(side);
-            if !side.is_power_of_two() || count > self.room - texels {
-                continue;
-            }
-            let params = RsmParams {
-                first: texels,
-                ..map.params
-            };
-            let at = self.uniform(kernels, queue, &params);
-            let bind = kernels.bind(
-                Pass::RsmTexels,
-                &[
-                    (0, self.uniforms[at].as_entire_binding()),
-                    (1, wgpu::BindingResource::TextureView(map.depth)),
-                    (2, wgpu::BindingResource::TextureView(map.gbuffer)),
-                    (3, self.texels.as_entire_binding()),
-                ],
-            );
-            let groups = side.div_ceil(8);
-            self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
-            texels += count;
+        let params = RsmParams {
+            first: self.filled,
+            ..map.params
+        };
+        let at = self.uniform(kernels, queue, &params);
+        let bind = kernels.bind(
+            Pass::RsmTexels,
+            &[
+                (0, self.uniforms[at].as_entire_binding()),
+                (1, wgpu::BindingResource::TextureView(map.depth)),
+                (2, wgpu::BindingResource::TextureView(map.gbuffer)),
+                (3, self.texels.as_entire_binding()),
+            ],
+        );
+        let groups = side.div_ceil(8);
+        self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
+        self.filled += count;
+    }
+
+    /// Begins another light, whether or not the one before came to its choice.
+    pub fn next_light(&mut self) {
+        self.filled = 0;
+    }
+
+    /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls` virtual point lights.
+    pub fn choose(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        light: &FrameLight,
+        scenes: &[(Mat4, &SceneBuffers)],
+        vpls: u32,
+    ) {
+        let texels = std::mem::take(&mut self.filled);
+        let vpls = vpls.min(MOST_VPLS).min(self.capacity - self.used);
+        if vpls == 0 || texels == 0 {
+            return;
         }
         for (local_from_space, scene) in scenes {
             let shape = scene.shape();
-            if shape.nodes == 0 || texels == 0 {
+            if shape.nodes == 0 {
                 continue;
             }
             let params = RsmShadowParams::new(
@@ -280,6 +313,12 @@ impl ReflectiveMaps {
     #[must_use]
     pub fn counters(&self) -> GpuCounters {
         self.counters
+    }
+
+    /// How many buffers there are on the device.
+    #[must_use]
+    pub fn buffers(&self) -> u32 {
+        4 + self.uniforms.len() as u32
     }
 
     /// Bytes on the device.

@@ -1,10 +1,11 @@
 //! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance to its picture.
 
+use super::capture::{bakes, lights_view};
 use super::components::MeshlessGiView;
 use super::compute::GiRender;
 use super::extract::ExtractedGi;
 use crate::frame::{CompositeParams, SplatParams};
-use crate::gpu::{SplatTargets, ViewBuffers};
+use crate::gpu::{SplatTargets, ViewBuffers, draw_composite};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -104,7 +105,8 @@ pub(crate) fn composite(
     let Some(settings) = world.views.iter().find(|v| v.id == id).map(|v| &v.settings) else {
         return;
     };
-    let (Some(kernels), false) = (&render.kernels, scenes.is_empty()) else {
+    let bounced = lights_view(&render.plan, id);
+    let (Some(kernels), true) = (&render.kernels, bounced || !scenes.is_empty()) else {
         return;
     };
     let (Some(depth), Some(gbuffer), Some(passes)) = (
@@ -133,6 +135,12 @@ pub(crate) fn composite(
     }
     let world_from_view: Mat4 = view.world_from_view.to_matrix();
     let viewport = view.viewport.as_vec4().to_array();
+
+    let composite = CompositeParams {
+        scale: settings.intensity.max(0.0),
+        white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
+        ..CompositeParams::default()
+    };
 
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
@@ -164,11 +172,6 @@ pub(crate) fn composite(
                 camera.exposure,
             )
         };
-        let composite = CompositeParams {
-            scale: settings.intensity.max(0.0),
-            white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
-            ..CompositeParams::default()
-        };
         let which = last.as_ref().map_or(0, |(before, ..)| 1 - before);
         let output = runtime.irradiance(which, device.wgpu_device());
         let buffers = runtime
@@ -189,9 +192,46 @@ pub(crate) fn composite(
         );
         last = Some((which, output, scene));
     }
-    runtime.buffers.retain(|id, _| scenes.contains(id));
+    if bounced && let Some(reflections) = &mut render.reflections {
+        let which = last.as_ref().map_or(0, |(before, ..)| 1 - before);
+        let output = runtime.irradiance(which, device.wgpu_device());
+        let bake = bakes(&world, &render.scenes)
+            .find(|(id, ..)| scenes.contains(id))
+            .map(|(_, local, buffers)| (local, buffers));
+        reflections.light_view(
+            kernels,
+            &queue,
+            ctx.command_encoder(),
+            [&world_from_view, &clip_from_view],
+            viewport,
+            size,
+            camera.exposure,
+            bake,
+            &SplatTargets {
+                depth,
+                gbuffer,
+                earlier: last.as_ref().map(|(_, view, _)| view),
+                output: &output,
+            },
+        );
+        let scene = last.map_or(SceneId::WORLD, |(.., scene)| scene);
+        if scene == SceneId::WORLD {
+            let params = SplatParams {
+                size,
+                ..bytemuck::Zeroable::zeroed()
+            };
+            (runtime.buffers.entry(scene))
+                .or_insert_with(|| ViewBuffers::new(device.wgpu_device()))
+                .write(&queue, &params, &composite);
+        }
+        last = Some((which, output, scene));
+    }
+    if scenes.len() + usize::from(bounced) < 2 {
+        runtime.irradiance[1] = None;
+    }
+    let shown = last.as_ref().map(|(.., scene)| *scene);
+    (runtime.buffers).retain(|id, _| scenes.contains(id) || shown == Some(*id));
     if let Some((_, irradiance, scene)) = last
-        && let Some(frame) = render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut())
         && let Some(buffers) = runtime.buffers.get(&scene)
     {
         let mut pass = ctx
@@ -209,16 +249,30 @@ pub(crate) fn composite(
         pass.set_scissor_rect(x, y, width, height);
         let replace = settings.view != MeshlessGiView::Lit;
         let passes = &passes.texture.default_view;
-        frame.composite(
-            kernels,
-            &mut pass,
-            view.target_format,
-            replace,
-            buffers,
-            &irradiance,
-            gbuffer,
-            passes,
-        );
+        match render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut()) {
+            Some(frame) => frame.composite(
+                kernels,
+                &mut pass,
+                view.target_format,
+                replace,
+                buffers,
+                &irradiance,
+                gbuffer,
+                passes,
+            ),
+            None => {
+                let textures = [&irradiance, &**gbuffer, &**passes];
+                draw_composite(
+                    kernels,
+                    &mut pass,
+                    view.target_format,
+                    replace,
+                    buffers,
+                    textures,
+                );
+                render.retired.composites += 1;
+            }
+        }
     }
     span.end(ctx.command_encoder());
 }
