@@ -24,9 +24,9 @@ pub const DISK: f32 = 2.0;
 /// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
 pub const LIFTS: f32 = 4.0;
 
-/// Squares of the distance over the squared radius of a light between which [`near`] goes over to the point's formula.
+/// Squares of the distance over the squared radius of a light between which `near` goes over to the point's formula.
 pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
-/// Squared lengths of the mean normal between which a light becomes flat enough for [`near`].
+/// Squared lengths of the mean normal between which a light becomes flat enough for `near`.
 pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
 /// A square that rises above the horizon by less than this, over half its edge and times the cosine between the two normals, fades.
 pub const FADE: f32 = 0.1;
@@ -57,7 +57,7 @@ pub fn facing(normal: Vec3, v: Vec3) -> f32 {
 /// where it gives nothing.
 ///
 /// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a light whose normals hardly differ, it is the form factor
-/// of a square of that size ([`near`]); between three and four radii, a mixture.
+/// of a square of that size (`near`); between three and four radii, a mixture.
 #[must_use]
 #[inline]
 pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
