@@ -53,6 +53,23 @@ fn vpl_over(@builtin(global_invocation_id) id: vec3u) {
     textureStore(output, id.xy, vpl_pixel(id.xy, textureLoad(earlier, id.xy, 0)));
 }
 
+// What a baked scene gave a node, if any was asked, and the lights.
+fn vpl_node(pixel: vec2u, depth: f32, node: Node) -> Node {
+    var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var state = EVALUATED | KNOWN;
+    // Else it holds what was foretold.
+    if node_is(node, EVALUATED) {
+        light = node_light(node);
+        state |= node.words[5];
+    }
+    let e = vpl_at(light_place(pixel, depth), pixel_normal(pixel));
+    if any(max(max(abs(e.x), abs(e.y)), abs(e.z)).xyz > vec3f(0.0)) {
+        add_scaled(&light, params.scale, e);
+        state |= COVERED;
+    }
+    return node_new(light, node_foretold(node), state);
+}
+
 @compute @workgroup_size(64)
 fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let k = span.first;
@@ -72,14 +89,6 @@ fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) 
         if depth <= 0.0 {
             continue;
         }
-        let e = vpl_at(light_place(pixel, depth), pixel_normal(pixel));
-        let most = max(max(max(abs(e.x), abs(e.y)), abs(e.z)), vec4f(0.0));
-        if all(most.xyz <= vec3f(0.0)) {
-            continue;
-        }
-        let node = subsplats[at];
-        var light = node_light(node);
-        add_scaled(&light, params.scale, e);
-        subsplats[at] = node_new(light, node_foretold(node), node.words[5] | EVALUATED | KNOWN | COVERED);
+        subsplats[at] = vpl_node(pixel, depth, subsplats[at]);
     }
 }

@@ -14,6 +14,7 @@ use super::layout::VectorIrradiance;
 use super::project::lift;
 use super::reflective::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
+use super::subsplat::{Node, state};
 use crate::samples::tangents;
 use crate::scene::{Bvh, Ray};
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -185,13 +186,8 @@ pub fn vpl_pixel(
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return earlier;
     }
-    let [left, top, width, height] = params.viewport;
-    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
-        / Vec2::new(width, height);
-    let ndc = Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
-    let h = Mat4::from_cols_array_2d(&params.space_from_clip) * ndc;
     let n = gbuffer::normal(texel);
-    let e = vpl_at(lit, lights, bvh, h.truncate() / h.w, n).dot(n);
+    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n).dot(n);
     let e = e.max(Vec3::ZERO) * params.scale;
     if e.max_element() <= 0.0 {
         return earlier;
@@ -200,6 +196,47 @@ pub fn vpl_pixel(
         .min(Vec3::splat(LARGEST_HALF))
         .extend(1.0)
         .to_array()
+}
+
+/// Place of a pixel in the space of the lights.
+fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+    let [left, top, width, height] = params.viewport;
+    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
+        / Vec2::new(width, height);
+    let ndc = Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+    let h = Mat4::from_cols_array_2d(&params.space_from_clip) * ndc;
+    h.truncate() / h.w
+}
+
+/// Entry point `vpl_nodes`, for one node of a list: adds to what baked scenes gave it, if any was asked; else the node holds what was foretold, which goes.
+pub fn vpl_node(
+    params: &VplViewParams,
+    lit: &VplParams,
+    lights: &[Vpl],
+    bvh: &Bvh,
+    (pixel, depth, texel): ([u32; 2], f32, [u32; 4]),
+    node: &mut Node,
+) {
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return;
+    }
+    let (mut light, mut bits) = if node.is(state::EVALUATED) {
+        (node.light(), node.state())
+    } else {
+        (VectorIrradiance::default(), 0)
+    };
+    bits |= state::EVALUATED | state::KNOWN;
+    let n = gbuffer::normal(texel);
+    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n);
+    if [e.x, e.y, e.z]
+        .iter()
+        .flat_map(|axis| &axis[..3])
+        .any(|v| *v != 0.0)
+    {
+        light.add_scaled(params.scale, &e);
+        bits |= state::COVERED;
+    }
+    *node = Node::new(&light, node.foretold(), bits);
 }
 
 #[cfg(test)]
