@@ -1,54 +1,64 @@
+//! Subsplats ([N09]) measured: how many, how far from full resolution, for how much of its time, and what each setting is worth. Writes the document and its charts:
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example subsplats -- -o docs [--bakes FOLDER] [LEVEL_FOLDER...]
+//! ```
+//!
+//! makes `docs/SUBSPLATS.md` and `docs/subsplats/`. A level's folder holds `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
+//! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
+
+mod bumps;
+mod document;
+mod experiments;
 #[path = "../../tests/subsplat_support/mod.rs"]
 mod subsplat_support;
 
 use bevy_meshless_gi::asset::{BakedScene, Limits};
 use bevy_meshless_gi::bake::{Progress, Recipe, bake_level};
-use bevy_meshless_gi::frame::SubsplatSettings;
+use std::error::Error;
+use std::path::{Path, PathBuf};
 use subsplat_support::{Level, Stage, clutter};
 
-fn main() {
-    let bake = |level: &Level| bake_level(&level.mesh, &Recipe::default(), 0, &Progress::default()).unwrap().scene;
-    let mut stages = Vec::new();
-    for arg in std::env::args().skip(1) {
-        let t = std::time::Instant::now();
-        if arg == "clutter" {
-            let level = clutter();
-            println!("{} triangles", level.mesh.len());
-            let path = std::path::Path::new("/tmp/n09/clutter.mgi");
-            let scene = if path.exists() { BakedScene::read(path, &Limits::default()).unwrap() } else { let s = bake(&level); s.write(path).unwrap(); s };
-            stages.push(Stage::new(level, scene));
-        } else {
-            let level = Level::read(arg.as_ref()).unwrap().unwrap();
-            let scene = if arg.contains("sponza") { BakedScene::read("/tmp/n09/sponza.mgi".as_ref(), &Limits::default()).unwrap() } else { bake(&level) };
-            stages.push(Stage::new(level, scene));
-        }
-        println!("{arg} {:.1} s", t.elapsed().as_secs_f32());
-    }
-    for stage in &stages {
-        for i in 0..3 {
-            let t = std::time::Instant::now();
-            let view = stage.view(i, [1920, 1080]);
-            let tv = t.elapsed().as_secs_f32();
-            std::fs::write(format!("/tmp/n09/h_{}_{i}.ppm", stage.level.name), [b"P6 1920 1080 255\n".to_vec(), view.image(&view.full).to_srgb8(1.0)].concat()).unwrap();
-            for (light, depth, alike, normal, coarsest) in [
-                (0.02, 0.05, 0.35, 1.0, 4),
-                (0.03, 0.05, 0.35, 1.0, 4),
-                (0.03, 0.05, 0.35, 1.0, 5),
-                (0.02, 0.1, 0.35, 1.0, 4),
-                (0.02, 0.1, 0.2, 1.0, 4),
-                (0.02, 0.05, 0.35, 1.0, 3),
-                (0.015, 0.2, 0.2, 1.0, 4),
-            ] {
-                let settings = SubsplatSettings {
-                    light, alike, coarsest,
-                    depth: bevy_meshless_gi::frame::DepthTest::Plane(depth),
-                    normal: bevy_meshless_gi::frame::NormalTest::MinMax(normal),
-                    ..SubsplatSettings::default()
-                };
-                let m = view.measure(&settings);
-                println!("{} {i} light {light} depth {depth} alike {alike} coarsest {coarsest}: 1/{:.2} flip {:.4} nrmse {:.4} {:?}", stage.level.name, 1.0 / m.share(), m.flip, m.nrmse, m.counts.evaluated);
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: subsplats -o FOLDER [--bakes FOLDER] [LEVEL_FOLDER...]";
+    let (mut folder, mut bakes, mut levels) = (None, None, vec![clutter()]);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            _ => {
+                let level = Level::read(arg.as_ref())?;
+                levels.push(level.ok_or_else(|| format!("no views of {arg} are known"))?);
             }
-            println!("view {tv:.1} s, all {:.1}", t.elapsed().as_secs_f32());
         }
     }
+    let folder = folder.ok_or(usage)?;
+    let mut stages = Vec::new();
+    for level in levels {
+        let scene = baked(&level, bakes.as_deref())?;
+        stages.push(Stage::new(level, scene));
+    }
+    let names: Vec<&str> = stages.iter().map(|s| s.level.name.as_str()).collect();
+    eprintln!("{} are lit", names.join(", "));
+    let found = experiments::all(&stages)?;
+    std::fs::create_dir_all(folder.join("subsplats"))?;
+    for (file, chart) in document::charts(&found) {
+        std::fs::write(folder.join("subsplats").join(file), chart.svg())?;
+    }
+    std::fs::write(folder.join("SUBSPLATS.md"), document::text(&found)?)?;
+    Ok(())
+}
+
+fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{}.mgi", level.name)));
+    if let Some(file) = file.as_deref().filter(|f| f.exists()) {
+        return Ok(BakedScene::read(file, &Limits::default())?);
+    }
+    eprintln!("baking {}", level.name);
+    let baked = bake_level(&level.mesh, &Recipe::default(), 0, &Progress::default())?;
+    if let Some(file) = file {
+        baked.scene.write(&file)?;
+    }
+    Ok(baked.scene)
 }

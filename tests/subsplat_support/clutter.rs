@@ -38,7 +38,11 @@ impl Builder {
         for i in 0..3 {
             let (u, v) = (half[(i + 1) % 3], half[(i + 2) % 3]);
             for side in [-1.0, 1.0] {
-                let (u, v) = if (side > 0.0) == inwards { (v, u) } else { (u, v) };
+                let (u, v) = if (side > 0.0) == inwards {
+                    (v, u)
+                } else {
+                    (u, v)
+                };
                 self.quad(center + side * half[i] - u - v, 2.0 * u, 2.0 * v);
             }
         }
@@ -74,15 +78,30 @@ pub fn clutter() -> Level {
     out.block(0.5 * ROOM, ROOM, upright, true);
     // A table on four legs, and things on it.
     out.material(Vec3::new(0.55, 0.35, 0.2));
-    out.block(Vec3::new(2.0, 0.75, 2.0), Vec3::new(1.6, 0.05, 0.9), upright, false);
+    out.block(
+        Vec3::new(2.0, 0.75, 2.0),
+        Vec3::new(1.6, 0.05, 0.9),
+        upright,
+        false,
+    );
     for (x, z) in [(1.25, 1.6), (2.75, 1.6), (1.25, 2.4), (2.75, 2.4)] {
-        out.block(Vec3::new(x, 0.36, z), Vec3::new(0.06, 0.73, 0.06), upright, false);
+        out.block(
+            Vec3::new(x, 0.36, z),
+            Vec3::new(0.06, 0.73, 0.06),
+            upright,
+            false,
+        );
     }
     // A shelf along the far wall, with books.
     out.material(Vec3::new(0.4, 0.42, 0.45));
     for row in 0..4 {
         let y = 0.4 + 0.5 * row as f32;
-        out.block(Vec3::new(3.0, y, 0.2), Vec3::new(3.0, 0.03, 0.3), upright, false);
+        out.block(
+            Vec3::new(3.0, y, 0.2),
+            Vec3::new(3.0, 0.03, 0.3),
+            upright,
+            false,
+        );
     }
     for row in 0..4 {
         let mut x = 1.6;
@@ -107,7 +126,12 @@ pub fn clutter() -> Level {
         } else {
             let turn = Quat::from_rotation_y(TAU * random.unit());
             let extent = size * Vec3::new(1.0, 0.5 + random.unit(), 0.6);
-            out.block(Vec3::new(x, ground + 0.5 * extent.y, z), extent, turn, false);
+            out.block(
+                Vec3::new(x, ground + 0.5 * extent.y, z),
+                extent,
+                turn,
+                false,
+            );
         }
     }
     // Poles, thin and slanted.

@@ -8,7 +8,7 @@ pub use clutter::clutter;
 use bevy_meshless_gi::accuracy::{DrawnView, Image, errors, flip};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::pyramid::Picture;
-use bevy_meshless_gi::frame::subsplat::LUMINANCE;
+use bevy_meshless_gi::frame::subsplat::{LUMINANCE, state};
 use bevy_meshless_gi::frame::{
     CpuFrame, FrameLight, FrameSettings, GridShape, Node, SplatParams, SubsplatCounts,
     SubsplatParams, SubsplatSettings, Subsplats, VectorIrradiance, gbuffer, splat, subsplats,
@@ -72,11 +72,29 @@ impl Level {
     }
 }
 
-/// A level whose light is solved.
+/// Where light comes from.
+pub enum Source {
+    /// A bake under the level's lamps, solved.
+    Baked(Box<BakedScene>, Vec<VectorIrradiance>),
+    /// Made up: the light at a place.
+    Made(fn(Vec3) -> VectorIrradiance),
+}
+
+/// A level and its light.
 pub struct Stage {
     pub level: Level,
-    pub scene: BakedScene,
-    pub values: Vec<VectorIrradiance>,
+    pub source: Source,
+}
+
+/// Light of this colour that comes from one direction.
+pub fn from(direction: Vec3, colour: Vec3) -> VectorIrradiance {
+    let d = direction.normalize();
+    let axis = |part: f32| (part * colour).extend(0.0).to_array();
+    VectorIrradiance {
+        x: axis(d.x),
+        y: axis(d.y),
+        z: axis(d.z),
+    }
 }
 
 impl Stage {
@@ -89,10 +107,23 @@ impl Stage {
         let mut frame = CpuFrame::new(&scene);
         frame.set_lights(&scene, &lights);
         frame.solve(&scene, &FrameSettings::default());
+        let values = frame.values().to_vec();
         Self {
-            values: frame.values().to_vec(),
             level,
-            scene,
+            source: Source::Baked(Box::new(scene), values),
+        }
+    }
+
+    /// A level with light that nobody computed.
+    pub fn made(name: &str, mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> Self {
+        Self {
+            level: Level {
+                name: name.into(),
+                mesh,
+                lights: Vec::new(),
+                views: [(Vec3::ZERO, Vec3::NEG_Z); 3],
+            },
+            source: Source::Made(light),
         }
     }
 
@@ -133,9 +164,13 @@ impl Measured {
 
 impl<'a> View<'a> {
     pub fn new(stage: &'a Stage, eye: Vec3, target: Vec3, size: [u32; 2]) -> Self {
-        let clip_from_world =
-            DrawnView::perspective(eye, target, Vec3::Y, ANGLE, size, NEAR);
-        Self::of(stage, Mat4::look_at_rh(eye, target, Vec3::Y), clip_from_world, size)
+        let clip_from_world = DrawnView::perspective(eye, target, Vec3::Y, ANGLE, size, NEAR);
+        Self::of(
+            stage,
+            Mat4::look_at_rh(eye, target, Vec3::Y),
+            clip_from_world,
+            size,
+        )
     }
 
     /// A view with these matrices, exposed so that the mean luminance of its indirect light is [`EXPOSED`].
@@ -156,7 +191,13 @@ impl<'a> View<'a> {
                 [0.0, 0.0, size[0] as f32, size[1] as f32],
                 size,
                 1.0,
-                GridShape::from(&stage.scene.display.grid),
+                match &stage.source {
+                    Source::Baked(scene, _) => GridShape::from(&scene.display.grid),
+                    Source::Made(_) => GridShape {
+                        slot_mask: 0,
+                        cell_size: 1.0,
+                    },
+                },
             ),
             drawn,
             full: Vec::new(),
@@ -190,14 +231,20 @@ impl<'a> View<'a> {
     /// A pixel evaluated by itself.
     pub fn pixel(&self, pixel: [u32; 2]) -> [f32; 4] {
         let i = self.index(pixel);
-        splat::splat_pixel(
-            &self.splat,
-            &self.stage.scene,
-            &self.stage.values,
-            pixel,
-            self.drawn.depth[i],
-            self.drawn.gbuffer[i],
-        )
+        let texel = self.drawn.gbuffer[i];
+        // 0 where nothing is to be lit.
+        let depth = self.picture().depth(self.drawn.size, pixel);
+        match &self.stage.source {
+            Source::Baked(scene, values) => {
+                splat::splat_pixel(&self.splat, scene, values, pixel, depth, texel)
+            }
+            Source::Made(_) if depth <= 0.0 => [0.0; 4],
+            Source::Made(light) => {
+                let (x, n) = splat::place(&self.splat, pixel, depth, texel);
+                let e = light(x).dot(n).max(Vec3::ZERO);
+                (self.splat.scale * e).extend(1.0).to_array()
+            }
+        }
     }
 
     pub fn index(&self, [x, y]: [u32; 2]) -> usize {
@@ -226,15 +273,24 @@ impl<'a> View<'a> {
     /// The light of a node.
     pub fn evaluate(&self, pixel: [u32; 2], node: &mut Node) {
         let i = self.index(pixel);
-        splat::splat_node(
-            &self.splat,
-            &self.stage.scene,
-            &self.stage.values,
-            pixel,
-            self.drawn.depth[i],
-            self.drawn.gbuffer[i],
-            node,
-        );
+        let texel = self.drawn.gbuffer[i];
+        // 0 where nothing is to be lit.
+        let depth = self.picture().depth(self.drawn.size, pixel);
+        match &self.stage.source {
+            Source::Baked(scene, values) => {
+                splat::splat_node(&self.splat, scene, values, pixel, depth, texel, node);
+            }
+            Source::Made(_) if depth <= 0.0 => {
+                *node = Node::new(&VectorIrradiance::default(), 0.0, state::EVALUATED);
+            }
+            Source::Made(light) => {
+                let (x, _) = splat::place(&self.splat, pixel, depth, texel);
+                let mut scaled = VectorIrradiance::default();
+                scaled.add_scaled(self.splat.scale, &light(x));
+                let all = state::EVALUATED | state::KNOWN | state::COVERED;
+                *node = Node::new(&scaled, node.foretold(), all);
+            }
+        }
     }
 
     pub fn subsplats(&self, settings: &SubsplatSettings) -> Subsplats {
@@ -263,9 +319,10 @@ impl<'a> View<'a> {
 
     /// Indirect light of each pixel as the camera gets it, exposed.
     fn colours<'b>(&'b self, texels: &'b [[f32; 4]]) -> impl Iterator<Item = Vec3> + 'b {
-        texels.iter().zip(&self.drawn.gbuffer).map(|(t, &texel)| {
-            FRAC_1_PI * gbuffer::diffuse(texel) * Vec3::new(t[0], t[1], t[2])
-        })
+        texels
+            .iter()
+            .zip(&self.drawn.gbuffer)
+            .map(|(t, &texel)| FRAC_1_PI * gbuffer::diffuse(texel) * Vec3::new(t[0], t[1], t[2]))
     }
 
     /// The picture of indirect light, with a tone curve.
