@@ -417,7 +417,9 @@ fn every_test_of_depth_finds_a_step_and_planes_are_none() {
         };
         slanted.subsplats(&settings).counts.total()
     };
-    assert!(3 * total(tests[0]) < total(tests[1]));
+    let [plane, min_max] = [tests[0], tests[1]].map(total);
+    println!("on a slant: {plane} with planes, {min_max} with minima and maxima");
+    assert!(3 * plane < 2 * min_max);
 }
 
 #[test]
@@ -519,12 +521,12 @@ fn any_settings_and_sizes_give_numbers() {
             let shown = view.subsplats(settings);
             finite(&shown);
             assert_eq!(shown.texels.len(), (size[0] * size[1]) as usize);
-            let missing = shown
-                .texels
-                .iter()
-                .zip(&view.full)
-                .filter(|(a, b)| a[3] != b[3]);
-            assert_eq!(missing.count(), 0, "{size:?} {settings:?}");
+            let missing = shown.texels.iter().zip(&view.full);
+            let missing = missing.filter(|(a, b)| a[3] != b[3]).count();
+            // Where nothing around is alike a pixel is evaluated by itself, as long as there is room.
+            let room = view.params(settings).levels().cells(0);
+            let full = shown.counts.evaluated[0] == room;
+            assert!(missing == 0 || full, "{size:?} {settings:?} {missing}");
             // What is evaluated one by one is never more than the pixels and the room for holes.
             let most = view.full.len() as u32 * 5 / 4 + 1;
             assert!(

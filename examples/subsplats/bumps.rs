@@ -30,7 +30,10 @@ pub struct Bumpy {
 fn light(x: Vec3) -> VectorIrradiance {
     let to = Vec3::new(-2.5, 2.0, 1.0) - x;
     let mut e = from(to, Vec3::new(9.0, 8.0, 7.0) / (1.0 + to.length_squared()));
-    e.add_scaled(1.0, &from(Vec3::new(1.0, 0.2, 0.6), Vec3::new(0.2, 0.3, 0.4)));
+    e.add_scaled(
+        1.0,
+        &from(Vec3::new(1.0, 0.2, 0.6), Vec3::new(0.2, 0.3, 0.4)),
+    );
     e
 }
 
@@ -69,7 +72,11 @@ fn bump(view: &mut View<'_>) {
         let texel = view.drawn.gbuffer[i];
         let (x, n) = splat::place(&view.splat, pixel, view.drawn.depth[i], texel);
         let p = 45.0 * x;
-        let slope = Vec3::new(p.y.sin() * p.z.cos(), p.z.sin() * p.x.cos(), p.x.sin() * p.y.cos());
+        let slope = Vec3::new(
+            p.y.sin() * p.z.cos(),
+            p.z.sin() * p.x.cos(),
+            p.x.sin() * p.y.cos(),
+        );
         let tilted = (n + 0.45 * (slope - slope.dot(n) * n)).normalize();
         view.drawn.gbuffer[i] = gbuffer::pack(Vec3::splat(0.6), 0.0, 1.0, tilted, 0);
     }

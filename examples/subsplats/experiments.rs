@@ -102,7 +102,11 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
                     cells = table(&view);
                 }
             }
-            eprintln!("{} {i}: {:?}", stage.level.name, rows[rows.len() - 1].measured);
+            eprintln!(
+                "{} {i}: {:?}",
+                stage.level.name,
+                rows[rows.len() - 1].measured
+            );
         }
     }
     Ok(Found {
