@@ -102,7 +102,6 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             })
             .collect(),
         guides: vec![(f64::from(BOUND.1), String::new())],
-        ..Chart::default()
     };
     vec![
         ("path.svg", path),

@@ -86,11 +86,12 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
         for i in 0..stage.level.views.len() {
             let view = stage.view(i, SCREEN);
             let settings = SubsplatSettings::default();
+            let full = view.full_seconds();
             rows.push(Row {
                 level: stage.level.name.clone(),
                 view: i,
                 measured: view.measure(&settings),
-                seconds: view.seconds(&settings),
+                seconds: [full, view.few_seconds(&settings)],
             });
             if i == 0 {
                 lights.extend(LIGHTS.map(|light| Light {
@@ -99,7 +100,7 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
                     measured: view.measure(&SubsplatSettings { light, ..settings }),
                 }));
                 if s + 1 == stages.len() {
-                    cells = table(&view);
+                    cells = table(&view, full);
                 }
             }
             eprintln!(
@@ -129,7 +130,7 @@ fn by_shape(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
     }
 }
 
-fn table(view: &View<'_>) -> Vec<Cell> {
+fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
     let mut out = Vec::new();
     for finest in FINEST {
         for normal in NORMALS {
@@ -142,7 +143,7 @@ fn table(view: &View<'_>) -> Vec<Cell> {
                 finest,
                 normal,
                 measured: view.measure(&settings),
-                seconds: view.seconds(&settings),
+                seconds: [full, view.few_seconds(&settings)],
             });
         }
     }
@@ -185,7 +186,7 @@ fn along(stage: &Stage) -> Vec<Pair> {
                 by_shape(depth, normal)
             };
             let (mut low, mut high) = (-4.0f32, 4.0f32);
-            for _ in 0..6 {
+            for _ in 0..5 {
                 let middle = 0.5 * (low + high);
                 // Larger thresholds, fewer subsplats, a larger difference.
                 if flip(&at(middle.exp2())) > goal {

@@ -337,24 +337,28 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Seconds of full resolution and of subsplats on one thread, the lesser of two runs each.
-    pub fn seconds(&self, settings: &SubsplatSettings) -> [f64; 2] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        let pool = pool.expect("one thread");
-        let time = |run: &(dyn Fn() + Sync)| {
-            let one = || {
-                let began = Instant::now();
-                pool.install(run);
-                began.elapsed().as_secs_f64()
-            };
-            one().min(one())
-        };
-        let full = time(&|| {
+    /// Seconds of full resolution on one thread, the lesser of two runs.
+    pub fn full_seconds(&self) -> f64 {
+        seconds(&|| {
             std::hint::black_box(self.at_full_resolution());
-        });
-        let few = time(&|| {
-            std::hint::black_box(self.subsplats(settings));
-        });
-        [full, few]
+        })
     }
+
+    /// The same of subsplats.
+    pub fn few_seconds(&self, settings: &SubsplatSettings) -> f64 {
+        seconds(&|| {
+            std::hint::black_box(self.subsplats(settings));
+        })
+    }
+}
+
+fn seconds(run: &(dyn Fn() + Sync)) -> f64 {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let pool = pool.expect("one thread");
+    let one = || {
+        let began = Instant::now();
+        pool.install(run);
+        began.elapsed().as_secs_f64()
+    };
+    one().min(one())
 }
