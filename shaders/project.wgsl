@@ -12,14 +12,11 @@
 // `params.places` each for the senders of the finest sender level.
 @group(0) @binding(8) var<storage, read> places: array<LitPlace>;
 
-const FAR: f32 = 1e30;
 // Places of a sender that one patch of a rectangle light shines on at most.
 const PATCH_PLACES: u32 = 4u;
-const EPSILON: f32 = 1.1920929e-7;
 
-fn lift(x: vec3f, extent: f32) -> f32 {
-    let a = abs(x);
-    return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
+fn bvh_nodes() -> u32 {
+    return params.nodes;
 }
 
 // Below the square of this distance a lamp grows no brighter.
@@ -61,21 +58,6 @@ fn unshadowed(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
     return e;
 }
 
-fn shadowed(light: FrameLight, x: vec3f, n: vec3f) -> bool {
-    let off = lift(x, params.extent);
-    let origin = x + n * off;
-    if light.kind == LIGHT_DIRECTIONAL {
-        return occluded(origin, -light.direction, FAR);
-    }
-    let to = light.position - origin;
-    let distance = sqrt(dot(to, to));
-    let max_t = distance - off;
-    if max_t <= 0.0 {
-        return false;
-    }
-    return occluded(origin, to / distance, max_t);
-}
-
 fn place_normal(bits: u32) -> vec3f {
     var p = unpack2x16snorm(bits);
     let z = 1.0 - abs(p.x) - abs(p.y);
@@ -87,7 +69,7 @@ fn place_normal(bits: u32) -> vec3f {
 
 fn project_at(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
     let e = unshadowed(light, x, n, apart);
-    if e > 0.0 && shadowed(light, x, n) {
+    if e > 0.0 && shadowed(light, x, n, params.extent) {
         return 0.0;
     }
     return e;

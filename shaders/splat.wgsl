@@ -1,5 +1,5 @@
 // splat: the irradiance of each pixel from the flat display basis. Twin: src/frame/splat.rs. `splat` starts a view's picture; `splat_over` goes on with
-// another baked scene where an earlier one left pixels uncovered.
+// another baked scene where an earlier one left pixels uncovered. `nodes` does both for the subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -12,8 +12,11 @@
 @group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(9) var earlier: texture_2d<f32>;
 
-// A half holds no more; what is brighter must not become infinite.
-const LARGEST_HALF: f32 = 65504.0;
+@group(0) @binding(10) var<uniform> screen: SubsplatParams;
+@group(0) @binding(11) var<uniform> span: Span;
+@group(0) @binding(12) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(13) var<storage, read> lists: array<u32>;
+@group(0) @binding(14) var<storage, read> counted: array<u32>;
 
 // Place and normal of a pixel in the bake's local space.
 struct Place {
@@ -27,8 +30,13 @@ fn place(pixel: vec2u, depth: f32, texel: vec4u) -> Place {
     return Place(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
 }
 
-// Irradiance and, in alpha, 1 where any function covers the place.
-fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
+// Vector irradiance, and whether any function covers the place.
+struct Covered {
+    e: VectorIrradiance,
+    covered: bool,
+}
+
+fn vector_at(x: vec3f, n: vec3f) -> Covered {
     let near = grid_near(x, params.cell_size, params.slot_mask);
     var numerator = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var cover = 0.0;
@@ -44,10 +52,42 @@ fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
             add_scaled(&numerator, v, values[j]);
         }
     }
-    if cover <= NO_COVER {
-        return vec4f(0.0);
+    var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    if cover > NO_COVER {
+        add_scaled(&e, 1.0 / denominator, numerator);
     }
-    return vec4f(max(irradiance_dot(numerator, n) / denominator, vec3f(0.0)), 1.0);
+    return Covered(e, cover > NO_COVER);
+}
+
+// Irradiance and, in alpha, 1 where any function covers the place.
+fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
+    let found = vector_at(x, n);
+    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, 1.0, found.covered));
+}
+
+// One axis of the world, of vectors in the bake's local space.
+fn world_axis(e: VectorIrradiance, column: vec3f) -> vec4f {
+    return params.scale * (column.x * e.x + column.y * e.y + column.z * e.z);
+}
+
+fn splat_node(pixel: vec2u, node: Node) -> Node {
+    let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    let depth = textureLoad(depths, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
+    if depth <= 0.0 || gbuffer_is_unlit(texel) {
+        return node_new(nothing, node_foretold(node), EVALUATED);
+    }
+    let at = place(pixel, depth, texel);
+    let found = vector_at(at.x, at.n);
+    if !found.covered {
+        return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
+    }
+    let e = VectorIrradiance(
+        world_axis(found.e, params.local_from_world[0]),
+        world_axis(found.e, params.local_from_world[1]),
+        world_axis(found.e, params.local_from_world[2]),
+    );
+    return node_new(e, node_foretold(node), EVALUATED | KNOWN | COVERED);
 }
 
 fn splat_pixel(pixel: vec2u) -> vec4f {
@@ -80,4 +120,26 @@ fn splat_over(@builtin(global_invocation_id) id: vec3u) {
         texel = splat_pixel(id.xy);
     }
     textureStore(output, id.xy, texel);
+}
+
+@compute @workgroup_size(64)
+fn nodes_of(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let k = span.first;
+    let count = min(counted[3], span.count);
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let cell = unpack_cell(lists[level_start(k) + i]);
+        var at = level_start(0u) + i;
+        if k > 0u {
+            // The node of an even cell is that of the level above.
+            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
+                continue;
+            }
+            at = cell_index(k, cell);
+        }
+        // An earlier scene covers it.
+        let node = nodes[at];
+        if !node_is(node, EVALUATED | COVERED) {
+            nodes[at] = splat_node(cell << vec2u(k), node);
+        }
+    }
 }

@@ -5,9 +5,12 @@
 
 use bevy_meshless_gi::asset::PointSurface;
 use bevy_meshless_gi::basis::{NO_COVER, WeightEntry};
+use bevy_meshless_gi::frame::pyramid::{self, CellRange};
+use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
-    CompositeParams, FrameLight, SolveParams, Span, SplatParams, VectorIrradiance, apply, gbuffer,
-    project, splat,
+    CompositeParams, FrameLight, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
+    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, Vpl, VplParams,
+    VplViewParams, apply, gbuffer, project, refine, rsm, splat, upsample, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -97,6 +100,30 @@ fn layouts() -> Vec<Layout> {
             cell_size,
             scale
         }),
+        layout!(SubsplatParams {
+            view_from_clip,
+            view_from_world,
+            viewport,
+            size,
+            coarsest,
+            finest,
+            depth_test,
+            normal_test,
+            depth_threshold,
+            normal_threshold,
+            light,
+            alike,
+            detail,
+            diagonal,
+            starts
+        }),
+        layout!(CellRange {
+            near,
+            far,
+            low,
+            high
+        }),
+        layout!(Node { words }),
         layout!(CompositeParams { scale, white }),
         layout!(GridSlot { cell, start }),
         layout!(BvhNode {
@@ -106,11 +133,58 @@ fn layouts() -> Vec<Layout> {
             count
         }),
         layout!(BvhTriangle { a, b, c }),
+        layout!(RsmParams {
+            space_from_clip,
+            light,
+            forward,
+            side,
+            right,
+            first,
+            up,
+            area
+        }),
+        layout!(RsmTexel {
+            position,
+            spread,
+            normal,
+            flux
+        }),
+        layout!(RsmShadowParams {
+            local_from_space,
+            light,
+            texels,
+            nodes,
+            extent
+        }),
+        layout!(RsmChooseParams {
+            texels,
+            first,
+            vpls
+        }),
+        layout!(Vpl {
+            position,
+            square,
+            normal,
+            flux
+        }),
+        layout!(VplParams {
+            local_from_space,
+            vpls,
+            nodes,
+            extent,
+            dim
+        }),
+        layout!(VplViewParams {
+            space_from_clip,
+            viewport,
+            size,
+            scale
+        }),
     ]
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 2] = ["Place", "Shear"];
+const SHADER_ONLY: [&str; 6] = ["Place", "Shear", "Covered", "Seen", "Between", "Near"];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
@@ -135,9 +209,41 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("UNLIT", Some(f64::from(gbuffer::UNLIT))),
         ("GAMMA", Some(f64::from(gbuffer::GAMMA))),
         ("LARGEST_HALF", Some(f64::from(splat::LARGEST_HALF))),
+        ("KNOWN", Some(f64::from(state::KNOWN))),
+        ("COVERED", Some(f64::from(state::COVERED))),
+        ("EVALUATED", Some(f64::from(state::EVALUATED))),
+        ("RED", Some(f64::from(LUMINANCE.x))),
+        ("GREEN", Some(f64::from(LUMINANCE.y))),
+        ("BLUE", Some(f64::from(LUMINANCE.z))),
+        ("PIXELS_A_HOLE", Some(f64::from(PIXELS_A_HOLE))),
+        ("NOTHING", Some(f64::from(pyramid::NOTHING))),
+        ("STEEPEST", Some(f64::from(pyramid::STEEPEST))),
+        ("EMPTY_LOW", Some(f64::from(pyramid::EMPTY.0))),
+        ("EMPTY_HIGH", Some(f64::from(pyramid::EMPTY.1))),
+        ("FLOOR", Some(f64::from(refine::FLOOR))),
+        ("PLANE", Some(f64::from(upsample::PLANE))),
+        ("TURNED", Some(f64::from(upsample::TURNED))),
+        ("STRAIGHT", Some(f64::from(upsample::STRAIGHT))),
+        ("SURE", Some(f64::from(upsample::SURE))),
+        ("ITEMS", Some(f64::from(Pass::Refine.entry().1.items))),
+        ("MOST_GROUPS", Some(65_535.0)),
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
         ("STACK", Some(Bvh::STACK as f64)),
         ("SMALLEST", Some(f64::from(Bvh::SMALLEST))),
+        ("CHUNKS", Some(rsm::CHUNKS as f64)),
+        ("FARTHEST", Some(f64::from(rsm::FARTHEST))),
+        ("LEAST_COSINE", Some(f64::from(rsm::LEAST_COSINE))),
+        ("NEAREST_SQUARE", Some(f64::from(rsm::NEAREST_SQUARE))),
+        ("DISK", Some(f64::from(vpl::DISK))),
+        ("NEAR_FROM", Some(f64::from(vpl::NEAR_SQUARES[0]))),
+        ("NEAR_TO", Some(f64::from(vpl::NEAR_SQUARES[1]))),
+        ("FLAT_FROM", Some(f64::from(vpl::NEAR_FLAT[0]))),
+        ("FLAT_TO", Some(f64::from(vpl::NEAR_FLAT[1]))),
+        ("FADE", Some(f64::from(vpl::FADE))),
+        ("SHORTEST", Some(f64::from(vpl::SHORTEST))),
+        ("PI", Some(f64::from(std::f32::consts::PI))),
+        ("LIFTS", Some(f64::from(vpl::LIFTS))),
+        ("TINY", Some(f64::from(f32::MIN_POSITIVE))),
     ])
 }
 
@@ -418,6 +524,24 @@ fn a_spoiled_shader_is_noticed() {
             "uses",
         ),
         ("rgba16float, write", "rgba8unorm, write", "splat", "output"),
+        (
+            "spread: f32,\n    normal: vec3f,",
+            "normal: vec3f,\n    spread: f32,",
+            "rsm",
+            "struct RsmTexel",
+        ),
+        (
+            "const CHUNKS: u32 = 256u;",
+            "const CHUNKS: u32 = 128u;",
+            "rsm",
+            "const CHUNKS",
+        ),
+        (
+            "extent: f32,\n    dim: f32,",
+            "dim: f32,\n    extent: f32,",
+            "vpl",
+            "struct VplParams",
+        ),
     ];
     for (from, to, name, complaint) in spoils {
         let kernel = KERNELS.iter().find(|k| k.name == name).unwrap();
@@ -491,6 +615,9 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "settings",
         "cpu_frame",
         "anderson",
+        "reflective",
+        "subsplat",
+        "view",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")
@@ -512,6 +639,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
 fn every_shader_becomes_spirv() {
     for kernel in &KERNELS {
         let (module, info) = parse(kernel.name, kernel.source).unwrap();
+        eprintln!("{}", kernel.name);
         let words =
             naga::back::spv::write_vec(&module, &info, &naga::back::spv::Options::default(), None)
                 .unwrap();

@@ -7,8 +7,13 @@
 mod baked;
 #[path = "twins/compare.rs"]
 mod compare;
+#[path = "twins/reflective.rs"]
+mod reflective;
 #[path = "twins/screen.rs"]
 mod screen;
+#[cfg(feature = "gltf")]
+#[path = "twins/subsplats.rs"]
+mod subsplats;
 #[path = "twins/synthetic.rs"]
 mod synthetic;
 
@@ -633,7 +638,7 @@ fn draw(
 
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
     let half4 = TextureFormat::Rgba16Float;
-    let depth = screen::depth_texture(harness, &screen.depth);
+    let depth = screen::depth_texture(harness, SIZE, &screen.depth);
     let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&screen.gbuffer));
     let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(&screen.passes));
     let earlier = harness.texture(SIZE, half4, read, Some(&screen.earlier));

@@ -1,5 +1,5 @@
-// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013. Twin: src/scene/bvh.rs. Needs `params.nodes`, `nodes` and
-// `triangles`.
+// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013. Twin: src/scene/bvh.rs. Needs `nodes`,
+// `triangles` and `bvh_nodes()`, how many nodes there are.
 
 const STACK: u32 = 64u;
 const SMALLEST: f32 = 1e-18;
@@ -50,7 +50,7 @@ fn meets(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool
 
 // True when any triangle meets the ray with t in (0, max_t).
 fn occluded(origin: vec3f, direction: vec3f, max_t: f32) -> bool {
-    if params.nodes == 0u {
+    if bvh_nodes() == 0u {
         return false;
     }
     // No infinities, so that nothing is 0 · ∞.

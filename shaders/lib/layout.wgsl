@@ -112,6 +112,35 @@ struct SplatParams {
     pad2: u32,
 }
 
+struct SubsplatParams {
+    view_from_clip: mat4x4f,
+    view_from_world: mat3x3f,
+    viewport: vec4f,
+    size: vec2u,
+    coarsest: u32,
+    finest: u32,
+    depth_test: u32,
+    normal_test: u32,
+    depth_threshold: f32,
+    normal_threshold: f32,
+    light: f32,
+    alike: f32,
+    detail: f32,
+    diagonal: u32,
+    starts: array<vec4u, 2>,
+}
+
+struct CellRange {
+    near: f32,
+    far: f32,
+    low: u32,
+    high: u32,
+}
+
+struct Node {
+    words: array<u32, 6>,
+}
+
 struct CompositeParams {
     scale: f32,
     white: f32,

@@ -10,9 +10,11 @@
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
+//! | [`rsm`] | what a light sees of moving objects → virtual point lights |
 //! | [`pyramid`] | depth and normals → where the picture is not continuous |
 //! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
 //! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
+//! | [`vpl`] | → irradiance from the virtual lights, added to that |
 //! | [`upsample`] | → between the subsplats, and at every pixel |
 //! | [`composite`] | → what a pixel's colour gains |
 //!
@@ -33,15 +35,21 @@ pub mod push;
 pub mod pyramid;
 pub mod radiosity;
 pub mod refine;
+pub mod reflective;
+pub mod rsm;
 mod settings;
 pub mod splat;
 pub mod subsplat;
 pub mod upsample;
 mod view;
+pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
+pub use reflective::{
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
+};
 pub use settings::{FrameSettings, SceneShape, Steps};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};

@@ -11,6 +11,9 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// Depth where nothing was drawn, metres.
 pub const NOTHING: f32 = 1e30;
 
+/// The steepest slope that is told apart.
+pub const STEEPEST: f32 = 1e9;
+
 /// What a cell holds of its pixels. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -128,7 +131,8 @@ fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> C
             let change = |dx, dy| {
                 let p = beside(size, pixel, dx, dy);
                 let other = linear(params, p, depth(p));
-                (other - z) / other.min(z)
+                // From something to nothing it is as steep as can be.
+                ((other - z).abs() / other.min(z)).min(STEEPEST)
             };
             (0.0, Vec2::new(change(1, 0), change(0, 1)).length())
         }
@@ -159,8 +163,8 @@ fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> C
     }
 }
 
-/// Low and high of no normal: what `min` and `max` leave as it is; 0 where curvature is measured is right too.
-const EMPTY: (u32, u32) = (0x007f_7f7f, 0x0081_8181);
+/// Low and high of no normal: what `min` and `max` leave as it is.
+pub const EMPTY: (u32, u32) = (0x007f_7f7f, 0x0081_8181);
 
 fn join(params: &SubsplatParams, a: &CellRange, b: &CellRange) -> CellRange {
     let (low, high) = if params.normal_test == 0 {

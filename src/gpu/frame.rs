@@ -32,6 +32,27 @@ impl GpuCounters {
         self.dispatches[pass as usize]
     }
 
+    /// Adds what another has recorded.
+    pub fn add(&mut self, more: &Self) {
+        for (sum, more) in self.dispatches.iter_mut().zip(more.dispatches) {
+            *sum += more;
+        }
+        self.projected += more.projected;
+        self.solves += more.solves;
+        self.composites += more.composites;
+    }
+
+    /// What was recorded since it was `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        Self {
+            dispatches: core::array::from_fn(|i| self.dispatches[i] - before.dispatches[i]),
+            projected: self.projected - before.projected,
+            solves: self.solves - before.solves,
+            composites: self.composites - before.composites,
+        }
+    }
+
     /// All dispatches.
     #[must_use]
     pub fn total(&self) -> u64 {
@@ -288,24 +309,37 @@ impl GpuFrame {
         gbuffer: &wgpu::TextureView,
         lighting_passes: &wgpu::TextureView,
     ) {
-        let kernel = kernels.composite(format, replace);
-        let bind = kernels
-            .device()
-            .create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(KERNELS[kernels::COMPOSITE].name),
-                layout: &kernel.layout,
-                entries: &[
-                    entry(0, view.composite.as_entire_binding()),
-                    entry(1, wgpu::BindingResource::TextureView(irradiance)),
-                    entry(2, wgpu::BindingResource::TextureView(gbuffer)),
-                    entry(3, wgpu::BindingResource::TextureView(lighting_passes)),
-                ],
-            });
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, &bind, &[]);
-        pass.draw(0..3, 0..1);
+        let textures = [irradiance, gbuffer, lighting_passes];
+        draw_composite(kernels, pass, format, replace, view, textures);
         self.counters.composites += 1;
     }
+}
+
+/// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`] does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
+pub fn draw_composite(
+    kernels: &Kernels,
+    pass: &mut wgpu::RenderPass<'_>,
+    format: wgpu::TextureFormat,
+    replace: bool,
+    view: &ViewBuffers,
+    [irradiance, gbuffer, lighting_passes]: [&wgpu::TextureView; 3],
+) {
+    let kernel = kernels.composite(format, replace);
+    let bind = kernels
+        .device()
+        .create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(KERNELS[kernels::COMPOSITE].name),
+            layout: &kernel.layout,
+            entries: &[
+                entry(0, view.composite.as_entire_binding()),
+                entry(1, wgpu::BindingResource::TextureView(irradiance)),
+                entry(2, wgpu::BindingResource::TextureView(gbuffer)),
+                entry(3, wgpu::BindingResource::TextureView(lighting_passes)),
+            ],
+        });
+    pass.set_pipeline(&kernel.pipeline);
+    pass.set_bind_group(0, &bind, &[]);
+    pass.draw(0..3, 0..1);
 }
 
 impl Kernels {
@@ -564,9 +598,12 @@ impl Recorder<'_> {
 }
 
 /// Workgroups of one dimension: WebGPU's limit.
-const MOST_GROUPS: u32 = 65_535;
+pub(super) const MOST_GROUPS: u32 = 65_535;
 
-fn compute<'e>(encoder: &'e mut wgpu::CommandEncoder, label: &str) -> wgpu::ComputePass<'e> {
+pub(super) fn compute<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    label: &str,
+) -> wgpu::ComputePass<'e> {
     encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
         label: Some(label),
         timestamp_writes: None,

@@ -4,7 +4,11 @@
 use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
-use crate::frame::{CompositeParams, FrameLight, SolveParams, SplatParams, VectorIrradiance};
+use crate::frame::pyramid::CellRange;
+use crate::frame::{
+    CompositeParams, FrameLight, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
+    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+};
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
 use crate::transport::{BounceLink, Link, Row};
@@ -70,11 +74,39 @@ pub enum Pass {
     Splat,
     /// `splat`, a further scene of a view.
     SplatOver,
+    /// `rsm`, the lit texels of one map.
+    RsmTexels,
+    /// `rsm`, shadows of one baked scene on a light's texels.
+    RsmShadow,
+    /// `rsm`, the virtual point lights of one light.
+    RsmChoose,
+    /// `vpl`, where a view has no light yet.
+    Vpl,
+    /// `vpl`, over what baked scenes gave.
+    VplOver,
+    /// `vpl`, the subsplats of a list.
+    VplNodes,
+    /// `splat`, the subsplats of a list.
+    SplatNodes,
+    /// `pyramid`, pixels to level 1.
+    PyramidBase,
+    /// `pyramid`, a level from the one below.
+    PyramidReduce,
+    /// `refine`, the cells of the coarsest level.
+    RefineStart,
+    /// `refine`, the children of one level's.
+    Refine,
+    /// `upsample`, a level from the next coarser one.
+    Upsample,
+    /// `upsample`, the pixels.
+    Resolve,
+    /// `upsample`, the pixels that were evaluated by themselves.
+    Fill,
 }
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 13;
+    pub const COUNT: usize = 27;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -91,6 +123,20 @@ impl Pass {
         Self::Differences,
         Self::Splat,
         Self::SplatOver,
+        Self::RsmTexels,
+        Self::RsmShadow,
+        Self::RsmChoose,
+        Self::Vpl,
+        Self::VplOver,
+        Self::VplNodes,
+        Self::SplatNodes,
+        Self::PyramidBase,
+        Self::PyramidReduce,
+        Self::RefineStart,
+        Self::Refine,
+        Self::Upsample,
+        Self::Resolve,
+        Self::Fill,
     ];
 
     /// Its kernel, and its entry point there.
@@ -170,6 +216,9 @@ const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry
     }
 }
 
+const SCREEN: Kind = Uniform(size_of::<SubsplatParams>());
+const NODE: usize = size_of::<Node>();
+const CELL: usize = size_of::<CellRange>();
 const PARAMS: Binding = bind(0, "params", Uniform(size_of::<SolveParams>()));
 const SPAN: Binding = bind(1, "span", Span);
 const VEC4: usize = size_of::<[f32; 4]>();
@@ -183,10 +232,10 @@ const VECTOR: usize = size_of::<VectorIrradiance>();
 pub const COMPOSITE_ENTRIES: [&str; 2] = ["whole_screen", "composite"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 9] = [
+pub const KERNELS: [Kernel; 14] = [
     Kernel {
         name: "project",
-        source: shader!("project", "bvh"),
+        source: shader!("project", "bvh", "shadow"),
         bindings: &[
             PARAMS,
             bind(2, "lights", Read(LIGHT)),
@@ -299,7 +348,9 @@ pub const KERNELS: [Kernel; 9] = [
     },
     Kernel {
         name: "splat",
-        source: shader!("splat", "grid", "weight", "gbuffer"),
+        source: shader!(
+            "splat", "grid", "weight", "gbuffer", "screen", "list", "node"
+        ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
             bind(1, "depths", Depth),
@@ -311,14 +362,144 @@ pub const KERNELS: [Kernel; 9] = [
             bind(7, "values", Read(VECTOR)),
             bind(8, "output", Output),
             bind(9, "earlier", Float),
+            bind(10, "screen", SCREEN),
+            bind(11, "span", Span),
+            bind(12, "nodes", Write(NODE)),
+            bind(13, "lists", Read(4)),
+            bind(14, "counted", Read(4)),
         ],
         entries: &[
+            each(
+                Pass::SplatNodes,
+                "nodes_of",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
+            ),
             tile(Pass::Splat, "splat", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
             tile(
                 Pass::SplatOver,
                 "splat_over",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
+        ],
+    },
+    Kernel {
+        name: "rsm",
+        source: shader!("rsm", "reflective", "gbuffer", "bvh", "shadow"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<RsmParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lit_texels", Write(size_of::<RsmTexel>())),
+            bind(4, "shade", Uniform(size_of::<RsmShadowParams>())),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "choice", Uniform(size_of::<RsmChooseParams>())),
+            bind(8, "vpls", Write(size_of::<Vpl>())),
+        ],
+        entries: &[
+            tile(Pass::RsmTexels, "texels", &[0, 1, 2, 3]),
+            each(Pass::RsmShadow, "shadow", &[3, 4, 5, 6]),
+            // One workgroup for all texels of a light.
+            Entry {
+                pass: Pass::RsmChoose,
+                name: "choose",
+                workgroup: [rsm::CHUNKS as u32, 1, 1],
+                items: u32::MAX,
+                bindings: &[3, 7, 8],
+            },
+        ],
+    },
+    Kernel {
+        name: "vpl",
+        source: shader!(
+            "vpl",
+            "reflective",
+            "gbuffer",
+            "bvh",
+            "shadow",
+            "vpl",
+            "screen",
+            "list",
+            "node"
+        ),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<VplViewParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lit", Uniform(size_of::<VplParams>())),
+            bind(4, "vpls", Read(size_of::<Vpl>())),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "output", Output),
+            bind(8, "earlier", Float),
+            bind(9, "screen", SCREEN),
+            bind(10, "span", Span),
+            bind(11, "subsplats", Write(NODE)),
+            bind(12, "lists", Read(4)),
+            bind(13, "counted", Read(4)),
+        ],
+        entries: &[
+            each(
+                Pass::VplNodes,
+                "vpl_nodes",
+                &[0, 1, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13],
+            ),
+            tile(Pass::Vpl, "vpl", &[0, 1, 2, 3, 4, 5, 6, 7]),
+            tile(Pass::VplOver, "vpl_over", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+        ],
+    },
+    Kernel {
+        name: "pyramid",
+        source: shader!("pyramid", "gbuffer", "screen"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "cells", Write(CELL)),
+        ],
+        entries: &[
+            tile(Pass::PyramidBase, "base", &[0, 2, 3, 4]),
+            tile(Pass::PyramidReduce, "reduce", &[0, 1, 4]),
+        ],
+    },
+    Kernel {
+        name: "refine",
+        source: shader!("refine", "gbuffer", "screen", "list", "node", "luminance"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "cells", Read(CELL)),
+            bind(5, "nodes", Read(NODE)),
+            bind(6, "lists", Write(4)),
+            bind(7, "counted", Read(4)),
+            bind(8, "next", Write(4)),
+        ],
+        entries: &[
+            each(Pass::RefineStart, "start", &[0, 6, 8]),
+            each(Pass::Refine, "refine", &[0, 1, 3, 4, 5, 6, 7, 8]),
+        ],
+    },
+    Kernel {
+        name: "upsample",
+        source: shader!("upsample", "gbuffer", "screen", "list", "node", "luminance"),
+        bindings: &[
+            bind(0, "screen", SCREEN),
+            bind(1, "span", Span),
+            bind(2, "depths", Depth),
+            bind(3, "gbuffer", Uint),
+            bind(4, "nodes", Write(NODE)),
+            bind(5, "lists", Write(4)),
+            bind(6, "next", Write(4)),
+            bind(7, "output", Output),
+            bind(8, "counted", Read(4)),
+        ],
+        entries: &[
+            tile(Pass::Upsample, "upsample", &[0, 1, 2, 3, 4]),
+            tile(Pass::Resolve, "resolve", &[0, 2, 3, 4, 5, 6, 7]),
+            each(Pass::Fill, "fill", &[0, 2, 3, 4, 5, 7, 8]),
         ],
     },
     Kernel {

@@ -8,6 +8,8 @@
 //! | [`SceneBuffers`] | a baked scene on the device |
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
+//! | [`SubsplatBuffers`] | records what a view shows by subsplats |
+//! | [`ReflectiveMaps`] | records `rsm` and `vpl`: what moving objects reflect |
 //! | [`Harness`] | a device without a window |
 //!
 //! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
@@ -19,11 +21,15 @@ mod harness;
 mod kernels;
 mod links;
 mod pipelines;
+mod rsm;
 mod scene_buffers;
+mod subsplats;
 
 pub use error::GpuError;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite};
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
 pub use pipelines::{ComputeKernel, Kernels, RenderKernel};
+pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
+pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};

@@ -72,7 +72,7 @@ impl Kernels {
             (
                 "maxComputeInvocationsPerWorkgroup",
                 u64::from(limits.max_compute_invocations_per_workgroup),
-                64,
+                256,
             ),
             (
                 "maxComputeWorkgroupStorageSize",

@@ -111,7 +111,7 @@ impl Maker<'_> {
 }
 
 /// What one storage binding may hold, bytes.
-fn binding_limit(device: &wgpu::Device) -> u64 {
+pub(super) fn binding_limit(device: &wgpu::Device) -> u64 {
     let limits = device.limits();
     limits
         .max_storage_buffer_binding_size
@@ -336,7 +336,8 @@ impl SceneBuffers {
                 .map_or(Some(&self.values), |d| Some(&d[1])),
             Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
             Pass::Averages | Pass::Differences => Some(&self.values),
-            Pass::Splat | Pass::SplatOver => None,
+            // What is on the screen, or seen from a light, is not a scene's.
+            _ => None,
         }
     }
 
@@ -411,7 +412,7 @@ impl ViewBuffers {
     }
 }
 
-fn uniform(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
+pub(super) fn uniform(device: &wgpu::Device, label: &str, size: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
         size,

@@ -6,7 +6,8 @@
 //! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
-    FrameState, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewId,
+    BounceState, FrameState, LightId, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange,
+    Stage, ViewId,
 };
 use std::fmt;
 
@@ -46,6 +47,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: transport,
     },
     Effect {
+        name: "bounce_from_dynamic",
+        summary: "draws what moves from the lights that ask for it, and makes virtual point lights of it",
+        schedule: bounce_from_dynamic,
+    },
+    Effect {
         name: "display",
         summary: "lays the indirect light over the pixels of each view",
         schedule: display,
@@ -64,6 +70,8 @@ pub struct Plan {
     pub passes: Vec<Pass>,
     /// What does not, and why. A view is named where the view is the cause.
     pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
+    /// Lights that ask for the bounce of what moves and get none, and why.
+    pub dark: Vec<(LightId, Skip)>,
     /// The tiers of the operators that run, and why.
     pub tiers: Vec<(SceneId, Picked)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
@@ -95,6 +103,14 @@ impl Plan {
             .find(|p| p.stage == stage && p.scene == scene)
     }
 
+    /// The maps of this light, if they are drawn.
+    #[must_use]
+    pub fn find_light(&self, light: LightId) -> Option<&Pass> {
+        self.passes
+            .iter()
+            .find(|p| p.stage == Stage::Rsm && p.light == Some(light))
+    }
+
     /// How many passes of this stage.
     #[must_use]
     pub fn count(&self, stage: Stage) -> usize {
@@ -107,10 +123,11 @@ impl Plan {
         self.passes.iter().map(|p| p.slots.len()).sum()
     }
 
-    /// The scenes that any pass touches, ascending.
+    /// The baked scenes that any pass touches, ascending.
     #[must_use]
     pub fn active_scenes(&self) -> Vec<SceneId> {
         let mut ids: Vec<_> = self.passes.iter().map(|p| p.scene).collect();
+        ids.retain(|id| *id != SceneId::WORLD);
         ids.sort_unstable();
         ids.dedup();
         ids
@@ -127,6 +144,7 @@ impl Plan {
             effect,
             stage,
             scene,
+            light: None,
             view: None,
             slots: Vec::new(),
             reason,
@@ -141,17 +159,20 @@ impl fmt::Display for Plan {
             writeln!(f, "run  {pass}")?;
         }
         for (scene, view, why) in &self.skipped {
-            write!(f, "skip scene {:x}", scene.0)?;
+            write!(f, "skip {scene}")?;
             if let Some(view) = view {
                 write!(f, " in view {:x}", view.0)?;
             }
             writeln!(f, ": {why}")?;
         }
+        for (light, why) in &self.dark {
+            writeln!(f, "skip maps of light {light}: {why}")?;
+        }
         for (scene, picked) in &self.tiers {
-            writeln!(f, "use  scene {:x} with {picked}", scene.0)?;
+            writeln!(f, "use  {scene} with {picked}")?;
         }
         for scene in &self.release {
-            writeln!(f, "free scene {:x}", scene.0)?;
+            writeln!(f, "free {scene}")?;
         }
         Ok(())
     }
@@ -242,6 +263,26 @@ fn transport(state: &FrameState, plan: &mut Plan) {
     }
 }
 
+fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
+    let shown =
+        |id: &ViewId| (state.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
+    for light in &state.bounces {
+        let maps = match light.maps {
+            _ if !state.device_able => Err(Skip::DeviceUnable),
+            Ok(_) if !light.views.iter().any(shown) => Err(Skip::NotInView),
+            maps => maps,
+        };
+        match maps {
+            Ok(maps) => {
+                let reason = Reason::Moving(maps);
+                plan.push("bounce_from_dynamic", Stage::Rsm, SceneId::WORLD, reason)
+                    .light = Some(light.id);
+            }
+            Err(why) => plan.dark.push((light.id, why)),
+        }
+    }
+}
+
 fn display(state: &FrameState, plan: &mut Plan) {
     for view in &state.views {
         let mut first = None;
@@ -258,7 +299,17 @@ fn display(state: &FrameState, plan: &mut Plan) {
                 first = first.or(Some(scene.id));
             }
         }
-        // All scenes of a view splat into one picture, which is added once.
+        // All lights that bounce make one list.
+        let bounced = |light: &BounceState| {
+            light.views.contains(&view.id) && plan.find_light(light.id).is_some()
+        };
+        if view.enabled && view.has_gbuffer && state.bounces.iter().any(bounced) {
+            let world = SceneId::WORLD;
+            plan.push("bounce_from_dynamic", Stage::Vpl, world, Reason::InView)
+                .view = Some(view.id);
+            first = first.or(Some(world));
+        }
+        // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
             plan.push("display", Stage::Composite, scene, Reason::InView)
                 .view = Some(view.id);
@@ -437,6 +488,92 @@ mod tests {
             plan.to_string()
                 .contains("upload of scene 1 (residency): the device does not hold this bake")
         );
+    }
+
+    /// A light that draws two maps for view 7, without any baked scene.
+    fn something_moves() -> FrameState {
+        FrameState {
+            views: vec![view(7, &[])],
+            bounces: vec![BounceState {
+                id: LightId(5, 0),
+                maps: Ok(2),
+                views: vec![ViewId(7)],
+            }],
+            ..FrameState::default()
+        }
+    }
+
+    #[test]
+    fn what_moves_needs_no_bake() {
+        let plan = Plan::new(&something_moves());
+        assert_eq!(stages(&plan), [Stage::Rsm, Stage::Vpl, Stage::Composite]);
+        assert!(plan.active_scenes().is_empty());
+        assert_eq!(
+            plan.find_light(LightId(5, 0)).unwrap().reason,
+            Reason::Moving(2)
+        );
+        let words = plan.to_string();
+        assert!(words.contains("rsm of light 5.0 (bounce_from_dynamic): what moves is in reach"));
+        assert!(
+            words.contains("composite of the world in view 7"),
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn what_moves_is_drawn_once_and_lies_over_the_bake_in_every_view() {
+        let mut state = at_rest();
+        state.bounces = something_moves().bounces;
+        use Stage::*;
+        assert_eq!(stages(&Plan::new(&state)), [Rsm, Splat, Vpl, Composite]);
+        state.views.push(view(8, &[A]));
+        state.bounces[0].views.push(ViewId(8));
+        let plan = Plan::new(&state);
+        assert_eq!(
+            [Rsm, Splat, Vpl, Composite].map(|s| plan.count(s)),
+            [1, 2, 2, 2]
+        );
+        // The second view does not show that light's layer.
+        state.bounces[0].views.pop();
+        let plan = Plan::new(&state);
+        assert_eq!(
+            [Rsm, Splat, Vpl, Composite].map(|s| plan.count(s)),
+            [1, 2, 1, 2]
+        );
+    }
+
+    #[test]
+    fn where_nothing_bounces_nothing_runs_and_the_reason_is_said() {
+        type Change = fn(&mut FrameState);
+        let cases: [(Change, Skip); 7] = [
+            (|s| s.device_able = false, Skip::DeviceUnable),
+            (
+                |s| s.bounces[0].maps = Err(Skip::NothingMoves),
+                Skip::NothingMoves,
+            ),
+            (
+                |s| s.bounces[0].maps = Err(Skip::OutOfReach),
+                Skip::OutOfReach,
+            ),
+            (
+                |s| s.bounces[0].maps = Err(Skip::LightDark),
+                Skip::LightDark,
+            ),
+            (|s| s.bounces[0].views.clear(), Skip::NotInView),
+            (|s| s.views[0].enabled = false, Skip::NotInView),
+            (|s| s.views[0].has_gbuffer = false, Skip::NotInView),
+        ];
+        for (change, why) in cases {
+            let mut state = something_moves();
+            change(&mut state);
+            let plan = Plan::new(&state);
+            assert!(plan.is_empty(), "{why}: {plan}");
+            assert_eq!(plan.dark, [(LightId(5, 0), why)]);
+            assert!(plan.to_string().contains("skip maps of light 5.0"));
+        }
+        let mut nobody_asks = something_moves();
+        nobody_asks.bounces.clear();
+        assert!(Plan::new(&nobody_asks).is_empty());
     }
 
     #[test]

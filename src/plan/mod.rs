@@ -13,6 +13,8 @@
 //! | a light changed its colour, or the sky or the emission changed | transport, display; nothing is projected |
 //! | all lights at rest | display alone |
 //! | a scene has been out of view for a while | its buffers go |
+//! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
+//! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
 //!
@@ -20,12 +22,16 @@
 
 mod effect;
 mod lights;
+mod maps;
 mod pass;
 mod quality;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{SlotTable, Slots, projects_alike, reaches, shines_alike};
+pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
-pub use state::{FrameState, SceneId, SceneState, SlotChange, ViewId, ViewState};
+pub use state::{
+    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, ViewId, ViewState,
+};

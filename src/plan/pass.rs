@@ -1,6 +1,6 @@
 //! What a plan is made of: passes, and the reasons why they run or do not.
 
-use super::{SceneId, ViewId};
+use super::{LightId, SceneId, ViewId};
 use std::fmt;
 
 /// A stage of the frame, in the order of the frame.
@@ -16,8 +16,12 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
+    /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
+    Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
     Splat,
+    /// The virtual point lights over the pixels of a view.
+    Vpl,
     /// Irradiance times base colour, added to the picture.
     Composite,
     /// Coefficients back to the CPU.
@@ -26,13 +30,15 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
+        Self::Rsm,
         Self::Splat,
+        Self::Vpl,
         Self::Composite,
         Self::ReadBack,
     ];
@@ -46,7 +52,9 @@ impl Stage {
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
             Self::Flatten => "flatten",
+            Self::Rsm => "rsm",
             Self::Splat => "splat",
+            Self::Vpl => "vpl",
             Self::Composite => "composite",
             Self::ReadBack => "read_back",
         }
@@ -71,6 +79,8 @@ pub enum Reason {
     InView,
     /// Somebody asked for the coefficients.
     Asked,
+    /// Something that moves is in the light's reach, in so many maps.
+    Moving(u32),
 }
 
 impl fmt::Display for Reason {
@@ -83,6 +93,7 @@ impl fmt::Display for Reason {
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),
+            Self::Moving(maps) => write!(f, "what moves is in reach, {maps} map(s) show it"),
         }
     }
 }
@@ -112,6 +123,14 @@ pub enum Skip {
     NoGbuffer,
     /// Nothing changed since the last time.
     AtRest,
+    /// A light asks for the bounce of what moves, and nothing does.
+    NothingMoves,
+    /// Nothing that moves is in the light's reach.
+    OutOfReach,
+    /// The light is off.
+    LightDark,
+    /// This kind of light casts no reflective shadow maps.
+    NoMaps,
 }
 
 impl fmt::Display for Skip {
@@ -130,6 +149,10 @@ impl fmt::Display for Skip {
             Self::ViewDisabled => f.write_str("indirect light is off in the view's settings"),
             Self::NoGbuffer => f.write_str("the view draws no G-buffer"),
             Self::AtRest => f.write_str("nothing changed"),
+            Self::NothingMoves => f.write_str("nothing moves"),
+            Self::OutOfReach => f.write_str("nothing that moves is in reach"),
+            Self::LightDark => f.write_str("the light is off"),
+            Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }
     }
 }
@@ -141,8 +164,10 @@ pub struct Pass {
     pub effect: &'static str,
     /// What runs.
     pub stage: Stage,
-    /// For which scene.
+    /// For which scene; [`SceneId::WORLD`] for what belongs to no bake.
     pub scene: SceneId,
+    /// For which light ([`Stage::Rsm`] only).
+    pub light: Option<LightId>,
     /// For which view; `None` for work that all views share.
     pub view: Option<ViewId>,
     /// Which light slots ([`Stage::Project`] only).
@@ -153,7 +178,11 @@ pub struct Pass {
 
 impl fmt::Display for Pass {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of scene {:x}", self.stage.name(), self.scene.0)?;
+        write!(f, "{} of ", self.stage.name())?;
+        match self.light {
+            Some(light) => write!(f, "light {light}")?,
+            None => write!(f, "{}", self.scene)?,
+        }
         if let Some(view) = self.view {
             write!(f, " in view {:x}", view.0)?;
         }

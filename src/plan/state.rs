@@ -1,10 +1,35 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::Picked;
+use super::{Picked, Skip};
+use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SceneId(pub u64);
+
+impl SceneId {
+    /// No baked scene: passes of what moves, and of views that show no bake, belong to the world as it is.
+    pub const WORLD: Self = Self(u64::MAX);
+}
+
+impl fmt::Display for SceneId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::WORLD => f.write_str("the world"),
+            Self(id) => write!(f, "scene {id:x}"),
+        }
+    }
+}
+
+/// Names a light that asks for the bounce of what moves: the caller's number for it, and which of its lights where it has several.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct LightId(pub u64, pub u8);
+
+impl fmt::Display for LightId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:x}.{}", self.0, self.1)
+    }
+}
 
 /// Names a view (a camera that asks for indirect light).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -82,6 +107,17 @@ pub struct ViewState {
     pub sees: Vec<SceneId>,
 }
 
+/// One light that asks for the bounce of what moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BounceState {
+    /// Which one.
+    pub id: LightId,
+    /// How many reflective shadow maps show what moves in its light; or why none does ([`map_views`](super::map_views)).
+    pub maps: Result<u32, Skip>,
+    /// The views that may show its light.
+    pub views: Vec<ViewId>,
+}
+
 /// The whole frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameState {
@@ -95,6 +131,8 @@ pub struct FrameState {
     pub scenes: Vec<SceneState>,
     /// Every camera with display settings.
     pub views: Vec<ViewState>,
+    /// Every light that asks for the bounce of what moves.
+    pub bounces: Vec<BounceState>,
 }
 
 impl Default for FrameState {
@@ -106,6 +144,7 @@ impl Default for FrameState {
             keep_frames: 120,
             scenes: Vec::new(),
             views: Vec::new(),
+            bounces: Vec::new(),
         }
     }
 }

@@ -5,6 +5,8 @@
 
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::extract::draws_gbuffer;
+use super::reflective::MeshlessGiBouncer;
+use bevy::asset::Assets;
 use bevy::camera::{Camera, Hdr};
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::ecs::prelude::*;
@@ -12,7 +14,8 @@ use bevy::light::{
     AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe,
 };
 use bevy::log::warn;
-use bevy::pbr::DefaultOpaqueRendererMethod;
+use bevy::material::{AlphaMode, OpaqueRendererMethod};
+use bevy::pbr::{DefaultOpaqueRendererMethod, MeshMaterial3d, StandardMaterial};
 use bevy::render::view::Msaa;
 
 /// What a check may find. Kept as data so that tests read it.
@@ -33,6 +36,10 @@ pub enum MeshlessGiFinding {
     NoGbuffer,
     /// Opaque materials are drawn forward, where the composite cannot reach them.
     ForwardMaterials,
+    /// A mesh has a material that is asked to be drawn forward: it gets no indirect light, and reflects none.
+    ForwardMaterial,
+    /// A mesh has a material that lets light through: it is drawn over the picture that indirect light is in, and gets none itself.
+    TransparentMaterial,
 }
 
 impl MeshlessGiFinding {
@@ -68,6 +75,15 @@ impl MeshlessGiFinding {
                 "`DefaultOpaqueRendererMethod` is forward: only materials with `opaque_render_method: Deferred` receive indirect \
                  light. Insert `DefaultOpaqueRendererMethod::deferred()`."
             }
+            Self::ForwardMaterial => {
+                "A mesh's material has `opaque_render_method: Forward`: it is not in the G-buffer, so it gets no indirect light, and below a \
+                 `MeshlessGiBouncer` it reflects none. Make it `Deferred`, or `unlit`."
+            }
+            Self::TransparentMaterial => {
+                "A mesh's material is transparent (`AlphaMode` other than `Opaque`, `Mask` and `AlphaToCoverage`, or `specular_transmission`): it is drawn \
+                 after indirect light was added, over the surfaces behind it, and gets none itself. `AlphaMode::Mask` gets it; give glass some `emissive`, \
+                 or make it `unlit`."
+            }
         }
     }
 }
@@ -102,12 +118,29 @@ pub(crate) fn check(
     ambient: Option<Res<GlobalAmbientLight>>,
     volumes: Query<&IrradianceVolume>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
+    bouncers: Query<(), With<MeshlessGiBouncer>>,
+    materials: Option<Res<Assets<StandardMaterial>>>,
+    meshes: Query<&MeshMaterial3d<StandardMaterial>>,
+    changed: Query<(), Changed<MeshMaterial3d<StandardMaterial>>>,
+    mut look: Local<bool>,
     mut findings: ResMut<MeshlessGiFindings>,
 ) {
-    if !settings.warn_double_counting || scenes.is_empty() {
+    // What changed while nothing was asked of it is looked at later.
+    *look |= materials.as_ref().is_some_and(|m| m.is_changed()) || !changed.is_empty();
+    if !settings.warn_double_counting || scenes.is_empty() && bouncers.is_empty() {
         return;
     }
     let mut found = Vec::new();
+    let shows = cameras.iter().any(|(c, gi, ..)| c.is_active && gi.enabled);
+    if let (true, true, Some(materials)) = (shows, *look, materials) {
+        *look = false;
+        found.extend((meshes.iter()).filter_map(|m| without_light(materials.get(&m.0)?)));
+    }
+    if scenes.is_empty() {
+        // Nothing to count twice: what moves bounces light once, and ambient light may stand for the rest.
+        tell(found, &mut findings);
+        return;
+    }
     for (_, _, own, environment, msaa, (hdr, depth, normal, deferred)) in cameras
         .iter()
         .filter(|(c, gi, ..)| c.is_active && gi.enabled)
@@ -137,11 +170,32 @@ pub(crate) fn check(
             found.push(MeshlessGiFinding::ForwardMaterials);
         }
     }
+    tell(found, &mut findings);
+}
+
+fn tell(found: Vec<MeshlessGiFinding>, findings: &mut MeshlessGiFindings) {
     for finding in found {
         if !findings.0.contains(&finding) {
             warn!("{}", finding.advice());
             findings.0.push(finding);
         }
+    }
+}
+
+/// Why surfaces of this material get no indirect light, if they do not and should.
+fn without_light(material: &StandardMaterial) -> Option<MeshlessGiFinding> {
+    let solid = matches!(
+        material.alpha_mode,
+        AlphaMode::Opaque | AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage
+    );
+    if material.unlit {
+        None
+    } else if !solid || material.specular_transmission > 0.0 {
+        Some(MeshlessGiFinding::TransparentMaterial)
+    } else if material.opaque_render_method == OpaqueRendererMethod::Forward {
+        Some(MeshlessGiFinding::ForwardMaterial)
+    } else {
+        None
     }
 }
 

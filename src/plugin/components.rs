@@ -4,6 +4,7 @@
 //! (lux, cd/m²); the core's W stand for lumens one to one.
 
 use super::asset::MeshlessGiAsset;
+use super::display::MeshlessGiDisplay;
 use super::quality::{MeshlessGiQuality, MeshlessGiTier};
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};
@@ -61,7 +62,7 @@ impl Default for MeshlessGiLighting {
 /// high-dynamic-range cameras with one sample a pixel.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-#[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off)]
+#[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off, MeshlessGiDisplay)]
 #[component(on_insert = one_sample_a_pixel)]
 pub struct MeshlessGiCamera {
     /// Off runs none of our passes, and what no other camera needs on the device goes. The prepasses stay: they belong to the camera.

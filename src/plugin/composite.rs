@@ -1,10 +1,12 @@
 //! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance to its picture.
 
+use super::capture::{bakes, lights_view};
 use super::components::MeshlessGiView;
 use super::compute::GiRender;
+use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::ExtractedGi;
-use crate::frame::{CompositeParams, SplatParams};
-use crate::gpu::{SplatTargets, ViewBuffers};
+use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
+use crate::gpu::{SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -22,6 +24,9 @@ pub(crate) struct ViewRuntime {
     size: [u32; 2],
     irradiance: [Option<wgpu::TextureView>; 2],
     buffers: BTreeMap<SceneId, ViewBuffers>,
+    subsplats: Option<ViewSubsplats>,
+    /// The device has no room for subsplats of this size.
+    too_large: bool,
 }
 
 impl ViewRuntime {
@@ -30,12 +35,19 @@ impl ViewRuntime {
             size,
             irradiance: [None, None],
             buffers: BTreeMap::new(),
+            subsplats: None,
+            too_large: false,
         }
     }
 
-    /// Two parameter buffers a scene.
+    /// Two parameter buffers a scene, and those of subsplats.
     pub fn buffer_count(&self) -> u32 {
-        2 * self.buffers.len() as u32
+        2 * self.buffers.len() as u32 + self.subsplats.as_ref().map_or(0, |s| s.size().0)
+    }
+
+    /// What subsplats the view has, if it is shown by them.
+    pub fn subsplats(&mut self) -> Option<&mut ViewSubsplats> {
+        self.subsplats.as_mut()
     }
 
     /// Bytes of parameters and textures.
@@ -45,7 +57,8 @@ impl ViewRuntime {
             * u64::from(self.size[1])
             * 8;
         let parameters = size_of::<SplatParams>() + size_of::<CompositeParams>();
-        textures + (self.buffers.len() * parameters) as u64
+        let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().1);
+        textures + (self.buffers.len() * parameters) as u64 + subsplats
     }
 
     fn irradiance(&mut self, which: usize, device: &wgpu::Device) -> wgpu::TextureView {
@@ -101,10 +114,12 @@ pub(crate) fn composite(
         .filter(|p| p.stage == Stage::Splat && p.view == Some(id))
         .map(|p| p.scene)
         .collect();
-    let Some(settings) = world.views.iter().find(|v| v.id == id).map(|v| &v.settings) else {
+    let shown_by = world.views.iter().find(|v| v.id == id);
+    let Some((settings, display)) = shown_by.map(|v| (&v.settings, &v.display)) else {
         return;
     };
-    let (Some(kernels), false) = (&render.kernels, scenes.is_empty()) else {
+    let bounced = lights_view(&render.plan, id);
+    let (Some(kernels), true) = (&render.kernels, bounced || !scenes.is_empty()) else {
         return;
     };
     let (Some(depth), Some(gbuffer), Some(passes)) = (
@@ -134,11 +149,31 @@ pub(crate) fn composite(
     let world_from_view: Mat4 = view.world_from_view.to_matrix();
     let viewport = view.viewport.as_vec4().to_array();
 
+    let composite = CompositeParams {
+        scale: settings.intensity.max(0.0),
+        white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
+        ..CompositeParams::default()
+    };
+
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_composite");
-    // The texture that the scene before wrote, which of the two it is, and the scene.
-    let mut last: Option<(usize, wgpu::TextureView, SceneId)> = None;
+    let on_view = render
+        .reflections
+        .as_ref()
+        .filter(|_| bounced)
+        .map(|reflections| {
+            let bake = bakes(&world, &render.scenes)
+                .find(|(id, ..)| scenes.contains(id))
+                .map(|(_, local, buffers)| (local, buffers));
+            let matrices = [&world_from_view, &clip_from_view];
+            (
+                reflections,
+                reflections.on_view(matrices, viewport, size, camera.exposure, bake),
+            )
+        });
+    // Parameters of each scene that shows.
+    let mut shown: Vec<SceneId> = Vec::new();
     for &scene in &scenes {
         let placement = world
             .scenes
@@ -147,7 +182,7 @@ pub(crate) fn composite(
             .and_then(|s| s.placement);
         let (Some(placement), Some(frame)) = (
             placement,
-            render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut()),
+            render.scenes.get(&scene).and_then(|s| s.frame.as_ref()),
         ) else {
             continue;
         };
@@ -164,35 +199,129 @@ pub(crate) fn composite(
                 camera.exposure,
             )
         };
-        let composite = CompositeParams {
-            scale: settings.intensity.max(0.0),
-            white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
-            ..CompositeParams::default()
-        };
-        let which = last.as_ref().map_or(0, |(before, ..)| 1 - before);
-        let output = runtime.irradiance(which, device.wgpu_device());
         let buffers = runtime
             .buffers
             .entry(scene)
             .or_insert_with(|| ViewBuffers::new(device.wgpu_device()));
         buffers.write(&queue, &params, &composite);
-        frame.splat(
-            kernels,
-            ctx.command_encoder(),
-            buffers,
-            &SplatTargets {
-                depth,
-                gbuffer,
-                earlier: last.as_ref().map(|(_, view, _)| view),
-                output: &output,
-            },
-        );
-        last = Some((which, output, scene));
+        shown.push(scene);
     }
-    runtime.buffers.retain(|id, _| scenes.contains(id));
-    if let Some((_, irradiance, scene)) = last
-        && let Some(frame) = render.scenes.get_mut(&scene).and_then(|s| s.frame.as_mut())
-        && let Some(buffers) = runtime.buffers.get(&scene)
+    if shown.is_empty() && on_view.is_some() {
+        let params = SplatParams {
+            size,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        (runtime.buffers.entry(SceneId::WORLD))
+            .or_insert_with(|| ViewBuffers::new(device.wgpu_device()))
+            .write(&queue, &params, &composite);
+    }
+    let first = runtime.irradiance(0, device.wgpu_device());
+    let subsplats = match display {
+        MeshlessGiDisplay::Subsplats(settings) if !runtime.too_large => {
+            let params = SubsplatParams::new(
+                &(*settings).into(),
+                clip_from_view.inverse(),
+                world_from_view.inverse(),
+                viewport,
+                size,
+            );
+            let before = runtime.subsplats.take();
+            match ViewSubsplats::fit(before, device.wgpu_device(), &queue, params.levels()) {
+                Ok(fits) => Some((runtime.subsplats.insert(fits), params)),
+                Err(why) => {
+                    warn_once!("a view is shown at full resolution: {why}");
+                    runtime.too_large = true;
+                    None
+                }
+            }
+        }
+        _ => {
+            runtime.subsplats = None;
+            None
+        }
+    };
+    let irradiance = match subsplats {
+        Some((subsplats, params)) => {
+            let on: Vec<(&SceneBuffers, &ViewBuffers)> = shown
+                .iter()
+                .filter_map(|id| {
+                    let frame = render.scenes.get(id)?.frame.as_ref()?;
+                    Some((frame.buffers(), runtime.buffers.get(id)?))
+                })
+                .collect();
+            let lights = on_view
+                .as_ref()
+                .map(|(reflections, (view, shadows))| ViewLights {
+                    maps: reflections.maps(),
+                    view: *view,
+                    lit: reflections.maps().params(shadows.as_ref()),
+                    shadows: *shadows,
+                });
+            let recorded = subsplats.record(
+                kernels,
+                &queue,
+                ctx.command_encoder(),
+                &params,
+                &SubsplatTargets {
+                    depth,
+                    gbuffer,
+                    output: &first,
+                },
+                &on,
+                lights.as_ref(),
+            );
+            render.retired.add(&recorded);
+            runtime.irradiance[1] = None;
+            Some(first)
+        }
+        None => {
+            // Scenes and virtual lights take turns: each reads what was before it.
+            let passes = shown.len() + usize::from(on_view.is_some());
+            let second = (passes > 1).then(|| runtime.irradiance(1, device.wgpu_device()));
+            if second.is_none() {
+                runtime.irradiance[1] = None;
+            }
+            let textures = [Some(&first), second.as_ref()];
+            let targets = |turn: usize| {
+                Some(SplatTargets {
+                    depth,
+                    gbuffer,
+                    earlier: if turn == 0 {
+                        None
+                    } else {
+                        textures[1 - turn % 2]
+                    },
+                    output: textures[turn % 2]?,
+                })
+            };
+            for (turn, id) in shown.iter().enumerate() {
+                if let (Some(targets), Some(buffers)) = (targets(turn), runtime.buffers.get(id))
+                    && let Some(frame) = render.scenes.get_mut(id).and_then(|s| s.frame.as_mut())
+                {
+                    frame.splat(kernels, ctx.command_encoder(), buffers, &targets);
+                }
+            }
+            if bounced
+                && let Some(reflections) = &mut render.reflections
+                && let Some(targets) = targets(shown.len())
+            {
+                let bake = bakes(&world, &render.scenes)
+                    .find(|(id, ..)| scenes.contains(id))
+                    .map(|(_, local, buffers)| (local, buffers));
+                let matrices = [&world_from_view, &clip_from_view];
+                let lights = reflections.on_view(matrices, viewport, size, camera.exposure, bake);
+                reflections.light_view(kernels, &queue, ctx.command_encoder(), &lights, &targets);
+            }
+            match passes {
+                0 => None,
+                _ => textures[(passes - 1) % 2].cloned(),
+            }
+        }
+    };
+    let lead = shown.first().copied().unwrap_or(SceneId::WORLD);
+    (runtime.buffers).retain(|id, _| shown.contains(id) || *id == lead);
+    if let Some(irradiance) = irradiance
+        && let Some(buffers) = runtime.buffers.get(&lead)
     {
         let mut pass = ctx
             .command_encoder()
@@ -208,17 +337,16 @@ pub(crate) fn composite(
         pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(x, y, width, height);
         let replace = settings.view != MeshlessGiView::Lit;
-        let passes = &passes.texture.default_view;
-        frame.composite(
+        let textures = [&irradiance, &**gbuffer, &*passes.texture.default_view];
+        draw_composite(
             kernels,
             &mut pass,
             view.target_format,
             replace,
             buffers,
-            &irradiance,
-            gbuffer,
-            passes,
+            textures,
         );
+        render.retired.composites += 1;
     }
     span.end(ctx.command_encoder());
 }

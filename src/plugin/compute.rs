@@ -3,6 +3,7 @@
 //! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
+use super::capture::{LightMaps, Reflections};
 use super::composite::ViewRuntime;
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
@@ -16,7 +17,7 @@ use crate::plan::{
 };
 use crate::scene::Bounds;
 use bevy::ecs::prelude::*;
-use bevy::log::{error, warn};
+use bevy::log::{error, warn, warn_once};
 use bevy::math::Vec3;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
@@ -42,12 +43,13 @@ pub(crate) struct GiRender {
     pub kernels: Option<Kernels>,
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
+    pub reflections: Option<Reflections>,
     pub plan: Plan,
     frame: u64,
     /// What the scenes' counters, those that are gone included, added up to at the end of the last frame.
     counted: GpuCounters,
-    /// Counters of scenes whose frames are gone.
-    retired: GpuCounters,
+    /// Counters of what is gone, and of pictures without a scene.
+    pub retired: GpuCounters,
     /// This device lacks what the kernels need.
     unable: bool,
 }
@@ -78,6 +80,7 @@ impl GiRender {
     fn observe(
         &mut self,
         world: &ExtractedGi,
+        maps: &LightMaps,
         largest_binding: u64,
         coefficients: &MeshlessGiCoefficients,
     ) -> FrameState {
@@ -87,6 +90,7 @@ impl GiRender {
             keep_frames: world.keep_frames,
             scenes: Vec::with_capacity(world.scenes.len()),
             views: Vec::with_capacity(world.views.len()),
+            bounces: maps.describe(world),
         };
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
         let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
@@ -194,11 +198,24 @@ impl GiRender {
             return;
         };
         if let Some(frame) = runtime.frame.take() {
-            add(&mut self.retired, &frame.counters());
+            self.retired.add(&frame.counters());
         }
         runtime.slots.forget();
         runtime.solved = None;
         runtime.read_back = None;
+    }
+
+    /// Makes room for the maps that the plan draws; gives it back where it draws none.
+    fn begin_reflections(&mut self, lights: &LightMaps, plan: &Plan, device: &RenderDevice) {
+        let before = self.reflections.take();
+        let counted = before.as_ref().map(Reflections::counters);
+        match Reflections::begin(before, lights, plan, device.wgpu_device()) {
+            Ok(reflections) => self.reflections = reflections,
+            Err(why) => warn_once!("what moves reflects nothing: {why}"),
+        }
+        if let (None, Some(counted)) = (&self.reflections, counted) {
+            self.retired.add(&counted);
+        }
     }
 
     /// The scenes that the frame solved, and with which tier.
@@ -225,7 +242,7 @@ impl GiRender {
         };
         for runtime in self.scenes.values() {
             if let Some(frame) = &runtime.frame {
-                add(&mut total, &frame.counters());
+                total.add(&frame.counters());
                 counters.buffers += frame.buffers().count() as u32;
                 counters.bytes += frame.buffers().bytes();
             }
@@ -234,7 +251,16 @@ impl GiRender {
                 counters.bytes += read_back.bytes();
             }
         }
-        for view in self.views.values() {
+        if let Some(reflections) = &self.reflections {
+            total.add(&reflections.counters());
+            let (buffers, bytes) = reflections.size();
+            counters.buffers += buffers;
+            counters.bytes += bytes;
+        }
+        for (id, view) in &mut self.views {
+            if let Some(counts) = view.subsplats().and_then(|s| s.counts()) {
+                counters.subsplats.insert(id.0, counts);
+            }
             counters.buffers += view.buffer_count();
             counters.bytes += view.bytes();
         }
@@ -268,22 +294,25 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Add => Stage::PullPush,
         Pass::Apply => Stage::Apply,
         Pass::Averages | Pass::Differences => Stage::Flatten,
-        Pass::Splat | Pass::SplatOver => Stage::Splat,
+        Pass::Splat
+        | Pass::SplatOver
+        | Pass::SplatNodes
+        | Pass::PyramidBase
+        | Pass::PyramidReduce
+        | Pass::RefineStart
+        | Pass::Refine
+        | Pass::Upsample
+        | Pass::Resolve
+        | Pass::Fill => Stage::Splat,
+        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
+        Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
     }
-}
-
-fn add(sum: &mut GpuCounters, more: &GpuCounters) {
-    for (sum, more) in sum.dispatches.iter_mut().zip(more.dispatches) {
-        *sum += more;
-    }
-    sum.projected += more.projected;
-    sum.solves += more.solves;
-    sum.composites += more.composites;
 }
 
 /// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
 pub(crate) fn compute(
     world: Res<ExtractedGi>,
+    maps: Res<LightMaps>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -303,18 +332,19 @@ pub(crate) fn compute(
     let largest = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
-    let state = render.observe(&world, largest, &coefficients);
+    let state = render.observe(&world, &maps, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
         render.release(id);
         coefficients.forget(id.0);
     }
-    let splats = |id: &ViewId| {
+    let shows = |id: &ViewId| {
         plan.passes
             .iter()
-            .any(|p| p.stage == Stage::Splat && p.view == Some(*id))
+            .any(|p| p.stage == Stage::Composite && p.view == Some(*id))
     };
-    render.views.retain(|id, _| splats(id));
+    render.views.retain(|id, _| shows(id));
+    render.begin_reflections(&maps, &plan, &device);
     if plan.is_empty() {
         if render.scenes.values().all(|s| s.frame.is_none()) {
             render.kernels = None;
@@ -434,6 +464,11 @@ pub(crate) fn publish(
     for (id, runtime) in &mut render.scenes {
         if let Some(read_back) = &mut runtime.read_back {
             read_back.fetch(id.0, &coefficients);
+        }
+    }
+    for view in render.views.values_mut() {
+        if let Some(subsplats) = view.subsplats() {
+            subsplats.fetch();
         }
     }
 }

@@ -7,11 +7,14 @@
 //! | `meshless_gi/bytes` | their bytes |
 //! | `meshless_gi/scenes/active` | baked scenes that any pass touched |
 //! | `meshless_gi/slots/projected` | light slots projected |
+//! | `meshless_gi/subsplats` | evaluations of the views that are shown by subsplats |
+//! | `meshless_gi/subsplats/saved` | their pixels that were not evaluated |
 //! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`) of a stage |
 //!
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
 //! frame is one behind the main world's.
 
+use crate::frame::SubsplatCounts;
 use crate::plan::Stage;
 use bevy::app::{App, Plugin, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
@@ -38,6 +41,8 @@ pub struct MeshlessGiCounters {
     pub dispatches: BTreeMap<Stage, u32>,
     /// The scenes that were solved, by the bits of their roots, and with which tier of the operator.
     pub solved: BTreeMap<u64, u32>,
+    /// For the views that are shown by subsplats, by the bits of their cameras: how many, in a frame not long ago.
+    pub subsplats: BTreeMap<u64, SubsplatCounts>,
     /// The plan of the frame in words, one line a pass.
     pub plan: String,
 }
@@ -93,6 +98,8 @@ impl Plugin for MeshlessGiDiagnosticsPlugin {
             "bytes",
             "scenes/active",
             "slots/projected",
+            "subsplats",
+            "subsplats/saved",
         ] {
             app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
         }
@@ -117,6 +124,13 @@ fn publish(status: Res<MeshlessGiStatus>, mut diagnostics: Diagnostics, mut last
     add(path("bytes"), counters.bytes as f64);
     add(path("scenes/active"), f64::from(counters.active_scenes));
     add(path("slots/projected"), f64::from(counters.projected_slots));
+    let views = counters.subsplats.values();
+    let (evaluated, pixels) = views.fold((0, 0), |(e, p), c| (e + c.total(), p + c.pixels));
+    add(path("subsplats"), f64::from(evaluated));
+    add(
+        path("subsplats/saved"),
+        f64::from(pixels) - f64::from(evaluated),
+    );
     for stage in Stage::ALL {
         add(
             dispatch_path(stage),

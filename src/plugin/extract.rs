@@ -9,6 +9,7 @@ use super::asset::MeshlessGiAsset;
 use super::components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
 };
+use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::quality::MeshlessGiTier;
 use super::transform::Placement;
@@ -48,7 +49,9 @@ pub(crate) struct ExtractedScene {
 /// A camera with display settings.
 pub(crate) struct ExtractedGiView {
     pub id: ViewId,
+    pub layers: RenderLayers,
     pub settings: MeshlessGiCamera,
+    pub display: MeshlessGiDisplay,
     pub has_gbuffer: bool,
     pub sees: Vec<SceneId>,
 }
@@ -105,6 +108,7 @@ type Cameras<'w, 's> = Query<
         Entity,
         &'static Camera,
         &'static MeshlessGiCamera,
+        &'static MeshlessGiDisplay,
         &'static Frustum,
         Option<&'static Msaa>,
         Option<&'static RenderLayers>,
@@ -120,10 +124,10 @@ type Cameras<'w, 's> = Query<
 /// What every kind of light has beside itself.
 #[derive(QueryData)]
 pub(crate) struct LightParts {
-    entity: Entity,
+    pub entity: Entity,
     transform: &'static GlobalTransform,
     visibility: &'static InheritedVisibility,
-    layers: Option<&'static RenderLayers>,
+    pub layers: Option<&'static RenderLayers>,
     gi: Option<&'static MeshlessGiLight>,
 }
 
@@ -141,6 +145,36 @@ impl LightPartsItem<'_, '_> {
             (true, None) => 1.0,
             (true, Some(gi)) if gi.enabled => gi.intensity.max(0.0),
             _ => 0.0,
+        }
+    }
+
+    /// A point light in the core's terms.
+    pub fn point(&self, light: &PointLight) -> Light {
+        Light::Point {
+            position: self.transform.translation(),
+            intensity: rgb(light.color) * (self.factor() * light.intensity / (4.0 * PI)),
+            range: light.range,
+        }
+    }
+
+    /// A spot light in the core's terms.
+    pub fn spot(&self, light: &SpotLight) -> Light {
+        let (inner, outer) = cone(light);
+        Light::Spot {
+            position: self.transform.translation(),
+            direction: self.forward(),
+            intensity: rgb(light.color) * (self.factor() * light.intensity / (4.0 * PI)),
+            inner,
+            outer,
+            range: light.range,
+        }
+    }
+
+    /// A directional light in the core's terms.
+    pub fn directional(&self, light: &DirectionalLight) -> Light {
+        Light::Directional {
+            direction: self.forward(),
+            irradiance: rgb(light.color) * (self.factor() * light.illuminance),
         }
     }
 }
@@ -219,8 +253,16 @@ pub(crate) fn extract(
     }
     // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
     out.scenes.sort_unstable_by_key(|scene| scene.id);
-    for (entity, camera, settings, frustum, msaa, layers, (hdr, depth, normal, deferred)) in
-        &cameras
+    for (
+        entity,
+        camera,
+        settings,
+        display,
+        frustum,
+        msaa,
+        layers,
+        (hdr, depth, normal, deferred),
+    ) in &cameras
     {
         if !camera.is_active {
             continue;
@@ -244,8 +286,10 @@ pub(crate) fn extract(
         let view = ExtractedGiView {
             id: ViewId(entity.to_bits()),
             settings: settings.clone(),
+            display: *display,
             has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
+            layers,
         };
         out.views.push(view);
     }
@@ -266,41 +310,13 @@ pub(crate) fn extract(
         });
     };
     for (parts, light) in &points {
-        let intensity = rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI));
-        push(
-            &parts,
-            LightKind::Point,
-            Light::Point {
-                position: parts.transform.translation(),
-                intensity,
-                range: light.range,
-            },
-        );
+        push(&parts, LightKind::Point, parts.point(light));
     }
     for (parts, light) in &spots {
-        let (inner, outer) = cone(light);
-        push(
-            &parts,
-            LightKind::Spot,
-            Light::Spot {
-                position: parts.transform.translation(),
-                direction: parts.forward(),
-                intensity: rgb(light.color) * (parts.factor() * light.intensity / (4.0 * PI)),
-                inner,
-                outer,
-                range: light.range,
-            },
-        );
+        push(&parts, LightKind::Spot, parts.spot(light));
     }
     for (parts, light) in &directionals {
-        push(
-            &parts,
-            LightKind::Directional,
-            Light::Directional {
-                direction: parts.forward(),
-                irradiance: rgb(light.color) * (parts.factor() * light.illuminance),
-            },
-        );
+        push(&parts, LightKind::Directional, parts.directional(light));
     }
     for (parts, light) in &rects {
         let affine = parts.transform.affine();

@@ -28,8 +28,10 @@
 //! | file | world, schedule | does |
 //! |---|---|---|
 //! | `check` | main, `Last` | warns of what would be counted twice |
+//! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
+//! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //!
@@ -47,11 +49,13 @@ mod background;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_step;
+mod capture;
 mod check;
 mod components;
 mod composite;
 mod compute;
 mod diagnostics;
+mod display;
 mod extract;
 mod gizmos;
 #[cfg(feature = "gltf")]
@@ -60,6 +64,7 @@ mod loader;
 pub mod prelude;
 mod quality;
 mod readback;
+mod reflective;
 mod sets;
 mod transform;
 
@@ -67,6 +72,7 @@ pub use asset::MeshlessGiAsset;
 pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 #[cfg(feature = "gltf")]
 pub use build_step::{AssetBuild, AssetBuildError, process_assets};
+pub use capture::MeshlessGiCaptureGraph;
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
@@ -74,6 +80,9 @@ pub use components::{
 };
 pub use diagnostics::{
     MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
+};
+pub use display::{
+    MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
 };
 pub use gizmos::MeshlessGiGizmos;
 #[cfg(feature = "gltf")]
@@ -84,11 +93,16 @@ pub use level::{
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
+pub use reflective::{
+    CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
+};
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate};
 use bevy::asset::AssetApp;
+use bevy::camera::CameraUpdateSystems;
+use bevy::camera::visibility::VisibilitySystems;
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
 use bevy::ecs::prelude::*;
@@ -96,6 +110,7 @@ use bevy::log::warn;
 use bevy::pbr::{DefaultOpaqueRendererMethod, main_transmissive_pass_3d};
 use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
 use bevy::render::{ExtractSchedule, Render, RenderApp, RenderSystems};
+use bevy::transform::TransformSystems;
 
 /// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
 #[derive(Clone, Debug)]
@@ -115,16 +130,20 @@ impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<MeshlessGi>()
             .register_type::<MeshlessGiBakeFailed>()
+            .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
+            .register_type::<MeshlessGiDisplay>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
             .register_type::<MeshlessGiQuality>()
+            .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
             .register_type::<MeshlessGiView>()
             .init_resource::<MeshlessGiSettings>()
             .init_resource::<MeshlessGiFindings>()
             .init_resource::<MeshlessGiCost>()
             .init_resource::<MeshlessGiCoefficients>()
+            .init_resource::<reflective::AskingLights>()
             .init_asset::<MeshlessGiAsset>()
             .register_asset_loader(MeshlessGiLoader)
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
@@ -133,6 +152,17 @@ impl Plugin for MeshlessGiPlugin {
                 bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
+            .add_systems(
+                PostUpdate,
+                (reflective::mark, reflective::aim)
+                    .chain()
+                    .in_set(MeshlessGiSystems::Aim)
+                    .after(TransformSystems::Propagate)
+                    .after(VisibilitySystems::VisibilityPropagate)
+                    .before(CameraUpdateSystems)
+                    .before(VisibilitySystems::UpdateFrusta)
+                    .before(VisibilitySystems::CheckVisibility),
+            )
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
         #[cfg(feature = "gltf")]
         app.register_asset_loader(MeshlessGiRecipeLoader)
@@ -164,9 +194,11 @@ impl Plugin for MeshlessGiPlugin {
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
             .init_resource::<compute::GiRender>()
+            .init_resource::<capture::LightMaps>()
+            .add_schedule(capture::schedule())
             .add_systems(
                 ExtractSchedule,
-                extract::extract.in_set(MeshlessGiSystems::Extract),
+                (extract::extract, capture::extract_maps).in_set(MeshlessGiSystems::Extract),
             )
             .add_systems(
                 RenderGraph,

@@ -1,6 +1,7 @@
 //! What most apps use, by name.
 
 pub use super::{
-    MeshlessGi, MeshlessGiAsset, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting,
-    MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiSystems,
+    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
+    MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiReflective,
+    MeshlessGiSystems,
 };

@@ -10,6 +10,9 @@ pub enum MeshlessGiSystems {
     Collect,
     /// `PostUpdate` of the main world: the tier of each root is picked ([`MeshlessGiQuality`](super::MeshlessGiQuality)). What was asked for before it counts in the same frame.
     Pick,
+    /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what moves is found, and the cameras of the
+    /// lights that draw it ([`MeshlessGiReflective`](super::MeshlessGiReflective)) are aimed.
+    Aim,
     /// `Last` of the main world: checks cameras and lights for what would be counted twice, and warns.
     Check,
     /// `ExtractSchedule` of the render world: scenes, lights and cameras are read. Change lights and transforms in the main

@@ -98,7 +98,7 @@ pub fn drawable(width: u32, height: u32) -> Image {
     image
 }
 
-/// A camera without tonemapping that clears to black.
+/// A camera without tonemapping that clears to black, and shows indirect light at every pixel: as the CPU's pictures do.
 pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
     (
         Camera3d::default(),
@@ -109,6 +109,7 @@ pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
         },
         RenderTarget::Image(target.clone().into()),
         Tonemapping::None,
+        MeshlessGiDisplay::Full,
         bevy::core_pipeline::tonemapping::DebandDither::Disabled,
         transform,
     )

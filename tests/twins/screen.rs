@@ -78,15 +78,15 @@ pub fn local_from_world() -> Mat4 {
 }
 
 /// A depth texture with these texels. They are drawn: WebGPU copies none into a 32-bit depth texture.
-pub fn depth_texture(harness: &Harness, depth: &[f32]) -> wgpu::Texture {
+pub fn depth_texture(harness: &Harness, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
     let source = harness.texture(
-        SIZE,
+        size,
         TextureFormat::R32Float,
         TextureUsages::TEXTURE_BINDING,
         Some(depth),
     );
     let target = harness.texture::<f32>(
-        SIZE,
+        size,
         TextureFormat::Depth32Float,
         TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT,
         None,

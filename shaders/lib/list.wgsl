@@ -1,0 +1,17 @@
+// Lists of cells. Twin: src/frame/refine.rs. A count holds the three numbers of an indirect dispatch, how many items there are, and how many
+// cells were divided for them.
+
+const ITEMS: u32 = 64u;
+const MOST_GROUPS: u32 = 65535u;
+
+fn pack_cell(cell: vec2u) -> u32 {
+    return cell.x | cell.y << 16u;
+}
+
+fn unpack_cell(word: u32) -> vec2u {
+    return vec2u(word & 0xffffu, word >> 16u);
+}
+
+fn groups_of(count: u32) -> u32 {
+    return min((count + ITEMS - 1u) / ITEMS, MOST_GROUPS);
+}

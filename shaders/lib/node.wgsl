@@ -1,0 +1,39 @@
+// Light at a node. Twin: src/frame/subsplat.rs.
+
+const KNOWN: u32 = 1u;
+const COVERED: u32 = 2u;
+const EVALUATED: u32 = 4u;
+// A half holds no more; what is brighter must not become infinite.
+const LARGEST_HALF: f32 = 65504.0;
+
+fn pack_halves(a: f32, b: f32) -> u32 {
+    return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));
+}
+
+fn node_new(e: VectorIrradiance, foretold: f32, state: u32) -> Node {
+    return Node(array<u32, 6>(
+        pack_halves(e.x.x, e.x.y),
+        pack_halves(e.x.z, e.y.x),
+        pack_halves(e.y.y, e.y.z),
+        pack_halves(e.z.x, e.z.y),
+        pack_halves(e.z.z, foretold),
+        state,
+    ));
+}
+
+fn node_light(node: Node) -> VectorIrradiance {
+    let a = unpack2x16float(node.words[0]);
+    let b = unpack2x16float(node.words[1]);
+    let c = unpack2x16float(node.words[2]);
+    let d = unpack2x16float(node.words[3]);
+    let e = unpack2x16float(node.words[4]);
+    return VectorIrradiance(vec4f(a, b.x, 0.0), vec4f(b.y, c, 0.0), vec4f(d, e.x, 0.0));
+}
+
+fn node_foretold(node: Node) -> f32 {
+    return unpack2x16float(node.words[4]).y;
+}
+
+fn node_is(node: Node, bits: u32) -> bool {
+    return (node.words[5] & bits) == bits;
+}

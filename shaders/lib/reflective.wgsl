@@ -1,0 +1,63 @@
+// Structs of reflective shadow maps, byte for byte as in src/frame/reflective.rs; `tests/shader_layout.rs` compares them. All in one space: the world's axes
+// and metres, the origin near by.
+
+struct RsmParams {
+    space_from_clip: mat4x4f,
+    light: FrameLight,
+    forward: vec3f,
+    side: u32,
+    right: vec3f,
+    first: u32,
+    up: vec3f,
+    area: f32,
+}
+
+struct RsmTexel {
+    position: vec3f,
+    spread: f32,
+    normal: vec3f,
+    pad0: f32,
+    flux: vec3f,
+    pad1: f32,
+}
+
+struct RsmShadowParams {
+    local_from_space: mat4x4f,
+    light: FrameLight,
+    texels: u32,
+    nodes: u32,
+    extent: f32,
+    pad: u32,
+}
+
+struct RsmChooseParams {
+    texels: u32,
+    first: u32,
+    vpls: u32,
+    pad: u32,
+}
+
+struct Vpl {
+    position: vec3f,
+    square: f32,
+    normal: vec3f,
+    pad0: f32,
+    flux: vec3f,
+    pad1: f32,
+}
+
+struct VplParams {
+    local_from_space: mat4x4f,
+    vpls: u32,
+    nodes: u32,
+    extent: f32,
+    dim: f32,
+}
+
+struct VplViewParams {
+    space_from_clip: mat4x4f,
+    viewport: vec4f,
+    size: vec2u,
+    scale: f32,
+    pad: u32,
+}

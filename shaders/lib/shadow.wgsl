@@ -1,0 +1,25 @@
+// Shadow rays from a surface to a light, through a baked scene. Twin: src/frame/project.rs. Needs lib/bvh.
+
+const FAR: f32 = 1e30;
+const EPSILON: f32 = 1.1920929e-7;
+
+// How far a ray's start is lifted off the surface.
+fn lift(x: vec3f, extent: f32) -> f32 {
+    let a = abs(x);
+    return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
+}
+
+fn shadowed(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> bool {
+    let off = lift(x, extent);
+    let origin = x + n * off;
+    if light.kind == LIGHT_DIRECTIONAL {
+        return occluded(origin, -light.direction, FAR);
+    }
+    let to = light.position - origin;
+    let distance = sqrt(dot(to, to));
+    let max_t = distance - off;
+    if max_t <= 0.0 {
+        return false;
+    }
+    return occluded(origin, to / distance, max_t);
+}

@@ -1,0 +1,142 @@
+// Irradiance from virtual point lights, [N09] Eq. (2). Twin: src/frame/vpl.rs, which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`,
+// `triangles`, and lib/bvh and lib/shadow. Places and normals in the space of the lights: the world's axes, the origin near by.
+
+const FRAC_1_PI: f32 = 0.318309886;
+const PI: f32 = 3.14159265;
+const LIFTS: f32 = 4.0;
+const NEAR_FROM: f32 = 9.0;
+const NEAR_TO: f32 = 16.0;
+const FLAT_FROM: f32 = 0.8;
+const FLAT_TO: f32 = 0.9;
+const FADE: f32 = 0.1;
+const SHORTEST: f32 = 1e-7;
+const TINY: f32 = 1.17549435e-38;
+
+fn bvh_nodes() -> u32 {
+    return lit.nodes;
+}
+
+// The mean of max(0, v·N) over unit normals N whose mean is `normal`.
+fn facing(normal: vec3f, v: vec3f) -> f32 {
+    let cosine = dot(v, normal);
+    let s = clamp(1.0 - dot(normal, normal), 0.0, 1.0);
+    let w = sqrt(s * (1.5 - 0.5 * s));
+    if cosine >= w {
+        return cosine;
+    }
+    if cosine <= -w {
+        return 0.0;
+    }
+    let above = cosine + w;
+    return above * above / (4.0 * w);
+}
+
+// An orthonormal pair beside `n`: the first tangent, the second.
+fn first_tangent(n: vec3f) -> vec3f {
+    let s = select(-1.0, 1.0, n.z >= 0.0);
+    let a = -1.0 / (s + n.z);
+    return vec3f(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x);
+}
+
+fn second_tangent(n: vec3f) -> vec3f {
+    let s = select(-1.0, 1.0, n.z >= 0.0);
+    let a = -1.0 / (s + n.z);
+    return vec3f(n.x * n.y * a, s + n.y * n.y * a, -n.y);
+}
+
+fn vpl_edge(u: vec3f, v: vec3f) -> vec3f {
+    let across = cross(u, v);
+    let sine = length(across);
+    return across * (atan2(sine, dot(u, v)) / max(sine, SHORTEST));
+}
+
+// The form factor over its area of a square as large as a disk of squared radius `disk`.
+fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
+    if dot(normal, toward) >= 0.0 {
+        return vec3f(0.0);
+    }
+    let t = first_tangent(normal);
+    let b = second_tangent(normal);
+    let half = 0.5 * sqrt(PI * disk);
+    let top = dot(n, toward) + half * (abs(dot(n, t)) + abs(dot(n, b)));
+    if top <= 0.0 {
+        return vec3f(0.0);
+    }
+    let p = normalize(toward + half * (t + b));
+    let q = normalize(toward + half * (b - t));
+    let r = normalize(toward - half * (t + b));
+    let s = normalize(toward + half * (t - b));
+    let sum = vpl_edge(p, q) + vpl_edge(q, r) + vpl_edge(r, s) + vpl_edge(s, p);
+    let factor = sum * (0.5 * FRAC_1_PI * select(1.0, -1.0, dot(sum, toward) < 0.0));
+    let whole = length(factor);
+    if whole <= SHORTEST {
+        return vec3f(0.0);
+    }
+    let to = factor / whole;
+    let wide = sqrt(whole);
+    let cosine = dot(n, to);
+    var clipped = cosine;
+    if cosine <= -wide {
+        clipped = 0.0;
+    } else if cosine < wide {
+        clipped = (cosine + wide) * (cosine + wide) / (4.0 * wide);
+    }
+    let fade = min(top / max(FADE * half * dot(n, normal), SHORTEST * half), 1.0);
+    return (to + n * (clipped - cosine)) * (fade * whole * FRAC_1_PI / disk);
+}
+
+// What light `i` gives at `x` to surfaces that face `n`, unshadowed: the vector irradiance over the flux.
+fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
+    let toward = vpls[i].position - x;
+    let square = dot(toward, toward);
+    if all(vpls[i].flux <= vec3f(0.0)) || square <= 0.0 {
+        return vec3f(0.0);
+    }
+    let normal = vpls[i].normal;
+    let disk = vpls[i].square;
+    let flat_share = smoothstep(FLAT_FROM, FLAT_TO, dot(normal, normal));
+    var out = vec3f(0.0);
+    var beside = 1.0;
+    if flat_share > 0.0 && square < NEAR_TO * disk {
+        beside = 1.0 - flat_share * (1.0 - smoothstep(NEAR_FROM, NEAR_TO, square / disk));
+        out = (1.0 - beside) * vpl_near(toward, normalize(normal), disk, n);
+    }
+    let to = toward / sqrt(square);
+    if dot(n, to) > 0.0 {
+        out += to * (beside * FRAC_1_PI * facing(normal, -to) / (square + disk));
+    }
+    return out;
+}
+
+// True where the baked scene keeps light `i` from the place that a ray leaves at `start` (local).
+fn vpl_hidden(i: u32, start: vec3f) -> bool {
+    let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
+    let ray = end - start;
+    let distance = length(ray);
+    let max_t = distance - lift(end, lit.extent);
+    return max_t > 0.0 && occluded(start, ray / distance, max_t);
+}
+
+// The vector irradiance at (x, n) of the lights above the surface's horizon.
+fn vpl_at(x: vec3f, n: vec3f) -> VectorIrradiance {
+    var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
+    let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
+    let start = at + turned / max(length(turned), TINY) * (LIFTS * lift(at, lit.extent));
+    for (var i = 0u; i < lit.vpls; i++) {
+        let g = vpl_share(i, x, n);
+        let arrives = dot(n, g);
+        if arrives <= 0.0 {
+            continue;
+        }
+        let e = vpls[i].flux;
+        let most = max(e.x, max(e.y, e.z)) * arrives;
+        if lit.nodes > 0u && most >= lit.dim && vpl_hidden(i, start) {
+            continue;
+        }
+        sum.x += vec4f(e * g.x, 0.0);
+        sum.y += vec4f(e * g.y, 0.0);
+        sum.z += vec4f(e * g.z, 0.0);
+    }
+    return sum;
+}

@@ -1,0 +1,112 @@
+// refine: which cells are divided. Twin: src/frame/refine.rs. `start` lists the cells of the coarsest level, `refine` the children of those that are divided.
+
+@group(0) @binding(0) var<uniform> screen: SubsplatParams;
+@group(0) @binding(1) var<uniform> span: Span;
+@group(0) @binding(2) var depths: texture_depth_2d;
+@group(0) @binding(3) var gbuffer: texture_2d<u32>;
+@group(0) @binding(4) var<storage, read> cells: array<CellRange>;
+@group(0) @binding(5) var<storage, read> nodes: array<Node>;
+@group(0) @binding(6) var<storage, read_write> lists: array<u32>;
+@group(0) @binding(7) var<storage, read> counted: array<u32>;
+@group(0) @binding(8) var<storage, read_write> next: array<atomic<u32>>;
+
+const FLOOR: f32 = 0.1;
+const EMPTY_LOW: u32 = 0x007f7f7fu;
+
+fn signed_bytes(word: u32) -> vec4i {
+    return vec4i(bitcast<i32>(word << 24u), bitcast<i32>(word << 16u), bitcast<i32>(word << 8u), bitcast<i32>(word)) >> vec4u(24u);
+}
+
+fn breaks(k: u32, at: vec2u) -> bool {
+    let cell = cells[cell_index(k, at)];
+    var broken = false;
+    switch screen.depth_test {
+        case 0u: {
+            broken = cell.far * f32(1u << k) > screen.depth_threshold;
+        }
+        case 1u: {
+            broken = cell.far - cell.near > screen.depth_threshold * cell.near;
+        }
+        default: {
+            broken = cell.far > screen.depth_threshold;
+        }
+    }
+    if screen.normal_test == 0u {
+        let range = vec3f((signed_bytes(cell.high) - signed_bytes(cell.low)).xyz);
+        broken = broken || any(range > vec3f(127.0 * screen.normal_threshold));
+    } else {
+        broken = broken || (bitcast<f32>(cell.high) > screen.normal_threshold && cell.low != EMPTY_LOW);
+    }
+    return broken;
+}
+
+fn surprises(k: u32, cell: vec2u) -> bool {
+    let node = nodes[cell_index(k, cell)];
+    if !node_is(node, EVALUATED | COVERED) {
+        return false;
+    }
+    let found = luminance(node, pixel_normal(cell << vec2u(k)));
+    let foretold = node_foretold(node);
+    return abs(found - foretold) > screen.light * (0.5 * (found + foretold) + FLOOR);
+}
+
+fn divides(k: u32, cell: vec2u) -> bool {
+    if k == screen.coarsest || breaks(k, cell) {
+        return true;
+    }
+    let grid = level_grid(k);
+    if screen.diagonal != 0u {
+        for (var i = 0u; i < 4u; i++) {
+            // Below zero is beyond the grid too.
+            let other = cell + 2u * vec2u(i & 1u, i >> 1u) - 1u;
+            if all(other < grid) && breaks(k, other) {
+                return true;
+            }
+        }
+    }
+    for (var i = 0u; i < 4u; i++) {
+        let corner = cell + vec2u(i & 1u, i >> 1u);
+        if all(corner < grid) && surprises(k, corner) {
+            return true;
+        }
+    }
+    return false;
+}
+
+@compute @workgroup_size(64)
+fn start(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
+    let k = screen.coarsest;
+    let grid = level_grid(k);
+    let count = grid.x * grid.y;
+    let i = flat_group(group, groups) * ITEMS + lane;
+    if i == 0u {
+        atomicStore(&next[0], groups_of(count));
+        atomicStore(&next[3], count);
+    }
+    if i < count {
+        lists[level_start(k) + i] = pack_cell(vec2u(i % grid.x, i / grid.x));
+    }
+}
+
+@compute @workgroup_size(64)
+fn refine(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let k = span.first;
+    let grid = level_grid(k - 1u);
+    let count = counted[3];
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let cell = unpack_cell(lists[level_start(k) + i]);
+        if !divides(k, cell) {
+            continue;
+        }
+        let first = 2u * cell;
+        // At the picture's edge some children are outside.
+        let inside = min(grid - first, vec2u(2u));
+        let children = inside.x * inside.y;
+        atomicAdd(&next[4], 1u);
+        let slot = atomicAdd(&next[3], children);
+        atomicMax(&next[0], groups_of(slot + children));
+        for (var c = 0u; c < children; c++) {
+            lists[level_start(k - 1u) + slot + c] = pack_cell(first + vec2u(c % inside.x, c / inside.x));
+        }
+    }
+}

@@ -1,0 +1,237 @@
+// upsample: light between nodes, from coarse to fine. Twin: src/frame/upsample.rs. `upsample` fills a level from the next coarser one, `resolve` pixels from level 1 and lists those that it
+// cannot, `fill` puts these in.
+
+@group(0) @binding(0) var<uniform> screen: SubsplatParams;
+@group(0) @binding(1) var<uniform> span: Span;
+@group(0) @binding(2) var depths: texture_depth_2d;
+@group(0) @binding(3) var gbuffer: texture_2d<u32>;
+@group(0) @binding(4) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(5) var<storage, read_write> lists: array<u32>;
+@group(0) @binding(6) var<storage, read_write> next: array<atomic<u32>>;
+@group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(8) var<storage, read> counted: array<u32>;
+
+const PLANE: f32 = 0.01;
+const TURNED: f32 = 0.5;
+const STRAIGHT: f32 = 0.9;
+const SURE: f32 = 0.9;
+const PIXELS_A_HOLE: u32 = 4u;
+
+// A surface in a pixel, in the view's space.
+struct Seen {
+    x: vec3f,
+    n: vec3f,
+    lit: bool,
+}
+
+fn seen(pixel: vec2u) -> Seen {
+    let depth = lit_depth(pixel);
+    if depth <= 0.0 {
+        return Seen(vec3f(0.0), vec3f(0.0), false);
+    }
+    return Seen(view_place(pixel, depth), screen.view_from_world * pixel_normal(pixel), true);
+}
+
+fn alike(a: Seen, b: Seen) -> f32 {
+    let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
+    let plane = clamp(2.0 - 2.0 * off / (PLANE * -a.x.z), 0.0, 1.0);
+    let normal = clamp((dot(a.n, b.n) - TURNED) / (STRAIGHT - TURNED), 0.0, 1.0);
+    return plane * normal;
+}
+
+// What a level says of a place between its nodes.
+struct Between {
+    light: VectorIrradiance,
+    covered: f32,
+    weight: f32,
+}
+
+// A node, and how much it says of a place; 0 where it is not known.
+struct Near {
+    node: Node,
+    likeness: f32,
+    known: bool,
+}
+
+fn near_node(k: u32, cell: vec2i, here: Seen) -> Near {
+    var out: Near;
+    if any(cell < vec2i(0)) || any(vec2u(cell) >= level_grid(k)) {
+        return out;
+    }
+    out.node = nodes[cell_index(k, vec2u(cell))];
+    if !node_is(out.node, KNOWN) {
+        return out;
+    }
+    let there = seen(vec2u(cell) << vec2u(k));
+    if there.lit {
+        out.likeness = alike(here, there);
+        out.known = true;
+    }
+    return out;
+}
+
+fn between(k: u32, cell: vec2u, here: Seen) -> Between {
+    let first = vec2i(cell / 2u);
+    let odd = (cell & vec2u(1u)) == vec2u(1u);
+    let middle = all(odd);
+    // Steps and weights: the middle of a cell, or of an edge.
+    var steps = array<vec2i, 12>(
+        vec2i(0, 0), vec2i(1, 0), vec2i(0, 1), vec2i(1, 1),
+        vec2i(-1, 0), vec2i(-1, 1), vec2i(2, 0), vec2i(2, 1),
+        vec2i(0, -1), vec2i(1, -1), vec2i(0, 2), vec2i(1, 2),
+    );
+    let along = vec2i(select(vec2u(0u), vec2u(1u), odd));
+    var cubic = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var sure = true;
+    for (var i = 0; i < select(4, 12, middle); i++) {
+        var step = along * (i - 1);
+        var weight = select(-0.0625, 0.5625, i == 1 || i == 2);
+        if middle {
+            step = steps[i];
+            weight = select(-0.03125, 0.3125, i < 4);
+        }
+        let near = near_node(k + 1u, first + step, here);
+        if !near.known || !node_is(near.node, COVERED) || near.likeness < SURE {
+            sure = false;
+            break;
+        }
+        add_scaled(&cubic, weight, node_light(near.node));
+    }
+    if sure {
+        return Between(cubic, 1.0, 1.0);
+    }
+    var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var covered = 0.0;
+    var total = 0.0;
+    let share = select(0.5, 0.25, middle);
+    for (var i = 0; i < 4; i++) {
+        let step = vec2i(i & 1, i >> 1u);
+        if any(step > along) {
+            continue;
+        }
+        let near = near_node(k + 1u, first + step, here);
+        if near.known {
+            let weight = share * near.likeness;
+            total += weight;
+            if node_is(near.node, COVERED) {
+                covered += weight;
+                add_scaled(&sum, weight, node_light(near.node));
+            }
+        }
+    }
+    var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    if covered > 0.0 {
+        add_scaled(&light, 1.0 / covered, sum);
+    }
+    return Between(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total);
+}
+
+fn state_of(found: Between) -> u32 {
+    if found.weight <= screen.alike {
+        return 0u;
+    }
+    if found.covered > 0.99 {
+        return KNOWN | COVERED;
+    }
+    return select(0u, KNOWN, found.covered < 0.01);
+}
+
+fn unknown() -> Node {
+    return Node(array<u32, 6>(0u, 0u, 0u, 0u, 0u, 0u));
+}
+
+fn node_of(k: u32, cell: vec2u) -> Node {
+    let pixel = cell << vec2u(k);
+    let here = seen(pixel);
+    if !here.lit {
+        return unknown();
+    }
+    var light: VectorIrradiance;
+    var bits = 0u;
+    if all((cell & vec2u(1u)) == vec2u(0u)) {
+        let same = nodes[cell_index(k + 1u, cell / 2u)];
+        light = node_light(same);
+        bits = same.words[5];
+    } else {
+        let found = between(k, cell, here);
+        bits = state_of(found);
+        if bits == 0u {
+            return unknown();
+        }
+        light = found.light;
+    }
+    return node_new(light, luminance(node_new(light, 0.0, bits), pixel_normal(pixel)), bits);
+}
+
+fn texel_of(pixel: vec2u, here: Seen, light: VectorIrradiance) -> vec4f {
+    let facing = max(dot(here.n, -normalize(here.x)), 0.0);
+    let shade = screen.detail * facing + (1.0 - screen.detail);
+    let e = shade * max(irradiance_dot(light, pixel_normal(pixel)), vec3f(0.0));
+    return vec4f(min(e, vec3f(LARGEST_HALF)), 1.0);
+}
+
+@compute @workgroup_size(8, 8)
+fn upsample(@builtin(global_invocation_id) id: vec3u) {
+    let k = span.first;
+    if any(id.xy >= level_grid(k)) {
+        return;
+    }
+    nodes[cell_index(k, id.xy)] = node_of(k, id.xy);
+}
+
+@compute @workgroup_size(8, 8)
+fn resolve(@builtin(global_invocation_id) id: vec3u) {
+    let pixel = id.xy;
+    if any(pixel >= screen.size) {
+        return;
+    }
+    let here = seen(pixel);
+    if !here.lit {
+        textureStore(output, pixel, vec4f(0.0));
+        return;
+    }
+    var light: VectorIrradiance;
+    var bits = 0u;
+    var some = false;
+    if all((pixel & vec2u(1u)) == vec2u(0u)) {
+        let node = nodes[cell_index(1u, pixel / 2u)];
+        light = node_light(node);
+        bits = node.words[5];
+        some = node_is(node, COVERED);
+    } else {
+        let found = between(0u, pixel, here);
+        light = found.light;
+        bits = state_of(found);
+        some = found.covered > 0.0;
+    }
+    let hole = (bits & KNOWN) == 0u;
+    if hole {
+        let slot = atomicAdd(&next[3], 1u);
+        if slot < (screen.size.x * screen.size.y + PIXELS_A_HOLE - 1u) / PIXELS_A_HOLE {
+            lists[level_start(0u) + slot] = pack_cell(pixel);
+            nodes[level_start(0u) + slot] = unknown();
+            atomicMax(&next[0], groups_of(slot + 1u));
+        }
+    }
+    var texel = vec4f(0.0);
+    if select((bits & COVERED) != 0u, some, hole) {
+        texel = texel_of(pixel, here, light);
+    }
+    textureStore(output, pixel, texel);
+}
+
+@compute @workgroup_size(64)
+fn fill(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let room = (screen.size.x * screen.size.y + PIXELS_A_HOLE - 1u) / PIXELS_A_HOLE;
+    let count = min(counted[3], room);
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let pixel = unpack_cell(lists[level_start(0u) + i]);
+        let node = nodes[level_start(0u) + i];
+        let here = seen(pixel);
+        var texel = vec4f(0.0);
+        if here.lit && node_is(node, COVERED) {
+            texel = texel_of(pixel, here, node_light(node));
+        }
+        textureStore(output, pixel, texel);
+    }
+}

@@ -1,0 +1,94 @@
+// vpl: the irradiance of each pixel from virtual point lights. Twin: src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave; `vpl_nodes`
+// adds to the subsplats of a list.
+
+@group(0) @binding(0) var<uniform> params: VplViewParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var<uniform> lit: VplParams;
+@group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
+@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
+@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
+@group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(8) var earlier: texture_2d<f32>;
+@group(0) @binding(9) var<uniform> screen: SubsplatParams;
+@group(0) @binding(10) var<uniform> span: Span;
+@group(0) @binding(11) var<storage, read_write> subsplats: array<Node>;
+@group(0) @binding(12) var<storage, read> lists: array<u32>;
+@group(0) @binding(13) var<storage, read> counted: array<u32>;
+
+// Place of a pixel in the space of the lights.
+fn light_place(pixel: vec2u, depth: f32) -> vec3f {
+    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
+    let h = params.space_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+    return h.xyz / h.w;
+}
+
+fn vpl_pixel(pixel: vec2u, before: vec4f) -> vec4f {
+    let depth = textureLoad(depths, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
+    if depth <= 0.0 || gbuffer_is_unlit(texel) {
+        return before;
+    }
+    let n = gbuffer_normal(texel);
+    let e = max(irradiance_dot(vpl_at(light_place(pixel, depth), n), n), vec3f(0.0)) * params.scale;
+    if all(e <= vec3f(0.0)) {
+        return before;
+    }
+    return vec4f(min(before.rgb + e, vec3f(LARGEST_HALF)), 1.0);
+}
+
+@compute @workgroup_size(8, 8)
+fn vpl(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= params.size) {
+        return;
+    }
+    textureStore(output, id.xy, vpl_pixel(id.xy, vec4f(0.0)));
+}
+
+@compute @workgroup_size(8, 8)
+fn vpl_over(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= params.size) {
+        return;
+    }
+    textureStore(output, id.xy, vpl_pixel(id.xy, textureLoad(earlier, id.xy, 0)));
+}
+
+// What a baked scene gave a node, if any was asked, and the lights.
+fn vpl_node(pixel: vec2u, depth: f32, node: Node) -> Node {
+    var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var state = EVALUATED | KNOWN;
+    // Else it holds what was foretold.
+    if node_is(node, EVALUATED) {
+        light = node_light(node);
+        state |= node.words[5];
+    }
+    let e = vpl_at(light_place(pixel, depth), pixel_normal(pixel));
+    if any(max(max(abs(e.x), abs(e.y)), abs(e.z)).xyz > vec3f(0.0)) {
+        add_scaled(&light, params.scale, e);
+        state |= COVERED;
+    }
+    return node_new(light, node_foretold(node), state);
+}
+
+@compute @workgroup_size(64)
+fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let k = span.first;
+    let count = min(counted[3], span.count);
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let cell = unpack_cell(lists[level_start(k) + i]);
+        var at = level_start(0u) + i;
+        if k > 0u {
+            // The node of an even cell is that of the level above.
+            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
+                continue;
+            }
+            at = cell_index(k, cell);
+        }
+        let pixel = cell << vec2u(k);
+        let depth = lit_depth(pixel);
+        if depth <= 0.0 {
+            continue;
+        }
+        subsplats[at] = vpl_node(pixel, depth, subsplats[at]);
+    }
+}

@@ -1,0 +1,269 @@
+//! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a map and its texels, virtual point lights, a view.
+//! `shaders/lib/reflective.wgsl` declares the same; `tests/shader_layout.rs` compares the two.
+//!
+//! All of them speak of one *space*: the world's axes and metres, with the origin moved to a place near by ([`space_from_clip`]), so that single precision
+//! serves a level far from the world's origin too. Whoever has several lights or views takes one origin for all of them.
+
+use super::FrameLight;
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat4, Mat4, Vec3};
+
+/// What a map may be: a square with a power of two on each side, as the curve through its texels needs it.
+pub const SIDES: [u32; 2] = [1, 256];
+
+/// Most virtual point lights of a light.
+pub const MOST_VPLS: u32 = 1024;
+
+/// The side of a map for an asked resolution: the nearest power of two from below within [`SIDES`].
+#[must_use]
+pub fn side(resolution: u32) -> u32 {
+    let resolution = resolution.clamp(SIDES[0], SIDES[1]);
+    1 << resolution.ilog2()
+}
+
+/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of the world, metres; computed in double precision.
+#[must_use]
+pub fn space_from_clip(world_from_view: &Mat4, clip_from_view: &Mat4, origin: Vec3) -> Mat4 {
+    let shift = DMat4::from_translation(-origin.as_dvec3());
+    (shift * world_from_view.as_dmat4() * clip_from_view.as_dmat4().inverse()).as_mat4()
+}
+
+/// From that space to a bake's local space, `local_from_world` being the inverse of the baked scene's transform.
+#[must_use]
+pub fn local_from_space(local_from_world: &Mat4, origin: Vec3) -> Mat4 {
+    (local_from_world.as_dmat4() * DMat4::from_translation(origin.as_dvec3())).as_mat4()
+}
+
+/// A light in that space.
+#[must_use]
+pub fn light_in_space(world: &FrameLight, origin: Vec3) -> FrameLight {
+    let at = Vec3::from_array(world.position).as_dvec3() - origin.as_dvec3();
+    FrameLight {
+        position: at.as_vec3().to_array(),
+        ..*world
+    }
+}
+
+/// One map of a light, for the entry `texels` of `rsm`. 176 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RsmParams {
+    /// From the map's clip space (reversed depth, y up), column by column.
+    pub space_from_clip: [[f32; 4]; 4],
+    /// The light. Point, spot and patch: where the map is drawn from.
+    pub light: FrameLight,
+    /// From the light to the middle of the map, and what a step of one in clip space's x and y adds: any common length.
+    pub forward: [f32; 3],
+    /// Texels along each edge, a power of two ([`side`]).
+    pub side: u32,
+    /// A step in x.
+    pub right: [f32; 3],
+    /// Index of the map's first texel among those of the light.
+    pub first: u32,
+    /// A step in y.
+    pub up: [f32; 3],
+    /// Directional: cross-section of a texel, m².
+    pub area: f32,
+}
+
+impl RsmParams {
+    /// Parameters of the map that was drawn with this matrix ([`space_from_clip`]); `light` in that space ([`light_in_space`]), `side` as [`side`] gives
+    /// it, `first` the texels of the light's maps before this one.
+    #[must_use]
+    pub fn new(space_from_clip: Mat4, light: &FrameLight, side: u32, first: u32) -> Self {
+        let m = space_from_clip.as_dmat4();
+        let eye = Vec3::from_array(light.position).as_dvec3();
+        // The near plane. A step on it is a column, exactly: no difference of places far apart.
+        let near = m * glam::DVec4::new(0.0, 0.0, 1.0, 1.0);
+        let w = if near.w == 0.0 { 1.0 } else { near.w };
+        let [right, up] = [m.x_axis.truncate() / w, m.y_axis.truncate() / w];
+        let forward = near.truncate() / w - eye;
+        let along = Vec3::from_array(light.direction).as_dvec3();
+        let step = 2.0 / f64::from(side.max(1));
+        let length = match light.kind == FrameLight::DIRECTIONAL {
+            true => 1.0,
+            false => forward.length().max(1e-30),
+        };
+        let unit = |v: glam::DVec3| (v / length).as_vec3().to_array();
+        Self {
+            space_from_clip: space_from_clip.to_cols_array_2d(),
+            light: *light,
+            forward: unit(forward),
+            side,
+            right: unit(right),
+            first,
+            up: unit(up),
+            area: (right.cross(up).dot(along).abs() * step * step) as f32,
+        }
+    }
+}
+
+/// A lit texel of a map. 48 bytes. All zero where there is none.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RsmTexel {
+    /// Metres.
+    pub position: [f32; 3],
+    /// Mean squared distance of its surface from its position, m².
+    pub spread: f32,
+    /// Unit.
+    pub normal: [f32; 3],
+    /// Not used.
+    pub pad0: f32,
+    /// Flux that it reflects, W.
+    pub flux: [f32; 3],
+    /// Not used.
+    pub pad1: f32,
+}
+
+/// A baked scene that shadows a light's texels, for the entry `shadow` of `rsm`. 144 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RsmShadowParams {
+    /// To the bake's local space, column by column ([`local_from_space`]).
+    pub local_from_space: [[f32; 4]; 4],
+    /// The light in the bake's local space ([`FrameLight::to_local`]).
+    pub light: FrameLight,
+    /// How many texels.
+    pub texels: u32,
+    /// Nodes of the scene's BVH; 0 means that nothing casts shadows.
+    pub nodes: u32,
+    /// Largest edge of the box around the bake's geometry, metres.
+    pub extent: f32,
+    /// Not used.
+    pub pad: u32,
+}
+
+impl RsmShadowParams {
+    /// Parameters for `texels` texels of `light` (in the space), shadowed by a scene of `nodes` nodes and this extent.
+    #[must_use]
+    pub fn new(
+        local_from_space: Mat4,
+        light: &FrameLight,
+        texels: u32,
+        nodes: u32,
+        extent: f32,
+    ) -> Self {
+        Self {
+            local_from_space: local_from_space.to_cols_array_2d(),
+            light: light.to_local(&local_from_space),
+            texels,
+            nodes,
+            extent,
+            pad: 0,
+        }
+    }
+}
+
+/// How a light's texels become virtual point lights, for the entry `choose` of `rsm`. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct RsmChooseParams {
+    /// How many texels.
+    pub texels: u32,
+    /// Where the light's first virtual point light goes.
+    pub first: u32,
+    /// How many virtual point lights it gets.
+    pub vpls: u32,
+    /// Not used.
+    pub pad: u32,
+}
+
+/// A virtual point light: what a part of a map reflects, diffusely. 48 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Vpl {
+    /// Mean place of the part, metres.
+    pub position: [f32; 3],
+    /// Square of the radius of a disk that is spread as widely as the part, m².
+    pub square: f32,
+    /// Mean of the part's unit normals; the shorter, the more they differ.
+    pub normal: [f32; 3],
+    /// Not used.
+    pub pad0: f32,
+    /// Reflected flux, W.
+    pub flux: [f32; 3],
+    /// Not used.
+    pub pad1: f32,
+}
+
+/// What evaluating the virtual point lights at a place needs, in any kernel: `vpl_at` of `shaders/lib/vpl.wgsl`. 80 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct VplParams {
+    /// To the local space of the bake that shadows them ([`local_from_space`]).
+    pub local_from_space: [[f32; 4]; 4],
+    /// How many virtual point lights.
+    pub vpls: u32,
+    /// Nodes of the scene's BVH; 0 means that nothing shadows them.
+    pub nodes: u32,
+    /// Largest edge of the box around the bake's geometry, metres.
+    pub extent: f32,
+    /// What gives less (W/m²) arrives without a ray; 0 asks for a ray each time.
+    pub dim: f32,
+}
+
+impl VplParams {
+    /// `vpls` lights that nothing shadows.
+    #[must_use]
+    pub fn unshadowed(vpls: u32) -> Self {
+        Self {
+            vpls,
+            ..Self::default()
+        }
+    }
+
+    /// `vpls` lights in the shadow of a baked scene of `nodes` nodes and this extent.
+    #[must_use]
+    pub fn shadowed(vpls: u32, local_from_space: Mat4, nodes: u32, extent: f32, dim: f32) -> Self {
+        Self {
+            local_from_space: local_from_space.to_cols_array_2d(),
+            vpls,
+            nodes,
+            extent,
+            dim,
+        }
+    }
+}
+
+/// A view, for `vpl`. 96 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct VplViewParams {
+    /// From the view's clip space, column by column ([`space_from_clip`]).
+    pub space_from_clip: [[f32; 4]; 4],
+    /// The viewport in texels: x, y, width, height.
+    pub viewport: [f32; 4],
+    /// Size of the output in texels.
+    pub size: [u32; 2],
+    /// Multiplies the irradiance before it is stored as halves.
+    pub scale: f32,
+    /// Not used.
+    pub pad: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sides_are_powers_of_two_within_bounds() {
+        let sides = [0, 1, 3, 64, 100, 256, 5000].map(side);
+        assert_eq!(sides, [1, 1, 2, 64, 64, 256, 256]);
+    }
+
+    #[test]
+    fn a_far_camera_is_exact_in_a_space_near_by() {
+        let eye = Vec3::new(100_000.0, 50.0, -100_000.0);
+        let world_from_view = Mat4::from_translation(eye);
+        let clip_from_view = Mat4::perspective_infinite_reverse_rh(1.0, 1.0, 0.1);
+        let m = space_from_clip(&world_from_view, &clip_from_view, eye);
+        // A pixel two metres ahead in the middle.
+        let x = m.project_point3(Vec3::new(0.0, 0.0, 0.05));
+        assert!((x - Vec3::new(0.0, 0.0, -2.0)).length() < 1e-6, "{x}");
+        let light = FrameLight::point(eye, Vec3::ONE, f32::INFINITY);
+        assert_eq!(light_in_space(&light, eye).position, [0.0; 3]);
+        let local = local_from_space(&Mat4::from_translation(-eye), eye);
+        assert!(local.abs_diff_eq(Mat4::IDENTITY, 1e-9));
+    }
+}

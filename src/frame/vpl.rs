@@ -1,0 +1,299 @@
+//! Kernel `vpl`: irradiance from virtual point lights, \[N09\] Eq. (2) with diffuse reflection at both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²), with or without
+//! a shadow ray through a baked scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one place a pixel: the reference display.
+//!
+//! A light here stands for a piece of surface, not for a point, and two terms say so:
+//! - r² + R² for r², where R is the radius of a disk as widely spread as the piece. On the axis of an even, flat disk this is exact at every distance; \[N09\]
+//!   bounds r² from below by a constant, which "all RSM approaches" share and Fig. 13 shows.
+//! - The mean of ⟨V̂, N⟩ over normals spread evenly about N_l, in place of the one value at a mean normal: a piece of a ball shines round its edge, and its
+//!   light adds up to its flux within 2 %.
+//!
+//! Nearer than four radii, neither will do where light and surface stand at an angle, as beside an object on the floor: there a flat light is a square.
+
+use super::gbuffer;
+use super::layout::VectorIrradiance;
+use super::project::lift;
+use super::reflective::{Vpl, VplParams, VplViewParams};
+use super::splat::LARGEST_HALF;
+use super::subsplat::{Node, state};
+use crate::samples::tangents;
+use crate::scene::{Bvh, Ray};
+use glam::{Mat4, Vec2, Vec3, Vec4};
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// Squared radius of an even disk over its mean squared distance from the centre.
+pub const DISK: f32 = 2.0;
+/// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
+pub const LIFTS: f32 = 4.0;
+
+/// Squares of the distance over the squared radius of a light between which `near` goes over to the point's formula.
+pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
+/// Squared lengths of the mean normal between which a light becomes flat enough for `near`.
+pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
+/// A square that rises above the horizon by less than this, over half its edge and times the cosine between the two normals, fades.
+pub const FADE: f32 = 0.1;
+/// No edge of a square and no form factor is shorter, in single precision.
+pub const SHORTEST: f32 = 1e-7;
+
+/// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly over a disk about it.
+///
+/// Where all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the mean over cosines spread evenly ±w. The width is √(3σ²)
+/// of the cosine's variance at the horizon, (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
+#[must_use]
+#[inline]
+pub fn facing(normal: Vec3, v: Vec3) -> f32 {
+    let cosine = v.dot(normal);
+    let s = (1.0 - normal.dot(normal)).clamp(0.0, 1.0);
+    let w = (s * (1.5 - 0.5 * s)).sqrt();
+    if cosine >= w {
+        return cosine;
+    }
+    if cosine <= -w {
+        return 0.0;
+    }
+    let above = cosine + w;
+    above * above / (4.0 * w)
+}
+
+/// What one light gives at `x` to surfaces that face `n`, unshadowed, as a vector g in 1/m²: the vector irradiance is flux · g, and g·n is not negative. Zero
+/// where it gives nothing.
+///
+/// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a light whose normals hardly differ, it is the form factor
+/// of a square of that size (`near`); between three and four radii, a mixture.
+#[must_use]
+#[inline]
+pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
+    let toward = Vec3::from_array(light.position) - x;
+    let square = toward.dot(toward);
+    if square <= 0.0 || Vec3::from_array(light.flux).max_element() <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let normal = Vec3::from_array(light.normal);
+    let flat = step(NEAR_FLAT[0], NEAR_FLAT[1], normal.dot(normal));
+    let mut out = Vec3::ZERO;
+    let mut beside = 1.0;
+    if flat > 0.0 && square < NEAR_SQUARES[1] * light.square {
+        let far = step(NEAR_SQUARES[0], NEAR_SQUARES[1], square / light.square);
+        beside = 1.0 - flat * (1.0 - far);
+        out = (1.0 - beside) * near(toward, normal / normal.length(), light.square, n);
+    }
+    let to = toward / square.sqrt();
+    if n.dot(to) > 0.0 {
+        let cosine = facing(normal, -to);
+        out += to * (beside * FRAC_1_PI * cosine / (square + light.square));
+    }
+    out
+}
+
+/// 0 below `low`, 1 above `high`, smooth between.
+fn step(low: f32, high: f32, v: f32) -> f32 {
+    let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward` from the place, has the normal `normal` and the area of a disk
+/// of squared radius `disk`. Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of equal form factor, whose cosines
+/// are spread as [`facing`]'s are. What hardly rises above the horizon of a surface that looks the
+/// same way fades, so that rounding lights no flat surface by itself.
+fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
+    if normal.dot(toward) >= 0.0 {
+        return Vec3::ZERO;
+    }
+    let (t, b) = tangents(normal);
+    let half = 0.5 * (PI * disk).sqrt();
+    let top = n.dot(toward) + half * (n.dot(t).abs() + n.dot(b).abs());
+    if top <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let corner = |v: Vec3| (toward + half * v).normalize_or_zero();
+    let corners = [corner(t + b), corner(b - t), corner(-t - b), corner(t - b)];
+    let mut sum = Vec3::ZERO;
+    for i in 0..4 {
+        let (u, v) = (corners[i], corners[(i + 1) % 4]);
+        let across = u.cross(v);
+        let sine = across.length();
+        sum += across * (libm::atan2f(sine, u.dot(v)) / sine.max(SHORTEST));
+    }
+    // The sign follows from which way round the corners go.
+    let factor = sum * (0.5 * FRAC_1_PI * if sum.dot(toward) < 0.0 { -1.0 } else { 1.0 });
+    let length = factor.length();
+    if length <= SHORTEST {
+        return Vec3::ZERO;
+    }
+    let to = factor / length;
+    let wide = length.sqrt();
+    let cosine = n.dot(to);
+    let clipped = if cosine >= wide {
+        cosine
+    } else if cosine <= -wide {
+        0.0
+    } else {
+        (cosine + wide) * (cosine + wide) / (4.0 * wide)
+    };
+    let fade = (top / (FADE * half * n.dot(normal)).max(SHORTEST * half)).min(1.0);
+    // The vector whose dot product with `n` is that.
+    (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
+}
+
+/// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the surface's horizon: its dot product with `n` is the sum
+/// of \[N09\] Eq. (2), W/m². `bvh` shadows them unless `params.nodes` is 0.
+#[must_use]
+pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -> VectorIrradiance {
+    let mut sum = VectorIrradiance::default();
+    if !x.is_finite() || !n.is_finite() {
+        return sum;
+    }
+    let local = Mat4::from_cols_array_2d(&params.local_from_space);
+    let turned = local.transform_vector3(n);
+    let at = local.transform_point3(x);
+    let start =
+        at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent));
+    for light in &lights[..params.vpls as usize] {
+        let g = share(light, x, n);
+        let e = Vec3::from_array(light.flux);
+        let arrives = n.dot(g);
+        if arrives <= 0.0 {
+            continue;
+        }
+        if params.nodes > 0 && e.max_element() * arrives >= params.dim {
+            let end = local.transform_point3(light.position.into());
+            let ray = end - start;
+            let length = ray.length();
+            let max_t = length - lift(end, params.extent);
+            if max_t > 0.0 && bvh.occluded(&Ray::segment(start, ray / length, max_t)) {
+                continue;
+            }
+        }
+        let add =
+            |axis: [f32; 4], d: f32| (Vec4::from_array(axis) + (e * d).extend(0.0)).to_array();
+        sum.x = add(sum.x, g.x);
+        sum.y = add(sum.y, g.y);
+        sum.z = add(sum.z, g.z);
+    }
+    sum
+}
+
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer over what is there already. RGB: irradiance × `scale`; alpha: 1
+/// where something is known of it, as before or because light arrived.
+#[must_use]
+pub fn vpl_pixel(
+    params: &VplViewParams,
+    lit: &VplParams,
+    lights: &[Vpl],
+    bvh: &Bvh,
+    (pixel, depth, texel): ([u32; 2], f32, [u32; 4]),
+    earlier: [f32; 4],
+) -> [f32; 4] {
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return earlier;
+    }
+    let n = gbuffer::normal(texel);
+    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n).dot(n);
+    let e = e.max(Vec3::ZERO) * params.scale;
+    if e.max_element() <= 0.0 {
+        return earlier;
+    }
+    (Vec4::from_array(earlier).truncate() + e)
+        .min(Vec3::splat(LARGEST_HALF))
+        .extend(1.0)
+        .to_array()
+}
+
+/// Place of a pixel in the space of the lights.
+fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+    let [left, top, width, height] = params.viewport;
+    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
+        / Vec2::new(width, height);
+    let ndc = Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+    let h = Mat4::from_cols_array_2d(&params.space_from_clip) * ndc;
+    h.truncate() / h.w
+}
+
+/// Entry point `vpl_nodes`, for one node of a list: adds to what baked scenes gave it, if any was asked; else the node holds what was foretold, which goes.
+pub fn vpl_node(
+    params: &VplViewParams,
+    lit: &VplParams,
+    lights: &[Vpl],
+    bvh: &Bvh,
+    (pixel, depth, texel): ([u32; 2], f32, [u32; 4]),
+    node: &mut Node,
+) {
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return;
+    }
+    let (mut light, mut bits) = if node.is(state::EVALUATED) {
+        (node.light(), node.state())
+    } else {
+        (VectorIrradiance::default(), 0)
+    };
+    bits |= state::EVALUATED | state::KNOWN;
+    let n = gbuffer::normal(texel);
+    let e = vpl_at(lit, lights, bvh, place(params, pixel, depth), n);
+    if [e.x, e.y, e.z]
+        .iter()
+        .flat_map(|axis| &axis[..3])
+        .any(|v| *v != 0.0)
+    {
+        light.add_scaled(params.scale, &e);
+        bits |= state::COVERED;
+    }
+    *node = Node::new(&light, node.foretold(), bits);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The light that leaves a patch in all directions adds up to its flux, however its normals are spread.
+    #[test]
+    fn a_light_gives_what_it_has() {
+        for m in [1.0, 0.99, 0.9, 0.7, 0.5, 0.2, 0.0] {
+            let normal = m * Vec3::Y;
+            let steps = 20_000;
+            let sum: f64 = (0..steps)
+                .map(|i| {
+                    let y = (i as f32 + 0.5) / steps as f32 * 2.0 - 1.0;
+                    f64::from(facing(normal, Vec3::new((1.0 - y * y).sqrt(), y, 0.0)))
+                })
+                .sum();
+            let whole = sum * 4.0 / f64::from(steps);
+            assert!((whole - 1.0).abs() < 0.02, "{m}: {whole}");
+        }
+        // Exact where all normals face the place.
+        assert_eq!(facing(Vec3::Y * 0.9, Vec3::Y), 0.9);
+        assert_eq!(facing(Vec3::Y, -Vec3::Y), 0.0);
+    }
+
+    #[test]
+    fn places_where_nothing_can_be_said_get_nothing() {
+        let light = Vpl {
+            position: [0.0, 1.0, 0.0],
+            normal: [0.0, -1.0, 0.0],
+            flux: [1.0; 3],
+            ..Vpl::default()
+        };
+        let params = VplParams::unshadowed(1);
+        let at = |light: Vpl, x, n| vpl_at(&params, &[light], &Bvh::default(), x, n);
+        assert!(
+            (at(light, Vec3::ZERO, Vec3::Y).dot(Vec3::Y) - FRAC_1_PI)
+                .abs()
+                .max_element()
+                < 1e-6
+        );
+        for (x, n) in [
+            (Vec3::Y, Vec3::Y),
+            (Vec3::ZERO, Vec3::ZERO),
+            (Vec3::NAN, Vec3::Y),
+            (Vec3::ZERO, Vec3::NAN),
+            (Vec3::ZERO, -Vec3::Y),
+            (2.0 * Vec3::Y, -Vec3::Y),
+        ] {
+            assert_eq!(at(light, x, n), VectorIrradiance::default(), "{x} {n}");
+        }
+        // No direction of its own: it shines all round.
+        let round = Vpl {
+            normal: [0.0; 3],
+            ..light
+        };
+        assert!(at(round, 2.0 * Vec3::Y, -Vec3::Y).y[0] < 0.0);
+    }
+}

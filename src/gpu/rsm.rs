@@ -1,0 +1,383 @@
+//! Records what moving objects reflect: the maps of a light become virtual point lights (`rsm`), and those light a view (`vpl`). There is one of these for all
+//! lights that ask for it, and none where no light does.
+
+use super::frame::{MOST_GROUPS, SplatTargets, compute};
+use super::kernels::Pass;
+use super::pipelines::Kernels;
+use super::scene_buffers::SceneBuffers;
+use super::{GpuCounters, GpuError};
+use crate::frame::reflective::MOST_VPLS;
+use crate::frame::{
+    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
+    VplViewParams,
+};
+use crate::scene::{BvhNode, BvhTriangle};
+use bytemuck::Pod;
+use glam::Mat4;
+
+/// Bytes of a uniform buffer: the largest of the parameters fits.
+const UNIFORM: u64 = 256;
+const _: () = assert!(
+    size_of::<RsmParams>() <= UNIFORM as usize && size_of::<RsmShadowParams>() <= UNIFORM as usize
+);
+
+/// A map that was drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred G-buffer (`Rgba32Uint`), of what moves alone.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawnMap<'a> {
+    /// Depth.
+    pub depth: &'a wgpu::TextureView,
+    /// G-buffer.
+    pub gbuffer: &'a wgpu::TextureView,
+    /// Matrix and light. `first` is set by [`ReflectiveMaps::light`].
+    pub params: RsmParams,
+}
+
+/// The baked scene that shadows the virtual point lights.
+#[derive(Clone, Copy, Debug)]
+pub struct VplShadows<'a> {
+    /// From the space of the lights to the scene's ([`local_from_space`](crate::frame::reflective::local_from_space)).
+    pub local_from_space: Mat4,
+    /// The scene.
+    pub scene: &'a SceneBuffers,
+    /// What gives less (W/m²) is not asked for its shadow.
+    pub dim: f32,
+}
+
+/// The buffers of all reflective shadow maps, and what is recorded of them.
+#[derive(Debug)]
+pub struct ReflectiveMaps {
+    /// Of the light that is being recorded: lights take turns.
+    texels: wgpu::Buffer,
+    room: u32,
+    /// Of all lights, one after the other.
+    vpls: wgpu::Buffer,
+    capacity: u32,
+    used: u32,
+    /// Texels of the light that is being recorded.
+    filled: u32,
+    /// A node and a triangle that are bound where there is no baked scene.
+    nothing: [wgpu::Buffer; 2],
+    /// Uniform buffers of a frame, and how many of them it uses so far.
+    uniforms: Vec<wgpu::Buffer>,
+    taken: usize,
+    counters: GpuCounters,
+}
+
+impl ReflectiveMaps {
+    /// Buffers for `vpls` virtual point lights in all, and for lights of `texels` texels at most, over all maps of the light. `begin` makes more room.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    pub fn new(device: &wgpu::Device, texels: u32, vpls: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            texels: storage::<RsmTexel>(device, "lit texels", texels)?,
+            room: texels,
+            vpls: storage::<Vpl>(device, "virtual point lights", vpls)?,
+            capacity: vpls,
+            used: 0,
+            filled: 0,
+            nothing: [
+                storage::<BvhNode>(device, "no BVH nodes", 1)?,
+                storage::<BvhTriangle>(device, "no BVH triangles", 1)?,
+            ],
+            uniforms: Vec::new(),
+            taken: 0,
+            counters: GpuCounters::default(),
+        })
+    }
+
+    /// Begins a frame: no light, all uniform buffers free again, and room for so many texels of a light and virtual point lights of all lights. Not between
+    /// recording a frame and its submission.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    pub fn begin(&mut self, device: &wgpu::Device, texels: u32, vpls: u32) -> Result<(), GpuError> {
+        if texels > self.room {
+            self.texels = storage::<RsmTexel>(device, "lit texels", texels)?;
+            self.room = texels;
+        }
+        if vpls > self.capacity {
+            self.vpls = storage::<Vpl>(device, "virtual point lights", vpls)?;
+            self.capacity = vpls;
+        }
+        (self.used, self.filled, self.taken) = (0, 0, 0);
+        Ok(())
+    }
+
+    /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](crate::frame::reflective::local_from_space)), and the choice of `vpls`
+    /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`ReflectiveMaps::begin`].
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a light's maps and what shadows them"
+    )]
+    pub fn light(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        light: &FrameLight,
+        maps: &[DrawnMap<'_>],
+        scenes: &[(Mat4, &SceneBuffers)],
+        vpls: u32,
+    ) {
+        for map in maps {
+            self.map(kernels, queue, encoder, map);
+        }
+        self.choose(kernels, queue, encoder, light, scenes, vpls);
+    }
+
+    /// Records what one map of a light shows; after its last map comes [`ReflectiveMaps::choose`]. Apart from [`ReflectiveMaps::light`] for maps that take
+    /// turns in the same textures.
+    pub fn map(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        map: &DrawnMap<'_>,
+    ) {
+        let side = map.params.side;
+        let count = side.saturating_mul(side);
+        if !side.is_power_of_two() || count > self.room - self.filled {
+            return;
+        }
+        let params = RsmParams {
+            first: self.filled,
+            ..map.params
+        };
+        let at = self.uniform(kernels, queue, &params);
+        let bind = kernels.bind(
+            Pass::RsmTexels,
+            &[
+                (0, self.uniforms[at].as_entire_binding()),
+                (1, wgpu::BindingResource::TextureView(map.depth)),
+                (2, wgpu::BindingResource::TextureView(map.gbuffer)),
+                (3, self.texels.as_entire_binding()),
+            ],
+        );
+        let groups = side.div_ceil(8);
+        self.dispatch(kernels, encoder, Pass::RsmTexels, &bind, [groups, groups]);
+        self.filled += count;
+    }
+
+    /// Begins another light, whether or not the one before came to its choice.
+    pub fn next_light(&mut self) {
+        self.filled = 0;
+    }
+
+    /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls` virtual point lights.
+    pub fn choose(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        light: &FrameLight,
+        scenes: &[(Mat4, &SceneBuffers)],
+        vpls: u32,
+    ) {
+        let texels = std::mem::take(&mut self.filled);
+        let vpls = vpls.min(MOST_VPLS).min(self.capacity - self.used);
+        if vpls == 0 || texels == 0 {
+            return;
+        }
+        for (local_from_space, scene) in scenes {
+            let shape = scene.shape();
+            if shape.nodes == 0 {
+                continue;
+            }
+            let params = RsmShadowParams::new(
+                *local_from_space,
+                light,
+                texels,
+                shape.nodes as u32,
+                shape.extent,
+            );
+            let at = self.uniform(kernels, queue, &params);
+            let bind = kernels.bind(
+                Pass::RsmShadow,
+                &[
+                    (3, self.texels.as_entire_binding()),
+                    (4, self.uniforms[at].as_entire_binding()),
+                    (5, scene.nodes.as_entire_binding()),
+                    (6, scene.triangles.as_entire_binding()),
+                ],
+            );
+            let groups = texels.div_ceil(64);
+            let groups = [groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS)];
+            self.dispatch(kernels, encoder, Pass::RsmShadow, &bind, groups);
+        }
+        let params = RsmChooseParams {
+            texels,
+            first: self.used,
+            vpls,
+            pad: 0,
+        };
+        let at = self.uniform(kernels, queue, &params);
+        let bind = kernels.bind(
+            Pass::RsmChoose,
+            &[
+                (3, self.texels.as_entire_binding()),
+                (7, self.uniforms[at].as_entire_binding()),
+                (8, self.vpls.as_entire_binding()),
+            ],
+        );
+        self.dispatch(kernels, encoder, Pass::RsmChoose, &bind, [1, 1]);
+        self.used += vpls;
+    }
+
+    /// Records the irradiance of each pixel of a view from the lights recorded so far, added to `targets.earlier`.
+    pub fn splat(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        view: &VplViewParams,
+        shadows: Option<&VplShadows<'_>>,
+        targets: &SplatTargets<'_>,
+    ) {
+        let [width, height] = view.size;
+        if width == 0 || height == 0 {
+            return;
+        }
+        let which = match targets.earlier {
+            Some(_) => Pass::VplOver,
+            None => Pass::Vpl,
+        };
+        let view = self.uniform(kernels, queue, view);
+        let lit = self.uniform(kernels, queue, &self.params(shadows));
+        let [nodes, triangles] = self.tree(shadows);
+        let texture = wgpu::BindingResource::TextureView;
+        let mut resources = vec![
+            (0, self.uniforms[view].as_entire_binding()),
+            (1, texture(targets.depth)),
+            (2, texture(targets.gbuffer)),
+            (3, self.uniforms[lit].as_entire_binding()),
+            (4, self.vpls.as_entire_binding()),
+            (5, nodes.as_entire_binding()),
+            (6, triangles.as_entire_binding()),
+            (7, texture(targets.output)),
+        ];
+        if let Some(earlier) = targets.earlier {
+            resources.push((8, texture(earlier)));
+        }
+        let bind = kernels.bind(which, &resources);
+        let groups = [width.div_ceil(8), height.div_ceil(8)];
+        self.dispatch(kernels, encoder, which, &bind, groups);
+    }
+
+    /// What a kernel with `vpl_at` binds as its `lit`.
+    #[must_use]
+    pub fn params(&self, shadows: Option<&VplShadows<'_>>) -> VplParams {
+        match shadows {
+            Some(by) => {
+                let shape = by.scene.shape();
+                VplParams::shadowed(
+                    self.used,
+                    by.local_from_space,
+                    shape.nodes as u32,
+                    shape.extent,
+                    by.dim,
+                )
+            }
+            None => VplParams::unshadowed(self.used),
+        }
+    }
+
+    /// What it binds as its `nodes` and `triangles`.
+    #[must_use]
+    pub fn tree<'a>(&'a self, shadows: Option<&VplShadows<'a>>) -> [&'a wgpu::Buffer; 2] {
+        match shadows {
+            Some(by) => [&by.scene.nodes, &by.scene.triangles],
+            None => [&self.nothing[0], &self.nothing[1]],
+        }
+    }
+
+    /// What it binds as its `vpls`: [`Vpl`]s, [`ReflectiveMaps::used`] of them.
+    #[must_use]
+    pub fn vpls(&self) -> &wgpu::Buffer {
+        &self.vpls
+    }
+
+    /// The texels of the light that was recorded last, for tests and tools.
+    #[must_use]
+    pub fn texels(&self) -> &wgpu::Buffer {
+        &self.texels
+    }
+
+    /// How many virtual point lights the lights of this frame have.
+    #[must_use]
+    pub fn used(&self) -> u32 {
+        self.used
+    }
+
+    /// What was recorded so far.
+    #[must_use]
+    pub fn counters(&self) -> GpuCounters {
+        self.counters
+    }
+
+    /// How many buffers there are on the device.
+    #[must_use]
+    pub fn buffers(&self) -> u32 {
+        4 + self.uniforms.len() as u32
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let own = [&self.texels, &self.vpls, &self.nothing[0], &self.nothing[1]];
+        let all = own.into_iter().chain(&self.uniforms);
+        all.map(wgpu::Buffer::size).sum()
+    }
+
+    /// Puts parameters into a uniform buffer that this frame has not used yet.
+    fn uniform<T: Pod>(&mut self, kernels: &Kernels, queue: &wgpu::Queue, data: &T) -> usize {
+        if self.taken == self.uniforms.len() {
+            let buffer = kernels.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("reflective map"),
+                size: UNIFORM,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            });
+            self.uniforms.push(buffer);
+        }
+        queue.write_buffer(&self.uniforms[self.taken], 0, bytemuck::bytes_of(data));
+        self.taken += 1;
+        self.taken - 1
+    }
+
+    fn dispatch(
+        &mut self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        which: Pass,
+        bind: &wgpu::BindGroup,
+        [x, y]: [u32; 2],
+    ) {
+        let mut pass = compute(encoder, which.entry().1.name);
+        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_bind_group(0, bind, &[]);
+        pass.dispatch_workgroups(x, y, 1);
+        self.counters.dispatches[which as usize] += 1;
+    }
+}
+
+/// A storage buffer for `count` elements, one at least, zero.
+fn storage<T>(
+    device: &wgpu::Device,
+    what: &'static str,
+    count: u32,
+) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = size_of::<T>() as u64 * u64::from(count.max(1));
+    let limit = device.limits().max_storage_buffer_binding_size;
+    if bytes > limit {
+        return Err(GpuError::TooLarge { what, bytes, limit });
+    }
+    Ok(device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(what),
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    }))
+}

@@ -1,0 +1,463 @@
+//! Where a light's reflective shadow maps stand: which views from it show what moves, and no more of them than that takes.
+//!
+//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome to the [plan](super). \[N09\] §3 draws one
+//! map a light with the light's own lens; ours is aimed at what moves, for nothing else is drawn into it: the same texels hold more of the object.
+//!
+//! | light | maps |
+//! |---|---|
+//! | directional | one, orthographic, around the boxes of all that moves; it moves by whole texels, so that nothing that stands still flickers |
+//! | point, spot | one, perspective, where all that moves fits a cone of [`WIDEST`]; else those faces of a cube that show some of it |
+//!
+//! Sizes and angles change in steps of [`STEP`], so that a map keeps its scale while things move a little.
+
+use super::Skip;
+use super::lights::reaches;
+use crate::frame::FrameLight;
+use crate::scene::Bounds;
+use glam::{Mat3, Quat, Vec3};
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most texels at their rims.
+pub const WIDEST: f32 = 50.0 * PI / 180.0;
+
+/// Sizes and angles are powers of this.
+pub const STEP: f32 = 1.189_207_1; // the fourth root of two
+
+/// Nothing nearer to a point or spot light than this is drawn, metres.
+pub const NEAREST: f32 = 1e-3;
+
+/// A map's lens. Depth is reversed and the picture is square.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lens {
+    /// From a point.
+    Perspective {
+        /// Full angle of view, radians.
+        fov: f32,
+        /// Distance of the near plane, metres.
+        near: f32,
+        /// Nothing that is to be seen is farther, metres.
+        far: f32,
+    },
+    /// Along parallel rays, from a plane on.
+    Orthographic {
+        /// Edge of the picture, metres.
+        size: f32,
+        /// Depth of the box, metres.
+        far: f32,
+    },
+}
+
+/// A view from a light, in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapView {
+    /// Where it stands, metres.
+    pub position: Vec3,
+    /// Turns −Z to where it looks and +Y to its upper edge.
+    pub rotation: Quat,
+    /// What it sees from there.
+    pub lens: Lens,
+}
+
+/// The views that show all that moves (`bouncers`: boxes in world space) as far as `light`, in world space, can reach it; `resolution` is the edge of a map in
+/// texels. Boxes that are empty or not finite are left out.
+///
+/// # Errors
+/// Why there is none: [`Skip::LightDark`], [`Skip::NothingMoves`], [`Skip::OutOfReach`], [`Skip::NoMaps`].
+pub fn map_views(
+    light: &FrameLight,
+    bouncers: &[Bounds],
+    resolution: u32,
+) -> Result<Vec<MapView>, Skip> {
+    if light.kind == FrameLight::NONE || light.color.iter().all(|c| *c <= 0.0) {
+        return Err(Skip::LightDark);
+    }
+    let real = |b: &&Bounds| b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
+    let moving: Vec<Bounds> = bouncers.iter().filter(real).copied().collect();
+    if moving.is_empty() {
+        return Err(Skip::NothingMoves);
+    }
+    let views = match light.kind {
+        FrameLight::DIRECTIONAL => directional(light, &moving, resolution),
+        FrameLight::POINT | FrameLight::SPOT => local(light, &moving),
+        _ => return Err(Skip::NoMaps),
+    };
+    if views.is_empty() {
+        return Err(Skip::OutOfReach);
+    }
+    Ok(views)
+}
+
+/// The least power of [`STEP`] that is not below `value`.
+fn stepped(value: f32) -> f32 {
+    let exponent = (libm::logf(value.clamp(1e-12, 1e12)) / libm::logf(STEP)).ceil();
+    libm::powf(STEP, exponent).max(value)
+}
+
+/// Axes of a view that looks along `forward`.
+fn looking(forward: Vec3) -> Mat3 {
+    let up = if forward.y.abs() < 0.99 {
+        Vec3::Y
+    } else {
+        Vec3::X
+    };
+    let z = -forward;
+    let x = up.cross(z).normalize();
+    Mat3::from_cols(x, z.cross(x), z)
+}
+
+fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<MapView> {
+    let forward = Vec3::from_array(light.direction);
+    if forward == Vec3::ZERO {
+        return Vec::new();
+    }
+    let axes = looking(forward);
+    let turned = axes.transpose();
+    let spread = Mat3::from_cols(
+        turned.x_axis.abs(),
+        turned.y_axis.abs(),
+        turned.z_axis.abs(),
+    );
+    let joint = moving.iter().fold(Bounds::EMPTY, |all, b| {
+        let middle = turned * (0.5 * (b.min + b.max));
+        let half = spread * (0.5 * (b.max - b.min));
+        Bounds {
+            min: all.min.min(middle - half),
+            max: all.max.max(middle + half),
+        }
+    });
+    let extent = joint.max - joint.min;
+    // A texel on each side, for the move by whole texels.
+    let texels = resolution.max(4) as f32;
+    let size = stepped(extent.x.max(extent.y).max(NEAREST) * texels / (texels - 2.0));
+    let texel = size / texels;
+    let snap = |v: f32| (v / texel).round() * texel;
+    let margin = 0.01 * extent.z + NEAREST;
+    let place = Vec3::new(
+        snap(0.5 * (joint.min.x + joint.max.x)),
+        snap(0.5 * (joint.min.y + joint.max.y)),
+        joint.max.z + margin,
+    );
+    vec![MapView {
+        position: axes * place,
+        rotation: Quat::from_mat3(&axes),
+        lens: Lens::Orthographic {
+            size,
+            far: extent.z + 2.0 * margin,
+        },
+    }]
+}
+
+/// The sphere around a box, as a point or spot light sees it.
+struct Seen {
+    /// From the light to its middle, metres.
+    to: Vec3,
+    radius: f32,
+    /// Half of the angle that it fills; π where the light is inside.
+    half: f32,
+}
+
+impl Seen {
+    fn new(from: Vec3, b: &Bounds) -> Self {
+        let to = 0.5 * (b.min + b.max) - from;
+        let radius = 0.5 * (b.max - b.min).length();
+        let distance = to.length();
+        let half = if distance > radius {
+            libm::asinf(radius / distance)
+        } else {
+            PI
+        };
+        Self { to, radius, half }
+    }
+
+    /// The angle, radians, from `axis` to its farthest part.
+    fn angle(&self, axis: Vec3) -> f32 {
+        if self.half == PI {
+            return PI;
+        }
+        angle_between(axis, self.to) + self.half
+    }
+}
+
+fn angle_between(unit: Vec3, v: Vec3) -> f32 {
+    let cosine = unit.dot(v) / v.length().max(f32::MIN_POSITIVE);
+    libm::acosf(cosine.clamp(-1.0, 1.0))
+}
+
+fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
+    let position = Vec3::from_array(light.position);
+    let along = Vec3::from_array(light.direction);
+    // Half angle of a spot's cone; a point light shines everywhere.
+    let cone = match light.kind {
+        FrameLight::SPOT => {
+            libm::acosf((-light.spot_offset / light.spot_scale).clamp(-1.0, 1.0)).min(FRAC_PI_2)
+        }
+        _ => PI,
+    };
+    let lit = |s: &Seen| cone >= PI || s.half == PI || angle_between(along, s.to) <= cone + s.half;
+    let seen: Vec<Seen> = moving
+        .iter()
+        .filter(|b| reaches(light, **b))
+        .map(|b| Seen::new(position, b))
+        .filter(lit)
+        .collect();
+    if seen.is_empty() {
+        return Vec::new();
+    }
+    let far = 1.01 * (seen.iter().map(|s| s.to.length() + s.radius)).fold(NEAREST, f32::max);
+    let nearest = (seen.iter())
+        .map(|s| (s.to.length() - s.radius).max(0.0))
+        .fold(f32::INFINITY, f32::min);
+    let view = |axes: Mat3, half: f32| MapView {
+        position,
+        rotation: Quat::from_mat3(&axes),
+        lens: Lens::Perspective {
+            fov: 2.0 * half,
+            // What is nearest may be at a corner of the picture.
+            near: (0.9 * nearest * libm::cosf(half) / 2f32.sqrt()).max(NEAREST),
+            far: far.max(2.0 * NEAREST),
+        },
+    };
+    let axis = (seen.iter().map(|s| s.to.normalize_or_zero()))
+        .sum::<Vec3>()
+        .normalize_or_zero();
+    let half = seen.iter().map(|s| s.angle(axis)).fold(0.0, f32::max);
+    let aimed = stepped(half);
+    if axis != Vec3::ZERO && aimed <= cone.min(WIDEST) {
+        return vec![view(looking(axis), aimed)];
+    }
+    if cone <= WIDEST {
+        return vec![view(looking(along), cone.max(1e-3))];
+    }
+    if axis != Vec3::ZERO && half <= WIDEST {
+        return vec![view(looking(axis), WIDEST)];
+    }
+    let faces = [
+        Vec3::X,
+        Vec3::NEG_X,
+        Vec3::Y,
+        Vec3::NEG_Y,
+        Vec3::Z,
+        Vec3::NEG_Z,
+    ];
+    (faces.into_iter().map(looking))
+        .filter(|axes| seen.iter().any(|s| in_face(&(axes.transpose() * s.to), s)))
+        .map(|axes| view(axes, FRAC_PI_2 / 2.0))
+        .collect()
+}
+
+/// Whether a sphere about `to`, in a view's own space, meets its pyramid of 90°.
+fn in_face(to: &Vec3, seen: &Seen) -> bool {
+    let reach = seen.radius * 2f32.sqrt();
+    -to.z + reach >= to.x.abs().max(to.y.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Mat4;
+
+    fn cube(at: Vec3, half: f32) -> Bounds {
+        Bounds {
+            min: at - half,
+            max: at + half,
+        }
+    }
+
+    fn corners(b: &Bounds) -> impl Iterator<Item = Vec3> {
+        let (min, max) = (b.min, b.max);
+        (0..8).map(move |i| {
+            let pick = |bit: u32, low, high| if i >> bit & 1 == 0 { low } else { high };
+            Vec3::new(
+                pick(0, min.x, max.x),
+                pick(1, min.y, max.y),
+                pick(2, min.z, max.z),
+            )
+        })
+    }
+
+    /// Where a point of the world is in a map: picture from −1 to 1, and whether it is between the planes.
+    fn project(view: &MapView, p: Vec3) -> (Vec3, bool) {
+        let at = Mat4::from_rotation_translation(view.rotation, view.position)
+            .inverse()
+            .transform_point3(p);
+        match view.lens {
+            Lens::Perspective { fov, near, far } => {
+                let scale = 1.0 / ((0.5 * fov).tan() * -at.z);
+                let between = -at.z >= near && -at.z <= far;
+                (Vec3::new(at.x * scale, at.y * scale, at.z), between)
+            }
+            Lens::Orthographic { size, far } => (
+                Vec3::new(2.0 * at.x / size, 2.0 * at.y / size, at.z),
+                -at.z >= 0.0 && -at.z <= far,
+            ),
+        }
+    }
+
+    fn shows(view: &MapView, p: Vec3) -> bool {
+        let (at, between) = project(view, p);
+        between && at.x.abs() <= 1.0001 && at.y.abs() <= 1.0001
+    }
+
+    fn point(at: Vec3) -> FrameLight {
+        FrameLight::point(at, Vec3::ONE, 20.0)
+    }
+
+    fn spot(at: Vec3, to: Vec3, outer: f32) -> FrameLight {
+        FrameLight::spot(at, to, Vec3::ONE, 0.8 * outer, outer, 20.0)
+    }
+
+    fn sun(to: Vec3) -> FrameLight {
+        FrameLight::directional(to, Vec3::ONE)
+    }
+
+    #[test]
+    fn every_corner_of_what_moves_is_in_a_map_that_it_fills() {
+        let places = [
+            Vec3::new(0.3, -1.0, 0.2),
+            Vec3::new(1.5, 0.0, -2.0),
+            Vec3::new(-3.0, 1.0, 0.0),
+        ];
+        for at in places {
+            let b = cube(at, 0.25);
+            for light in [
+                point(Vec3::ZERO),
+                spot(Vec3::ZERO, at, 0.8),
+                sun(Vec3::new(0.2, -1.0, 0.1)),
+                sun(Vec3::NEG_Y),
+            ] {
+                let views = map_views(&light, &[b], 64).unwrap();
+                assert_eq!(views.len(), 1);
+                let mut widest = 0f32;
+                for corner in corners(&b) {
+                    assert!(shows(&views[0], corner), "{light:?} {corner}: {views:?}");
+                    let (at, _) = project(&views[0], corner);
+                    widest = widest.max(at.x.abs()).max(at.y.abs());
+                }
+                assert!(widest > 0.35, "{light:?}: {widest}");
+            }
+        }
+    }
+
+    #[test]
+    fn things_all_around_a_point_light_take_the_faces_that_show_them() {
+        let light = point(Vec3::ZERO);
+        let (left, right) = (cube(Vec3::X * -2.0, 0.2), cube(Vec3::X * 2.0, 0.2));
+        let views = map_views(&light, &[left, right], 64).unwrap();
+        assert_eq!(views.len(), 2, "{views:?}");
+        for b in [left, right] {
+            for corner in corners(&b) {
+                assert_eq!(
+                    views.iter().filter(|v| shows(v, corner)).count(),
+                    1,
+                    "{corner}"
+                );
+            }
+        }
+        // The light within the thing that moves: all faces, and nothing is cut off but what touches it.
+        let views = map_views(&light, &[cube(Vec3::ZERO, 1.0)], 64).unwrap();
+        assert_eq!(views.len(), 6);
+        for corner in corners(&cube(Vec3::ZERO, 1.0)) {
+            assert!(views.iter().any(|v| shows(v, corner * 0.999)));
+        }
+        // Each view is a proper turn.
+        for v in views {
+            assert!((v.rotation.length() - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_spot_draws_no_more_than_its_cone() {
+        // A long thing across a narrow cone.
+        let wall = Bounds {
+            min: Vec3::new(-5.0, -0.1, -3.2),
+            max: Vec3::new(5.0, 0.1, -3.0),
+        };
+        let views = map_views(&spot(Vec3::ZERO, Vec3::NEG_Z, 0.4), &[wall], 64).unwrap();
+        let Lens::Perspective { fov, .. } = views[0].lens else {
+            panic!("a spot has a perspective lens");
+        };
+        assert!((fov - 0.8).abs() < 1e-3);
+        // Beside the cone, behind, and out of its range.
+        for b in [
+            cube(Vec3::new(3.0, 0.0, -3.0), 0.2),
+            cube(Vec3::Z * 2.0, 0.2),
+            cube(Vec3::Z * -30.0, 0.2),
+        ] {
+            let none = map_views(&spot(Vec3::ZERO, Vec3::NEG_Z, 0.4), &[b], 64);
+            assert_eq!(none, Err(Skip::OutOfReach));
+        }
+        // A cone of nearly 180° over things on both sides.
+        let both = [
+            cube(Vec3::new(3.0, 0.0, -0.4), 0.2),
+            cube(Vec3::new(-3.0, 0.0, -0.4), 0.2),
+        ];
+        let views = map_views(&spot(Vec3::ZERO, Vec3::NEG_Z, 1.57), &both, 64).unwrap();
+        assert_eq!(views.len(), 2);
+    }
+
+    #[test]
+    fn where_nothing_is_to_be_drawn_the_reason_is_said() {
+        let b = [cube(Vec3::X, 0.1)];
+        let reason = |light: &FrameLight, b: &[Bounds]| map_views(light, b, 64).unwrap_err();
+        assert_eq!(reason(&point(Vec3::ZERO), &[]), Skip::NothingMoves);
+        assert_eq!(
+            reason(&point(Vec3::ZERO), &[Bounds::EMPTY, cube(Vec3::NAN, 1.0)]),
+            Skip::NothingMoves
+        );
+        assert_eq!(reason(&FrameLight::default(), &b), Skip::LightDark);
+        let black = FrameLight::point(Vec3::ZERO, Vec3::ZERO, 1.0);
+        assert_eq!(reason(&black, &b), Skip::LightDark);
+        assert_eq!(reason(&point(Vec3::X * 100.0), &b), Skip::OutOfReach);
+        assert_eq!(reason(&sun(Vec3::ZERO), &b), Skip::OutOfReach);
+        let patch = FrameLight::patch(Vec3::ZERO, Vec3::X, Vec3::ONE);
+        assert_eq!(reason(&patch, &b), Skip::NoMaps);
+    }
+
+    #[test]
+    fn a_directional_map_moves_by_whole_texels_and_keeps_its_size() {
+        let light = sun(Vec3::new(0.3, -1.0, 0.5));
+        let still = Vec3::new(0.123, 0.456, -0.789);
+        let texel_of = |shift: f32| {
+            let b = cube(Vec3::new(shift, 0.5, 0.3 * shift), 0.9);
+            let view = map_views(&light, &[b], 64).unwrap()[0];
+            let (at, _) = project(&view, still);
+            (view.lens, (at * 32.0).fract())
+        };
+        let (first, at) = texel_of(0.0);
+        for i in 1..50 {
+            let (lens, now) = texel_of(0.013 * i as f32);
+            let (Lens::Orthographic { size: a, .. }, Lens::Orthographic { size: b, .. }) =
+                (first, lens)
+            else {
+                panic!("parallel rays");
+            };
+            assert_eq!(a, b);
+            let apart = |x: f32, y: f32| ((x - y).rem_euclid(1.0) + 0.5).rem_euclid(1.0) - 0.5;
+            assert!(apart(at.x, now.x).abs() < 0.01 && apart(at.y, now.y).abs() < 0.01);
+        }
+    }
+
+    #[test]
+    fn steps_hold_what_they_are_for() {
+        for i in 1..2000 {
+            let v = 0.001 * i as f32;
+            let s = stepped(v);
+            assert!(s >= v && s <= v * STEP * 1.0001, "{v}: {s}");
+        }
+        assert!(stepped(f32::INFINITY).is_infinite() && stepped(0.0) > 0.0);
+    }
+
+    #[test]
+    fn far_from_the_origin_maps_are_as_good() {
+        let far = Vec3::new(1e5, 0.0, -1e5);
+        let b = cube(far + Vec3::new(1.0, -2.0, 0.5), 0.3);
+        for light in [point(far), sun(Vec3::new(0.1, -1.0, 0.2))] {
+            let views = map_views(&light, &[b], 64).unwrap();
+            assert_eq!(views.len(), 1);
+            assert!(corners(&b).all(|c| {
+                let (at, _) = project(&views[0], c);
+                at.x.abs() < 1.05 && at.y.abs() < 1.05
+            }));
+        }
+    }
+}

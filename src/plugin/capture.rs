@@ -1,0 +1,318 @@
+//! One bounce from what moves, the render world's part: draws the maps, makes virtual point lights of them, and lights the views.
+//!
+//! Each map is a Bevy camera with a schedule of its own, [`MeshlessGiCaptureGraph`], in the place of `Core3d`: the meshes' transforms,
+//! and one pass that draws the deferred G-buffer. No shadow maps, no lighting, no tonemapping, no picture. Bevy's own deferred prepass is not public; ours binds what it binds
+//! (format of Bevy 0.19).
+//!
+//! Cameras whose targets have the same size share their textures (Bevy keys them by target): what a map holds must be read before the next is drawn, in the
+//! same schedule.
+
+use super::compute::GiRender;
+use super::extract::{ExtractedGi, LightKey, LightKind};
+use super::reflective::{AskingLight, AskingLights};
+use crate::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use crate::frame::{RsmParams, VplViewParams};
+use crate::gpu::{
+    DrawnMap, GpuCounters, GpuError, Kernels, ReflectiveMaps, SceneBuffers, SplatTargets,
+    VplShadows,
+};
+use crate::plan::{BounceState, LightId, Plan, SceneId, ViewId};
+use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
+use bevy::core_pipeline::prepass::ViewPrepassTextures;
+use bevy::ecs::prelude::*;
+use bevy::ecs::schedule::{Schedule, ScheduleBuildSettings, ScheduleLabel};
+use bevy::log::error;
+use bevy::math::{DMat4, Mat4, Vec3};
+use bevy::pbr::early_gpu_preprocess;
+use bevy::render::Extract;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_phase::ViewBinnedRenderPhases;
+use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
+use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
+use bevy::render::view::{ExtractedView, ViewDepthTexture};
+
+/// What a camera of a map runs instead of `Core3d`.
+#[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]
+pub struct MeshlessGiCaptureGraph;
+
+/// The schedule: Bevy's transforms of the meshes, our pass, and what reads it.
+pub(crate) fn schedule() -> Schedule {
+    let mut schedule = Schedule::new(MeshlessGiCaptureGraph);
+    schedule.set_build_settings(ScheduleBuildSettings {
+        auto_insert_apply_deferred: false,
+        ..ScheduleBuildSettings::default()
+    });
+    schedule.add_systems((early_gpu_preprocess, draw, read).chain());
+    schedule
+}
+
+/// The lights that ask for the bounce of what moves, as of the frame that is drawn.
+#[derive(Resource, Default)]
+pub(crate) struct LightMaps(pub Vec<AskingLight>);
+
+/// A light's name in the plan.
+pub(crate) fn light_id(key: LightKey) -> LightId {
+    let kind = match key.1 {
+        LightKind::Point => 0,
+        LightKind::Spot => 1,
+        LightKind::Directional => 2,
+        LightKind::Rect => 3,
+    };
+    LightId(key.0, kind)
+}
+
+/// Runs beside `extract`.
+pub(crate) fn extract_maps(mut maps: ResMut<LightMaps>, asking: Extract<Res<AskingLights>>) {
+    maps.0.clone_from(&asking.0);
+}
+
+impl LightMaps {
+    /// As the plan sees them.
+    pub fn describe(&self, world: &ExtractedGi) -> Vec<BounceState> {
+        let state = |light: &AskingLight| BounceState {
+            id: light_id(light.key),
+            maps: light.maps.as_ref().map(|m| m.len() as u32).map_err(|w| *w),
+            views: (world.views.iter())
+                .filter(|v| v.layers.intersects(&light.layers))
+                .map(|v| v.id)
+                .collect(),
+        };
+        self.0.iter().map(state).collect()
+    }
+}
+
+type View = (
+    &'static ExtractedView,
+    &'static ViewDepthTexture,
+    &'static ViewPrepassTextures,
+);
+
+/// Draws the deferred meshes that the camera sees.
+fn draw(
+    world: &World,
+    view: ViewQuery<View>,
+    opaque: Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
+    masked: Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let (extracted, depth, textures) = view.into_inner();
+    let id = &extracted.retained_view_entity;
+    let (Some(opaque), Some(masked)) = (opaque.get(id), masked.get(id)) else {
+        return;
+    };
+    let recorder = ctx.diagnostic_recorder();
+    let recorder = recorder.as_deref();
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("meshless_gi reflective shadow map"),
+        color_attachments: &[
+            (textures.normal.as_ref()).map(|t| t.get_attachment()),
+            (textures.motion_vectors.as_ref()).map(|t| t.get_attachment()),
+            (textures.deferred.as_ref()).map(|t| t.get_attachment()),
+            (textures.deferred_lighting_pass_id.as_ref()).map(|t| t.get_attachment()),
+        ],
+        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    let span = recorder.pass_span(&mut pass, "meshless_gi_rsm");
+    if let Err(why) = opaque.render(&mut pass, world, entity) {
+        error!("a reflective shadow map lacks its opaque meshes: {why:?}");
+    }
+    if let Err(why) = masked.render(&mut pass, world, entity) {
+        error!("a reflective shadow map lacks its masked meshes: {why:?}");
+    }
+    span.end(&mut pass);
+}
+
+/// What the device holds of the bounce from what moves.
+pub(crate) struct Reflections {
+    maps: ReflectiveMaps,
+    /// Origin of the space in which all maps and views are.
+    origin: Vec3,
+    /// The light whose maps are being read.
+    light: Option<LightId>,
+    /// Reflected light asks the baked scenes for its shadows.
+    visibility: bool,
+}
+
+/// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask for their shadows: half a step of 12 bits.
+const DIM: f32 = 1.0 / 8192.0;
+
+impl Reflections {
+    /// Makes room for a frame, or nothing where the plan draws no map.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`ReflectiveMaps::begin`].
+    pub fn begin(
+        before: Option<Self>,
+        lights: &LightMaps,
+        plan: &Plan,
+        device: &wgpu::Device,
+    ) -> Result<Option<Self>, GpuError> {
+        let drawn = || (lights.0.iter()).filter(|l| plan.find_light(light_id(l.key)).is_some());
+        let Some(first) = drawn().next() else {
+            return Ok(None);
+        };
+        let texels = |light: &AskingLight| {
+            let side = light.settings.texels();
+            light.maps.as_ref().map_or(0, |m| m.len() as u32) * side * side
+        };
+        let texels = drawn().map(texels).max().unwrap_or(0);
+        let vpls = drawn().map(|l| l.settings.lights.clamp(1, MOST_VPLS)).sum();
+        let maps = match before {
+            Some(Self { mut maps, .. }) => {
+                maps.begin(device, texels, vpls)?;
+                maps
+            }
+            None => ReflectiveMaps::new(device, texels, vpls)?,
+        };
+        Ok(Some(Self {
+            maps,
+            // Whole metres: rounding stays the same while a light moves a little.
+            origin: first.place.round(),
+            light: None,
+            visibility: drawn().any(|l| l.settings.visibility),
+        }))
+    }
+
+    /// What was recorded so far.
+    pub fn counters(&self) -> GpuCounters {
+        self.maps.counters()
+    }
+
+    /// Buffers, and bytes of them.
+    pub fn size(&self) -> (u32, u64) {
+        (self.maps.buffers(), self.maps.bytes())
+    }
+
+    /// Adds the irradiance of the pixels of a view, see [`on_view`](Self::on_view).
+    pub fn light_view(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        lights: &(VplViewParams, Option<VplShadows<'_>>),
+        targets: &SplatTargets<'_>,
+    ) {
+        let (view, shadows) = lights;
+        self.maps
+            .splat(kernels, queue, encoder, view, shadows.as_ref(), targets);
+    }
+
+    /// The virtual lights.
+    pub fn maps(&self) -> &ReflectiveMaps {
+        &self.maps
+    }
+
+    /// How they light a view, and what shadows them there. `exposure` is what the view's irradiance is stored times.
+    pub fn on_view<'a>(
+        &self,
+        [world_from_view, clip_from_view]: [&Mat4; 2],
+        viewport: [f32; 4],
+        size: [u32; 2],
+        exposure: f32,
+        bake: Option<(DMat4, &'a SceneBuffers)>,
+    ) -> (VplViewParams, Option<VplShadows<'a>>) {
+        let view = VplViewParams {
+            space_from_clip: space_from_clip(world_from_view, clip_from_view, self.origin)
+                .to_cols_array_2d(),
+            viewport,
+            size,
+            scale: exposure,
+            pad: 0,
+        };
+        // An even share for each, as the irradiance of a white surface.
+        let share = DIM / self.maps.used().max(1) as f32;
+        let dim = share * std::f32::consts::PI / exposure.max(1e-30);
+        let shadows = (bake.filter(|_| self.visibility)).map(|(local, scene)| VplShadows {
+            local_from_space: local_from_space(local, self.origin),
+            scene,
+            dim,
+        });
+        (view, shadows)
+    }
+}
+
+/// From the space about `origin` to a bake's local space.
+fn local_from_space(local_from_world: DMat4, origin: Vec3) -> Mat4 {
+    (local_from_world * DMat4::from_translation(origin.as_dvec3())).as_mat4()
+}
+
+/// The bakes on the device, and how to get into their local spaces.
+pub(crate) fn bakes<'a>(
+    world: &'a ExtractedGi,
+    scenes: &'a std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
+) -> impl Iterator<Item = (SceneId, DMat4, &'a SceneBuffers)> {
+    world.scenes.iter().filter(|s| s.shown).filter_map(|scene| {
+        let placement = scene.placement?;
+        let frame = scenes.get(&scene.id)?.frame.as_ref()?;
+        let local_from_world = Mat4::from(placement.world_from_local).as_dmat4().inverse();
+        Some((scene.id, local_from_world, frame.buffers()))
+    })
+}
+
+/// Makes texels of the map that was just drawn, and after the last of a light its virtual point lights.
+fn read(
+    view: ViewQuery<View>,
+    lights: Res<LightMaps>,
+    world: Res<ExtractedGi>,
+    mut render: ResMut<GiRender>,
+    queue: Res<RenderQueue>,
+    mut ctx: RenderContext,
+) {
+    let (extracted, depth, textures) = view.into_inner();
+    let camera = extracted.retained_view_entity.main_entity.id();
+    let found = lights.0.iter().find_map(|light| {
+        let maps = light.maps.as_ref().ok()?;
+        let at = maps.iter().position(|map| *map == camera)?;
+        Some((light, at + 1 == maps.len()))
+    });
+    let Some((light, last)) = found else { return };
+    let id = light_id(light.key);
+    let render = &mut *render;
+    let (Some(kernels), Some(reflections), Some(gbuffer)) = (
+        &render.kernels,
+        &mut render.reflections,
+        textures.deferred_view(),
+    ) else {
+        return;
+    };
+    if render.plan.find_light(id).is_none() {
+        return;
+    }
+    if reflections.light != Some(id) {
+        reflections.maps.next_light();
+        reflections.light = Some(id);
+    }
+    let origin = reflections.origin;
+    let in_space = light_in_space(&light.light, origin);
+    let world_from_view = extracted.world_from_view.to_matrix();
+    let matrix = space_from_clip(&world_from_view, &extracted.clip_from_view, origin);
+    let side = extracted.viewport.z;
+    let map = DrawnMap {
+        depth: depth.view(),
+        gbuffer,
+        params: RsmParams::new(matrix, &in_space, side, 0),
+    };
+    let encoder = ctx.command_encoder();
+    reflections.maps.map(kernels, &queue, encoder, &map);
+    if last {
+        let scenes: Vec<_> = match light.settings.visibility {
+            true => bakes(&world, &render.scenes)
+                .map(|(_, local, buffers)| (local_from_space(local, origin), buffers))
+                .collect(),
+            false => Vec::new(),
+        };
+        let vpls = light.settings.lights.clamp(1, MOST_VPLS);
+        reflections
+            .maps
+            .choose(kernels, &queue, encoder, &in_space, &scenes, vpls);
+    }
+}
+
+/// Whether the plan lights a view by what moves.
+pub(crate) fn lights_view(plan: &Plan, view: ViewId) -> bool {
+    (plan.passes.iter()).any(|p| p.stage == crate::plan::Stage::Vpl && p.view == Some(view))
+}

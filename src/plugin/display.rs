@@ -1,0 +1,308 @@
+//! How a camera shows indirect light: by subsplats (\[N09\]), which evaluate the baked basis and virtual lights at a fraction of the pixels, or at every pixel, the reference.
+//!
+//! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many subsplats there were, is here too.
+
+use crate::frame::subsplat::LEVELS;
+use crate::frame::{
+    DepthTest, Levels, NormalTest, SubsplatCounts, SubsplatParams, SubsplatSettings, VplParams,
+    VplViewParams,
+};
+use crate::gpu::{
+    GpuCounters, GpuError, Kernels, NodeLights, ReflectiveMaps, SceneBuffers, SubsplatBuffers,
+    SubsplatTargets, ViewBuffers, VplShadows,
+};
+use bevy::ecs::prelude::*;
+use bevy::reflect::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Where a camera evaluates indirect light. Goes beside [`MeshlessGiCamera`](super::MeshlessGiCamera), which brings the default.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub enum MeshlessGiDisplay {
+    /// At a fraction of the pixels, and in between by interpolation that keeps to each surface.
+    Subsplats(MeshlessGiSubsplats),
+    /// At every pixel: the reference, and many times as dear.
+    Full,
+}
+
+impl Default for MeshlessGiDisplay {
+    fn default() -> Self {
+        Self::Subsplats(MeshlessGiSubsplats::default())
+    }
+}
+
+/// Where subsplats are, see [`SubsplatSettings`].
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiSubsplats {
+    /// The first subsplats are 2^coarsest pixels apart; each is refined once. 2 to 6.
+    pub coarsest: u32,
+    /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where nothing around them is of their surface.
+    pub finest: u32,
+    /// How jumps of depth are found.
+    pub depth: MeshlessGiDepthTest,
+    /// How creases are found.
+    pub normal: MeshlessGiNormalTest,
+    /// Look for both in the diagonal neighbours too.
+    pub diagonal: bool,
+    /// Refine where light differs by more than this part from what its surroundings foretold. Infinite for never.
+    pub light: f32,
+    /// Evaluate a pixel by itself where no more than this share of its surroundings is of its own surface.
+    pub alike: f32,
+    /// α of \[N09\] Eq. (3); 0 for none.
+    pub detail: f32,
+}
+
+/// How jumps of depth are found, see [`DepthTest`]; thresholds are parts of the depth.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Clone, Debug, PartialEq)]
+pub enum MeshlessGiDepthTest {
+    /// Distance from the plane through a pixel's neighbours.
+    Plane(f32),
+    /// Range of depths.
+    MinMax(f32),
+    /// Largest slope.
+    Derivative(f32),
+}
+
+/// How creases are found, see [`NormalTest`]; thresholds from 0 to 2.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Clone, Debug, PartialEq)]
+pub enum MeshlessGiNormalTest {
+    /// Range of the normal's components.
+    MinMax(f32),
+    /// Largest curvature.
+    Curvature(f32),
+}
+
+impl Default for MeshlessGiSubsplats {
+    fn default() -> Self {
+        SubsplatSettings::default().into()
+    }
+}
+
+impl From<SubsplatSettings> for MeshlessGiSubsplats {
+    fn from(settings: SubsplatSettings) -> Self {
+        Self {
+            coarsest: settings.coarsest,
+            finest: settings.finest,
+            depth: match settings.depth {
+                DepthTest::Plane(t) => MeshlessGiDepthTest::Plane(t),
+                DepthTest::MinMax(t) => MeshlessGiDepthTest::MinMax(t),
+                DepthTest::Derivative(t) => MeshlessGiDepthTest::Derivative(t),
+            },
+            normal: match settings.normal {
+                NormalTest::MinMax(t) => MeshlessGiNormalTest::MinMax(t),
+                NormalTest::Curvature(t) => MeshlessGiNormalTest::Curvature(t),
+            },
+            diagonal: settings.diagonal,
+            light: settings.light,
+            alike: settings.alike,
+            detail: settings.detail,
+        }
+    }
+}
+
+impl From<MeshlessGiSubsplats> for SubsplatSettings {
+    fn from(settings: MeshlessGiSubsplats) -> Self {
+        Self {
+            coarsest: settings.coarsest,
+            finest: settings.finest,
+            depth: match settings.depth {
+                MeshlessGiDepthTest::Plane(t) => DepthTest::Plane(t),
+                MeshlessGiDepthTest::MinMax(t) => DepthTest::MinMax(t),
+                MeshlessGiDepthTest::Derivative(t) => DepthTest::Derivative(t),
+            },
+            normal: match settings.normal {
+                MeshlessGiNormalTest::MinMax(t) => NormalTest::MinMax(t),
+                MeshlessGiNormalTest::Curvature(t) => NormalTest::Curvature(t),
+            },
+            diagonal: settings.diagonal,
+            light: settings.light,
+            alike: settings.alike,
+            detail: settings.detail,
+        }
+    }
+}
+
+/// Virtual lights of the frame, as a view needs them.
+pub(crate) struct ViewLights<'a> {
+    pub maps: &'a ReflectiveMaps,
+    pub view: VplViewParams,
+    pub lit: VplParams,
+    pub shadows: Option<VplShadows<'a>>,
+}
+
+/// What a view holds on the device for its subsplats.
+pub(crate) struct ViewSubsplats {
+    buffers: SubsplatBuffers,
+    /// Parameters of virtual lights, where there were any: of the view, and of the lights.
+    lights: Option<[wgpu::Buffer; 2]>,
+    counted: CountReadback,
+}
+
+impl ViewSubsplats {
+    /// Makes room, or keeps what is there and fits.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`SubsplatBuffers::new`].
+    pub fn fit(
+        before: Option<Self>,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        levels: Levels,
+    ) -> Result<Self, GpuError> {
+        match before {
+            Some(before) if before.buffers.levels() == levels => Ok(before),
+            _ => Ok(Self {
+                buffers: SubsplatBuffers::new(device, queue, levels)?,
+                lights: None,
+                counted: CountReadback::new(device, levels),
+            }),
+        }
+    }
+
+    /// Buffers, and bytes of them.
+    pub fn size(&self) -> (u32, u64) {
+        let lights = self.lights.iter().flatten();
+        let own = lights.chain([&self.counted.staging]);
+        let (count, bytes) = own.fold((0, 0), |(n, b), buffer| (n + 1, b + buffer.size()));
+        (self.buffers.count() + count, self.buffers.bytes() + bytes)
+    }
+
+    /// How many subsplats a frame not long ago had.
+    pub fn counts(&self) -> Option<SubsplatCounts> {
+        self.counted.latest()
+    }
+
+    /// Records the view, and says what was recorded.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a view, what lights it, and what it is recorded with"
+    )]
+    pub fn record(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        params: &SubsplatParams,
+        targets: &SubsplatTargets<'_>,
+        scenes: &[(&SceneBuffers, &ViewBuffers)],
+        lights: Option<&ViewLights<'_>>,
+    ) -> GpuCounters {
+        let before = self.buffers.counters();
+        self.buffers.write(queue, params);
+        if lights.is_none() {
+            self.lights = None;
+        }
+        let lit = lights.map(|lights| {
+            let uniforms = self.lights.get_or_insert_with(|| {
+                [size_of::<VplViewParams>(), size_of::<VplParams>()].map(|bytes| {
+                    kernels.device().create_buffer(&wgpu::BufferDescriptor {
+                        label: Some("virtual lights of a view"),
+                        size: bytes as u64,
+                        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                        mapped_at_creation: false,
+                    })
+                })
+            });
+            queue.write_buffer(&uniforms[0], 0, bytemuck::bytes_of(&lights.view));
+            queue.write_buffer(&uniforms[1], 0, bytemuck::bytes_of(&lights.lit));
+            NodeLights {
+                maps: lights.maps,
+                view: &uniforms[0],
+                lit: &uniforms[1],
+                shadows: lights.shadows,
+            }
+        });
+        self.buffers
+            .record(kernels, encoder, targets, scenes, lit.as_ref());
+        self.counted.copy(encoder, &self.buffers);
+        self.buffers.counters().since(&before)
+    }
+
+    /// After the submission: maps the counts.
+    pub fn fetch(&mut self) {
+        self.counted.fetch();
+    }
+}
+
+/// Bytes of a level's count that are read back.
+const COUNT: u64 = 32;
+
+/// Counts of subsplats on their way back from the device, one copy at a time. Nothing waits for them.
+struct CountReadback {
+    staging: wgpu::Buffer,
+    levels: Levels,
+    busy: Arc<AtomicBool>,
+    recorded: bool,
+    latest: Arc<Mutex<Option<SubsplatCounts>>>,
+}
+
+impl CountReadback {
+    fn new(device: &wgpu::Device, levels: Levels) -> Self {
+        Self {
+            staging: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("subsplat counts"),
+                size: COUNT * u64::from(levels.coarsest + 1),
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            }),
+            levels,
+            busy: Arc::default(),
+            recorded: false,
+            latest: Arc::default(),
+        }
+    }
+
+    fn latest(&self) -> Option<SubsplatCounts> {
+        *self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn copy(&mut self, encoder: &mut wgpu::CommandEncoder, of: &SubsplatBuffers) {
+        if self.busy.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        for k in 0..=self.levels.coarsest {
+            let at = COUNT * u64::from(k);
+            encoder.copy_buffer_to_buffer(of.count_of(k), 0, &self.staging, at, COUNT);
+        }
+        self.recorded = true;
+    }
+
+    fn fetch(&mut self) {
+        if !std::mem::take(&mut self.recorded) {
+            return;
+        }
+        let (staging, busy, latest) =
+            (self.staging.clone(), self.busy.clone(), self.latest.clone());
+        let levels = self.levels;
+        self.staging
+            .map_async(wgpu::MapMode::Read, .., move |mapped| {
+                if mapped.is_ok() {
+                    let words: Vec<u32> = {
+                        let bytes = staging.get_mapped_range(..);
+                        bytemuck::pod_collect_to_vec(&bytes)
+                    };
+                    staging.unmap();
+                    let counts = counts(&levels, &words);
+                    *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(counts);
+                }
+                busy.store(false, Ordering::Release);
+            });
+    }
+}
+
+/// Evaluations from the counts of all levels: each cell that was divided lists one child whose node is its own.
+fn counts(levels: &Levels, words: &[u32]) -> SubsplatCounts {
+    let mut evaluated = [0; LEVELS];
+    for (k, count) in words.chunks_exact(COUNT as usize / 4).enumerate() {
+        let (items, divided) = (count[3].min(levels.cells(k as u32)), count[4]);
+        evaluated[k] = items - divided.min(items);
+    }
+    SubsplatCounts {
+        evaluated,
+        pixels: levels.size[0] * levels.size[1],
+    }
+}

@@ -1,0 +1,375 @@
+//! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the cameras that draw it from there.
+//!
+//! A bake holds the light that static surfaces reflect. What moves is not in it: [`MeshlessGiBouncer`] marks such objects, and a light with
+//! [`MeshlessGiReflective`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
+//! its own ([`MeshlessGiCapture`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
+//!
+//! The cameras tell what moves by a [`RenderLayers`] of their own, [`CAPTURE_LAYER`], which the meshes below a bouncer get beside theirs.
+
+use super::components::MeshlessGiCamera;
+use super::extract::{LightKey, LightKind, LightParts};
+use crate::frame::FrameLight;
+use crate::frame::reflective::side;
+use crate::plan::{Lens, MapView, Skip, map_views};
+use crate::scene::Bounds;
+use bevy::camera::primitives::Aabb;
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
+use bevy::camera::{
+    Camera, Camera3d, Camera3dDepthTextureUsage, OrthographicProjection, PerspectiveProjection,
+    Projection, RenderTarget, ScalingMode,
+};
+use bevy::core_pipeline::prepass::DeferredPrepass;
+use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::ecs::entity::EntityHashSet;
+use bevy::ecs::prelude::*;
+use bevy::light::cluster::ClusterConfig;
+use bevy::light::{DirectionalLight, PointLight, SpotLight};
+use bevy::math::{UVec2, Vec3};
+use bevy::mesh::Mesh3d;
+use bevy::reflect::prelude::*;
+use bevy::render::camera::CameraRenderGraph;
+use bevy::render::render_resource::TextureUsages;
+use bevy::render::view::{Msaa, NoIndirectDrawing};
+use bevy::transform::components::{GlobalTransform, Transform};
+
+/// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
+pub const CAPTURE_LAYER: usize = 61;
+
+/// The maps are drawn before all cameras of a game: their orders count up from here.
+pub const CAPTURE_ORDER: isize = -1_000_000;
+
+/// This entity and all below it reflect light that no bake holds: a thing that moves. In the light of lamps with
+/// [`MeshlessGiReflective`] its meshes reflect once, diffusely, onto everything that cameras with [`MeshlessGiCamera`] show.
+///
+/// Meshes must be opaque or masked and deferred; others reflect nothing. Never put it on what is baked: that light would be counted twice.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiBouncer;
+
+/// The light that this lamp throws on [`MeshlessGiBouncer`]s bounces. Goes on a point, spot or directional light. It costs nothing where
+/// nothing moves in the lamp's reach.
+///
+/// A [`MeshlessGiLight`](super::MeshlessGiLight) beside it is respected: switched off there, it is off here.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiReflective {
+    /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point light may take up to six maps, see [`map_views`].
+    pub resolution: u32,
+    /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
+    pub lights: u32,
+    /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays through the first bake that a camera shows. All lights' reflected
+    /// light goes its way together: it is shadowed where one of them asks for it.
+    pub visibility: bool,
+}
+
+impl Default for MeshlessGiReflective {
+    fn default() -> Self {
+        Self {
+            resolution: 64,
+            lights: 128,
+            visibility: true,
+        }
+    }
+}
+
+impl MeshlessGiReflective {
+    /// Edge of a map in texels: the power of two that is drawn.
+    #[must_use]
+    pub fn texels(&self) -> u32 {
+        side(self.resolution.max(8))
+    }
+}
+
+/// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned by the plugin; inactive where nothing moves. A game that asks for
+/// cameras without asking for more may want `Without<MeshlessGiCapture>`.
+#[derive(Component, Clone, Copy, Debug, PartialEq, Eq)]
+#[component(immutable)]
+pub struct MeshlessGiCapture {
+    /// The light that it looks from.
+    pub light: Entity,
+    /// Which of the entity's lights.
+    kind: LightKind,
+    /// Which of the light's maps.
+    pub map: u32,
+}
+
+/// A mesh that has [`CAPTURE_LAYER`] from us.
+#[derive(Component)]
+pub(crate) struct Marked {
+    /// It had no layers at all.
+    bare: bool,
+}
+
+/// Gives the meshes below bouncers their layer, and takes it from those that are no longer.
+pub(crate) fn mark(
+    mut commands: Commands,
+    bouncers: Query<Entity, With<MeshlessGiBouncer>>,
+    children: Query<&Children>,
+    meshes: Query<(Option<&RenderLayers>, Has<Marked>), With<Mesh3d>>,
+    marked: Query<(Entity, &Marked, Option<&RenderLayers>)>,
+    mut below: Local<EntityHashSet>,
+) {
+    if bouncers.is_empty() && marked.is_empty() {
+        return;
+    }
+    let capture = RenderLayers::layer(CAPTURE_LAYER);
+    below.clear();
+    for bouncer in &bouncers {
+        let family = std::iter::once(bouncer).chain(children.iter_descendants(bouncer));
+        below.extend(family.filter(|e| meshes.contains(*e)));
+    }
+    for &entity in below.iter() {
+        let Ok((layers, had)) = meshes.get(entity) else {
+            continue;
+        };
+        if !had || !layers.is_some_and(|l| l.intersects(&capture)) {
+            let bare = layers.is_none();
+            let layers = layers.cloned().unwrap_or_default().with(CAPTURE_LAYER);
+            commands.entity(entity).insert((layers, Marked { bare }));
+        }
+    }
+    for (entity, mark, layers) in &marked {
+        if below.contains(&entity) {
+            continue;
+        }
+        let mut entity = commands.entity(entity);
+        entity.remove::<Marked>();
+        if let Some(layers) = layers {
+            let own = layers.clone().without(CAPTURE_LAYER);
+            if mark.bare && own == RenderLayers::default() {
+                entity.remove::<RenderLayers>();
+            } else {
+                entity.insert(own);
+            }
+        }
+    }
+}
+
+/// A light that asks for the bounce of what moves, and the cameras that draw its maps this frame.
+#[derive(Clone, Debug)]
+pub(crate) struct AskingLight {
+    pub key: LightKey,
+    /// In world space.
+    pub light: FrameLight,
+    pub layers: RenderLayers,
+    pub settings: MeshlessGiReflective,
+    /// Where its first map stands, metres.
+    pub place: Vec3,
+    pub maps: Result<Vec<Entity>, Skip>,
+}
+
+/// All lights that ask, as of this frame.
+#[derive(Resource, Clone, Debug, Default)]
+pub(crate) struct AskingLights(pub Vec<AskingLight>);
+
+type Captures<'w, 's> = Query<
+    'w,
+    's,
+    (
+        Entity,
+        &'static MeshlessGiCapture,
+        &'static mut Camera,
+        &'static mut RenderTarget,
+        &'static mut Projection,
+        &'static mut Transform,
+        &'static mut GlobalTransform,
+    ),
+    Without<MeshlessGiCamera>,
+>;
+
+/// Aims the cameras of the lights that ask, and switches off those that have nothing to show.
+#[allow(
+    clippy::too_many_arguments,
+    clippy::type_complexity,
+    reason = "a system's parameters are its inputs"
+)]
+pub(crate) fn aim(
+    mut commands: Commands,
+    mut asking: ResMut<AskingLights>,
+    cameras: Query<(&Camera, &MeshlessGiCamera)>,
+    points: Query<(LightParts, &PointLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
+    spots: Query<(LightParts, &SpotLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
+    directionals: Query<
+        (LightParts, &DirectionalLight, &MeshlessGiReflective),
+        Without<MeshlessGiCapture>,
+    >,
+    moving: Query<
+        (&GlobalTransform, &Aabb, &InheritedVisibility),
+        (With<Marked>, Without<MeshlessGiCapture>),
+    >,
+    mut captures: Captures,
+) {
+    if !asking.0.is_empty() {
+        asking.0.clear();
+    }
+    let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
+    let mut ask = |kind, parts: &_, light, settings: &MeshlessGiReflective| {
+        let parts: &super::extract::LightPartsItem = parts;
+        asking.0.push(AskingLight {
+            key: (parts.entity.to_bits(), kind),
+            light: FrameLight::expand(&light, 1)[0],
+            layers: parts.layers.cloned().unwrap_or_default(),
+            settings: settings.clone(),
+            place: Vec3::ZERO,
+            maps: Err(Skip::NotInView),
+        });
+    };
+    for (parts, light, settings) in &points {
+        ask(LightKind::Point, &parts, parts.point(light), settings);
+    }
+    for (parts, light, settings) in &spots {
+        ask(LightKind::Spot, &parts, parts.spot(light), settings);
+    }
+    for (parts, light, settings) in &directionals {
+        let sun = parts.directional(light);
+        ask(LightKind::Directional, &parts, sun, settings);
+    }
+    if asking.0.is_empty() && captures.is_empty() {
+        return;
+    }
+    // The same order in every run, whatever order the world keeps its entities in.
+    asking.0.sort_unstable_by_key(|light| light.key);
+    let boxes: Vec<Bounds> = match shown && !asking.0.is_empty() {
+        true => (moving.iter())
+            .filter(|(.., visible)| visible.get())
+            .map(|(at, aabb, _)| bounds(at, aabb))
+            .collect(),
+        false => Vec::new(),
+    };
+
+    let mut order = CAPTURE_ORDER;
+    for light in &mut asking.0 {
+        if !shown {
+            continue;
+        }
+        let texels = light.settings.texels();
+        light.maps = map_views(&light.light, &boxes, texels).map(|views| {
+            light.place = views.first().map_or(Vec3::ZERO, |view| view.position);
+            let mut drawn = Vec::with_capacity(views.len());
+            for (map, view) in views.iter().enumerate() {
+                order += 1;
+                let capture = MeshlessGiCapture {
+                    light: Entity::from_bits(light.key.0),
+                    kind: light.key.1,
+                    map: map as u32,
+                };
+                let there = captures.iter_mut().find(|(_, c, ..)| **c == capture);
+                let Some((entity, _, mut camera, mut target, mut lens, mut at, mut global)) = there
+                else {
+                    let bundle = camera_bundle(view, texels, order);
+                    drawn.push(commands.spawn((capture, bundle)).id());
+                    continue;
+                };
+                drawn.push(entity);
+                if !camera.is_active || camera.order != order {
+                    (camera.is_active, camera.order) = (true, order);
+                }
+                let size = UVec2::splat(texels);
+                if !matches!(*target, RenderTarget::None { size: old } if old == size) {
+                    *target = RenderTarget::None { size };
+                    // Bevy looks at a target without a picture when the lens changes.
+                    lens.set_changed();
+                }
+                set_lens(&mut lens, view.lens);
+                let to = transform(view);
+                if *at != to {
+                    (*at, *global) = (to, to.into());
+                }
+            }
+            drawn
+        });
+    }
+    for (entity, capture, mut camera, ..) in &mut captures {
+        let key = (capture.light.to_bits(), capture.kind);
+        let light = asking.0.iter().find(|light| light.key == key);
+        match light.map(|light| &light.maps) {
+            None => commands.entity(entity).despawn(),
+            Some(Ok(maps)) if maps.contains(&entity) => {}
+            Some(_) if camera.is_active => camera.is_active = false,
+            Some(_) => {}
+        }
+    }
+}
+
+/// The box of a mesh in world space.
+fn bounds(at: &GlobalTransform, aabb: &Aabb) -> Bounds {
+    let affine = at.affine();
+    let middle = Vec3::from(affine.transform_point3a(aabb.center));
+    let half = Vec3::from(affine.matrix3.abs() * aabb.half_extents);
+    Bounds {
+        min: middle - half,
+        max: middle + half,
+    }
+}
+
+fn transform(view: &MapView) -> Transform {
+    Transform::from_translation(view.position).with_rotation(view.rotation)
+}
+
+fn set_lens(projection: &mut Mut<Projection>, lens: Lens) {
+    let same = match (&**projection, lens) {
+        (Projection::Perspective(p), Lens::Perspective { fov, near, far }) => {
+            (p.fov, p.near, p.far) == (fov, near, far)
+        }
+        (Projection::Orthographic(p), Lens::Orthographic { size, far }) => {
+            p.far == far
+                && matches!(p.scaling_mode, ScalingMode::Fixed { width, .. } if width == size)
+        }
+        _ => false,
+    };
+    if !same {
+        **projection = self::projection(lens);
+    }
+}
+
+fn projection(lens: Lens) -> Projection {
+    match lens {
+        Lens::Perspective { fov, near, far } => Projection::Perspective(PerspectiveProjection {
+            fov,
+            near,
+            far,
+            near_clip_plane: Vec3::NEG_Z.extend(-near),
+            ..PerspectiveProjection::default()
+        }),
+        Lens::Orthographic { size, far } => Projection::Orthographic(OrthographicProjection {
+            near: 0.0,
+            far,
+            scaling_mode: ScalingMode::Fixed {
+                width: size,
+                height: size,
+            },
+            ..OrthographicProjection::default_3d()
+        }),
+    }
+}
+
+/// A camera that draws deferred surfaces and depth, has no picture, and takes part in nothing else.
+fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
+    let at = transform(view);
+    (
+        Camera3d {
+            // `capture` binds it itself, which saves a depth prepass and its copy.
+            depth_texture_usages: Camera3dDepthTextureUsage::from(
+                TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
+            ),
+            ..Camera3d::default()
+        },
+        Camera {
+            order,
+            ..Camera::default()
+        },
+        RenderTarget::None {
+            size: UVec2::splat(texels),
+        },
+        CameraRenderGraph::new(super::capture::MeshlessGiCaptureGraph),
+        projection(view.lens),
+        (at, GlobalTransform::from(at)),
+        RenderLayers::layer(CAPTURE_LAYER),
+        DeferredPrepass,
+        Msaa::Off,
+        NoIndirectDrawing,
+        ClusterConfig::Single,
+        (Tonemapping::None, DebandDither::Disabled),
+        Name::new("meshless_gi reflective shadow map"),
+    )
+}

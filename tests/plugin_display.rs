@@ -1,0 +1,246 @@
+//! Subsplats in the running plugin, beside every pixel: equal pictures, fewer evaluations, nothing that pops, and buffers that come and go.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{MeshlessGiDepthTest, MeshlessGiNormalTest, MeshlessGiSubsplats};
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, camera, drawable, picture, run};
+use plugin_support::flip::{Picture, flip};
+use plugin_support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
+
+/// Pixels of the pictures: enough for all levels.
+const SIZE: UVec2 = UVec2::new(256, 192);
+const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
+
+/// The room with its lamp, and a camera at `at` that shows `display`.
+fn shown(app: &mut App, at: Transform, display: MeshlessGiDisplay) -> (Entity, Handle<Image>) {
+    spawn_room(app, Transform::IDENTITY);
+    spawn_lamp(app, LAMP);
+    eye(app, at, display)
+}
+
+fn eye(app: &mut App, at: Transform, display: MeshlessGiDisplay) -> (Entity, Handle<Image>) {
+    let image = drawable(SIZE.x, SIZE.y);
+    let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
+    let eye = app.world_mut().spawn((camera(&image, at), indirect())).id();
+    app.world_mut().entity_mut(eye).insert(display);
+    run(app, 2);
+    (eye, image)
+}
+
+/// The picture by the display that is set, and at every pixel; and how many evaluations the first took, in parts of the pixels.
+fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
+    let display = *app.world().get::<MeshlessGiDisplay>(eye).unwrap();
+    let by = picture(app, image);
+    run(app, 3);
+    let counts = counters(app);
+    let counts = counts.subsplats.values().next().expect("they are counted");
+    assert_eq!(counts.pixels, SIZE.x * SIZE.y);
+    let share = counts.total() as f32 / counts.pixels as f32;
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::Full);
+    run(app, 2);
+    let full = picture(app, image);
+    assert!(counters(app).subsplats.is_empty());
+    app.world_mut().entity_mut(eye).insert(display);
+    run(app, 2);
+    (by, full, share)
+}
+
+#[test]
+fn subsplats_show_what_every_pixel_does() {
+    let mut app = app();
+    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
+    let (by, full, share) = both(&mut app, eye, &image);
+    assert_alike("subsplats", &full, &by);
+    println!("{:.1} % of the pixels", 100.0 * share);
+    // Few pixels, so that edges weigh much: docs/SUBSPLATS.md has a full screen's.
+    assert!(share < 0.35, "{share}");
+    // Other tests, [N09]'s own, and coarser ones.
+    let settings = MeshlessGiSubsplats::default();
+    for (name, settings) in [
+        (
+            "minima",
+            MeshlessGiSubsplats {
+                coarsest: 6,
+                depth: MeshlessGiDepthTest::MinMax(0.05),
+                normal: MeshlessGiNormalTest::MinMax(0.3),
+                light: f32::INFINITY,
+                ..settings
+            },
+        ),
+        (
+            "derivatives",
+            MeshlessGiSubsplats {
+                depth: MeshlessGiDepthTest::Derivative(0.05),
+                normal: MeshlessGiNormalTest::Curvature(0.3),
+                ..settings
+            },
+        ),
+    ] {
+        app.world_mut()
+            .entity_mut(eye)
+            .insert(MeshlessGiDisplay::Subsplats(settings));
+        run(&mut app, 2);
+        let (by, full, share) = both(&mut app, eye, &image);
+        println!("{name}: {:.1} % of the pixels", 100.0 * share);
+        assert_alike(name, &full, &by);
+    }
+    // What is set wrongly is brought into range.
+    let wild = MeshlessGiSubsplats {
+        coarsest: 0,
+        finest: 99,
+        depth: MeshlessGiDepthTest::Plane(f32::NAN),
+        light: f32::NAN,
+        alike: 7.0,
+        detail: -1.0,
+        ..settings
+    };
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::Subsplats(wild));
+    run(&mut app, 2);
+    let (by, full, _) = both(&mut app, eye, &image);
+    assert_alike("wild", &full, &by);
+}
+
+#[test]
+fn a_flat_view_takes_next_to_none() {
+    let mut app = app();
+    let at = Transform::from_xyz(0.1, 1.1, 0.6).looking_at(Vec3::new(0.1, 1.2, -1.0), Vec3::Y);
+    let (eye, image) = shown(&mut app, at, MeshlessGiDisplay::default());
+    let (by, full, share) = both(&mut app, eye, &image);
+    assert_alike("flat", &full, &by);
+    println!("{:.2} % of the pixels", 100.0 * share);
+    // One in 64 is evaluated anyway.
+    assert!(share < 0.08, "{share}");
+}
+
+#[test]
+fn nothing_pops_along_a_path() {
+    let mut app = app();
+    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
+    let mut path = |display: MeshlessGiDisplay| -> Vec<Picture> {
+        app.world_mut().entity_mut(eye).insert(display);
+        (0..6)
+            .map(|k| {
+                let mut at = app.world_mut().get_mut::<Transform>(eye).unwrap();
+                at.translation = view().translation + Vec3::new(0.003, 0.001, -0.002) * k as f32;
+                run(&mut app, 2);
+                picture(&mut app, &image)
+            })
+            .collect()
+    };
+    let by = path(MeshlessGiDisplay::default());
+    let full = path(MeshlessGiDisplay::Full);
+    let mean = full[0].mean();
+    let mut most = 0.0f32;
+    for (frames, reference) in by.windows(2).zip(full.windows(2)) {
+        // How what subsplats get wrong changes from a frame to the next, where nothing but the camera moves.
+        let change = |i: usize, c: usize| {
+            let wrong = |f: usize| frames[f].pixels[i][c] - reference[f].pixels[i][c];
+            (wrong(1) - wrong(0)).abs()
+        };
+        let count = reference[0].pixels.len();
+        let sum: f32 = (0..count)
+            .flat_map(|i| (0..3).map(move |c| (i, c)))
+            .map(|(i, c)| change(i, c))
+            .sum();
+        let steady = sum / (3 * count) as f32 / mean;
+        let between = flip(&frames[0], &frames[1]) - flip(&reference[0], &reference[1]);
+        println!("{steady:.5} of the mean, FLIP between frames {between:+.5} beside every pixel's");
+        assert!(steady < 0.01 && between < 0.005, "{steady}, {between}");
+        most = most.max(steady);
+    }
+    assert!(most > 0.0, "nothing was compared");
+}
+
+#[test]
+fn a_ball_that_bounces_light_is_shown_alike() {
+    let mut app = app();
+    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
+    let mesh = Sphere::new(0.25).mesh().ico(12).unwrap();
+    let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
+    let red = StandardMaterial {
+        base_color: Color::linear_rgb(0.8, 0.02, 0.02),
+        perceptual_roughness: 1.0,
+        ..default()
+    };
+    let material = app
+        .world_mut()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(red);
+    let place = Transform::from_xyz(-0.3, 0.3, 0.4);
+    app.world_mut().spawn((
+        Mesh3d(mesh),
+        MeshMaterial3d(material),
+        place,
+        MeshlessGiBouncer,
+    ));
+    let mut lamps = app.world_mut().query_filtered::<Entity, With<PointLight>>();
+    let lamp = lamps.single(app.world()).unwrap();
+    let before = picture(&mut app, &image);
+    app.world_mut()
+        .entity_mut(lamp)
+        .insert(MeshlessGiReflective::default());
+    run(&mut app, 3);
+    let (by, full, share) = both(&mut app, eye, &image);
+    println!("{:.1} % of the pixels", 100.0 * share);
+    assert_alike("ball", &full, &by);
+    let seen = by.nrmse(&before);
+    println!("the bounce changes the picture by {seen}");
+    assert!(seen > 0.005, "the ball's bounce is not seen: {seen}");
+}
+
+#[test]
+fn two_bakes_share_a_picture() {
+    let mut app = app();
+    spawn_room(&mut app, Transform::from_xyz(-1.3, 0.0, -1.0));
+    spawn_room(
+        &mut app,
+        Transform::from_xyz(1.3, 0.0, -1.5).with_rotation(Quat::from_rotation_y(0.4)),
+    );
+    spawn_lamp(&mut app, Vec3::new(-1.1, 1.6, -0.7));
+    spawn_lamp(&mut app, Vec3::new(1.2, 1.5, -1.3));
+    let at = Transform::from_xyz(0.0, 1.2, 4.5).looking_at(Vec3::new(0.0, 1.0, -1.0), Vec3::Y);
+    let (eye, image) = eye(&mut app, at, MeshlessGiDisplay::default());
+    let (by, full, share) = both(&mut app, eye, &image);
+    println!("{:.1} % of the pixels", 100.0 * share);
+    assert_alike("two_bakes", &full, &by);
+}
+
+#[test]
+fn buffers_come_and_go_with_the_display() {
+    let mut app = app();
+    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::Full);
+    let full = counters(&app);
+    assert_eq!(full.dispatches_of(Stage::Splat), 1);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::default());
+    run(&mut app, 2);
+    let by = counters(&app);
+    assert!(by.buffers > full.buffers && by.bytes > full.bytes);
+    assert!(by.dispatches_of(Stage::Splat) > 10, "{by:?}");
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::Full);
+    run(&mut app, 2);
+    let again = counters(&app);
+    assert_eq!((again.buffers, again.bytes), (full.buffers, full.bytes));
+    // A camera that shows nothing holds nothing.
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::default());
+    run(&mut app, 2);
+    let mut settings = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    settings.enabled = false;
+    run(&mut app, 2);
+    let off = counters(&app);
+    assert!(off.buffers < full.buffers && off.subsplats.is_empty());
+    assert_eq!(off.dispatches_of(Stage::Splat), 0);
+    keep("off", &picture(&mut app, &image));
+}

@@ -1,0 +1,515 @@
+//! One bounce from what moves, in the running plugin: which cameras draw it, what they see, and what it adds to the picture.
+
+mod plugin_support;
+
+use bevy::camera::visibility::RenderLayers;
+use bevy::prelude::*;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{
+    CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiDisplay, MeshlessGiFinding,
+    MeshlessGiFindings,
+};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_vpls};
+use plugin_support::flip::Picture;
+use plugin_support::scenes::{Room, cornell};
+use plugin_support::stage::{
+    CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
+};
+use std::f32::consts::PI;
+
+fn spawn_ball(app: &mut App, ball: Ball) -> Entity {
+    let mesh = Sphere::new(ball.radius).mesh().ico(20).unwrap();
+    let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
+    let [r, g, b] = ball.colour.to_array();
+    let material = app
+        .world_mut()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial {
+            base_color: Color::linear_rgb(r, g, b),
+            perceptual_roughness: 1.0,
+            reflectance: 0.0,
+            ..default()
+        });
+    app.world_mut()
+        .spawn((
+            Mesh3d(mesh),
+            MeshMaterial3d(material),
+            Transform::from_translation(ball.center),
+        ))
+        .id()
+}
+
+/// Cameras of maps: all, and those that draw.
+fn captures(app: &mut App) -> [usize; 2] {
+    let mut cameras = app
+        .world_mut()
+        .query_filtered::<&Camera, With<MeshlessGiCapture>>();
+    let all: Vec<bool> = cameras
+        .iter(app.world())
+        .map(|camera| camera.is_active)
+        .collect();
+    [all.len(), all.iter().filter(|a| **a).count()]
+}
+
+fn layers(app: &App, entity: Entity) -> Option<RenderLayers> {
+    app.world().get::<RenderLayers>(entity).cloned()
+}
+
+const RED: Ball = Ball {
+    center: Vec3::new(-0.4, 0.3, 0.3),
+    radius: 0.25,
+    colour: Vec3::new(0.8, 0.02, 0.02),
+};
+const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
+
+#[test]
+fn cameras_come_with_what_moves_and_go_with_it() {
+    let mut app = app();
+    room_and_camera(&mut app);
+    let lamp = spawn_lamp(&mut app, LAMP);
+    run(&mut app, 2);
+    let bare = counters(&app);
+    let ball = spawn_ball(&mut app, RED);
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [0, 0], "nobody asks");
+
+    // A light asks, and nothing moves.
+    app.world_mut()
+        .entity_mut(lamp)
+        .insert(MeshlessGiReflective::default());
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [0, 0], "nothing moves");
+    let c = counters(&app);
+    assert!(c.plan.contains("nothing moves"), "{}", c.plan);
+    assert_eq!(
+        (c.buffers, c.bytes, c.pipelines),
+        (bare.buffers, bare.bytes, bare.pipelines),
+        "an asking light alone holds nothing"
+    );
+
+    // The ball moves, and its meshes are told apart by a layer beside theirs.
+    let own = RenderLayers::from_layers(&[0, 3]);
+    app.world_mut().entity_mut(ball).insert(own.clone());
+    let parent = app.world_mut().spawn(Transform::default()).id();
+    let parent_of = app
+        .world_mut()
+        .spawn((Transform::default(), ChildOf(parent)))
+        .id();
+    app.world_mut().entity_mut(ball).insert(ChildOf(parent_of));
+    app.world_mut().entity_mut(parent).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [1, 1]);
+    assert_eq!(layers(&app, ball), Some(own.clone().with(CAPTURE_LAYER)));
+    assert_eq!(layers(&app, parent), None, "it has no mesh");
+    let c = counters(&app);
+    let ran = |c: &MeshlessGiCounters| c.plan.matches("run  rsm").count();
+    assert_eq!(ran(&c), 1, "{}", c.plan);
+    assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
+
+    // Out of the light's reach, the light dark, no camera that shows it: no map is drawn.
+    type Change = fn(&mut App, Entity, Entity, bool);
+    let changes: [(&str, Change); 4] = [
+        ("nothing that moves is in reach", |app, ball, _, away| {
+            let mut at = app.world_mut().get_mut::<Transform>(ball).unwrap();
+            at.translation.x = if away { 1e4 } else { -0.4 };
+        }),
+        ("the light is off", |app, _, lamp, off| {
+            let shown = if off {
+                Visibility::Hidden
+            } else {
+                Visibility::Visible
+            };
+            app.world_mut().entity_mut(lamp).insert(shown);
+        }),
+        ("nothing moves", |app, ball, _, hidden| {
+            let shown = if hidden {
+                Visibility::Hidden
+            } else {
+                Visibility::Visible
+            };
+            app.world_mut().entity_mut(ball).insert(shown);
+        }),
+        ("no camera that asks", |app, _, _, off| {
+            let mut cameras = app.world_mut().query::<&mut MeshlessGiCamera>();
+            for mut camera in cameras.iter_mut(app.world_mut()) {
+                camera.enabled = !off;
+            }
+        }),
+    ];
+    for (why, change) in changes {
+        change(&mut app, ball, lamp, true);
+        run(&mut app, 2);
+        assert_eq!(captures(&mut app), [1, 0], "{why}");
+        let c = counters(&app);
+        assert_eq!(ran(&c), 0, "{}", c.plan);
+        assert!(c.plan.contains(why), "{why}: {}", c.plan);
+        change(&mut app, ball, lamp, false);
+        run(&mut app, 2);
+        assert_eq!(captures(&mut app), [1, 1], "{why}");
+    }
+
+    // The component goes: all that it brought goes.
+    app.world_mut()
+        .entity_mut(parent)
+        .remove::<MeshlessGiBouncer>();
+    run(&mut app, 2);
+    assert_eq!(layers(&app, ball), Some(own), "as they were");
+    assert_eq!(captures(&mut app), [1, 0]);
+    app.world_mut().entity_mut(ball).remove::<RenderLayers>();
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    assert_eq!(
+        layers(&app, ball),
+        Some(RenderLayers::from_layers(&[0, CAPTURE_LAYER]))
+    );
+    app.world_mut()
+        .entity_mut(ball)
+        .remove::<MeshlessGiBouncer>();
+    run(&mut app, 2);
+    assert_eq!(layers(&app, ball), None, "it had none");
+    app.world_mut()
+        .entity_mut(lamp)
+        .remove::<MeshlessGiReflective>();
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [0, 0]);
+    let c = counters(&app);
+    assert_eq!(
+        (c.buffers, c.bytes),
+        (bare.buffers, bare.bytes),
+        "everything was given back"
+    );
+
+    // And with the light itself.
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut()
+        .entity_mut(lamp)
+        .insert(MeshlessGiReflective::default());
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [1, 1]);
+    app.world_mut().despawn(lamp);
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [0, 0]);
+}
+
+/// The room without a bake, a camera that shows what light bounces, and a moving ball.
+fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
+    let root = app
+        .world_mut()
+        .spawn((Transform::IDENTITY, Visibility::Inherited))
+        .id();
+    Room::cornell().spawn(app, root);
+    let image = target(app);
+    // The twins go through every pixel.
+    app.world_mut()
+        .spawn((camera(&image, view()), indirect(), MeshlessGiDisplay::Full));
+    let ball = spawn_ball(app, RED);
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    (root, image, ball)
+}
+
+/// Compares what a ball's bounce adds, which is dim, as a lamp so bright would show it that its mean is a twentieth of white.
+#[track_caller]
+fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
+    let brighter = 0.05 / expected.mean();
+    assert!(brighter < 1e4, "{name}: the CPU's picture is dark");
+    let bright = |p: &Picture| {
+        let mut p = p.clone();
+        p.pixels.iter_mut().flatten().for_each(|v| *v *= brighter);
+        p
+    };
+    assert_alike(name, &bright(expected), &bright(drawn));
+}
+
+fn room_and_ball(ball: Ball) -> Things {
+    Things {
+        quads: Room::cornell().0,
+        balls: vec![ball],
+    }
+}
+
+#[test]
+fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
+    let mut app = app();
+    let (_, image, ball) = unbaked_room(&mut app);
+    run(&mut app, 2);
+    assert_eq!(picture(&mut app, &image).mean(), 0.0, "no light yet");
+    let asked = MeshlessGiReflective::default();
+    let to_ball = |from: Vec3| Transform::from_translation(from).looking_at(RED.center, Vec3::Y);
+    let spot_at = to_ball(Vec3::new(0.5, 1.5, 0.8));
+    let sun_at = to_ball(Vec3::new(0.8, 2.3, 1.6));
+    let lights = [
+        ("point", lamp(LAMP)),
+        (
+            "spot",
+            Light::Spot {
+                position: spot_at.translation,
+                direction: spot_at.forward().as_vec3(),
+                intensity: Vec3::splat(CANDELA),
+                inner: 0.1,
+                outer: 0.15,
+                range: 20.0,
+            },
+        ),
+        (
+            "directional",
+            Light::Directional {
+                direction: sun_at.forward().as_vec3(),
+                irradiance: Vec3::splat(2000.0),
+            },
+        ),
+    ];
+    let balls = Things {
+        balls: vec![RED],
+        ..Things::default()
+    };
+    for (name, light) in lights {
+        let entity = match name {
+            "point" => spawn_lamp(&mut app, LAMP),
+            "spot" => {
+                let spot = SpotLight {
+                    intensity: CANDELA * 4.0 * PI,
+                    range: 20.0,
+                    inner_angle: 0.1,
+                    outer_angle: 0.15,
+                    ..default()
+                };
+                app.world_mut().spawn((spot, spot_at)).id()
+            }
+            _ => {
+                let sun = DirectionalLight {
+                    illuminance: 2000.0,
+                    ..default()
+                };
+                app.world_mut().spawn((sun, sun_at)).id()
+            }
+        };
+        app.world_mut().entity_mut(entity).insert(asked.clone());
+        run(&mut app, 3);
+        let c = counters(&app);
+        assert_eq!(captures(&mut app)[1], 1, "{name}");
+        let ran = [Stage::Rsm, Stage::Splat, Stage::Vpl, Stage::Composite];
+        let ran = ran.map(|s| c.dispatches_of(s));
+        assert_eq!(ran, [2, 0, 1, 1], "{name}: texels and choice; {}", c.plan);
+        let vpls = cpu_vpls(&balls, &light, &asked, None);
+        let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
+        let drawn = picture(&mut app, &image);
+        println!("{name}: mean {} and {}", expected.mean(), drawn.mean());
+        assert_bounce_alike(&format!("bounce_{name}"), &expected, &drawn);
+        app.world_mut().despawn(entity);
+        run(&mut app, 1);
+    }
+    // Two at once, whose maps take turns in the same textures.
+    let entity = spawn_lamp(&mut app, LAMP);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    let other = Vec3::new(-0.8, 0.9, 0.9);
+    let second = spawn_lamp(&mut app, other);
+    let few = MeshlessGiReflective {
+        lights: 32,
+        ..asked.clone()
+    };
+    app.world_mut().entity_mut(second).insert(few.clone());
+    run(&mut app, 3);
+    assert_eq!(captures(&mut app)[1], 2);
+    let c = counters(&app);
+    let ran = [Stage::Rsm, Stage::Vpl].map(|s| c.dispatches_of(s));
+    assert_eq!(ran, [4, 1], "{}", c.plan);
+    let mut vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
+    vpls.extend(cpu_vpls(&balls, &lamp(other), &few, None));
+    let expected = cpu_bounce(&room_and_ball(RED), &vpls, None, view());
+    assert_bounce_alike("bounce_two", &expected, &picture(&mut app, &image));
+    app.world_mut().despawn(second);
+
+    // The ball moves, and its light at once with it.
+    run(&mut app, 3);
+    let moved = Ball {
+        center: Vec3::new(-0.6, 0.9, 0.2),
+        ..RED
+    };
+    *app.world_mut().get_mut::<Transform>(ball).unwrap() =
+        Transform::from_translation(moved.center);
+    let drawn = picture(&mut app, &image);
+    let balls = Things {
+        balls: vec![moved],
+        ..Things::default()
+    };
+    let vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
+    let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
+    assert_bounce_alike("bounce_moved", &expected, &drawn);
+}
+
+#[test]
+fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
+    let mut app = app();
+    let (root, image, _) = unbaked_room(&mut app);
+    app.world_mut().entity_mut(root).insert(MeshlessGiBouncer);
+    let lamp_at = Vec3::new(0.3, 1.5, 0.5);
+    let asked = MeshlessGiReflective {
+        lights: 256,
+        ..default()
+    };
+    let entity = spawn_lamp(&mut app, lamp_at);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 3);
+    assert!(
+        captures(&mut app)[1] > 1,
+        "walls all around take several maps"
+    );
+    let drawn = picture(&mut app, &image);
+    let all = room_and_ball(RED);
+    let vpls = cpu_vpls(&all, &lamp(lamp_at), &asked, None);
+    let expected = cpu_bounce(&all, &vpls, None, view());
+    assert_alike("bounce_dynamic", &expected, &drawn);
+}
+
+#[test]
+fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
+    let mut app = app();
+    let (_, bake) = cornell();
+    let (root, eye, image) = room_and_camera(&mut app);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiDisplay::Full);
+    let lamp_at = Vec3::new(-0.3, 1.2, 0.6);
+    let entity = spawn_lamp(&mut app, lamp_at);
+    // So bright that the bounce of a small ball is to be seen, and with it what shadows it.
+    let bright = 100.0;
+    let mut lamp = app.world_mut().get_mut::<PointLight>(entity).unwrap();
+    lamp.intensity *= bright;
+    let light = Light::Point {
+        position: lamp_at,
+        intensity: Vec3::splat(bright * CANDELA),
+        range: 20.0,
+    };
+    // Behind the block, so that the block shadows its light.
+    let behind = Ball {
+        center: Vec3::new(-0.35, 0.3, -0.1),
+        ..RED
+    };
+    let ball = spawn_ball(&mut app, behind);
+    run(&mut app, 3);
+    let baked = picture(&mut app, &image);
+    let asked = MeshlessGiReflective::default();
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 2);
+    let same = picture(&mut app, &image);
+    assert!(
+        baked.mean() > 0.01 && same.pixels == baked.pixels,
+        "nothing moves: not a bit differs"
+    );
+
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(
+        c.dispatches_of(Stage::Rsm),
+        3,
+        "texels, shadows, choice: {}",
+        c.plan
+    );
+    assert_eq!(work(&c), [0; 4], "{}", c.plan);
+    let both = picture(&mut app, &image);
+    let added = |p: &Picture| p.mean() - baked.mean();
+    assert!(added(&both) > 0.0);
+    // The bake in another layer than the lamp: still there, and dark.
+    let layers = [RenderLayers::layer(5), RenderLayers::from_layers(&[0, 5])];
+    app.world_mut().entity_mut(root).insert(layers[0].clone());
+    app.world_mut().entity_mut(eye).insert(layers[1].clone());
+    run(&mut app, 2);
+    let alone = picture(&mut app, &image);
+    assert!(
+        (alone.mean() / added(&both) - 1.0).abs() < 0.05,
+        "the sum is a sum"
+    );
+    let balls = Things {
+        balls: vec![behind],
+        ..Things::default()
+    };
+    let vpls = cpu_vpls(&balls, &light, &asked, Some(&bake));
+    let seen = room_and_ball(behind);
+    let expected = cpu_bounce(&seen, &vpls, Some(&bake), view());
+    assert_bounce_alike("bounce_beside_bake", &expected, &alone);
+    let sum = |p: &Picture| {
+        p.pixels
+            .iter()
+            .fold([0.0; 3], |s, c| [s[0] + c[0], s[1] + c[1], s[2] + c[2]])
+    };
+    let [r, g, _] = sum(&alone);
+    assert!(r > 10.0 * g, "a red ball reddens: {r} to {g}");
+    let open = cpu_bounce(&seen, &vpls, None, view());
+    assert!(
+        open.nrmse(&expected) > 0.06,
+        "the block's shadow shows: {}",
+        open.nrmse(&expected)
+    );
+
+    // Without shadows, the block lets it through.
+    let see_through = MeshlessGiReflective {
+        visibility: false,
+        ..asked
+    };
+    app.world_mut()
+        .entity_mut(entity)
+        .insert(see_through.clone());
+    run(&mut app, 2);
+    let open = picture(&mut app, &image);
+    let vpls = cpu_vpls(&balls, &light, &see_through, Some(&bake));
+    let expected = cpu_bounce(&seen, &vpls, None, view());
+    assert_bounce_alike("bounce_without_shadows", &expected, &open);
+    app.world_mut().entity_mut(root).remove::<RenderLayers>();
+
+    // It goes, and the picture is the bake's again.
+    app.world_mut()
+        .entity_mut(ball)
+        .remove::<MeshlessGiBouncer>();
+    run(&mut app, 2);
+    assert!(picture(&mut app, &image).pixels == baked.pixels);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiCamera::default());
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    run(&mut app, 2);
+    app.world_mut()
+        .get_mut::<PointLight>(entity)
+        .unwrap()
+        .intensity /= bright;
+    run(&mut app, 2);
+    keep("bounce_lit", &picture(&mut app, &image));
+}
+
+#[test]
+fn materials_that_get_no_indirect_light_are_told_once() {
+    use bevy::material::OpaqueRendererMethod;
+    let mut app = app();
+    let (.., ball) = unbaked_room(&mut app);
+    run(&mut app, 2);
+    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    assert_eq!(found(&app), [], "opaque and deferred");
+    let mut change = |look: fn(&mut StandardMaterial)| {
+        let material = app
+            .world()
+            .get::<MeshMaterial3d<StandardMaterial>>(ball)
+            .unwrap()
+            .0
+            .clone();
+        let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        look(&mut materials.get_mut(&material).unwrap());
+        run(&mut app, 2);
+        found(&app)
+    };
+    let unlit = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Blend, true));
+    assert_eq!(unlit, [], "what is unlit asks for none");
+    let cut_out = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Mask(0.5), false));
+    assert_eq!(cut_out, []);
+    let forward = change(|m| m.opaque_render_method = OpaqueRendererMethod::Forward);
+    assert_eq!(forward, [MeshlessGiFinding::ForwardMaterial]);
+    let blended = change(|m| m.alpha_mode = AlphaMode::Blend);
+    let both = [
+        MeshlessGiFinding::ForwardMaterial,
+        MeshlessGiFinding::TransparentMaterial,
+    ];
+    assert_eq!(blended, both);
+    assert_eq!(change(|m| m.alpha_mode = AlphaMode::Add), both, "once");
+}

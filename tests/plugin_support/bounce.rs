@@ -1,0 +1,193 @@
+//! What moving things reflect, as the CPU draws it: the maps that the plugin would draw, by casting rays, and the twins of the kernels.
+
+use super::app::{HEIGHT, WIDTH};
+use super::flip::Picture;
+use super::scenes::{Quad, Room, exposure};
+use bevy::prelude::*;
+use bevy_meshless_gi::accuracy::DrawnView;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::project::extent;
+use bevy_meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use bevy_meshless_gi::frame::{
+    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams, rsm, vpl,
+};
+use bevy_meshless_gi::plan::{Lens, map_views};
+use bevy_meshless_gi::plugin::MeshlessGiReflective;
+use bevy_meshless_gi::scene::{Bounds, Bvh, Geometry, Hit, Light, Ray, Surface};
+use std::f32::consts::{FRAC_PI_4, PI};
+
+/// A matte ball.
+#[derive(Clone, Copy)]
+pub struct Ball {
+    pub center: Vec3,
+    pub radius: f32,
+    pub colour: Vec3,
+}
+
+/// Quads that are culled from behind, and balls.
+#[derive(Clone, Default)]
+pub struct Things {
+    pub quads: Vec<Quad>,
+    pub balls: Vec<Ball>,
+}
+
+/// Primitives from here on are balls.
+const BALLS: u32 = 1 << 20;
+
+impl Things {
+    /// A box around each of them.
+    pub fn boxes(&self) -> Vec<Bounds> {
+        let quads = self.quads.iter().map(|q| Room(vec![*q]).bounds());
+        let balls = self.balls.iter().map(|b| Bounds {
+            min: b.center - b.radius,
+            max: b.center + b.radius,
+        });
+        quads.chain(balls).collect()
+    }
+}
+
+impl Geometry for Things {
+    fn bounds(&self) -> Bounds {
+        let corners = |b: Bounds| [b.min, b.max];
+        (self.boxes().into_iter().flat_map(corners)).fold(Bounds::EMPTY, Bounds::join)
+    }
+
+    fn cast(&self, ray: &Ray) -> Option<Hit> {
+        // Bevy culls back faces.
+        let front: Vec<usize> = (0..self.quads.len())
+            .filter(|&i| {
+                let q = &self.quads[i];
+                q.u.cross(q.v).dot(ray.direction) < 0.0
+            })
+            .collect();
+        let quads = Room(front.iter().map(|&i| self.quads[i]).collect());
+        let mut best = quads.cast(ray).map(|hit| Hit {
+            primitive: front[hit.primitive as usize] as u32,
+            ..hit
+        });
+        for (i, ball) in self.balls.iter().enumerate() {
+            let to = ray.origin - ball.center;
+            let b = to.dot(ray.direction);
+            let root = b * b - to.length_squared() + ball.radius * ball.radius;
+            let t = -b - root.max(0.0).sqrt();
+            if root > 0.0 && t > 0.0 && t < ray.max_t && best.is_none_or(|h| t < h.t) {
+                best = Some(Hit {
+                    t,
+                    primitive: BALLS + i as u32,
+                    uv: [0.0; 2],
+                });
+            }
+        }
+        best
+    }
+
+    fn occluded(&self, from: Vec3, to: Vec3) -> bool {
+        let way = to - from;
+        self.cast(&Ray::segment(from, way.normalize(), way.length()))
+            .is_some()
+    }
+
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let position = ray.at(hit.t);
+        let (normal, albedo) = match hit.primitive.checked_sub(BALLS) {
+            Some(i) => {
+                let ball = self.balls[i as usize];
+                ((position - ball.center).normalize(), ball.colour)
+            }
+            None => {
+                let q = self.quads[hit.primitive as usize];
+                (q.u.cross(q.v).normalize(), q.colour)
+            }
+        };
+        Surface {
+            position,
+            normal,
+            albedo,
+            emission: Vec3::ZERO,
+            front: true,
+        }
+    }
+}
+
+/// The virtual point lights of what moves, in the world's space.
+pub fn cpu_vpls(
+    moving: &Things,
+    light: &Light,
+    asked: &MeshlessGiReflective,
+    bake: Option<&BakedScene>,
+) -> Vec<Vpl> {
+    let light = FrameLight::expand(light, 1)[0];
+    let side = asked.texels();
+    let views = map_views(&light, &moving.boxes(), side).expect("it is in reach");
+    let mut texels = Vec::new();
+    for view in &views {
+        let clip_from_view = match view.lens {
+            Lens::Perspective { fov, near, .. } => {
+                Mat4::perspective_infinite_reverse_rh(fov, 1.0, near)
+            }
+            Lens::Orthographic { size, far } => {
+                let half = 0.5 * size;
+                Mat4::orthographic_rh(-half, half, -half, half, far, 0.0)
+            }
+        };
+        let world_from_view = Mat4::from_rotation_translation(view.rotation, view.position);
+        let clip_from_world = clip_from_view * world_from_view.inverse();
+        let drawn = DrawnView::new(moving, clip_from_world, [side, side]);
+        let matrix = space_from_clip(&world_from_view, &clip_from_view, Vec3::ZERO);
+        let light = light_in_space(&light, Vec3::ZERO);
+        let params = RsmParams::new(matrix, &light, side, 0);
+        texels.extend(rsm::texels(&params, &drawn.depth, &drawn.gbuffer));
+    }
+    let count = texels.len() as u32;
+    if let Some(bake) = bake.filter(|_| asked.visibility) {
+        let nodes = bake.bvh.nodes.len() as u32;
+        let params = RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake));
+        rsm::shadow(&params, &bake.bvh, &mut texels);
+    }
+    let params = RsmChooseParams {
+        texels: count,
+        first: 0,
+        vpls: asked.lights.clamp(1, MOST_VPLS),
+        pad: 0,
+    };
+    rsm::choose(&params, &texels)
+}
+
+/// What `lights` add to the picture of `seen`.
+pub fn cpu_bounce(
+    seen: &Things,
+    lights: &[Vpl],
+    bake: Option<&BakedScene>,
+    camera: Transform,
+) -> Picture {
+    let count = lights.len() as u32;
+    let (params, bvh) = match bake {
+        Some(bake) => {
+            let nodes = bake.bvh.nodes.len() as u32;
+            let shadowed = VplParams::shadowed(count, Mat4::IDENTITY, nodes, extent(bake), 0.0);
+            (shadowed, bake.bvh.clone())
+        }
+        None => (VplParams::unshadowed(count), Bvh::default()),
+    };
+    let half_height = (FRAC_PI_4 / 2.0).tan();
+    let aspect = WIDTH as f32 / HEIGHT as f32;
+    let pixel = |i: u32| {
+        let (x, y) = ((i % WIDTH) as f32 + 0.5, (i / WIDTH) as f32 + 0.5);
+        let ndc = Vec2::new(2.0 * x / WIDTH as f32 - 1.0, 1.0 - 2.0 * y / HEIGHT as f32);
+        let toward =
+            camera.rotation * Vec3::new(ndc.x * aspect * half_height, ndc.y * half_height, -1.0);
+        let ray = Ray::new(camera.translation, toward.normalize());
+        let Some(hit) = seen.cast(&ray) else {
+            return [0.0; 3];
+        };
+        let surface = seen.surface(&ray, &hit);
+        let e = vpl::vpl_at(&params, lights, &bvh, surface.position, surface.normal);
+        let e = e.dot(surface.normal).max(Vec3::ZERO);
+        (exposure() * surface.albedo * e / PI).to_array()
+    };
+    Picture {
+        width: WIDTH as usize,
+        height: HEIGHT as usize,
+        pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
+    }
+}

@@ -1,0 +1,326 @@
+//! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`, `refine`, `splat` (nodes) and `upsample`, alone and together.
+
+use super::compare::HALF;
+use super::screen::depth_texture;
+use super::{baked, cpu, harness, settings, solved, wide};
+use bevy_meshless_gi::accuracy::DrawnView;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{BounceMode, Rule};
+use bevy_meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
+use bevy_meshless_gi::frame::{
+    CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
+    SubsplatSettings, Subsplats, splat, subsplats,
+};
+use bevy_meshless_gi::gpu::{
+    GpuFrame, Harness, Kernels, Pass, SubsplatBuffers, SubsplatTargets, ViewBuffers,
+};
+use bevy_meshless_gi::scene::load_gltf;
+use glam::{Mat4, Vec3};
+use half::f16;
+use std::collections::BTreeSet;
+use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
+
+/// Not a multiple of anything.
+const SIZE: [u32; 2] = [163, 121];
+const SCALE: f32 = 0.3;
+
+/// A view of the box that is turned and moved in the world, as its bake is.
+struct Scene {
+    view: DrawnView,
+    scene: BakedScene,
+    twin: CpuFrame,
+    view_from_world: Mat4,
+    view_from_clip: Mat4,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let path = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/data/cornell/cornell.glb"
+        );
+        let mesh = load_gltf(path).unwrap().mesh;
+        let scene = baked::cornell(Rule::Bounded, BounceMode::Live);
+        let twin = cpu(&scene, &baked::lights(), &settings(2, false));
+        let aspect = SIZE[0] as f32 / SIZE[1] as f32;
+        let clip_from_view = Mat4::perspective_infinite_reverse_rh(0.9, aspect, 0.1);
+        let view_from_world =
+            Mat4::look_at_rh(Vec3::new(3.4, 2.9, -6.5), Vec3::new(2.6, 2.4, 2.8), Vec3::Y);
+        let mut view = DrawnView::new(&mesh, clip_from_view * view_from_world, SIZE);
+        // A hole in the picture, and a patch that no light applies to.
+        for y in 50..60 {
+            for x in 40..70 {
+                view.depth[y * SIZE[0] as usize + x] = 0.0;
+                view.gbuffer[(y + 30) * SIZE[0] as usize + x][3] |= 1 << 24;
+            }
+        }
+        Self {
+            view,
+            scene,
+            twin,
+            view_from_world,
+            view_from_clip: clip_from_view.inverse(),
+        }
+    }
+
+    fn picture(&self) -> Picture<'_> {
+        Picture {
+            depth: &self.view.depth,
+            gbuffer: &self.view.gbuffer,
+        }
+    }
+
+    fn params(&self, settings: &SubsplatSettings) -> SubsplatParams {
+        let viewport = [0.0, 0.0, SIZE[0] as f32, SIZE[1] as f32];
+        SubsplatParams::new(
+            settings,
+            self.view_from_clip,
+            self.view_from_world,
+            viewport,
+            SIZE,
+        )
+    }
+
+    fn splat_params(&self) -> SplatParams {
+        SplatParams::new(
+            self.view.world_from_clip,
+            Mat4::IDENTITY,
+            [0.0, 0.0, SIZE[0] as f32, SIZE[1] as f32],
+            SIZE,
+            SCALE,
+            (&self.scene.display.grid).into(),
+        )
+    }
+
+    fn on_cpu(&self, settings: &SubsplatSettings, scene: &BakedScene) -> Subsplats {
+        let params = self.splat_params();
+        subsplats(&self.params(settings), &self.picture(), &|pixel, node| {
+            let i = (pixel[1] * SIZE[0] + pixel[0]) as usize;
+            let (depth, texel) = (self.view.depth[i], self.view.gbuffer[i]);
+            splat::splat_node(
+                &params,
+                scene,
+                self.twin.values(),
+                pixel,
+                depth,
+                texel,
+                node,
+            );
+        })
+    }
+}
+
+/// What the device made.
+struct OnGpu {
+    cells: Vec<CellRange>,
+    /// What each level lists, and how many cells were divided for that.
+    lists: Vec<(BTreeSet<u32>, u32)>,
+    texels: Vec<[f32; 4]>,
+}
+
+fn on_gpu(harness: &Harness, of: &Scene, settings: &SubsplatSettings) -> OnGpu {
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let frame = GpuFrame::new(
+        &kernels,
+        &harness.queue,
+        &of.scene,
+        of.twin.lights().len() as u32,
+    )
+    .unwrap();
+    let frame = solved(
+        harness,
+        &kernels,
+        frame,
+        &of.twin,
+        &super::settings(2, false),
+    );
+    let depth = depth_texture(harness, SIZE, &of.view.depth);
+    let gbuffer = harness.texture(
+        SIZE,
+        TextureFormat::Rgba32Uint,
+        TextureUsages::TEXTURE_BINDING,
+        Some(&of.view.gbuffer),
+    );
+    let output = harness.texture::<[f16; 4]>(
+        SIZE,
+        TextureFormat::Rgba16Float,
+        TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC,
+        None,
+    );
+    let view = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (depth, gbuffer, target) = (view(&depth), view(&gbuffer), view(&output));
+    let params = of.params(settings);
+    let levels = params.levels();
+    let mut buffers = SubsplatBuffers::new(&harness.device, &harness.queue, levels).unwrap();
+    let mut splat = ViewBuffers::new(&harness.device);
+    splat.write(
+        &harness.queue,
+        &of.splat_params(),
+        &CompositeParams::default(),
+    );
+    // Twice: the second frame starts from what the first one left.
+    for _ in 0..2 {
+        buffers.write(&harness.queue, &params);
+        harness
+            .run(|encoder| {
+                buffers.record(
+                    &kernels,
+                    encoder,
+                    &SubsplatTargets {
+                        depth: &depth,
+                        gbuffer: &gbuffer,
+                        output: &target,
+                    },
+                    &[(frame.buffers(), &splat)],
+                    None,
+                );
+            })
+            .unwrap();
+    }
+    let counters = buffers.counters();
+    assert_eq!(counters.of(Pass::PyramidBase), 2);
+    assert_eq!(counters.of(Pass::Fill), 2);
+    let all: Vec<u32> = harness
+        .read(buffers.lists(), levels.total() as usize)
+        .unwrap();
+    let lists = (0..=levels.coarsest)
+        .map(|k| {
+            let count: Vec<u32> = harness.read(buffers.count_of(k), 8).unwrap();
+            let start = levels.starts[k as usize] as usize;
+            let items = count[3].min(levels.cells(k)) as usize;
+            let set: BTreeSet<u32> = all[start..start + items].iter().copied().collect();
+            assert_eq!(set.len(), items, "level {k} lists a cell twice");
+            (set, count[4])
+        })
+        .collect();
+    OnGpu {
+        cells: harness
+            .read(buffers.cells(), levels.starts[0] as usize)
+            .unwrap(),
+        lists,
+        texels: wide(&harness.read_texture::<[f16; 4]>(&output).unwrap()),
+    }
+}
+
+/// Texels that differ by more than halves and sums in another order explain.
+fn differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
+    let rms = (cpu.iter().flatten().map(|v| v * v).sum::<f32>() / (4 * cpu.len()) as f32).sqrt();
+    let near = |(g, c): (&[f32; 4], &[f32; 4])| {
+        g.iter()
+            .zip(c)
+            .all(|(g, c)| (g - c).abs() <= 4.0 * HALF * g.abs().max(c.abs()).max(0.1 * rms))
+    };
+    gpu.iter().zip(cpu).filter(|pair| !near(*pair)).count()
+}
+
+fn compare(settings: &SubsplatSettings) {
+    let Some(harness) = harness() else { return };
+    let of = Scene::new();
+    let gpu = on_gpu(&harness, &of, settings);
+    let cpu = of.on_cpu(settings, &of.scene);
+    let params = of.params(settings);
+
+    // pyramid. Bytes of a normal that lies between two may round either way.
+    let cells = pyramid(&params, &of.picture());
+    let close = |a: f32, b: f32| (a - b).abs() <= 1e-4 * a.abs().max(b.abs()).max(0.1);
+    let byte = |a: u32, b: u32| {
+        a.to_le_bytes()
+            .iter()
+            .zip(b.to_le_bytes())
+            .all(|(a, b)| (*a as i8 - b as i8).abs() <= 1)
+    };
+    let bits = |a: u32, b: u32| match settings.normal {
+        NormalTest::MinMax(_) => byte(a, b),
+        NormalTest::Curvature(_) => (f32::from_bits(a) - f32::from_bits(b)).abs() < 2e-3 || a == b,
+    };
+    let wrong = |cells: &[CellRange]| -> Vec<usize> {
+        let same = |g: &CellRange, c: &CellRange| {
+            close(g.near, c.near)
+                && close(g.far, c.far)
+                && bits(g.low, c.low)
+                && bits(g.high, c.high)
+        };
+        (0..cells.len())
+            .filter(|&i| !same(&gpu.cells[i], &cells[i]))
+            .collect()
+    };
+    let found = wrong(&cells);
+    if let Some(&i) = found.first() {
+        let (of, gpu, cpu) = (found.len(), gpu.cells[i], cells[i]);
+        panic!("{of} cells differ, the first is {i}: GPU {gpu:?}, CPU {cpu:?}");
+    }
+    let mut spoiled = of.view.depth.clone();
+    spoiled[14_750] *= 1.1;
+    let picture = Picture {
+        depth: &spoiled,
+        ..of.picture()
+    };
+    assert!(
+        !wrong(&pyramid(&params, &picture)).is_empty(),
+        "a pixel's depth goes unnoticed"
+    );
+
+    // refine. A node within rounding of a threshold may fall on either side of it.
+    let mut listed = 0;
+    for (k, (set, divided)) in gpu.lists.iter().enumerate() {
+        let twin: BTreeSet<u32> = cpu.lists[k].iter().copied().collect();
+        listed += twin.len();
+        let apart = set.symmetric_difference(&twin).count();
+        println!(
+            "level {k}: {} listed, {} by the twin, {divided} divided",
+            set.len(),
+            twin.len()
+        );
+        assert!(
+            apart * 200 <= twin.len() + 200,
+            "level {k}: {apart} of {} cells",
+            twin.len()
+        );
+    }
+    assert!(listed > 500, "{listed}");
+
+    // All of it.
+    let found = differing(&gpu.texels, &cpu.texels);
+    println!("{found} of {} pixels differ", cpu.texels.len());
+    assert!(
+        found * 500 <= cpu.texels.len(),
+        "{found} of {} pixels",
+        cpu.texels.len()
+    );
+    let mut wrong = of.scene.clone();
+    wrong.points.iter_mut().for_each(|p| p.position[1] += 0.05);
+    let spoiled = of.on_cpu(settings, &wrong);
+    let noticed = differing(&gpu.texels, &spoiled.texels);
+    let lit = cpu.texels.iter().filter(|t| t[3] == 1.0).count();
+    println!("{noticed} of {lit} lit pixels differ from points that were moved");
+    assert!(lit * 2 > cpu.texels.len() && noticed * 20 > lit);
+}
+
+#[test]
+fn subsplats_of_planes_and_normals() {
+    compare(&SubsplatSettings::default());
+}
+
+#[test]
+fn subsplats_of_minima_and_maxima() {
+    compare(&SubsplatSettings {
+        coarsest: 6,
+        finest: 2,
+        depth: DepthTest::MinMax(0.05),
+        normal: NormalTest::MinMax(0.5),
+        light: 1e30,
+        detail: 0.5,
+        ..SubsplatSettings::default()
+    });
+}
+
+#[test]
+fn subsplats_of_derivatives_and_curvature() {
+    compare(&SubsplatSettings {
+        coarsest: 5,
+        depth: DepthTest::Derivative(0.05),
+        normal: NormalTest::Curvature(0.3),
+        diagonal: false,
+        ..SubsplatSettings::default()
+    });
+}
