@@ -20,7 +20,9 @@ type Plane = Vec<f32>;
 #[must_use]
 pub fn flip(reference: &Image, test: &Image) -> f32 {
     let map = flip_map(reference, test);
-    map.iter().sum::<f32>() / map.len() as f32
+    // In single precision a sum of millions loses what is small.
+    let sum: f64 = map.iter().map(|&d| f64::from(d)).sum();
+    (sum / map.len() as f64) as f32
 }
 
 /// FLIP pixel by pixel.
@@ -103,35 +105,36 @@ fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// A square kernel applied with the borders repeated.
-fn convolve(
-    plane: &Plane,
-    w: usize,
-    h: usize,
-    radius: i32,
-    kernel: impl Fn(i32, i32) -> f32,
-) -> Plane {
-    let side = (2 * radius + 1) as usize;
-    let k: Vec<f32> = (0..side * side)
-        .map(|i| kernel((i % side) as i32 - radius, (i / side) as i32 - radius))
-        .collect();
-    let at = |x: i32, y: i32| {
-        plane[y.clamp(0, h as i32 - 1) as usize * w + x.clamp(0, w as i32 - 1) as usize]
-    };
-    (0..w * h)
-        .into_par_iter()
-        .map(|i| {
-            let (x, y) = ((i % w) as i32, (i / w) as i32);
-            (0..side * side)
-                .map(|j| {
-                    k[j] * at(
-                        x + (j % side) as i32 - radius,
-                        y + (j / side) as i32 - radius,
-                    )
-                })
-                .sum()
-        })
-        .collect()
+/// A kernel that is a product of one along rows and one along columns, both of odd length, applied with the borders repeated.
+fn convolve(plane: &Plane, w: usize, h: usize, across: &[f32], down: &[f32]) -> Plane {
+    if plane.is_empty() {
+        return Plane::new();
+    }
+    let reach = |kernel: &[f32]| kernel.len() / 2;
+    let mut rows = vec![0.0; w * h];
+    rows.par_chunks_mut(w)
+        .zip(plane.par_chunks(w))
+        .for_each(|(out, row)| {
+            let edge = reach(across);
+            let mut padded = vec![row[0]; edge];
+            padded.extend_from_slice(row);
+            padded.resize(w + 2 * edge, row[w - 1]);
+            for (j, k) in across.iter().enumerate() {
+                for (o, v) in out.iter_mut().zip(&padded[j..]) {
+                    *o += k * v;
+                }
+            }
+        });
+    let mut out = vec![0.0; w * h];
+    out.par_chunks_mut(w).enumerate().for_each(|(y, out)| {
+        for (j, k) in down.iter().enumerate() {
+            let from = (y + j).saturating_sub(reach(down)).min(h - 1);
+            for (o, v) in out.iter_mut().zip(&rows[from * w..]) {
+                *o += k * v;
+            }
+        }
+    });
+    out
 }
 
 /// The eye's contrast sensitivity, one sum of Gaussians a channel.
@@ -143,23 +146,30 @@ fn filtered(opponent: &[Plane; 3], w: usize, h: usize) -> Vec<[f32; 3]> {
     ];
     use std::f32::consts::PI;
     let radius = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
+    // exp(-π² d² / b) is a product over the axes.
+    let bell = |b: f32| -> Vec<f32> {
+        let value = |x: i32| {
+            let d = x as f32 / PIXELS_PER_DEGREE;
+            (-PI * PI * d * d / b).exp()
+        };
+        (-radius..=radius).map(value).collect()
+    };
     let planes: Vec<Plane> = (0..3)
         .map(|c| {
-            let value = |x: i32, y: i32| -> f32 {
-                let d2 = (x * x + y * y) as f32 / (PIXELS_PER_DEGREE * PIXELS_PER_DEGREE);
-                GAUSSIANS[c]
-                    .iter()
-                    .map(|&(a, b)| a * (PI / b).sqrt() * (-PI * PI * d2 / b).exp())
-                    .sum()
-            };
-            let sum: f32 = (-radius..=radius)
-                .flat_map(|y| (-radius..=radius).map(move |x| (x, y)))
-                .map(|(x, y)| value(x, y))
-                .sum();
-            convolve(&opponent[c], w, h, radius, |x, y| value(x, y) / sum)
+            let mut out = vec![0.0; w * h];
+            let mut total = 0.0;
+            for (a, b) in GAUSSIANS[c].into_iter().filter(|(a, _)| *a > 0.0) {
+                let (bell, weight) = (bell(b), a * (PI / b).sqrt());
+                total += weight * bell.iter().sum::<f32>().powi(2);
+                let part = convolve(&opponent[c], w, h, &bell, &bell);
+                out.iter_mut().zip(part).for_each(|(o, v)| *o += weight * v);
+            }
+            out.iter_mut().for_each(|v| *v /= total);
+            out
         })
         .collect();
     (0..w * h)
+        .into_par_iter()
         .map(|i| rgb_of([planes[0][i], planes[1][i], planes[2][i]]))
         .collect()
 }
@@ -169,7 +179,7 @@ fn colour_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
     const KNEE: f32 = 0.4;
     const AT_KNEE: f32 = 0.95;
     let most = hyab(hunt_lab([0.0, 1.0, 0.0]), hunt_lab([0.0, 0.0, 1.0])).powf(POWER);
-    a.iter()
+    a.par_iter()
         .zip(b)
         .map(|(a, b)| {
             let d = hyab(hunt_lab(*a), hunt_lab(*b)).powf(POWER);
@@ -186,22 +196,23 @@ fn colour_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
 fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
     let sigma = 0.5 * 0.082 * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
-    let gauss = |x: i32, y: i32| (-((x * x + y * y) as f32) / (2.0 * sigma * sigma)).exp();
-    let edge = |x: i32, y: i32| -(x as f32) * gauss(x, y);
-    let point = |x: i32, y: i32| ((x * x) as f32 / (sigma * sigma) - 1.0) * gauss(x, y);
+    // Both are products of a bell across the feature's direction and, along it, its derivative or what is left of its second one.
+    let bell = |x: i32| (-((x * x) as f32) / (2.0 * sigma * sigma)).exp();
+    let along = |of: &dyn Fn(i32) -> f32| -> Vec<f32> { (-radius..=radius).map(of).collect() };
+    let gauss = along(&bell);
+    let edge = along(&|x| -(x as f32) * bell(x));
+    let point = along(&|x| ((x * x) as f32 / (sigma * sigma) - 1.0) * bell(x));
     let features = |plane: &Plane| -> (Plane, Plane) {
         let grey: Plane = plane.iter().map(|y| (y + 16.0) / 116.0).collect();
-        let strength = |kernel: &dyn Fn(i32, i32) -> f32| -> Plane {
+        let strength = |kernel: &[f32]| -> Plane {
             // Positive weights sum to 1, negative ones to -1.
-            let all = || (-radius..=radius).flat_map(|y| (-radius..=radius).map(move |x| (x, y)));
-            let plus: f32 = all().map(|(x, y)| kernel(x, y).max(0.0)).sum();
-            let minus: f32 = all().map(|(x, y)| (-kernel(x, y)).max(0.0)).sum();
-            let k = |x: i32, y: i32| {
-                let v = kernel(x, y);
-                if v > 0.0 { v / plus } else { v / minus }
-            };
-            let across = convolve(&grey, w, h, radius, k);
-            let down = convolve(&grey, w, h, radius, |x, y| k(y, x));
+            let beside: f32 = gauss.iter().sum();
+            let sum = |sign: f32| kernel.iter().map(|v| (sign * v).max(0.0)).sum::<f32>() * beside;
+            let (plus, minus) = (sum(1.0), sum(-1.0));
+            let even = |v: &f32| if *v > 0.0 { v / plus } else { v / minus };
+            let k: Vec<f32> = kernel.iter().map(even).collect();
+            let across = convolve(&grey, w, h, &k, &gauss);
+            let down = convolve(&grey, w, h, &gauss, &k);
             across.iter().zip(&down).map(|(a, b)| a.hypot(*b)).collect()
         };
         (strength(&edge), strength(&point))
