@@ -7,6 +7,8 @@
 mod baked;
 #[path = "twins/compare.rs"]
 mod compare;
+#[path = "twins/depth.rs"]
+mod depth;
 #[path = "twins/reflective.rs"]
 mod reflective;
 #[path = "twins/screen.rs"]
@@ -638,7 +640,7 @@ fn draw(
 
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
     let half4 = TextureFormat::Rgba16Float;
-    let depth = screen::depth_texture(harness, SIZE, &screen.depth);
+    let depth = depth::depth_texture(harness, SIZE, &screen.depth);
     let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&screen.gbuffer));
     let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(&screen.passes));
     let earlier = harness.texture(SIZE, half4, read, Some(&screen.earlier));

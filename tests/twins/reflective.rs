@@ -1,7 +1,8 @@
 //! The kernels of reflective shadow maps against their twins: `rsm` with its three entries, and `vpl`.
 
 use super::compare::{HALF, SINGLE, Scale, differing};
-use super::screen::{Screen, depth_texture, local_from_world};
+use super::depth::depth_texture;
+use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
 use super::{cpu, harness, settings, wide};
 use bevy_meshless_gi::asset::BakedScene;

@@ -2,9 +2,7 @@
 
 use super::synthetic::Dice;
 use bevy_meshless_gi::frame::gbuffer;
-use bevy_meshless_gi::gpu::Harness;
 use glam::{Mat4, Vec3};
-use wgpu::{TextureFormat, TextureUsages};
 
 pub const SIZE: [u32; 2] = [67, 41];
 
@@ -75,96 +73,4 @@ pub fn local_from_world() -> Mat4 {
     let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
     Mat4::from_scale_rotation_translation(Vec3::splat(2.0), turn, Vec3::new(2.0, 1.0, 1.0))
         .inverse()
-}
-
-/// A depth texture with these texels. They are drawn: WebGPU copies none into a 32-bit depth texture.
-pub fn depth_texture(harness: &Harness, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
-    let source = harness.texture(
-        size,
-        TextureFormat::R32Float,
-        TextureUsages::TEXTURE_BINDING,
-        Some(depth),
-    );
-    let target = harness.texture::<f32>(
-        size,
-        TextureFormat::Depth32Float,
-        TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT,
-        None,
-    );
-    let module = harness
-        .device
-        .create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: None,
-            source: wgpu::ShaderSource::Wgsl(
-                "@group(0) @binding(0) var depths: texture_2d<f32>;
-            @vertex fn corner(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
-                return vec4f(vec2f(f32((i << 1u) & 2u), f32(i & 2u)) * 2.0 - 1.0, 0.0, 1.0);
-            }
-            @fragment fn depth(@builtin(position) p: vec4f) -> @builtin(frag_depth) f32 {
-                return textureLoad(depths, vec2u(p.xy), 0).r;
-            }"
-                .into(),
-            ),
-        });
-    let pipeline = harness
-        .device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: None,
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: None,
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: Some(wgpu::DepthStencilState {
-                format: TextureFormat::Depth32Float,
-                depth_write_enabled: Some(true),
-                depth_compare: Some(wgpu::CompareFunction::Always),
-                stencil: wgpu::StencilState::default(),
-                bias: wgpu::DepthBiasState::default(),
-            }),
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: None,
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                targets: &[],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-    let bind = harness
-        .device
-        .create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry {
-                binding: 0,
-                resource: wgpu::BindingResource::TextureView(
-                    &source.create_view(&wgpu::TextureViewDescriptor::default()),
-                ),
-            }],
-        });
-    let view = target.create_view(&wgpu::TextureViewDescriptor::default());
-    harness
-        .run(|encoder| {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                    view: &view,
-                    depth_ops: Some(wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(0.0),
-                        store: wgpu::StoreOp::Store,
-                    }),
-                    stencil_ops: None,
-                }),
-                ..wgpu::RenderPassDescriptor::default()
-            });
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &bind, &[]);
-            pass.draw(0..3, 0..1);
-        })
-        .unwrap();
-    target
 }

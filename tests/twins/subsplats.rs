@@ -1,7 +1,7 @@
 //! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`, `refine`, `splat` (nodes) and `upsample`, alone and together.
 
 use super::compare::HALF;
-use super::screen::depth_texture;
+use super::depth::depth_texture;
 use super::{baked, cpu, harness, settings, solved, wide};
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
