@@ -180,7 +180,8 @@ fn views(found: &Found, out: &mut String) -> Result<(), Error> {
         "## Views at {} × {} pixels\n\n\
          Default settings. Subsplats of each level (cells so many pixels wide; 1: pixels evaluated by themselves), their share of the pixels, FLIP of the pictures of\n\
          indirect light × albedo (mean luminance 0.18, tone curve 1.25 x / (1 + x)), NRMSE of the irradiance, and the time of full resolution over that of\n\
-         subsplats with everything around them, both on one thread of the CPU in the same run.\n\n\
+         subsplats with everything around them, both on one thread of the CPU in the same run; other\n\
+         work on the machine shows in these times.\n\n\
          | level | view | 16 | 8 | 4 | 2 | 1 | share | FLIP | NRMSE | full resolution | subsplats | ratio |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|---|",
         SCREEN[0], SCREEN[1]
