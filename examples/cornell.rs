@@ -1,4 +1,4 @@
-//! A Cornell box whose lamp moves, with the indirect light following in the same frame.
+//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball rolls through it, which no bake knows: it colours the floor and the blocks beside it.
 //!
 //! ```text
 //! cargo run --release --features engine --example cornell
@@ -12,6 +12,9 @@
 //! | left mouse button, held | the lamp follows the mouse |
 //! | Space | indirect light on and off |
 //! | Tab | one view, or direct light alone beside both |
+//! | M | the ball stops and rolls on |
+//! | B | the light that the ball reflects, on and off |
+//! | D | indirect light at a fraction of the pixels, or at every pixel |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //!
@@ -43,7 +46,11 @@ fn main() -> ExitCode {
         .insert_resource(GlobalAmbientLight::NONE)
         .init_resource::<SideBySide>()
         .add_systems(Startup, setup)
-        .add_systems(Update, (move_lamp, switch, lay_out, tell).chain());
+        .init_resource::<Rolling>()
+        .add_systems(
+            Update,
+            (move_lamp, roll, switch, switch_bounce, lay_out, tell).chain(),
+        );
     if let Some(capture) = capture {
         app.add_plugins(capture);
     }
@@ -62,6 +69,26 @@ fn usage(why: &str) -> ExitCode {
 
 #[derive(Component)]
 struct Lamp;
+
+/// What moves: the bake does not hold its light.
+#[derive(Component)]
+struct Ball;
+
+/// Seconds of the ball's path, and whether they go on.
+#[derive(Resource)]
+struct Rolling {
+    seconds: f32,
+    on: bool,
+}
+
+impl Default for Rolling {
+    fn default() -> Self {
+        Self {
+            seconds: 0.0,
+            on: true,
+        }
+    }
+}
 
 /// The camera of the left half: direct light alone. It sleeps while there is one view.
 #[derive(Component)]
@@ -105,10 +132,24 @@ fn setup(
             shadow_map_near_z: 0.01,
             ..default()
         },
+        // What moves bounces its light.
+        MeshlessGiReflective::default(),
         Transform::from_xyz(0.0, 1.6, 0.0),
         Mesh3d(meshes.add(Sphere::new(0.03))),
         MeshMaterial3d(bulb),
         bevy::light::NotShadowCaster,
+    ));
+    let blue = materials.add(StandardMaterial {
+        base_color: Color::linear_rgb(0.05, 0.15, 0.9),
+        perceptual_roughness: 1.0,
+        ..default()
+    });
+    commands.spawn((
+        Ball,
+        MeshlessGiBouncer,
+        Mesh3d(meshes.add(Sphere::new(BALL))),
+        MeshMaterial3d(blue),
+        Transform::from_translation(ball_at(0.0)),
     ));
     let look = Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     commands.spawn((
@@ -184,6 +225,55 @@ fn move_lamp(
     }
 }
 
+/// Radius of the ball, metres.
+const BALL: f32 = 0.22;
+
+/// Where the ball is: on the floor, from wall to wall before the blocks.
+fn ball_at(seconds: f32) -> Vec3 {
+    let across = (1.0 - BALL - 0.06) * (0.7 * seconds).sin();
+    Vec3::new(across, BALL, 0.68 + 0.06 * (1.9 * seconds).sin())
+}
+
+fn roll(
+    mut ball: Single<&mut Transform, With<Ball>>,
+    baking: Query<(), With<MeshlessGiBake>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    mut rolling: ResMut<Rolling>,
+    time: Res<Time>,
+) {
+    if keys.just_pressed(KeyCode::KeyM) {
+        rolling.on = !rolling.on;
+    }
+    // It waits for its light.
+    if rolling.on && baking.is_empty() {
+        rolling.seconds += time.delta_secs();
+        ball.translation = ball_at(rolling.seconds);
+    }
+}
+
+fn switch_bounce(
+    mut commands: Commands,
+    keys: Res<ButtonInput<KeyCode>>,
+    ball: Single<(Entity, Has<MeshlessGiBouncer>), With<Ball>>,
+    mut displays: Query<&mut MeshlessGiDisplay>,
+) {
+    let (ball, bounces) = *ball;
+    if keys.just_pressed(KeyCode::KeyB) {
+        match bounces {
+            true => commands.entity(ball).remove::<MeshlessGiBouncer>(),
+            false => commands.entity(ball).insert(MeshlessGiBouncer),
+        };
+    }
+    if keys.just_pressed(KeyCode::KeyD) {
+        for mut display in &mut displays {
+            *display = match *display {
+                MeshlessGiDisplay::Full => MeshlessGiDisplay::default(),
+                MeshlessGiDisplay::Subsplats(_) => MeshlessGiDisplay::Full,
+            };
+        }
+    }
+}
+
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
     mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
@@ -247,8 +337,14 @@ fn tell(
     } else {
         let counters = status.get();
         let on = cameras.iter().any(|c| c.enabled);
+        let views = counters.subsplats.values();
+        let (by, of) = views.fold((0, 0), |(by, of), c| (by + c.total(), of + c.pixels));
+        let share = match of {
+            0 => "at every pixel".to_string(),
+            _ => format!("at {by} of {of} pixels"),
+        };
         format!(
-            "indirect light {}; {} light(s) projected in this frame",
+            "indirect light {}, {share}; {} light(s) projected in this frame",
             if on { "on" } else { "off" },
             counters.projected_slots
         )
@@ -259,7 +355,7 @@ fn tell(
         ""
     };
     let text = format!(
-        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light\nTab: side by side    V: view    G: points"
+        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    M: ball    B: its bounce\nTab: side by side    V: view    D: display    G: points"
     );
     if help.0 != text {
         help.0 = text;

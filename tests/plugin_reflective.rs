@@ -6,8 +6,7 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiDisplay, MeshlessGiFinding,
-    MeshlessGiFindings,
+    CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
@@ -203,8 +202,7 @@ fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     Room::cornell().spawn(app, root);
     let image = target(app);
     // The twins go through every pixel.
-    app.world_mut()
-        .spawn((camera(&image, view()), indirect(), MeshlessGiDisplay::Full));
+    app.world_mut().spawn((camera(&image, view()), indirect()));
     let ball = spawn_ball(app, RED);
     app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
     (root, image, ball)
@@ -369,9 +367,6 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
     let mut app = app();
     let (_, bake) = cornell();
     let (root, eye, image) = room_and_camera(&mut app);
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiDisplay::Full);
     let lamp_at = Vec3::new(-0.3, 1.2, 0.6);
     let entity = spawn_lamp(&mut app, lamp_at);
     // So bright that the bounce of a small ball is to be seen, and with it what shadows it.

@@ -58,7 +58,10 @@ impl Capture {
         let key = |name: &str| match name {
             "Tab" => Ok(KeyCode::Tab),
             "Space" => Ok(KeyCode::Space),
+            "B" => Ok(KeyCode::KeyB),
+            "D" => Ok(KeyCode::KeyD),
             "G" => Ok(KeyCode::KeyG),
+            "M" => Ok(KeyCode::KeyM),
             "V" => Ok(KeyCode::KeyV),
             "L" => Ok(KeyCode::KeyL),
             other => Err(format!("--press: there is no key {other}")),
