@@ -30,12 +30,6 @@ fn place(pixel: vec2u, depth: f32, texel: vec4u) -> Place {
     return Place(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
 }
 
-// Without what would take light away from a surface that faces `n`.
-fn facing(e: VectorIrradiance, n: vec3f) -> VectorIrradiance {
-    let behind = vec4f(min(irradiance_dot(e, n), vec3f(0.0)), 0.0);
-    return VectorIrradiance(e.x - n.x * behind, e.y - n.y * behind, e.z - n.z * behind);
-}
-
 // Vector irradiance, and whether any function covers the place.
 struct Covered {
     e: VectorIrradiance,
@@ -55,7 +49,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
             let v = (w / point.radius) * (w / point.radius);
             cover += w;
             denominator += v;
-            add_scaled(&numerator, v, facing(values[j], n));
+            add_scaled(&numerator, v, values[j]);
         }
     }
     var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));

@@ -31,20 +31,6 @@ impl VectorIrradiance {
             .truncate()
     }
 
-    /// The same without what would take light away from a surface that faces `n`: of each channel whose vector points behind it, the part along n goes. A surface
-    /// beside a crease looks up functions of the other side, whose light may come from behind it; it gets none of that, but owes none either.
-    #[must_use]
-    #[inline]
-    pub fn facing(&self, n: Vec3) -> Self {
-        let behind = self.dot(n).min(Vec3::ZERO).extend(0.0);
-        let along = |axis: [f32; 4], n: f32| (Vec4::from_array(axis) - n * behind).to_array();
-        Self {
-            x: along(self.x, n.x),
-            y: along(self.y, n.y),
-            z: along(self.z, n.z),
-        }
-    }
-
     /// Adds `weight` times `other`.
     #[inline]
     pub fn add_scaled(&mut self, weight: f32, other: &Self) {

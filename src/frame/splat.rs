@@ -38,7 +38,7 @@ pub fn splat_vector(
             let v = (w / point.radius) * (w / point.radius);
             cover += w;
             denominator += v;
-            numerator.add_scaled(v, &values[j as usize].facing(n));
+            numerator.add_scaled(v, &values[j as usize]);
         }
     }
     if cover <= NO_COVER {
