@@ -18,7 +18,7 @@
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture of the window and ends.
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture of the window and ends (with M first, the ball stays where it starts).
 
 mod common;
 
@@ -140,7 +140,7 @@ fn setup(
         bevy::light::NotShadowCaster,
     ));
     let blue = materials.add(StandardMaterial {
-        base_color: Color::linear_rgb(0.05, 0.15, 0.9),
+        base_color: Color::linear_rgb(0.05, 0.3, 0.95),
         perceptual_roughness: 1.0,
         ..default()
     });
@@ -226,12 +226,14 @@ fn move_lamp(
 }
 
 /// Radius of the ball, metres.
-const BALL: f32 = 0.22;
+const BALL: f32 = 0.18;
 
-/// Where the ball is: on the floor, from wall to wall before the blocks.
+/// Ends of the ball's way on the floor: along the front of the small block, which it passes 4 cm away from.
+const WAY: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
+
+/// Where the ball is: to and fro, from the middle of its way.
 fn ball_at(seconds: f32) -> Vec3 {
-    let across = (1.0 - BALL - 0.06) * (0.7 * seconds).sin();
-    Vec3::new(across, BALL, 0.68 + 0.06 * (1.9 * seconds).sin())
+    WAY.0.lerp(WAY.1, 0.5 + 0.5 * (0.7 * seconds).sin())
 }
 
 fn roll(
@@ -340,11 +342,12 @@ fn tell(
         let views = counters.subsplats.values();
         let (by, of) = views.fold((0, 0), |(by, of), c| (by + c.total(), of + c.pixels));
         let share = match of {
-            0 => "at every pixel".to_string(),
-            _ => format!("at {by} of {of} pixels"),
+            _ if !on => String::new(),
+            0 => ", at every pixel".to_string(),
+            _ => format!(", at {by} of {of} pixels"),
         };
         format!(
-            "indirect light {}, {share}; {} light(s) projected in this frame",
+            "indirect light {}{share}; {} light(s) projected in this frame",
             if on { "on" } else { "off" },
             counters.projected_slots
         )

@@ -14,6 +14,21 @@ fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
 }
 
+// Gloss needs no albedo: what is bound as `irradiance` is the radiance that `gloss` made.
+@fragment
+fn composite_gloss(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2u(position.xy);
+    if textureLoad(lighting_passes, pixel, 0).r == 0u {
+        return vec4f(0.0);
+    }
+    let radiance = textureLoad(irradiance, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
+    if radiance.a == 0.0 || gbuffer_is_unlit(texel) {
+        return vec4f(0.0);
+    }
+    return vec4f(params.scale * gbuffer_occlusion(texel) * radiance.rgb, 0.0);
+}
+
 @fragment
 fn composite(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);

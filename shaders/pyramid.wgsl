@@ -23,14 +23,14 @@ fn beside(pixel: vec2u, by: vec2i) -> vec2u {
     return vec2u(clamp(vec2i(pixel) + by, vec2i(0), vec2i(screen.size) - 1));
 }
 
-// How far the pixel is from the plane through two neighbours, in parts of its distance.
-fn off_plane(pixel: vec2u, z: f32, by: vec2i) -> f32 {
+// How far the pixel is from the plane through two neighbours, in parts of its depth's reach.
+fn off_plane(pixel: vec2u, z: f32, d: f32, by: vec2i) -> f32 {
     let a = beside(pixel, -by);
     let b = beside(pixel, by);
     if all(a == pixel) || all(b == pixel) {
         return 0.0;
     }
-    return abs(linear_depth(pixel, 0.5 * (lit_depth(a) + lit_depth(b))) - z) / z;
+    return abs(linear_depth(pixel, 0.5 * (lit_depth(a) + lit_depth(b))) - z) / depth_reach(z, d);
 }
 
 fn slope(pixel: vec2u, z: f32, by: vec2i) -> f32 {
@@ -55,7 +55,7 @@ fn measure(pixel: vec2u) -> CellRange {
     switch screen.depth_test {
         case 0u: {
             if d > 0.0 {
-                out.far = max(off_plane(pixel, z, vec2i(1, 0)), off_plane(pixel, z, vec2i(0, 1)));
+                out.far = max(off_plane(pixel, z, d, vec2i(1, 0)), off_plane(pixel, z, d, vec2i(0, 1)));
             }
         }
         case 1u: {

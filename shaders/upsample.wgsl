@@ -21,20 +21,22 @@ const PIXELS_A_HOLE: u32 = 4u;
 struct Seen {
     x: vec3f,
     n: vec3f,
+    reach: f32,
     lit: bool,
 }
 
 fn seen(pixel: vec2u) -> Seen {
     let depth = lit_depth(pixel);
     if depth <= 0.0 {
-        return Seen(vec3f(0.0), vec3f(0.0), false);
+        return Seen(vec3f(0.0), vec3f(0.0), 0.0, false);
     }
-    return Seen(view_place(pixel, depth), screen.view_from_world * pixel_normal(pixel), true);
+    let x = view_place(pixel, depth);
+    return Seen(x, screen.view_from_world * pixel_normal(pixel), depth_reach(x.z, depth), true);
 }
 
 fn alike(a: Seen, b: Seen) -> f32 {
     let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
-    let plane = clamp(2.0 - 2.0 * off / (PLANE * -a.x.z), 0.0, 1.0);
+    let plane = clamp(2.0 - 2.0 * off / (PLANE * a.reach), 0.0, 1.0);
     let normal = clamp((dot(a.n, b.n) - TURNED) / (STRAIGHT - TURNED), 0.0, 1.0);
     return plane * normal;
 }
@@ -44,6 +46,8 @@ struct Between {
     light: VectorIrradiance,
     covered: f32,
     weight: f32,
+    // No node of a surface around is unknown.
+    whole: bool,
 }
 
 // A node, and how much it says of a place; 0 where it is not known.
@@ -51,6 +55,8 @@ struct Near {
     node: Node,
     likeness: f32,
     known: bool,
+    // It should be and is not: there is a surface.
+    missing: bool,
 }
 
 fn near_node(k: u32, cell: vec2i, here: Seen) -> Near {
@@ -60,6 +66,7 @@ fn near_node(k: u32, cell: vec2i, here: Seen) -> Near {
     }
     out.node = nodes[cell_index(k, vec2u(cell))];
     if !node_is(out.node, KNOWN) {
+        out.missing = lit_depth(vec2u(cell) << vec2u(k)) > 0.0;
         return out;
     }
     let there = seen(vec2u(cell) << vec2u(k));
@@ -98,11 +105,12 @@ fn between(k: u32, cell: vec2u, here: Seen) -> Between {
         add_scaled(&cubic, weight, node_light(near.node));
     }
     if sure {
-        return Between(cubic, 1.0, 1.0);
+        return Between(cubic, 1.0, 1.0, true);
     }
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var covered = 0.0;
     var total = 0.0;
+    var whole = true;
     let share = select(0.5, 0.25, middle);
     for (var i = 0; i < 4; i++) {
         let step = vec2i(i & 1, i >> 1u);
@@ -118,12 +126,13 @@ fn between(k: u32, cell: vec2u, here: Seen) -> Between {
                 add_scaled(&sum, weight, node_light(near.node));
             }
         }
+        whole &= !near.missing;
     }
     var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     if covered > 0.0 {
         add_scaled(&light, 1.0 / covered, sum);
     }
-    return Between(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total);
+    return Between(light, select(0.0, covered / max(total, 1e-30), total > 0.0), total, whole);
 }
 
 fn state_of(found: Between) -> u32 {
@@ -133,7 +142,7 @@ fn state_of(found: Between) -> u32 {
     if found.covered > 0.99 {
         return KNOWN | COVERED;
     }
-    return select(0u, KNOWN, found.covered < 0.01);
+    return select(0u, KNOWN, found.covered < 0.01 && found.whole);
 }
 
 fn unknown() -> Node {

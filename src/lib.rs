@@ -8,7 +8,7 @@
 //!
 //! | module | what lives there |
 //! |---|---|
-//! | [`scene`] | what light meets: the [`scene::Geometry`] trait, triangle meshes, implicit surfaces, lights, readers |
+//! | [`scene`] | what light meets: the [`scene::Geometry`] trait, triangle meshes, point clouds, implicit surfaces, lights, readers |
 //! | [`samples`] | where light is known: importance particles, Poisson disks, the hashed grid |
 //! | [`basis`] | how light is written down: weights, the hierarchy, Shepard sums, pull-push, clip planes |
 //! | [`transport`] | how light travels: the gather, refinement, the sparse operator, bounces |

@@ -6,6 +6,7 @@ use asset_support::{build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::samples::GridSlot;
 use bevy_meshless_gi::transport::Link;
+use bevy_meshless_gi::transport::pca::Compression;
 
 #[test]
 fn scenes_come_back_bit_by_bit() {
@@ -128,6 +129,92 @@ fn validation_finds_what_is_broken() {
             "{place}"
         );
     }
+}
+
+#[test]
+fn validation_finds_what_is_broken_in_the_columns() {
+    type Break = fn(&mut Compression);
+    let breaks: &[(&str, Break)] = &[
+        ("columns", |c| c.columns.clear()),
+        ("columns", |c| c.columns[1].member = 1),
+        ("columns", |c| c.columns[1].member = u32::MAX),
+        ("columns", |c| c.columns[0].count = 0),
+        ("columns", |c| c.columns[0].count = u32::MAX),
+        ("columns", |c| c.columns[1].value = 0),
+        ("columns", |c| c.columns[1].value = u32::MAX),
+        ("columns", |c| c.columns[1].scale = f32::NAN),
+        ("columns", |c| c.columns[1].scale = -0.5),
+        ("columns", |c| c.columns[1].scale *= 0.5),
+        ("columns", |c| c.columns.truncate(2)),
+        ("columns", |c| {
+            let sky = *c.columns.last().unwrap();
+            c.columns.push(sky);
+        }),
+        ("column senders", |c| c.members[0] = c.members[1]),
+        ("column senders", |c| c.members[0] = 1000),
+        ("column senders", |c| *c.members.last_mut().unwrap() = 0),
+        ("column senders", |c| c.members.push(0)),
+        ("column values", |c| c.values[0] = 0x7c00),
+        ("column values", |c| c.values[0] = 0x7e00_3c00),
+        ("column values", |c| c.values[0] = 0x4000_0000),
+        ("column values", |c| c.values.push(0)),
+    ];
+    let good = || build(&makes()[5]);
+    for (k, (place, broken)) in breaks.iter().enumerate() {
+        let mut scene = good();
+        assert!(scene.validate().is_ok());
+        broken(scene.operator.compression.as_mut().unwrap());
+        let found = match scene.validate() {
+            Err(found) => found,
+            Ok(_) => panic!("break {k}: {place}"),
+        };
+        assert!(
+            found.iter().any(|v| v.place == *place),
+            "break {k}: {place}: {found:?}"
+        );
+    }
+    let mut scene = good();
+    scene.operator.compression = None;
+    assert!(
+        scene
+            .validate()
+            .unwrap_err()
+            .iter()
+            .any(|v| v.place == "columns")
+    );
+    let mut scene = build(&makes()[0]);
+    scene.operator.compression = good().operator.compression;
+    assert!(
+        scene
+            .validate()
+            .unwrap_err()
+            .iter()
+            .any(|v| v.place == "columns")
+    );
+    let mut scene = good();
+    let beyond = scene.operator.coefficients(0) + 1;
+    let link = &mut scene.operator.links[0];
+    *link = Link::pack(link.vector(), 1.0, beyond as u16);
+    assert!(
+        scene
+            .validate()
+            .unwrap_err()
+            .iter()
+            .any(|v| v.place == "links")
+    );
+    let mut scene = good();
+    scene
+        .operator
+        .rows
+        .iter_mut()
+        .for_each(|row| row.scale *= 15.0);
+    assert!(
+        scene
+            .validate()
+            .unwrap_err()
+            .iter()
+            .any(|v| v.place == "rows")
+    );
 }
 
 #[test]

@@ -54,7 +54,9 @@ fn furnace(to_sky: bool) -> BakedScene {
                 })
                 .collect(),
             links: (0..POINTS).map(link).collect(),
+            compression: None,
         },
+        visibility: None,
         bounces: None,
         display: Display {
             radius: 0.9,

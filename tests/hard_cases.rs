@@ -2,6 +2,8 @@
 
 #[path = "hard_cases/closed_rooms.rs"]
 mod closed_rooms;
+#[path = "hard_cases/components.rs"]
+mod components;
 #[path = "hard_cases/digits.rs"]
 mod digits;
 #[path = "hard_cases/energy.rs"]

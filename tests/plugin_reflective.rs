@@ -11,8 +11,8 @@ use bevy_meshless_gi::plugin::{
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_vpls};
-use plugin_support::flip::Picture;
+use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
+use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Room, cornell};
 use plugin_support::stage::{
     CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
@@ -107,6 +107,32 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     let ran = |c: &MeshlessGiCounters| c.plan.matches("run  rsm").count();
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
+
+    // A game that dresses all cameras alike dresses those of maps too: no view of its own, and no further cameras.
+    let all: Vec<Entity> = app
+        .world_mut()
+        .query_filtered::<Entity, (With<Camera3d>, Without<MeshlessGiCamera>)>()
+        .iter(app.world())
+        .collect();
+    assert_eq!(all.len(), 1);
+    app.world_mut()
+        .entity_mut(all[0])
+        .insert(MeshlessGiCamera::default());
+    run(&mut app, 3);
+    assert_eq!(captures(&mut app), [1, 1]);
+    let c = counters(&app);
+    assert_eq!(c.plan.matches("run  composite").count(), 1, "{}", c.plan);
+    app.world_mut()
+        .entity_mut(all[0])
+        .remove::<MeshlessGiCamera>();
+
+    // What Bevy is not to cull has no box from it, and bounces too.
+    app.world_mut()
+        .entity_mut(ball)
+        .remove::<bevy::camera::primitives::Aabb>()
+        .insert(bevy::camera::visibility::NoFrustumCulling);
+    run(&mut app, 2);
+    assert_eq!(captures(&mut app), [1, 1]);
 
     // Out of the light's reach, the light dark, no camera that shows it: no map is drawn.
     type Change = fn(&mut App, Entity, Entity, bool);
@@ -336,6 +362,199 @@ fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
     let vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
     let expected = cpu_bounce(&room_and_ball(moved), &vpls, None, view());
     assert_bounce_alike("bounce_moved", &expected, &drawn);
+}
+
+/// How often maps were read and pixels lit in the last frame.
+fn ran(app: &App) -> [u32; 2] {
+    let c = counters(app);
+    [Stage::Rsm, Stage::Vpl].map(|s| c.dispatches_of(s))
+}
+
+#[test]
+fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
+    let mut app = app();
+    let (_, image, ball) = unbaked_room(&mut app);
+    let asked = MeshlessGiReflective::default();
+    let entity = spawn_lamp(&mut app, LAMP);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    run(&mut app, 3);
+    assert_eq!(ran(&app), [2, 1]);
+    let drawn = picture(&mut app, &image);
+    run(&mut app, 20);
+    assert_eq!(ran(&app), [0, 1]);
+    assert!(counters(&app).plan.contains("nothing changed"));
+    let rested = picture(&mut app, &image);
+    assert!(drawn.mean() > 0.0 && rested.pixels == drawn.pixels);
+
+    // Whatever may change what the maps show wakes them, in the same frame.
+    type Change = fn(&mut App, Entity, Entity);
+    let changes: [(&str, Change); 6] = [
+        ("moved", |app, ball, _| {
+            app.world_mut()
+                .get_mut::<Transform>(ball)
+                .unwrap()
+                .translation
+                .y += 0.01;
+        }),
+        ("recoloured", |app, _, _| {
+            let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+            let ids: Vec<_> = materials.ids().collect();
+            for id in ids {
+                materials.get_mut(id).unwrap().perceptual_roughness = 0.9;
+            }
+        }),
+        ("hidden and shown", |app, ball, _| {
+            app.world_mut().entity_mut(ball).insert(Visibility::Hidden);
+            run(app, 1);
+            app.world_mut().entity_mut(ball).insert(Visibility::Visible);
+        }),
+        ("the lamp moved", |app, _, lamp| {
+            app.world_mut()
+                .get_mut::<Transform>(lamp)
+                .unwrap()
+                .translation
+                .x += 0.01;
+        }),
+        ("the lamp's colour", |app, _, lamp| {
+            app.world_mut().get_mut::<PointLight>(lamp).unwrap().color = Color::WHITE.darker(0.1);
+        }),
+        ("more lights", |app, _, lamp| {
+            app.world_mut()
+                .get_mut::<MeshlessGiReflective>(lamp)
+                .unwrap()
+                .lights = 64;
+        }),
+    ];
+    for (name, change) in changes {
+        change(&mut app, ball, entity);
+        run(&mut app, 1);
+        assert_eq!(ran(&app), [2, 1], "{name}");
+        run(&mut app, 20);
+        assert_eq!(ran(&app), [0, 1], "{name}");
+    }
+    let moved = picture(&mut app, &image);
+    assert!(moved.pixels != drawn.pixels);
+
+    // A bake that comes shadows the light: it is made again.
+    let (_, bake) = cornell();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    app.world_mut()
+        .spawn((MeshlessGi(asset), Transform::IDENTITY));
+    let mut woken = false;
+    for _ in 0..4 {
+        run(&mut app, 1);
+        woken |= ran(&app)[0] > 0;
+    }
+    assert!(woken);
+    run(&mut app, 20);
+    assert_eq!(ran(&app)[0], 0);
+}
+
+#[test]
+fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
+    const SMOOTH: [f32; 2] = [0.35, 1.0];
+    const BRIGHT: f32 = 1e4;
+    let mut app = app();
+    let (_, image, ball) = unbaked_room(&mut app);
+    let of_ball = app
+        .world()
+        .get::<MeshMaterial3d<StandardMaterial>>(ball)
+        .unwrap()
+        .id();
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    let ids: Vec<_> = materials.ids().filter(|id| *id != of_ball).collect();
+    for id in ids {
+        let mut material = materials.get_mut(id).unwrap();
+        [material.perceptual_roughness, material.reflectance] = SMOOTH;
+    }
+    let asked = MeshlessGiReflective {
+        visibility: false,
+        ..default()
+    };
+    let entity = spawn_lamp(&mut app, LAMP);
+    app.world_mut().entity_mut(entity).insert(asked.clone());
+    let mut bright = app.world_mut().get_mut::<PointLight>(entity).unwrap();
+    bright.intensity *= BRIGHT;
+    run(&mut app, 3);
+    let without = picture(&mut app, &image);
+    let before = counters(&app);
+    assert_eq!(before.dispatches_of(Stage::Gloss), 0);
+    let mut cameras = app
+        .world_mut()
+        .query_filtered::<Entity, With<MeshlessGiCamera>>();
+    let eye = cameras.single(app.world()).unwrap();
+    app.world_mut()
+        .entity_mut(eye)
+        // A picture so small has room for few nodes.
+        .insert(MeshlessGiGloss {
+            coarsest: 2,
+            light: 1e-4,
+            ..default()
+        });
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(
+        c.dispatches_of(Stage::Gloss),
+        3,
+        "levels, pixels: {}",
+        c.plan
+    );
+    assert!(c.plan.contains("gloss of the world in view"), "{}", c.plan);
+    let with = picture(&mut app, &image);
+    let balls = Things {
+        balls: vec![RED],
+        ..Things::default()
+    };
+    let bright = Light::Point {
+        position: LAMP,
+        intensity: Vec3::splat(BRIGHT * CANDELA),
+        range: 20.0,
+    };
+    let vpls = cpu_vpls(&balls, &bright, &asked, None);
+    // The ball itself is rough.
+    let mut gloss = with.clone();
+    for (g, w) in gloss.pixels.iter_mut().zip(&without.pixels) {
+        for c in 0..3 {
+            g[c] -= w[c];
+        }
+    }
+    let dark: Vec<bool> = (gloss.pixels.iter())
+        .map(|g| g.iter().all(|v| v.abs() < 1e-9))
+        .collect();
+    assert!(dark.iter().filter(|d| !**d).count() * 4 > dark.len());
+    let expected = |surface| {
+        let mut expected = cpu_gloss(&room_and_ball(RED), &vpls, view(), surface);
+        for (pixel, dark) in expected.pixels.iter_mut().zip(&dark) {
+            if *dark {
+                *pixel = [0.0; 3];
+            }
+        }
+        expected
+    };
+    let right = expected(SMOOTH);
+    keep("gloss", &right.beside(&gloss));
+    // Nodes four pixels apart, beside every pixel.
+    let off = gloss.mean() / right.mean() - 1.0;
+    let (d, nrmse) = (flip(&right, &gloss), gloss.nrmse(&right));
+    println!("gloss: mean {off:+.4}, FLIP {d:.4}, NRMSE {nrmse:.4}");
+    assert!(off.abs() < 0.03 && d < 0.03 && nrmse < 0.12);
+    let rougher = expected([0.45, 1.0]);
+    assert!(gloss.nrmse(&rougher) > 0.2, "{}", gloss.nrmse(&rougher));
+
+    // Nothing bounces: nothing of it is left.
+    app.world_mut().despawn(entity);
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(c.dispatches_of(Stage::Gloss), 0);
+    assert!(
+        c.buffers < before.buffers,
+        "{} {}",
+        c.buffers,
+        before.buffers
+    );
 }
 
 #[test]

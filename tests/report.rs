@@ -209,6 +209,11 @@ fn tiny_variants(base: &Settings) -> Vec<Variant> {
         epsilon: Some(epsilon),
         ..tiny()
     };
+    let pca = Recipe {
+        rule: Rule::Pca,
+        lamps: Some(64),
+        ..tiny()
+    };
     let more = Recipe {
         rays: Some(512),
         epsilon: Some(0.005),
@@ -231,6 +236,7 @@ fn tiny_variants(base: &Settings) -> Vec<Variant> {
         },
         variant(Factor::RuleL08, "l08 ε 0.1", 1.0, l08(0.1)),
         variant(Factor::RuleL08, "l08 ε 0.01", 1.0, l08(0.01)),
+        variant(Factor::RulePca, "pca", 1.0, pca),
         variant(Factor::Rays, "512 rays", 1.0, more),
         variant(Factor::Preset, "for ever", 1e12, Recipe::default()),
     ]
@@ -260,16 +266,27 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
     .unwrap();
     assert_eq!(
         steps.into_inner().unwrap(),
-        ["reference", "tiny", "l08 ε 0.1", "l08 ε 0.01", "512 rays"]
+        [
+            "reference",
+            "tiny",
+            "l08 ε 0.1",
+            "l08 ε 0.01",
+            "pca",
+            "512 rays"
+        ]
     );
     assert_eq!(made.left_out, ["for ever"]);
-    let [tiny, once, tier, coarse, fine, more] = &made.rows[..] else {
+    let [tiny, once, tier, coarse, fine, pca, more] = &made.rows[..] else {
         panic!("{:?}", made.rows);
     };
     assert!(made.noise.0 < 0.05, "{:?}", made.noise);
     assert!(
         more.nrmse < tiny.nrmse && tiny.nrmse < 0.3,
         "{tiny:?} {more:?}"
+    );
+    assert!(
+        pca.nrmse < 0.5 && pca.links > 0 && pca.frame_ms > 0.0,
+        "{pca:?}"
     );
     assert!(fine.nrmse < coarse.nrmse && fine.links > coarse.links);
     // Frames of one bake differ in what they run, not in what was baked.
@@ -284,10 +301,11 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
         check_svg(&figure.chart.svg());
     }
     let links = figures.iter().find(|f| f.file == "error_links.svg");
-    let [bounded, _, l08, _] = &links.unwrap().chart.series[..] else {
-        panic!("two rules and their fronts");
+    let [bounded, _, l08, _, bases, _] = &links.unwrap().chart.series[..] else {
+        panic!("three rules and their fronts");
     };
     assert_eq!((bounded.points.len(), l08.points.len()), (3, 2));
+    assert_eq!(bases.points.len(), 1);
     let all = text("A & B", &made, &figures);
     for word in [
         "for ever",
@@ -295,6 +313,8 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
         "error_links.svg",
         "Links at equal error",
         "Error at equal links",
+        "The default rule beside bases of direct light",
+        "Which to use",
     ] {
         assert!(all.contains(word), "no {word}: {all}");
     }
@@ -406,7 +426,7 @@ fn every_variant_can_be_baked_and_written_as_a_recipe() {
             let same = |w: &Variant| w.name == v.name || (w.recipe == v.recipe && w.run == v.run);
             assert!(!list[..i].iter().any(same), "{} twice", v.name);
         }
-        for rule in [Rule::Bounded, Rule::L08] {
+        for rule in [Rule::Bounded, Rule::L08, Rule::Pca] {
             assert!(list.iter().any(|v| v.recipe.rule == rule));
         }
         // Runs of the baseline come first: they need no bake.

@@ -5,16 +5,21 @@
 
 use bevy_meshless_gi::asset::PointSurface;
 use bevy_meshless_gi::basis::{NO_COVER, WeightEntry};
+use bevy_meshless_gi::frame::fmm_layout::{
+    FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MOST_FMM_TERMS, NO_TERM,
+};
 use bevy_meshless_gi::frame::pyramid::{self, CellRange};
 use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
-    CompositeParams, FrameLight, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
-    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, Vpl, VplParams,
-    VplViewParams, apply, gbuffer, project, refine, rsm, splat, upsample, vpl,
+    CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
+    RsmShadowParams, RsmTexel, SoftLight, SoftParams, SolveParams, Span, SplatParams,
+    SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, apply, brdf, compress,
+    gbuffer, gloss, project, refine, rsm, soft, splat, upsample, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::transport::pca::{Column, Visibility, VisibilityCluster, VisiblePoint};
 use bevy_meshless_gi::transport::{BounceLink, Link, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -72,6 +77,12 @@ fn layouts() -> Vec<Layout> {
             tier
         }),
         layout!(Link { xy, z_sender }),
+        layout!(Column {
+            member,
+            count,
+            value,
+            scale
+        }),
         layout!(BounceLink { gain, sender }),
         layout!(VectorIrradiance { x, y, z }),
         layout!(SolveParams {
@@ -91,6 +102,39 @@ fn layouts() -> Vec<Layout> {
             apart
         }),
         layout!(Span { first, count, base }),
+        layout!(SoftLight {
+            center,
+            kind,
+            u,
+            radius,
+            v,
+            inverse_square_range,
+            color,
+            columns,
+            rows
+        }),
+        layout!(SoftParams {
+            points,
+            lights,
+            columns,
+            rows,
+            near,
+            extent,
+            close,
+            far,
+            width
+        }),
+        layout!(VisibilityCluster {
+            tangent,
+            components,
+            basis,
+            scales
+        }),
+        layout!(VisiblePoint {
+            cluster,
+            first,
+            mask
+        }),
         layout!(SplatParams {
             local_from_clip,
             local_from_world,
@@ -124,6 +168,8 @@ fn layouts() -> Vec<Layout> {
             high
         }),
         layout!(Node { words }),
+        layout!(GlossParams { roughest, together }),
+        layout!(GlossNode { words }),
         layout!(CompositeParams { scale, white }),
         layout!(GridSlot { cell, start }),
         layout!(BvhNode {
@@ -174,6 +220,38 @@ fn layouts() -> Vec<Layout> {
             extent,
             dim
         }),
+        layout!(FmmNode {
+            center,
+            size,
+            start,
+            end,
+            first_child,
+            children,
+            parent,
+            far,
+            local,
+            multipole,
+            near,
+            finish
+        }),
+        layout!(FmmEntry { source, weight }),
+        layout!(FmmPlace {
+            position,
+            share,
+            normal
+        }),
+        layout!(FmmTerm {
+            down,
+            exponents,
+            degree,
+            factorial
+        }),
+        layout!(FmmParams {
+            order,
+            terms,
+            disks,
+            nearest
+        }),
         layout!(VplViewParams {
             space_from_clip,
             viewport,
@@ -184,7 +262,10 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 6] = ["Place", "Shear", "Covered", "Seen", "Between", "Near"];
+const SHADER_ONLY: [&str; 14] = [
+    "Cell", "Place", "Shear", "Covered", "Seen", "Between", "Near", "Facet", "Shine", "Receiver",
+    "Glossy", "Around", "Foretold", "Spectrum",
+];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
@@ -196,11 +277,22 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             "LIGHT_DIRECTIONAL",
             Some(f64::from(FrameLight::DIRECTIONAL)),
         ),
+        ("SOFT_SPHERE", Some(f64::from(SoftLight::SPHERE))),
+        ("SOFT_RECTANGLE", Some(f64::from(SoftLight::RECTANGLE))),
+        ("QUARTER_PI", Some(f64::from(std::f32::consts::FRAC_PI_4))),
+        ("HALF_PI", Some(f64::from(std::f32::consts::FRAC_PI_2))),
+        ("TURN", Some(f64::from(std::f32::consts::TAU))),
+        (
+            "MOST_COMPONENTS",
+            Some(f64::from(Visibility::MOST_COMPONENTS)),
+        ),
+        ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
+        ("COLUMN_LANES", Some(f64::from(compress::LANES))),
         ("ROWS", Some(f64::from(Pass::Apply.entry().1.items))),
         ("EMPTY_SLOT", Some(f64::from(GridSlot::EMPTY))),
         ("CELL_LIMIT", Some(f64::from(HashedGrid::CELL_LIMIT))),
@@ -225,6 +317,18 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("TURNED", Some(f64::from(upsample::TURNED))),
         ("STRAIGHT", Some(f64::from(upsample::STRAIGHT))),
         ("SURE", Some(f64::from(upsample::SURE))),
+        ("SMOOTHEST", Some(f64::from(brdf::SMOOTHEST))),
+        ("SLANTED", Some(f64::from(brdf::SLANTED))),
+        ("LOST", Some(f64::from(brdf::LOST))),
+        ("LATE", Some(f64::from(brdf::LATE))),
+        ("GROUPS", Some(f64::from(gloss::GROUPS))),
+        ("FADES", Some(f64::from(gloss::FADES))),
+        ("LEAST", Some(f64::from(gloss::LEAST))),
+        ("REACH", Some(f64::from(pyramid::REACH))),
+        ("TURNS_FROM", Some(f64::from(gloss::TURNS[0]))),
+        ("TURNS_TO", Some(f64::from(gloss::TURNS[1]))),
+        ("SLANTS", Some(f64::from(gloss::SLANTS))),
+        ("ROUGHER", Some(f64::from(gloss::ROUGHER))),
         ("ITEMS", Some(f64::from(Pass::Refine.entry().1.items))),
         ("MOST_GROUPS", Some(65_535.0)),
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
@@ -243,6 +347,8 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("SHORTEST", Some(f64::from(vpl::SHORTEST))),
         ("PI", Some(f64::from(std::f32::consts::PI))),
         ("LIFTS", Some(f64::from(vpl::LIFTS))),
+        ("MOST_FMM_TERMS", Some(MOST_FMM_TERMS as f64)),
+        ("NO_TERM", Some(f64::from(NO_TERM))),
         ("TINY", Some(f64::from(f32::MIN_POSITIVE))),
     ])
 }
@@ -488,6 +594,18 @@ fn a_spoiled_shader_is_noticed() {
             "const LANES",
         ),
         (
+            "const COLUMN_LANES: u32 = 64u;",
+            "const COLUMN_LANES: u32 = 32u;",
+            "compress",
+            "const COLUMN_LANES",
+        ),
+        (
+            "count: u32,\n    value: u32,",
+            "value: u32,\n    count: u32,",
+            "compress",
+            "struct Column",
+        ),
+        (
             "@workgroup_size(64)",
             "@workgroup_size(32)",
             "flatten",
@@ -537,10 +655,22 @@ fn a_spoiled_shader_is_noticed() {
             "const CHUNKS",
         ),
         (
+            "near: u32,\n    finish: u32,",
+            "finish: u32,\n    near: u32,",
+            "fmm_down",
+            "struct FmmNode",
+        ),
+        (
             "extent: f32,\n    dim: f32,",
             "dim: f32,\n    extent: f32,",
             "vpl",
             "struct VplParams",
+        ),
+        (
+            "const SLANTS: f32 = 0.15;",
+            "const SLANTS: f32 = 0.2;",
+            "gloss",
+            "const SLANTS",
         ),
     ];
     for (from, to, name, complaint) in spoils {
@@ -612,12 +742,14 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "layout",
         "light",
         "gbuffer",
+        "brdf",
         "settings",
         "cpu_frame",
         "anderson",
         "reflective",
         "subsplat",
         "view",
+        "fmm_layout",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")

@@ -171,7 +171,7 @@ fn cornell_box_beside_full_resolution() {
 fn open_rooms_beside_full_resolution_and_in_motion() {
     let stage = published("rooms_open");
     holds(&stage, &[0], 0.011, 0.1);
-    pops_at_most(&stage, 0, 0.035, 0.004);
+    pops_at_most(&stage, 0, 0.15, 0.035, 0.004);
 }
 
 #[test]
@@ -182,13 +182,13 @@ fn clutter_beside_full_resolution_and_in_motion() {
         source: Source::Made(sloping),
     };
     holds(&stage, &[0, 2], 0.004, 0.18);
-    pops_at_most(&stage, 2, 0.015, 0.0012);
+    pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
 }
 
-/// A camera that goes 2 mm a frame: how much the error at a place that stays in view changes from one frame to the next, in parts of white: that is what a picture of
-/// subsplats flickers by over one of full resolution. The largest but for one place in a thousand, and the root mean square.
-fn pops_at_most(stage: &Stage, i: usize, most: f32, rms: f64) {
-    const FRAMES: u32 = 8;
+/// A camera that goes 2 mm a frame: how much more a place that stays in view changes from one frame to the next than it does at full resolution, in parts of white:
+/// what a picture of subsplats flickers by. The largest of all, the largest but for one place in a thousand, and the root mean square.
+fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
+    const FRAMES: u32 = 24;
     let size = [320, 180];
     let (eye, target) = stage.level.views[i];
     let first = stage.view(i, size);
@@ -224,7 +224,11 @@ fn pops_at_most(stage: &Stage, i: usize, most: f32, rms: f64) {
                 let q = view.index([(u * size[0] as f32) as u32, (v * size[1] as f32) as u32]);
                 // Still in view: not hidden by what is nearer.
                 if (view.drawn.depth[q] / ndc.z - 1.0).abs() < 0.01 {
-                    pops.push((now[q] - error).abs());
+                    // Where full resolution itself changes, that is no pop of ours.
+                    let full = view.full[q][1] - before.full[p][1];
+                    let shown = now[q] - error + full;
+                    let beyond = (shown.abs() - full.abs()).max(0.0);
+                    pops.push(beyond.min((shown - full).abs()));
                 }
             }
         }
@@ -240,7 +244,8 @@ fn pops_at_most(stage: &Stage, i: usize, most: f32, rms: f64) {
         pops.len(),
         pops[pops.len() - 1]
     );
-    assert!(pops.len() > 200_000 && high <= most && found <= rms);
+    assert!(pops.len() > 600_000 && high <= most && found <= rms);
+    assert!(pops[pops.len() - 1] <= largest);
 }
 
 /// A bright wall behind dark things, one of them a pixel wide, and the other way round.
@@ -270,6 +275,82 @@ fn no_light_crosses_an_edge_of_depth() {
         );
         assert!(off < 0.002, "{off}");
     }
+}
+
+/// A table top over the floor, seen from far away by parallel rays, and through a lens of five degrees: the distance is hundreds of times what lies between them.
+#[test]
+fn no_light_crosses_an_edge_seen_from_afar() {
+    let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
+    let mesh = || {
+        mesh_of_quads(&[
+            top(Vec3::new(-20.0, 0.0, 20.0), 40.0),
+            top(Vec3::new(-1.0, 0.8, 1.0), 2.0),
+            top(Vec3::new(1.5, 0.8, 1.0), 0.02),
+        ])
+    };
+    let light: fn(Vec3) -> VectorIrradiance =
+        |x| from(Vec3::Y, Vec3::splat(if x.y > 0.4 { 0.001 } else { 1.0 }));
+    let toward = Vec3::new(1.0, 1.2, 1.0).normalize();
+    let aspect = SIZE[0] as f32 / SIZE[1] as f32;
+    let half = 4.0;
+    let views = [
+        (
+            300.0 * toward,
+            Mat4::orthographic_rh(-half * aspect, half * aspect, -half, half, 1000.0, 0.1),
+        ),
+        // The near plane behind the eye.
+        (
+            300.0 * toward,
+            Mat4::orthographic_rh(-half * aspect, half * aspect, -half, half, 1000.0, -10.0),
+        ),
+        (
+            90.0 * toward,
+            Mat4::perspective_infinite_reverse_rh(0.087, aspect, 0.1),
+        ),
+    ];
+    for (eye, clip_from_view) in views {
+        let stage = ahead(mesh(), light);
+        let view_from_world = Mat4::look_at_rh(eye, Vec3::ZERO, Vec3::Y);
+        let mut view = View::of(
+            &stage,
+            view_from_world,
+            clip_from_view * view_from_world,
+            SIZE,
+        );
+        view.expose(1.0);
+        let dark = view.full.iter().filter(|t| t[0] < 0.5).count();
+        assert!(dark > 1_500 && view.full.len() - dark > 10_000, "{dark}");
+        let shown = view.subsplats(&SubsplatSettings::default());
+        finite(&shown);
+        let off = worst(&view, &shown);
+        println!(
+            "from afar: {off}, 1/{:.1}",
+            view.full.len() as f32 / shown.counts.total() as f32
+        );
+        assert!(off < 0.002, "{off}");
+    }
+}
+
+/// Bumps in the dark: light that is not there needs no evaluation of every pixel.
+#[test]
+fn dark_bumps_are_not_evaluated_pixel_by_pixel() {
+    let ridge = |i: i32| {
+        let x = 0.1 * i as f32;
+        let (low, high) = (Vec3::new(x, -20.0, -4.0), Vec3::new(x + 0.05, -20.0, -3.97));
+        let next = Vec3::new(x + 0.1, -20.0, -4.0);
+        [
+            quad(low, high - low, 40.0 * Vec3::Y),
+            quad(high, next - high, 40.0 * Vec3::Y),
+        ]
+    };
+    let mesh = mesh_of_quads(&(-80..80).flat_map(ridge).collect::<Vec<_>>());
+    let dark: fn(Vec3) -> VectorIrradiance = |_| VectorIrradiance::default();
+    let stage = ahead(mesh, dark);
+    let view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    let shown = view.subsplats(&SubsplatSettings::default());
+    finite(&shown);
+    println!("in the dark: {:?}", shown.counts);
+    assert!(shown.counts.evaluated[0] * 20 < shown.counts.pixels);
 }
 
 #[test]

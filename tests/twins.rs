@@ -9,10 +9,18 @@ mod baked;
 mod compare;
 #[path = "twins/depth.rs"]
 mod depth;
+#[path = "twins/fmm.rs"]
+mod fmm;
+#[path = "twins/gloss.rs"]
+mod gloss;
+mod gloss_support;
 #[path = "twins/reflective.rs"]
 mod reflective;
 #[path = "twins/screen.rs"]
 mod screen;
+#[cfg(feature = "gltf")]
+#[path = "twins/soft.rs"]
+mod soft;
 #[cfg(feature = "gltf")]
 #[path = "twins/subsplats.rs"]
 mod subsplats;
@@ -27,6 +35,7 @@ use bevy_meshless_gi::frame::{
 use bevy_meshless_gi::gpu::{
     GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers, SplatTargets, ViewBuffers,
 };
+use bevy_meshless_gi::transport::pca::Column;
 use bevy_meshless_gi::transport::{Link, SenderForm};
 use compare::{HALF, SINGLE, Scale, differing, same};
 use glam::Vec3;
@@ -360,6 +369,38 @@ fn push_apply_flatten_of_differences() {
 }
 
 #[test]
+fn compress_apply_flatten_of_components() {
+    const COMPRESSED: Checked = (
+        "compress",
+        Pass::Compress,
+        |f| flat(f.components()),
+        4,
+        Scale::Rms,
+    );
+    const COLUMN: fn(&mut BakedScene) -> &mut Column = |s| {
+        let compression = s.operator.compression.as_mut().unwrap();
+        &mut compression.columns[22]
+    };
+    for sweeps in [0, 2] {
+        solve_agrees(
+            SenderForm::Components,
+            &settings(sweeps, false),
+            &[
+                (COMPRESSED, |s| COLUMN(s).scale *= 1.002),
+                (COMPRESSED, |s| COLUMN(s).member -= 1),
+                (COMPRESSED, |s| COLUMN(s).count -= 1),
+                (COMPRESSED, |s| {
+                    let values = &mut s.operator.compression.as_mut().unwrap().values;
+                    values[20..60].iter_mut().for_each(|v| *v ^= 0x8000);
+                }),
+                (VALUES, |s| bend(s, 99)),
+                (VALUES, |s| COLUMN(s).scale *= 1.1),
+            ],
+        );
+    }
+}
+
+#[test]
 fn live_bounces() {
     const FURTHER: Spoil = |s| {
         s.surfaces[60..150]
@@ -512,6 +553,7 @@ fn bakes_of_the_cornell_box() {
         (Rule::Bounded, BounceMode::Live),
         (Rule::Bounded, BounceMode::Baked),
         (Rule::L08, BounceMode::Live),
+        (Rule::Pca, BounceMode::Live),
     ] {
         let scene = baked::cornell(rule, mode);
         eprintln!(
@@ -558,6 +600,37 @@ fn bakes_of_the_cornell_box() {
             );
         }
     }
+}
+
+#[test]
+fn components_alone_are_compressed() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = synthetic::scene(SenderForm::Components);
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
+    let other = synthetic::scene(SenderForm::Averages);
+    let other = GpuFrame::new(&kernels, &harness.queue, &other, 8).unwrap();
+    // The matrix, cut into three arrays, and what it makes of the senders.
+    assert_eq!(frame.buffers().count(), other.buffers().count() + 4);
+    harness
+        .run(|e| frame.solve(&kernels, &harness.queue, e, &settings(2, false)))
+        .unwrap();
+    let made: Vec<Pass> = Pass::ALL.into_iter().filter(|&p| kernels.has(p)).collect();
+    assert_eq!(
+        made,
+        [
+            Pass::Radiosity,
+            Pass::Compress,
+            Pass::Apply,
+            Pass::Sweep,
+            Pass::Averages
+        ]
+    );
+    // Before every use of the operator, and never else.
+    let counters = frame.counters();
+    assert_eq!(counters.of(Pass::Compress), 3);
+    assert_eq!(counters.of(Pass::Apply), 3);
+    assert_eq!(counters.of(Pass::Pull), 0);
 }
 
 #[test]

@@ -4,14 +4,18 @@
 //! --screenshot FILE.png    writes the window's picture, and ends
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, and of cornell B, D, M, Up, Down, Left, Right
 //! ```
+//!
+//! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.
 
 use bevy::input::InputSystems;
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
+use bevy::time::TimeUpdateStrategy;
 use bevy_meshless_gi::plugin::MeshlessGiBake;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// What the command line says of a picture.
 #[derive(Resource, Clone)]
@@ -58,6 +62,10 @@ impl Capture {
         let key = |name: &str| match name {
             "Tab" => Ok(KeyCode::Tab),
             "Space" => Ok(KeyCode::Space),
+            "Up" => Ok(KeyCode::ArrowUp),
+            "Down" => Ok(KeyCode::ArrowDown),
+            "Left" => Ok(KeyCode::ArrowLeft),
+            "Right" => Ok(KeyCode::ArrowRight),
             "B" => Ok(KeyCode::KeyB),
             "D" => Ok(KeyCode::KeyD),
             "G" => Ok(KeyCode::KeyG),
@@ -78,7 +86,9 @@ impl Capture {
 
 impl Plugin for Capture {
     fn build(&self, app: &mut App) {
+        let sixtieth = Duration::from_secs_f64(1.0 / 60.0);
         app.insert_resource(self.clone())
+            .insert_resource(TimeUpdateStrategy::ManualDuration(sixtieth))
             .add_systems(PreUpdate, capture.after(InputSystems));
     }
 }

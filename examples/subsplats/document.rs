@@ -126,6 +126,7 @@ pub fn text(found: &Found) -> Result<String, Error> {
     tests(found, &mut out)?;
     table(found, &mut out)?;
     bumps(found, &mut out)?;
+    super::gloss::text(&found.gloss, &mut out)?;
     Ok(out)
 }
 

@@ -1,6 +1,7 @@
 //! The experiments: views of every level, tests of discontinuities along a path ([N09] Fig. 9), resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
 
 use super::bumps::{self, Bumpy};
+use super::gloss;
 use super::subsplat_support::{Measured, Stage, View};
 use bevy_meshless_gi::frame::{DepthTest, NormalTest, SubsplatSettings};
 use std::error::Error;
@@ -71,6 +72,7 @@ pub struct Found {
     pub cells: Vec<Cell>,
     pub lights: Vec<Light>,
     pub bumpy: Vec<Bumpy>,
+    pub gloss: gloss::Found,
 }
 
 fn mean(all: &[Measured], of: impl Fn(&Measured) -> f64) -> f64 {
@@ -81,6 +83,7 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
     let last = stages.last().ok_or("no level")?;
     let bumpy = bumps::measure();
     eprintln!("bumps are measured");
+    let gloss = gloss::measure();
     let (mut rows, mut lights, mut cells) = (Vec::new(), Vec::new(), Vec::new());
     for (s, stage) in stages.iter().enumerate() {
         for i in 0..stage.level.views.len() {
@@ -117,6 +120,7 @@ pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
         cells,
         lights,
         bumpy,
+        gloss,
     })
 }
 

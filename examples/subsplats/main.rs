@@ -10,6 +10,9 @@
 mod bumps;
 mod document;
 mod experiments;
+mod gloss;
+#[path = "../../tests/gloss_support/mod.rs"]
+mod gloss_support;
 #[path = "../../tests/subsplat_support/mod.rs"]
 mod subsplat_support;
 

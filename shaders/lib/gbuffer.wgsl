@@ -20,10 +20,29 @@ fn unorm8(bits: u32) -> f32 {
     return f32(bits & 0xffu) / 255.0;
 }
 
+// Linear.
+fn gbuffer_base(texel: vec4u) -> vec3f {
+    return pow(vec3f(unorm8(texel.r), unorm8(texel.r >> 8u), unorm8(texel.r >> 16u)), vec3f(GAMMA));
+}
+
 // Base colour × (1 − metallic), linear.
 fn gbuffer_diffuse(texel: vec4u) -> vec3f {
-    let base = vec3f(unorm8(texel.r), unorm8(texel.r >> 8u), unorm8(texel.r >> 16u));
-    return pow(base, vec3f(GAMMA)) * (1.0 - unorm8(texel.b >> 8u));
+    return gbuffer_base(texel) * (1.0 - gbuffer_metallic(texel));
+}
+
+fn gbuffer_metallic(texel: vec4u) -> f32 {
+    return unorm8(texel.b >> 8u);
+}
+
+// Perceptual.
+fn gbuffer_roughness(texel: vec4u) -> f32 {
+    return unorm8(texel.r >> 24u);
+}
+
+// Specular reflectance straight ahead, linear.
+fn gbuffer_straight(texel: vec4u) -> vec3f {
+    let reflectance = unorm8(texel.b);
+    return mix(vec3f(0.16 * reflectance * reflectance), gbuffer_base(texel), gbuffer_metallic(texel));
 }
 
 fn gbuffer_occlusion(texel: vec4u) -> f32 {

@@ -64,6 +64,13 @@ struct Link {
     z_sender: u32,
 }
 
+struct Column {
+    member: u32,
+    count: u32,
+    value: u32,
+    scale: f32,
+}
+
 struct BounceLink {
     gain: vec3f,
     sender: u32,
@@ -141,6 +148,17 @@ struct Node {
     words: array<u32, 6>,
 }
 
+struct GlossParams {
+    roughest: f32,
+    together: u32,
+    pad0: u32,
+    pad1: u32,
+}
+
+struct GlossNode {
+    words: array<u32, 4>,
+}
+
 struct CompositeParams {
     scale: f32,
     white: f32,
@@ -183,4 +201,55 @@ fn add_scaled(sum: ptr<function, VectorIrradiance>, weight: f32, e: VectorIrradi
 // Workgroups are numbered row by row, for one dimension holds no more than 65535 of them.
 fn flat_group(group: vec3u, groups: vec3u) -> u32 {
     return group.y * groups.x + group.x;
+}
+
+// A light that casts soft shadows from baked visibility.
+struct SoftLight {
+    center: vec3f,
+    kind: u32,
+    u: vec3f,
+    radius: f32,
+    v: vec3f,
+    inverse_square_range: f32,
+    color: vec3f,
+    columns: u32,
+    rows: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+const SOFT_SPHERE: u32 = 1u;
+const SOFT_RECTANGLE: u32 = 2u;
+
+struct SoftParams {
+    points: u32,
+    lights: u32,
+    columns: u32,
+    rows: u32,
+    near: f32,
+    extent: f32,
+    close: f32,
+    far: f32,
+    width: f32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
+
+struct VisibilityCluster {
+    tangent: vec3f,
+    components: u32,
+    basis: u32,
+    scales: u32,
+    pad0: u32,
+    pad1: u32,
+}
+
+struct VisiblePoint {
+    cluster: u32,
+    first: u32,
+    pad0: u32,
+    pad1: u32,
+    mask: vec4u,
 }

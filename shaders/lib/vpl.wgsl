@@ -108,6 +108,13 @@ fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
     return out;
 }
 
+// Where shadow rays from a surface start (local).
+fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
+    let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
+    let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
+    return at + turned / max(length(turned), TINY) * (LIFTS * lift(at, lit.extent));
+}
+
 // True where the baked scene keeps light `i` from the place that a ray leaves at `start` (local).
 fn vpl_hidden(i: u32, start: vec3f) -> bool {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
@@ -120,9 +127,7 @@ fn vpl_hidden(i: u32, start: vec3f) -> bool {
 // The vector irradiance at (x, n) of the lights above the surface's horizon.
 fn vpl_at(x: vec3f, n: vec3f) -> VectorIrradiance {
     var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
-    let at = (lit.local_from_space * vec4f(x, 1.0)).xyz;
-    let turned = (lit.local_from_space * vec4f(n, 0.0)).xyz;
-    let start = at + turned / max(length(turned), TINY) * (LIFTS * lift(at, lit.extent));
+    let start = vpl_start(x, n);
     for (var i = 0u; i < lit.vpls; i++) {
         let g = vpl_share(i, x, n);
         let arrives = dot(n, g);

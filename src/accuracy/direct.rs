@@ -77,6 +77,13 @@ impl<'a> GlowLight<'a> {
         }
     }
 
+    /// How far what is near `x` rises over it, metres; see [`Geometry::roughness`].
+    #[must_use]
+    pub fn roughness(&self, x: Vec3) -> f32 {
+        let rises = self.meshes.iter().map(|m| m.roughness(x));
+        rises.fold(0.0, f32::max)
+    }
+
     /// True where there is nothing to integrate.
     #[must_use]
     pub fn is_dark(&self) -> bool {

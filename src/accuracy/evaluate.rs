@@ -117,11 +117,13 @@ impl<'a> Evaluator<'a> {
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene;
         let extent = project::extent(scene);
+        let above = x + n * self.glow.roughness(x);
         let lamps: Vec3 = self
             .lamps
             .iter()
             .map(|light| {
-                Vec3::from_array(light.color) * project::project_at(&scene.bvh, extent, light, x, n)
+                Vec3::from_array(light.color)
+                    * project::project_at(&scene.bvh, extent, light, above, n)
             })
             .sum();
         let indirect = splat::splat(&scene.points, &scene.display, &self.values, x, n);

@@ -73,4 +73,8 @@ impl Geometry for Lit<'_> {
     fn lift(&self, p: Vec3) -> f32 {
         self.geometry.lift(p)
     }
+
+    fn roughness(&self, p: Vec3) -> f32 {
+        self.geometry.roughness(p)
+    }
 }

@@ -6,6 +6,7 @@
 use crate::basis::Weights;
 use crate::samples::{HashedGrid, LitPlace, Point};
 use crate::scene::Bvh;
+use crate::transport::pca::Visibility;
 use crate::transport::{BounceOperator, Operator};
 use bytemuck::{Pod, Zeroable};
 
@@ -77,6 +78,8 @@ pub struct BakedScene {
     pub operator: Operator,
     /// Baked further bounces, where the recipe asked for them.
     pub bounces: Option<BounceOperator>,
+    /// What the senders' points see, where the recipe asked for it: soft shadows without rays.
+    pub visibility: Option<Visibility>,
     /// The display basis.
     pub display: Display,
     /// What casts shadows.

@@ -24,7 +24,7 @@ const STORED: u16 = 0;
 const LZ4: u16 = 1;
 
 /// What a section holds: what the table must say about it, and what it takes in memory.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Kind {
     /// Number in the table. Sections stand in ascending order of it.
     pub code: u32,

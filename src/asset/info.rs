@@ -79,8 +79,10 @@ pub struct BakeInfo {
 #[serde(default)]
 pub struct EnergyInfo {
     /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders) in a frame of any tier: below 1, so that
-    /// light dies away.
+    /// light dies away. No bound but what was found where `estimated` says so.
     pub gain: f32,
+    /// The gain is an estimate: operators of components have signs, of which nothing is proved.
+    pub estimated: bool,
     /// What a power iteration found it to be.
     pub gain_found: f32,
     /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so white that light would not die away.

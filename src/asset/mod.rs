@@ -12,11 +12,15 @@ mod file;
 mod fingerprint;
 mod info;
 mod sections;
+mod stats;
 mod validate;
+mod validate_columns;
+mod visibility;
 
 pub use baked::{BakedScene, Display, Places, PointSurface};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;
 pub use info::{BakeInfo, EnergyInfo, TierInfo};
-pub use validate::{BakedStats, Violation};
+pub use stats::BakedStats;
+pub use validate::Violation;

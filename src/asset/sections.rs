@@ -8,9 +8,11 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::info::BakeInfo;
+use super::visibility;
 use crate::basis::{WeightEntry, Weights, support_bounds};
 use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
+use crate::transport::pca::{Column, Compression};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
 use bytemuck::Pod;
 
@@ -41,7 +43,7 @@ const SURFACE: Layout = Layout::rows(&[
     Field::word(9),
     Field::word(10),
 ]);
-const COUNT: Layout = Layout::columns(&[Field::word(0)]);
+pub(super) const COUNT: Layout = Layout::columns(&[Field::word(0)]);
 const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
 const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
 /// `start` follows from tiers and counts.
@@ -51,6 +53,14 @@ const LINK: Layout = Layout::columns(&[
     Field::high(0),
     Field::low(1),
     Field::high(1).delta(),
+]);
+/// Two halves a word.
+const VALUE: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
+const COLUMN: Layout = Layout::columns(&[
+    Field::word(0).delta(),
+    Field::word(1),
+    Field::word(2).delta(),
+    Field::word(3),
 ]);
 const BOUNCE: Layout = Layout::columns(&[
     Field::word(0),
@@ -115,7 +125,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 19] = [
+static KINDS: [Kind; 28] = [
     Kind {
         code: 1,
         name: "info",
@@ -161,7 +171,23 @@ static KINDS: [Kind; 19] = [
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
     kind::<LitPlace>(19, "places", PLACE),
+    kind::<Column>(20, "columns", COLUMN),
+    // One more word: validating counts how often each sender is named.
+    Kind {
+        memory: 8,
+        ..kind::<u32>(21, "column senders", INDEX)
+    },
+    kind::<u32>(22, "column values", VALUE),
+    VISIBLE[0],
+    VISIBLE[1],
+    VISIBLE[2],
+    VISIBLE[3],
+    VISIBLE[4],
+    VISIBLE[5],
 ];
+const VISIBLE: [Kind; 6] = visibility::KINDS;
+/// Where those of the visibility start.
+const FIRST_VISIBLE: usize = 22;
 
 const INFO: &Kind = &KINDS[0];
 const SHAPE: &Kind = &KINDS[1];
@@ -179,6 +205,9 @@ const ENTRIES: &Kind = &KINDS[15];
 const NODES: &Kind = &KINDS[16];
 const TRIANGLES: &Kind = &KINDS[17];
 const PLACES: &Kind = &KINDS[18];
+const COLUMNS: &Kind = &KINDS[19];
+const MEMBERS: &Kind = &KINDS[20];
+const VALUES: &Kind = &KINDS[21];
 
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
@@ -205,6 +234,7 @@ impl BakedScene {
             match self.operator.form {
                 SenderForm::Averages => 0,
                 SenderForm::Differences => 1,
+                SenderForm::Components => 2,
             },
             self.display.radius.to_bits(),
             grid.cell_size.to_bits(),
@@ -242,6 +272,14 @@ impl BakedScene {
         sections.push(section(NODES, NODE, &self.bvh.nodes));
         sections.push(section(TRIANGLES, TRIANGLE, &self.bvh.triangles));
         sections.push(section(PLACES, PLACE, &self.places.list));
+        if let Some(c) = &self.operator.compression {
+            sections.push(section(COLUMNS, COLUMN, &c.columns));
+            sections.push(section(MEMBERS, INDEX, &c.members));
+            sections.push(section(VALUES, VALUE, &c.values));
+        }
+        if let Some(v) = &self.visibility {
+            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..]));
+        }
         Ok(assemble(&sections))
     }
 
@@ -272,6 +310,7 @@ impl BakedScene {
         let form = match form {
             0 => SenderForm::Averages,
             1 => SenderForm::Differences,
+            2 => SenderForm::Components,
             other => {
                 return Err(broken(
                     SHAPE,
@@ -326,10 +365,12 @@ impl BakedScene {
             parents: weights(&file, PARENTS)?,
             operator: Operator {
                 form,
+                compression: compression(&file, form)?,
                 rows,
                 links: items(&file, LINKS, LINK)?,
             },
             bounces,
+            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..])?,
             display: Display {
                 radius: f32::from_bits(radius),
                 planes: items(&file, PLANES, PLANE)?,
@@ -346,14 +387,14 @@ impl BakedScene {
     }
 }
 
-fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
+pub(super) fn broken(kind: &Kind, problem: impl ToString) -> AssetError {
     AssetError::Section {
         section: kind.name,
         problem: problem.to_string(),
     }
 }
 
-fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
+pub(super) fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section {
     Section {
         kind,
         items: items.len(),
@@ -361,7 +402,11 @@ fn section<T: Pod>(kind: &'static Kind, layout: Layout, items: &[T]) -> Section 
     }
 }
 
-fn items<T: Pod>(file: &Container<'_>, kind: &Kind, layout: Layout) -> Result<Vec<T>, AssetError> {
+pub(super) fn items<T: Pod>(
+    file: &Container<'_>,
+    kind: &Kind,
+    layout: Layout,
+) -> Result<Vec<T>, AssetError> {
     let (count, raw) = file
         .section(kind)?
         .ok_or_else(|| broken(kind, "is missing"))?;
@@ -406,6 +451,20 @@ fn weights(file: &Container<'_>, [counts, entries]: [&Kind; 2]) -> Result<Weight
         starts: starts(file, counts)?,
         entries: items(file, entries, WEIGHT)?,
     })
+}
+
+/// The matrix of an operator of components; nothing in the other forms.
+fn compression(file: &Container<'_>, form: SenderForm) -> Result<Option<Compression>, AssetError> {
+    if form != SenderForm::Components {
+        absent(file, [COLUMNS, MEMBERS])?;
+        absent(file, [VALUES, VALUES])?;
+        return Ok(None);
+    }
+    Ok(Some(Compression {
+        columns: items(file, COLUMNS, COLUMN)?,
+        members: items(file, MEMBERS, INDEX)?,
+        values: items(file, VALUES, VALUE)?,
+    }))
 }
 
 fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {

@@ -2,6 +2,7 @@
 //! passed here (design D10).
 
 use super::baked::{BakedScene, Places};
+use super::stats::BakedStats;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
 use crate::transport::{Link, Operator, SenderForm, row_order};
@@ -11,13 +12,13 @@ use std::fmt;
 /// So many violations are listed; what is wrong more often is wrong as a whole.
 const MOST_VIOLATIONS: usize = 32;
 /// How far sums of weights and lengths of normals may be from one.
-const TOLERANCE: f32 = 1e-3;
+pub(super) const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
 /// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
 const BRIGHTEST: f32 = 1e20;
 /// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
-const LARGEST_ROW_SUM: f32 = 1.01;
+pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
 const LARGEST_LINK: f32 = 16.0;
 
@@ -41,50 +42,15 @@ impl fmt::Display for Violation {
     }
 }
 
-/// What a valid scene consists of.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct BakedStats {
-    /// Points of each level, coarse first.
-    pub points_per_level: Vec<u64>,
-    /// Senders, the sky not counted.
-    pub senders: u64,
-    /// Points with a row of their own.
-    pub active_rows: u64,
-    /// Links of the operator.
-    pub links: u64,
-    /// Links of the longest row.
-    pub longest_row: u64,
-    /// Weights of the pull rows.
-    pub pull_weights: u64,
-    /// Weights of the parent rows.
-    pub parent_weights: u64,
-    /// Entries of the baked bounces; 0 where there are none.
-    pub bounce_links: u64,
-    /// Clip planes.
-    pub planes: u64,
-    /// Cells of the display's grid.
-    pub grid_cells: u64,
-    /// Entries of the longest list of the display's grid.
-    pub longest_list: u64,
-    /// Nodes of the BVH.
-    pub bvh_nodes: u64,
-    /// Triangles of the BVH.
-    pub bvh_triangles: u64,
-    /// Levels of the BVH.
-    pub bvh_depth: u64,
-    /// Bytes of all arrays.
-    pub memory: u64,
-}
-
 /// Collects what is wrong.
-struct Check(Vec<Violation>);
+pub(super) struct Check(pub(super) Vec<Violation>);
 
 impl Check {
-    fn full(&self) -> bool {
+    pub(super) fn full(&self) -> bool {
         self.0.len() >= MOST_VIOLATIONS
     }
 
-    fn item(
+    pub(super) fn item(
         &mut self,
         ok: bool,
         place: &'static str,
@@ -100,7 +66,12 @@ impl Check {
         }
     }
 
-    fn whole(&mut self, ok: bool, place: &'static str, problem: impl FnOnce() -> String) {
+    pub(super) fn whole(
+        &mut self,
+        ok: bool,
+        place: &'static str,
+        problem: impl FnOnce() -> String,
+    ) {
         if !ok && !self.full() {
             self.0.push(Violation {
                 place,
@@ -123,8 +94,10 @@ impl BakedScene {
         if check.0.is_empty() {
             self.check_points(&mut check);
             self.check_weights(&mut check);
+            self.check_compression(&mut check);
             self.check_operator(&mut check);
             self.check_grid(&mut check);
+            self.check_visibility(&mut check);
         }
         let depth = self.check_bvh(&mut check);
         if check.0.is_empty() {
@@ -323,7 +296,7 @@ impl BakedScene {
 
     fn check_operator(&self, check: &mut Check) {
         let (rows, links) = (&self.operator.rows, &self.operator.links);
-        let senders = self.senders();
+        let coefficients = self.operator.coefficients(self.senders());
         let mut end = 0u64;
         for i in row_order(rows) {
             let row = &rows[i as usize];
@@ -364,15 +337,17 @@ impl BakedScene {
                 i,
                 || format!("vector {v}"),
             );
-            check.item(link.sender() as usize <= senders, "links", i, || {
-                format!("sender {} of {senders}", link.sender())
+            check.item(link.sender() as usize <= coefficients, "links", i, || {
+                format!("sender {} of {coefficients}", link.sender())
             });
             if check.full() {
                 return;
             }
         }
         self.check_row_sums(check);
-        let Some(bounces) = &self.bounces else { return };
+        let (Some(bounces), senders) = (&self.bounces, self.senders()) else {
+            return;
+        };
         let starts = &bounces.starts;
         check.whole(
             starts.is_sorted()
@@ -394,6 +369,9 @@ impl BakedScene {
     fn check_row_sums(&self, check: &mut Check) {
         if !check.0.is_empty() || self.operator.form == SenderForm::Differences {
             return;
+        }
+        if let Some(compression) = &self.operator.compression {
+            return self.check_components(check, compression);
         }
         let all = self.operator.rows.iter().zip(&self.points).enumerate();
         for (i, (row, point)) in all {
@@ -520,54 +498,6 @@ impl BakedScene {
             });
         }
         u64::from(deepest)
-    }
-
-    fn stats(&self, bvh_depth: u64) -> BakedStats {
-        let rows = &self.operator.rows;
-        let grid = &self.display.grid;
-        let bytes = |length: usize, size: usize| (length * size) as u64;
-        let weights = |w: &Weights| bytes(w.starts.len(), 4) + bytes(w.entries.len(), 8);
-        let bounces = self.bounces.as_ref();
-        BakedStats {
-            points_per_level: self
-                .level_starts
-                .windows(2)
-                .map(|w| u64::from(w[1] - w[0]))
-                .collect(),
-            senders: self.senders() as u64,
-            active_rows: rows.iter().filter(|r| r.tier != 0).count() as u64,
-            links: self.operator.links.len() as u64,
-            longest_row: rows.iter().map(|r| u64::from(r.count)).max().unwrap_or(0),
-            pull_weights: self.pull.entries.len() as u64,
-            parent_weights: self.parents.entries.len() as u64,
-            bounce_links: bounces.map_or(0, |b| b.links.len() as u64),
-            planes: self.display.planes.len() as u64,
-            grid_cells: grid
-                .slots
-                .iter()
-                .filter(|s| s.start != GridSlot::EMPTY)
-                .count() as u64,
-            longest_list: grid
-                .slots
-                .iter()
-                .filter_map(|s| grid.entries.get(s.start as usize))
-                .map(|&n| u64::from(n))
-                .max()
-                .unwrap_or(0),
-            bvh_nodes: self.bvh.nodes.len() as u64,
-            bvh_triangles: self.bvh.triangles.len() as u64,
-            bvh_depth,
-            memory: bytes(self.points.len(), 32 + 48 + 16)
-                + bytes(self.operator.links.len(), 8)
-                + weights(&self.pull)
-                + weights(&self.parents)
-                + bounces.map_or(0, |b| bytes(b.starts.len(), 4) + bytes(b.links.len(), 16))
-                + bytes(self.display.planes.len(), 16)
-                + bytes(grid.slots.len(), 16)
-                + bytes(grid.entries.len(), 4)
-                + bytes(self.bvh.nodes.len(), 32)
-                + bytes(self.bvh.triangles.len(), 48),
-        }
     }
 }
 

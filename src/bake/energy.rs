@@ -15,9 +15,11 @@
 //! **Reciprocity.** The light that surface I has from J and J from I is alike for equal radiosity: Σ_{r ∈ I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest
 //! senders below two coarsest ones, which stand for equal areas, for they are as dense as their disks allow. What is left is noise of rays and points.
 
+use super::energy_components as components;
 use crate::asset::{BakedScene, EnergyInfo, PointSurface};
 use crate::frame::{CpuFrame, FrameSettings};
 use crate::transport::SenderForm;
+use crate::transport::pca::Compression;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
@@ -40,6 +42,11 @@ const ROUNDING: f64 = 0.01;
 /// a sender.
 pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
     mend(scene, missed);
+    if let Some(compression) = scene.operator.compression.take() {
+        let energy = conserve_components(scene, &compression, missed);
+        scene.operator.compression = Some(compression);
+        return energy;
+    }
     let mut senders = Senders::new(scene);
     // A frame of a low tier does without some rows: each tier is asked, the whole operator last.
     let tiers: Vec<u32> = (1..=senders.tier).collect();
@@ -89,6 +96,7 @@ pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
     let (largest, rms) = deviation(scene, missed);
     EnergyInfo {
         // Rounded up: it is a bound.
+        estimated: false,
         gain: (gain as f32).next_up(),
         gain_found: found as f32,
         guarded,
@@ -96,6 +104,43 @@ pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
         row_deviation: largest as f32,
         row_deviation_rms: rms as f32,
         reciprocity: reciprocity as f32,
+    }
+}
+
+/// The same for an operator of components, see [`energy_components`](super::energy_components).
+fn conserve_components(
+    scene: &mut BakedScene,
+    compression: &Compression,
+    missed: &[f32],
+) -> EnergyInfo {
+    let tiers = scene.operator.tiers();
+    let gain = |scene: &BakedScene| {
+        let all = (1..=tiers).map(|tier| components::gain(scene, compression, tier));
+        all.fold(0.0, f64::max)
+    };
+    let mut found = gain(scene);
+    let (mut guarded, mut guard_factor) = (0, 1.0);
+    if found > GUARDED_FROM {
+        guard_factor = MOST_GAIN / found;
+        let senders = scene.senders();
+        guarded = components::lower(&mut scene.surfaces[..senders], guard_factor);
+        found = gain(scene);
+    }
+    let (largest, rms) = {
+        scene.operator.compression = Some(compression.clone());
+        let found = deviation(scene, missed);
+        scene.operator.compression = None;
+        found
+    };
+    EnergyInfo {
+        estimated: true,
+        gain: (found as f32).next_up(),
+        gain_found: found as f32,
+        guarded,
+        guard_factor: guard_factor as f32,
+        row_deviation: largest as f32,
+        row_deviation_rms: rms as f32,
+        reciprocity: components::reciprocity(scene, compression) as f32,
     }
 }
 
@@ -112,16 +157,22 @@ pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
 
 /// Gives rows of averages the scale with which they sum to what was gathered.
 fn mend(scene: &mut BakedScene, missed: &[f32]) {
-    let operator = &mut scene.operator;
-    if operator.form != SenderForm::Averages {
+    if !scene.operator.form.rows_stand_alone() {
         return;
     }
+    let compression = scene.operator.compression.as_ref();
+    let even = compression.map(|c| components::even_sums(scene, c));
+    let operator = &mut scene.operator;
     let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
-    for ((row, point), &missed) in rows {
+    for (i, ((row, point), &missed)) in rows.enumerate() {
         let links = &operator.links[row.start as usize..][..row.count as usize];
         let n = point.n();
         let sum: f64 = links.iter().map(|l| f64::from(l.vector().dot(n))).sum();
-        let factor = (1.0 - f64::from(missed)) / (f64::from(row.scale) * sum);
+        let sum = match &even {
+            Some(even) => even[i],
+            None => f64::from(row.scale) * sum,
+        };
+        let factor = (1.0 - f64::from(missed)) / sum;
         if (factor - 1.0).abs() < ROUNDING {
             row.scale = (f64::from(row.scale) * factor) as f32;
         }
@@ -153,7 +204,7 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
         }
         // Rows of differences have no link to the sky.
         let sky = match scene.operator.form {
-            SenderForm::Averages => 0.0,
+            SenderForm::Averages | SenderForm::Components => 0.0,
             SenderForm::Differences => Vec3::from_array(surface.sky).dot(point.n()),
         };
         let d = f64::from(value.dot(point.n()).x) + f64::from(sky) + f64::from(missed) - 1.0;

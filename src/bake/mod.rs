@@ -6,11 +6,14 @@
 
 mod care;
 mod energy;
+mod energy_components;
 mod estimate;
+mod examples;
 mod level;
 mod progress;
 mod recipe;
 mod signals;
+mod soft_shadows;
 mod stale;
 mod stats;
 
@@ -19,6 +22,7 @@ pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
+pub use soft_shadows::SoftShadows;
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
@@ -26,6 +30,7 @@ use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurfa
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bounds, Bvh, Geometry};
+use crate::transport::pca::{Compression, bake_visibility};
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
     SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
@@ -182,7 +187,7 @@ fn bake_once(
         most: settings.most_points(),
         seed: settings.seed,
         sender_overlap: match settings.rule {
-            Rule::Bounded => Some(SENDER_OVERLAP),
+            Rule::Bounded | Rule::Pca => Some(SENDER_OVERLAP),
             Rule::L08 => None,
         },
         clip: settings.walls,
@@ -203,7 +208,7 @@ fn bake_once(
     let tree = hierarchy.tree();
     let mut shown = Vec::new();
     let mut pull = match settings.rule {
-        Rule::Bounded => {
+        Rule::Bounded | Rule::Pca => {
             let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
             shown = areas;
@@ -223,13 +228,14 @@ fn bake_once(
         rays: settings.rays,
         seed: settings.seed,
         deposit: match settings.rule {
-            Rule::Bounded => Deposit::Finest,
+            Rule::Bounded | Rule::Pca => Deposit::Finest,
             Rule::L08 => Deposit::All,
         },
     };
     let told = |done| progress.set(Stage::Transport, done);
+    let mut compression = None;
     let (refined, form) = match settings.rule {
-        Rule::Bounded => {
+        Rule::Bounded | Rule::Pca => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
             let (training, rays) = signals::train(
                 &gathering,
@@ -241,6 +247,27 @@ fn bake_once(
                 drop_first,
             );
             stats.rays += rays;
+            let basis = (settings.rule == Rule::Pca).then(|| {
+                let (basis, rays) = examples::light_basis(
+                    &gathering,
+                    &hierarchy,
+                    &viewpoints,
+                    &places,
+                    &pull,
+                    &examples::BasisSettings {
+                        coefficients: settings.coefficients,
+                        cluster_points: settings.cluster_points,
+                        lamps: settings.lamps,
+                    },
+                    drop_first,
+                );
+                stats.rays += rays;
+                stats.clusters = basis.clusters() as u64;
+                stats.components = basis.columns() as u64;
+                stats.basis_missed = basis.missed();
+                compression = Some(Compression::new(&basis, pull.len()));
+                basis
+            });
             let bounded = BoundedSettings {
                 epsilon: settings.epsilon,
                 tolerance: settings.tolerance,
@@ -260,12 +287,17 @@ fn bake_once(
                 &tree,
                 &training,
                 &bounded,
+                basis.as_ref(),
                 &told,
             );
             if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
                 pull = handed.pull(&tree, &shown);
             }
-            (refined, SenderForm::Averages)
+            let form = match basis {
+                Some(_) => SenderForm::Components,
+                None => SenderForm::Averages,
+            };
+            (refined, form)
         }
         Rule::L08 => {
             let neighbours = l08::neighbours(&hierarchy, sender_levels);
@@ -289,10 +321,54 @@ fn bake_once(
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
     let baked = assemble(
-        source, recipe, &settings, viewpoints, hierarchy, flat, places, pull, parents, refined,
-        form, stats, progress,
+        source,
+        recipe,
+        &settings,
+        viewpoints,
+        hierarchy,
+        flat,
+        places,
+        pull,
+        parents,
+        refined,
+        form,
+        compression,
+        stats,
+        progress,
     )?;
+    let baked = see(source, &settings, baked, progress)?;
     finish(source, recipe, baked, began, progress)
+}
+
+/// What the senders' points see, where the recipe asks for it.
+fn see(
+    source: &BakeSource<'_>,
+    settings: &Settings,
+    mut baked: Baked,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
+    let Some(soft) = &settings.soft_shadows else {
+        return Ok(baked);
+    };
+    let began = Instant::now();
+    let points: Vec<(Vec3, Vec3)> = baked.scene.points[..baked.scene.senders()]
+        .iter()
+        .map(|p| (p.x(), p.n()))
+        .collect();
+    let told = |done| progress.set(Stage::Visibility, done);
+    let (visibility, rays) = bake_visibility(
+        source.geometry,
+        &points,
+        &soft.settings(settings.seed),
+        &told,
+    )
+    .ok_or(BakeError::Cancelled)?;
+    baked.stats.rays += rays;
+    baked.stats.visibility_bytes = visibility.bytes() as u64;
+    baked.stats.visibility_kept = visibility.kept();
+    baked.stats.seconds.visibility = began.elapsed().as_secs_f64();
+    baked.scene.visibility = Some(visibility);
+    Ok(baked)
 }
 
 /// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
@@ -363,6 +439,7 @@ fn assemble(
     parents: Weights,
     refined: Refined,
     form: SenderForm,
+    compression: Option<Compression>,
     mut stats: BakeStats,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
@@ -405,7 +482,11 @@ fn assemble(
     }
 
     let tiers = assign_tiers(&refined.rows, &hierarchy.level_starts, &parents, form);
-    let packed = pack(&refined.rows, &tiers, &refined.sky, senders, form);
+    let coefficients = compression
+        .as_ref()
+        .map_or(senders, Compression::components);
+    let mut packed = pack(&refined.rows, &tiers, &refined.sky, coefficients, form);
+    packed.operator.compression = compression;
     let tiers = TierInfo::of(&packed.operator);
     let size = source.geometry.bounds();
     let settings_text = ron::to_string(settings).unwrap_or_default();
@@ -424,6 +505,7 @@ fn assemble(
         parents,
         operator: packed.operator,
         bounces: None,
+        visibility: None,
         display: Display {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,

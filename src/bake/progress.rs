@@ -13,16 +13,19 @@ pub enum Stage {
     Transport,
     /// Baking later bounces.
     Bounces,
+    /// Remembering what points see.
+    Visibility,
     /// Measuring the error.
     Estimate,
 }
 
 impl Stage {
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 6] = [
         Self::Bvh,
         Self::Points,
         Self::Transport,
         Self::Bounces,
+        Self::Visibility,
         Self::Estimate,
     ];
 
@@ -34,6 +37,7 @@ impl Stage {
             Self::Points => "scattering points",
             Self::Transport => "gathering light",
             Self::Bounces => "baking bounces",
+            Self::Visibility => "baking visibility",
             Self::Estimate => "measuring the error",
         }
     }

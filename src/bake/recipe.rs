@@ -2,6 +2,7 @@
 //! scene's size.
 
 use super::care::Care;
+use super::soft_shadows::SoftShadows;
 use crate::asset::Places;
 use crate::scene::Geometry;
 use crate::transport::Link;
@@ -28,6 +29,8 @@ pub enum Rule {
     Bounded,
     /// \[L08\] Figure 5 as published, see [`crate::transport::l08`].
     L08,
+    /// Bases of direct light for clusters of senders, after \[P14\] §4.3, see [`crate::transport::pca`]. Receivers are those of `Bounded`.
+    Pca,
 }
 
 /// Where the second and later bounces are computed (design D2).
@@ -56,7 +59,7 @@ pub struct Recipe {
     pub levels: Option<u32>,
     /// How many of them, from the coarsest, are senders.
     pub sender_levels: Option<u32>,
-    /// Levels that are added where light asks for more detail, 0 to 8 (`Bounded`).
+    /// Levels that are added where light asks for more detail, 0 to 8 (not with `L08`).
     pub extra_levels: Option<u32>,
     /// Most points of all added levels together.
     pub extra_points: Option<u32>,
@@ -71,12 +74,20 @@ pub struct Recipe {
     pub bounce_mode: BounceMode,
     /// Which links are kept.
     pub rule: Rule,
-    /// Threshold of the rule: the bound on what a row blurs (`Bounded`), or ε of \[L08\] Figure 5.
+    /// Threshold of the rule: the bound on what a row blurs (`Bounded`) or leaves out (`Pca`), or ε of \[L08\] Figure 5.
     pub epsilon: Option<f32>,
-    /// Difference to the parents' value below which a receiver needs no row (`Bounded`).
+    /// Difference to the parents' value below which a receiver needs no row (not with `L08`).
     pub tolerance: Option<f32>,
     /// Takes as much care as it needs for an estimated NRMSE of at most this, whatever the preset says: bakes coarsely first, and finer until it is met.
     pub max_error: Option<f32>,
+    /// Vectors of a cluster's basis of direct light, 1 to 1000 (`Pca`).
+    pub coefficients: Option<u32>,
+    /// Senders of a cluster, about, 1 to 65536 (`Pca`); where left out, so many that there are about 64 clusters.
+    pub cluster_points: Option<u32>,
+    /// Example lamps that the bases are made from, 0 to 65536 (`Pca`).
+    pub lamps: Option<u32>,
+    /// Bakes what the senders' points see, for lights with soft shadows; left out: such lights cast none.
+    pub soft_shadows: Option<SoftShadows>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
@@ -129,14 +140,28 @@ pub struct Settings {
     pub epsilon: f32,
     /// See [`Recipe::tolerance`].
     pub tolerance: f32,
+    /// See [`Recipe::coefficients`]; 0 under every other rule.
+    pub coefficients: u32,
+    /// See [`Recipe::cluster_points`]; 0 under every other rule.
+    pub cluster_points: u32,
+    /// See [`Recipe::lamps`]; 0 under every other rule.
+    pub lamps: u32,
     /// See [`Recipe::seed`].
     pub seed: u64,
     /// See [`Recipe::walls`].
     pub walls: bool,
+    /// See [`Recipe::soft_shadows`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub soft_shadows: Option<SoftShadows>,
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
 const FILL: f32 = 0.7;
+
+/// Clusters of senders under rule `pca`, about: as \[P14\] §6 has them, a few more.
+const CLUSTERS: f32 = 64.0;
+/// Senders that make a cluster of their own at least.
+const LEAST_CLUSTER: f32 = 16.0;
 
 impl Recipe {
     /// Reads a recipe from RON.
@@ -197,10 +222,22 @@ impl Recipe {
             "0 to 4194304",
         )?;
         within("rays", self.rays, 16, 65_536, "16 to 65536")?;
+        if let Some(soft) = &self.soft_shadows {
+            soft.check()?;
+        }
         within("places", self.places, 1, Places::MOST, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
         within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
         within("tolerance", self.tolerance, 0.0, 1.0, "0 to 1")?;
+        within("coefficients", self.coefficients, 1, 1000, "1 to 1000")?;
+        within(
+            "cluster_points",
+            self.cluster_points,
+            1,
+            65_536,
+            "1 to 65536",
+        )?;
+        within("lamps", self.lamps, 0, 65_536, "0 to 65536")?;
         within("max_error", self.max_error, 1e-4, 1.0, "0.0001 to 1")?;
         if let Some(v) = self
             .viewpoints
@@ -213,11 +250,16 @@ impl Recipe {
                 allowed: "finite coordinates",
             });
         }
-        if self.bounce_mode == BounceMode::Baked && self.rule == Rule::L08 {
+        let allowed = match self.rule {
+            Rule::Bounded => None,
+            Rule::L08 => Some("Live with rule L08, whose rows are differences"),
+            Rule::Pca => Some("Live with rule Pca, whose rows are components"),
+        };
+        if let (BounceMode::Baked, Some(allowed)) = (self.bounce_mode, allowed) {
             return Err(RecipeError::OutOfRange {
                 field: "bounce_mode",
                 value: "Baked".into(),
-                allowed: "Live with rule L08, whose rows are differences",
+                allowed,
             });
         }
         Ok(())
@@ -254,6 +296,14 @@ impl Recipe {
                 allowed: "a length above 0; the scene seems to have no surface that light reaches",
             });
         }
+        // Senders of the finest level, about.
+        let radius = coarse_radius / (1u32 << (sender_levels.max(1) - 1)) as f32;
+        let senders = FILL * area / (radius * radius);
+        let a_cluster = (senders / CLUSTERS).clamp(LEAST_CLUSTER, 65_536.0) as u32;
+        let pca = |value: Option<u32>, usual| match self.rule {
+            Rule::Pca => value.unwrap_or(usual),
+            Rule::Bounded | Rule::L08 => 0,
+        };
         Ok(Settings {
             coarse_radius,
             levels,
@@ -262,7 +312,7 @@ impl Recipe {
             extra_points: self.extra_points.unwrap_or(care.extra_points as u32),
             rays: self.rays.unwrap_or(care.rays),
             places: self.places.unwrap_or(match self.rule {
-                Rule::Bounded => care.places,
+                Rule::Bounded | Rule::Pca => care.places,
                 // [L08] takes the light at a function's own point.
                 Rule::L08 => 1,
             }),
@@ -270,13 +320,17 @@ impl Recipe {
             bounce_mode: self.bounce_mode,
             rule: self.rule,
             epsilon: self.epsilon.unwrap_or(match self.rule {
-                Rule::Bounded => care.epsilon,
+                Rule::Bounded | Rule::Pca => care.epsilon,
                 // [L08] §4.2: 0.025 in all tests.
                 Rule::L08 => 0.025,
             }),
             tolerance: self.tolerance.unwrap_or(care.tolerance),
+            coefficients: pca(self.coefficients, 10),
+            cluster_points: pca(self.cluster_points, a_cluster),
+            lamps: pca(self.lamps, 1000),
             seed: self.seed,
             walls: self.walls.unwrap_or(true),
+            soft_shadows: self.soft_shadows,
         })
     }
 }

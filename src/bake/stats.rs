@@ -19,6 +19,9 @@ pub struct StageSeconds {
     pub refine: f64,
     /// Baked bounces.
     pub bounces: f64,
+    /// What points see, for soft shadows.
+    #[serde(default)]
+    pub visibility: f64,
     /// Measuring the error.
     pub estimate: f64,
     /// Writing the file.
@@ -48,6 +51,12 @@ pub struct BakeStats {
     pub active_rows: u64,
     /// Links of the operator.
     pub links: u64,
+    /// Clusters of senders with a basis of direct light each; 0 but under rule `pca`.
+    pub clusters: u64,
+    /// Vectors of all bases: columns of the operator.
+    pub components: u64,
+    /// Share of the example lamps' light (root mean square) that the bases miss.
+    pub basis_missed: f64,
     /// Size of the file, bytes; 0 before it is written.
     pub bytes: u64,
     /// Threads used.
@@ -66,6 +75,12 @@ pub struct BakeStats {
     pub energy: EnergyInfo,
     /// See [`crate::asset::BakeInfo::link_error`].
     pub link_error: f64,
+    /// Bytes of visibility in memory and on the device; 0 without soft shadows.
+    #[serde(default)]
+    pub visibility_bytes: u64,
+    /// Share of visibility's coefficients that are kept.
+    #[serde(default)]
+    pub visibility_kept: f64,
     /// Clip planes of the display basis.
     pub clip_planes: u64,
     /// Levels cut short because they would have had too many points.

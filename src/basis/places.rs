@@ -3,6 +3,7 @@
 //! [L08] §2.1 takes a coefficient from the light at the function's own centre. A lamp's shadow edge then jumps from centre to centre as the lamp moves,
 //! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
 //! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out.
+//! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise.
 
 use super::LevelBasis;
 use super::kernel::weight;
@@ -42,7 +43,10 @@ pub fn find_places(
                 [a + s.albedo * share, m + s.emission * share]
             });
             (surface.albedo, surface.emission) = (albedo.min(Vec3::ONE), emission);
-            let places = seen.iter().map(|s| LitPlace::new(s.position, s.normal));
+            let places = seen.iter().map(|s| {
+                let above = s.normal * geometry.roughness(s.position);
+                LitPlace::new(s.position + above, s.normal)
+            });
             (places.collect(), rays)
         })
         .collect();
@@ -116,8 +120,8 @@ fn quantile(u: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samples::Point;
-    use crate::scene::{Material, TriangleMesh};
+    use crate::samples::{Point, uniform_sphere};
+    use crate::scene::{Material, PlyPoints, PointCloud, TriangleMesh};
 
     fn square(corners: [Vec3; 4]) -> [[Vec3; 3]; 2] {
         let [a, b, c, d] = corners;
@@ -209,5 +213,50 @@ mod tests {
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 4, 1);
         assert!(places.len() == 4 && places.iter().all(|p| p.x() == x));
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
+    }
+
+    #[test]
+    fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
+        let unit = |seed: u64, i: u64| {
+            let mut r = Random::new(5, seed, i);
+            uniform_sphere(Vec2::new(r.unit(), r.unit()))
+        };
+        let ball: Vec<Vec3> = (0..1500).map(|i| unit(1, i)).collect();
+        let points = PlyPoints {
+            normals: Some(ball.clone()),
+            positions: ball,
+            ..PlyPoints::default()
+        };
+        let (mesh, _) = PointCloud::new(points, None).expect("a cloud").mesh();
+        let seen = |i: u64| {
+            let ray = Ray::new(3.0 * unit(2, i), -unit(2, i));
+            Some(mesh.surface(&ray, &mesh.cast(&ray)?))
+        };
+        let mut surfaces: Vec<Surface> = (0..300).filter_map(seen).collect();
+        let centers = surfaces.iter();
+        let centers = centers.map(|s| Point::new(s.position, s.normal, 0.2));
+        let level = LevelBasis::new(centers.collect(), Vec::new());
+        let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        // Nothing but the ball is there: a lamp above a place's own and its neighbours' horizon shines on it. The start is a frame's.
+        let blocked = |raised: f32| {
+            let dark = |(k, place): (usize, &LitPlace)| {
+                let (x, n) = (place.x(), place.n());
+                let up = (x.normalize() + 0.9 * unit(3, k as u64)).normalize();
+                let start = x + n * (2e-5 + (raised - 1.0) * mesh.roughness(x));
+                up.dot(n) > 0.3 && mesh.cast(&Ray::new(start, up)).is_some()
+            };
+            places.iter().enumerate().filter(|p| dark(*p)).count()
+        };
+        let (stored, flat) = (blocked(1.0), blocked(0.0));
+        println!(
+            "{stored} of {} places are dark, {flat} on the cells themselves",
+            places.len()
+        );
+        assert!(
+            stored * 1000 <= places.len(),
+            "{stored} of {}",
+            places.len()
+        );
+        assert!(flat > 10 * (stored + 1), "{flat} against {stored}");
     }
 }

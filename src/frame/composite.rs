@@ -1,4 +1,4 @@
-//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion. Blended additively over the lit
+//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion, and what its gloss adds. Blended additively over the lit
 //! picture, before transparency and tonemapping.
 
 use super::gbuffer;
@@ -22,4 +22,19 @@ pub fn composite_pixel(
     let colour =
         (gbuffer::occlusion(texel) * gbuffer::diffuse(texel)).lerp(Vec3::ONE, params.white);
     (params.scale * FRAC_1_PI * colour * e).to_array()
+}
+
+/// What the shader's second entry, `composite_gloss`, adds at a pixel: `radiance` is the texel that `gloss_pixels` wrote.
+#[must_use]
+pub fn composite_gloss_pixel(
+    params: &CompositeParams,
+    radiance: [f32; 4],
+    texel: [u32; 4],
+    pass: u32,
+) -> [f32; 3] {
+    if pass == 0 || radiance[3] == 0.0 || gbuffer::is_unlit(texel) {
+        return [0.0; 3];
+    }
+    let l = Vec3::new(radiance[0], radiance[1], radiance[2]);
+    (params.scale * gbuffer::occlusion(texel) * l).to_array()
 }

@@ -4,7 +4,7 @@
 use super::anderson::Anderson;
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, Steps, VectorIrradiance, apply, bounce,
-    flatten, project, pull, push, radiosity, splat,
+    compress, flatten, project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
 use glam::Vec3;
@@ -35,11 +35,12 @@ pub struct CpuFrame {
     direct: Vec<[f32; 4]>,
     further: Vec<[f32; 4]>,
     differences: Vec<[f32; 4]>,
+    components: Vec<[f32; 4]>,
     applied: Vec<VectorIrradiance>,
     values: Vec<VectorIrradiance>,
     solved: Option<FrameSettings>,
-    /// Points and senders of the scene that the arrays were made for.
-    made_for: (usize, usize),
+    /// Points, senders and columns of the scene that the arrays were made for.
+    made_for: (usize, usize, usize),
     counters: FrameCounters,
 }
 
@@ -53,9 +54,10 @@ impl CpuFrame {
             direct: vec![[0.0; 4]; senders + 1],
             further: vec![[0.0; 4]; senders + 1],
             differences: vec![[0.0; 4]; senders + 1],
+            components: vec![[0.0; 4]; columns(scene)],
             applied: vec![VectorIrradiance::default(); points],
             values: vec![VectorIrradiance::default(); points],
-            made_for: (points, senders),
+            made_for: (points, senders, columns(scene)),
             ..Self::default()
         }
     }
@@ -221,7 +223,7 @@ impl CpuFrame {
         }
     }
 
-    /// Push, apply and flatten for the points of `levels`.
+    /// Push or compress, apply and flatten for the points of `levels`.
     fn transport(
         &mut self,
         scene: &BakedScene,
@@ -253,12 +255,19 @@ impl CpuFrame {
             );
             flatten::differences(&scene.parents, points, &self.applied, &mut self.values);
         } else {
+            let coefficients = match &operator.compression {
+                Some(compression) => {
+                    compress::compress(compression, &self.senders, &mut self.components);
+                    &self.components
+                }
+                None => &self.senders,
+            };
             apply::apply(
                 params,
                 &operator.rows,
                 &operator.links,
                 points,
-                &self.senders,
+                coefficients,
                 &mut self.values,
             );
             for level in levels {
@@ -328,6 +337,12 @@ impl CpuFrame {
         &self.differences
     }
 
+    /// The senders' light in bases of direct light, the sky's behind them, where the operator is in that form, W/m² (times a dimensionless vector's unit).
+    #[must_use]
+    pub fn components(&self) -> &[[f32; 4]] {
+        &self.components
+    }
+
     /// What the operator alone gives each point, where it is in the form of differences, W/m².
     #[must_use]
     pub fn applied(&self) -> &[VectorIrradiance] {
@@ -354,8 +369,13 @@ impl CpuFrame {
 
     /// Starts anew where the scene has another size.
     fn check(&mut self, scene: &BakedScene) {
-        if self.made_for != (scene.points.len(), scene.senders()) {
+        if self.made_for != (scene.points.len(), scene.senders(), columns(scene)) {
             *self = Self::new(scene);
         }
     }
+}
+
+/// Columns of an operator of components, the sky's among them.
+fn columns(scene: &BakedScene) -> usize {
+    (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len())
 }

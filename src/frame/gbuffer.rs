@@ -1,4 +1,4 @@
-//! Bevy's deferred G-buffer, one `Rgba32Uint` texel a pixel: what `splat` and `composite` read of it. Format of Bevy 0.19, code our own.
+//! Bevy's deferred G-buffer, one `Rgba32Uint` texel a pixel: what kernels of the screen read of it. Format of Bevy 0.19, code our own.
 //!
 //! | channel | bits |
 //! |---|---|
@@ -39,15 +39,36 @@ pub fn is_unlit(texel: [u32; 4]) -> bool {
     (texel[3] >> 24) & UNLIT != 0
 }
 
+/// Base colour, linear RGB.
+#[must_use]
+pub fn base(texel: [u32; 4]) -> Vec3 {
+    let base = [0, 8, 16].map(|shift| libm::powf(unorm8(texel[0] >> shift), GAMMA));
+    Vec3::from_array(base)
+}
+
 /// Diffuse reflectance, linear RGB: base colour × (1 − metallic).
 #[must_use]
 pub fn diffuse(texel: [u32; 4]) -> Vec3 {
-    let base = Vec3::new(
-        unorm8(texel[0]),
-        unorm8(texel[0] >> 8),
-        unorm8(texel[0] >> 16),
-    );
-    Vec3::from_array(base.to_array().map(|c| libm::powf(c, GAMMA))) * (1.0 - unorm8(texel[2] >> 8))
+    base(texel) * (1.0 - metallic(texel))
+}
+
+/// How metallic, 0 to 1.
+#[must_use]
+pub fn metallic(texel: [u32; 4]) -> f32 {
+    unorm8(texel[2] >> 8)
+}
+
+/// Perceptual roughness, 0 to 1.
+#[must_use]
+pub fn roughness(texel: [u32; 4]) -> f32 {
+    unorm8(texel[0] >> 24)
+}
+
+/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for what is no metal, the base colour for what is.
+#[must_use]
+pub fn straight(texel: [u32; 4]) -> Vec3 {
+    let reflectance = unorm8(texel[2]);
+    Vec3::splat(0.16 * reflectance * reflectance).lerp(base(texel), metallic(texel))
 }
 
 /// The material's ambient occlusion, 1 for none.
@@ -75,6 +96,19 @@ pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32)
         0,
         unorm(0.5, 255.0) | unorm(metallic, 255.0) << 8 | unorm(occlusion, 255.0) << 16,
         unorm(x * 0.5 + 0.5, 4095.0) | unorm(y * 0.5 + 0.5, 4095.0) << 12 | flags << 24,
+    ]
+}
+
+/// The same texel with another perceptual roughness and reflectance, where [`pack`] has 128/255 and 0.5.
+#[must_use]
+pub fn glossy(texel: [u32; 4], roughness: f32, reflectance: f32) -> [u32; 4] {
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;
+    let [r, g, b, a] = texel;
+    [
+        r & 0x00ff_ffff | byte(roughness) << 24,
+        g,
+        b & !0xff | byte(reflectance),
+        a,
     ]
 }
 
@@ -108,6 +142,15 @@ mod tests {
             assert!((diffuse(texel) - base * 0.8).abs().max_element() < 0.006);
             assert!((occlusion(texel) - 0.6).abs() < 0.003);
             assert_eq!(is_unlit(texel), i % 2 == 1);
+            assert!((roughness(texel) - 0.5).abs() < 0.003);
+            let shiny = glossy(texel, 0.2, 1.0);
+            assert!((roughness(shiny) - 0.2).abs() < 0.003);
+            assert_eq!(
+                (normal(shiny), diffuse(shiny)),
+                (normal(texel), diffuse(texel))
+            );
+            let straight = straight(shiny) - (0.8 * 0.16 + 0.2 * base);
+            assert!(straight.abs().max_element() < 0.006, "{straight}");
         }
     }
 }

@@ -7,6 +7,7 @@
 //! | [`radiosity`] | all lights and the sky → radiosity at the lit points |
 //! | [`pull`] | → the senders' coefficients, fine to coarse |
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
+//! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
@@ -16,17 +17,26 @@
 //! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
 //! | [`vpl`] | → irradiance from the virtual lights, added to that |
 //! | [`upsample`] | → between the subsplats, and at every pixel |
+//! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
 //! | [`composite`] | → what a pixel's colour gains |
+//! | [`fmm_up`] | light between points: radiosity → expansions of an octree's nodes, no part of a frame yet |
+//! | [`fmm_down`] | → irradiance at the points |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 
 mod anderson;
 pub mod apply;
 pub mod bounce;
+pub mod brdf;
 pub mod composite;
+pub mod compress;
 mod cpu_frame;
 pub mod flatten;
+pub mod fmm_down;
+pub mod fmm_layout;
+pub mod fmm_up;
 pub mod gbuffer;
+pub mod gloss;
 pub mod layout;
 mod light;
 pub mod project;
@@ -38,6 +48,7 @@ pub mod refine;
 pub mod reflective;
 pub mod rsm;
 mod settings;
+pub mod soft;
 pub mod splat;
 pub mod subsplat;
 pub mod upsample;
@@ -45,11 +56,13 @@ mod view;
 pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
+pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
 pub use reflective::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 pub use settings::{FrameSettings, SceneShape, Steps};
+pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};

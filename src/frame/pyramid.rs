@@ -68,6 +68,21 @@ pub struct Seen {
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
+    /// What tolerances of depth are parts of, metres: see [`reach`].
+    pub reach: f32,
+}
+
+/// Widths of a pixel that a tolerance's measure is at most: as many as fill the distance of a picture 2000 pixels high with a vertical angle of 64°.
+pub const REACH: f32 = 1600.0;
+
+/// What tolerances of depth are parts of, metres: a pixel's linear depth `z`, as in \[N09\], but at most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays, things a pixel wide
+/// are a small part of their distance, and edges all the same.
+#[must_use]
+pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
+    let m = &params.view_from_clip;
+    let w = m[2][3] * depth + m[3][3];
+    let width = 2.0 * m[1][1].abs() / (params.viewport[3] * w.abs()).max(f32::MIN_POSITIVE);
+    z.abs().min(REACH * width)
 }
 
 /// Place in the view's space of a pixel with this reversed depth.
@@ -88,6 +103,7 @@ pub fn seen(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> 
     (depth > 0.0).then(|| Seen {
         x: view_place(params, pixel, depth),
         n: params.turn() * gbuffer::normal(picture.texel(params.size, pixel)),
+        reach: reach(params, view_place(params, pixel, depth).z, depth),
     })
 }
 
@@ -121,7 +137,7 @@ fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> C
                 if d > 0.0 && a != pixel && b != pixel {
                     // Depth is linear on the screen over a plane, in both kinds of projection.
                     let on_plane = linear(params, pixel, 0.5 * (depth(a) + depth(b)));
-                    most = most.max((on_plane - z).abs() / z);
+                    most = most.max((on_plane - z).abs() / reach(params, z, d));
                 }
             }
             (0.0, most)

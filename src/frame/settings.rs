@@ -68,6 +68,8 @@ pub struct SceneShape {
     pub tiers: u32,
     /// What the links multiply.
     pub form: SenderForm,
+    /// Columns of an operator of components, the sky's among them; 0 in the other forms.
+    pub columns: usize,
     /// The bake holds further bounces.
     pub bounces: bool,
     /// Nodes of the BVH.
@@ -88,6 +90,7 @@ impl SceneShape {
             places: scene.places.per_sender,
             tiers: scene.operator.tiers(),
             form: scene.operator.form,
+            columns: (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len()),
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
             extent: extent(scene),
@@ -149,7 +152,8 @@ impl SceneShape {
 /// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
-    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender levels but the finest.
+    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender levels but the finest. None where nothing reads what it
+    /// fills: bases of direct light are of senders with light of their own.
     pub pull: Vec<Range<usize>>,
     /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
     pub senders: Vec<Range<usize>>,
@@ -161,6 +165,8 @@ pub struct Steps {
     pub baked: bool,
     /// Coefficients are differences.
     pub differences: bool,
+    /// Coefficients are components: `compress` runs before every `apply`.
+    pub components: bool,
 }
 
 impl Steps {
@@ -169,11 +175,13 @@ impl Steps {
     pub fn new(shape: &SceneShape, settings: &FrameSettings) -> Self {
         let level = |l: usize| shape.level(l);
         let baked = settings.baked_bounces && shape.bounces;
+        let components = shape.form == SenderForm::Components;
+        let pulled = match components {
+            true => 0,
+            false => shape.sender_levels.saturating_sub(1),
+        };
         Self {
-            pull: (0..shape.sender_levels.saturating_sub(1))
-                .rev()
-                .map(level)
-                .collect(),
+            pull: (0..pulled).rev().map(level).collect(),
             senders: (0..shape.sender_levels).map(level).collect(),
             levels: (0..shape.levels()).map(level).collect(),
             sweeps: if baked {
@@ -183,6 +191,7 @@ impl Steps {
             },
             baked,
             differences: shape.form == SenderForm::Differences,
+            components,
         }
     }
 }
@@ -198,6 +207,7 @@ mod tests {
             places: 0,
             tiers: 4,
             form: SenderForm::Averages,
+            columns: 0,
             bounces: false,
             nodes: 0,
             extent: 1.0,
@@ -212,6 +222,13 @@ mod tests {
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
         assert_eq!(steps.sweeps, 2);
+        let components = SceneShape {
+            form: SenderForm::Components,
+            columns: 5,
+            ..shape(&[0, 3, 10, 40], 2)
+        };
+        let steps = Steps::new(&components, &FrameSettings::bounces(3));
+        assert!(steps.components && steps.pull.is_empty() && !steps.differences);
         let endless = FrameSettings::bounces(u32::MAX);
         assert_eq!(
             Steps::new(&shape(&[0, 3], 1), &endless).sweeps,

@@ -12,7 +12,7 @@ use super::splat::LARGEST_HALF;
 use super::subsplat::{Levels, Node, SubsplatParams, state};
 use glam::Vec3;
 
-/// Nodes whose distance from the other's plane is up to half of this part of the depth are on one surface, up to all of it partly.
+/// Nodes whose distance from the other's plane is up to half of this part of the depth ([`Seen::reach`]) are on one surface, up to all of it partly.
 pub const PLANE: f32 = 0.01;
 /// Cosine between normals up to which nodes say nothing of one another.
 pub const TURNED: f32 = 0.5;
@@ -25,7 +25,7 @@ pub const SURE: f32 = 0.9;
 #[must_use]
 pub fn alike(a: &Seen, b: &Seen) -> f32 {
     let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
-    let plane = (2.0 - 2.0 * off / (PLANE * -a.x.z)).clamp(0.0, 1.0);
+    let plane = (2.0 - 2.0 * off / (PLANE * a.reach)).clamp(0.0, 1.0);
     let normal = ((a.n.dot(b.n) - TURNED) / (STRAIGHT - TURNED)).clamp(0.0, 1.0);
     plane * normal
 }
@@ -55,6 +55,8 @@ struct Between {
     covered: f32,
     /// How much of the linear weights was of the place's own surface; 1 where a cubic was taken.
     weight: f32,
+    /// No node of a surface around is unknown.
+    whole: bool,
 }
 
 /// Light at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd, from the nodes of level `k` + 1.
@@ -69,17 +71,25 @@ fn between(
 ) -> Between {
     let [w, h] = levels.grid(k + 1);
     let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
-    let node = |dx: i32, dy: i32| -> Option<(Node, f32)> {
+    let place = |dx: i32, dy: i32| -> Option<([u32; 2], Node)> {
         let (cx, cy) = (bx + dx, by + dy);
         if cx < 0 || cy < 0 || cx >= w as i32 || cy >= h as i32 {
             return None;
         }
         let node = nodes[levels.index(k + 1, cx as u32, cy as u32)];
+        Some(([(cx as u32) << (k + 1), (cy as u32) << (k + 1)], node))
+    };
+    let node = |dx: i32, dy: i32| -> Option<(Node, f32)> {
+        let (pixel, node) = place(dx, dy)?;
         if !node.is(state::KNOWN) {
             return None;
         }
-        let pixel = [(cx as u32) << (k + 1), (cy as u32) << (k + 1)];
         seen(params, picture, pixel).map(|there| (node, alike(here, &there)))
+    };
+    let unknown = |dx: i32, dy: i32| {
+        place(dx, dy).is_some_and(|(pixel, node)| {
+            !node.is(state::KNOWN) && picture.depth(params.size, pixel) > 0.0
+        })
     };
     let (odd_x, odd_y) = (x % 2 == 1, y % 2 == 1);
     let count = if odd_x && odd_y { 12 } else { 4 };
@@ -92,6 +102,7 @@ fn between(
         light: VectorIrradiance::default(),
         covered: 1.0,
         weight: 1.0,
+        whole: true,
     };
     let mut sure = true;
     for i in 0..count {
@@ -110,6 +121,7 @@ fn between(
         return out;
     }
     let (mut sum, mut covered, mut total) = (VectorIrradiance::default(), 0.0, 0.0);
+    let mut whole = true;
     let corners: [(i32, i32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
     let share = if odd_x && odd_y { 0.25 } else { 0.5 };
     for (dx, dy) in corners {
@@ -123,6 +135,8 @@ fn between(
                 covered += weight;
                 sum.add_scaled(weight, &node.light());
             }
+        } else if unknown(dx, dy) {
+            whole = false;
         }
     }
     let scale = if covered > 0.0 { 1.0 / covered } else { 0.0 };
@@ -132,17 +146,19 @@ fn between(
         light,
         covered: if total > 0.0 { covered / total } else { 0.0 },
         weight: total,
+        whole,
     }
 }
 
 impl Between {
-    /// State bits: known where enough of the weight is of one surface, and all of that has light, or none.
+    /// State bits: known where enough of the weight is of one surface, and all of that has light. That there is none takes all nodes around: single
+    /// places that no function covers must not spread over surroundings that are not known.
     fn state(&self, params: &SubsplatParams) -> u32 {
         if self.weight <= params.alike {
             0
         } else if self.covered > 0.99 {
             state::KNOWN | state::COVERED
-        } else if self.covered < 0.01 {
+        } else if self.covered < 0.01 && self.whole {
             state::KNOWN
         } else {
             0

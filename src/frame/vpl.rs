@@ -134,6 +134,31 @@ fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     (to + n * (clipped - cosine)) * (fade * length * FRAC_1_PI / disk)
 }
 
+/// Where shadow rays from a surface start, in the bake's space.
+#[must_use]
+#[inline]
+pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
+    let local = Mat4::from_cols_array_2d(&params.local_from_space);
+    let turned = local.transform_vector3(n);
+    let at = local.transform_point3(x);
+    at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent))
+}
+
+/// True where the baked scene keeps a light from the place with this [`start`], whose share of the light's flux would be `arrives`.
+#[must_use]
+#[inline]
+pub fn hidden(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives: f32) -> bool {
+    if params.nodes == 0 || Vec3::from_array(light.flux).max_element() * arrives < params.dim {
+        return false;
+    }
+    let local = Mat4::from_cols_array_2d(&params.local_from_space);
+    let end = local.transform_point3(light.position.into());
+    let ray = end - start;
+    let length = ray.length();
+    let max_t = length - lift(end, params.extent);
+    max_t > 0.0 && bvh.occluded(&Ray::segment(start, ray / length, max_t))
+}
+
 /// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the surface's horizon: its dot product with `n` is the sum
 /// of \[N09\] Eq. (2), W/m². `bvh` shadows them unless `params.nodes` is 0.
 #[must_use]
@@ -142,11 +167,7 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
     if !x.is_finite() || !n.is_finite() {
         return sum;
     }
-    let local = Mat4::from_cols_array_2d(&params.local_from_space);
-    let turned = local.transform_vector3(n);
-    let at = local.transform_point3(x);
-    let start =
-        at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent));
+    let start = start(params, x, n);
     for light in &lights[..params.vpls as usize] {
         let g = share(light, x, n);
         let e = Vec3::from_array(light.flux);
@@ -154,14 +175,8 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
         if arrives <= 0.0 {
             continue;
         }
-        if params.nodes > 0 && e.max_element() * arrives >= params.dim {
-            let end = local.transform_point3(light.position.into());
-            let ray = end - start;
-            let length = ray.length();
-            let max_t = length - lift(end, params.extent);
-            if max_t > 0.0 && bvh.occluded(&Ray::segment(start, ray / length, max_t)) {
-                continue;
-            }
+        if hidden(params, bvh, light, start, arrives) {
+            continue;
         }
         let add =
             |axis: [f32; 4], d: f32| (Vec4::from_array(axis) + (e * d).extend(0.0)).to_array();
@@ -199,7 +214,8 @@ pub fn vpl_pixel(
 }
 
 /// Place of a pixel in the space of the lights.
-fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
+#[must_use]
+pub fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     let [left, top, width, height] = params.viewport;
     let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
         / Vec2::new(width, height);

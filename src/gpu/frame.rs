@@ -1,7 +1,7 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
 use super::kernels::{KERNELS, Pass};
-use super::pipelines::Kernels;
+use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuError, kernels};
 use crate::asset::BakedScene;
@@ -13,7 +13,7 @@ use glam::Mat4;
 const SLOTS_A_DISPATCH: usize = 65_535 / 64 * 64;
 
 /// What a frame has recorded since it was made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuCounters {
     /// Dispatches of each pass, in the order of [`Pass::ALL`].
     pub dispatches: [u64; Pass::COUNT],
@@ -23,6 +23,17 @@ pub struct GpuCounters {
     pub solves: u64,
     /// Triangles drawn by `composite`.
     pub composites: u64,
+}
+
+impl Default for GpuCounters {
+    fn default() -> Self {
+        Self {
+            dispatches: [0; Pass::COUNT],
+            projected: 0,
+            solves: 0,
+            composites: 0,
+        }
+    }
 }
 
 impl GpuCounters {
@@ -322,9 +333,33 @@ pub fn draw_composite(
     format: wgpu::TextureFormat,
     replace: bool,
     view: &ViewBuffers,
+    textures: [&wgpu::TextureView; 3],
+) {
+    let how = if replace { Draw::Replace } else { Draw::Add };
+    draw(kernels, pass, format, how, view, textures);
+}
+
+/// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance. `textures`: what
+/// [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and lighting passes.
+pub fn draw_gloss(
+    kernels: &Kernels,
+    pass: &mut wgpu::RenderPass<'_>,
+    format: wgpu::TextureFormat,
+    view: &ViewBuffers,
+    textures: [&wgpu::TextureView; 3],
+) {
+    draw(kernels, pass, format, Draw::Gloss, view, textures);
+}
+
+fn draw(
+    kernels: &Kernels,
+    pass: &mut wgpu::RenderPass<'_>,
+    format: wgpu::TextureFormat,
+    how: Draw,
+    view: &ViewBuffers,
     [irradiance, gbuffer, lighting_passes]: [&wgpu::TextureView; 3],
 ) {
-    let kernel = kernels.composite(format, replace);
+    let kernel = kernels.composite(format, how);
     let bind = kernels
         .device()
         .create_bind_group(&wgpu::BindGroupDescriptor {
@@ -407,7 +442,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// Push, apply and flatten: for the senders in a sweep, for all points at the end.
+    /// Push or compress, apply and flatten: for the senders in a sweep, for all points at the end.
     fn transport(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -416,12 +451,16 @@ impl Recorder<'_> {
         sweep: bool,
     ) {
         let b = self.b;
-        let (coefficients, applied) = match &b.differences {
-            Some([senders, receivers]) => (senders, receivers),
-            None => (&b.senders, &b.values),
+        let (coefficients, applied) = match (&b.differences, &b.components) {
+            (Some([senders, receivers]), _) => (senders, receivers),
+            (None, Some(c)) => (&c.components, &b.values),
+            (None, None) => (&b.senders, &b.values),
         };
         if steps.differences {
             self.push(pass, steps.senders.len(), coefficients);
+        }
+        if steps.components {
+            self.compress(pass);
         }
         for part in 0..b.links.len() {
             let bind = self.kernels.bind(
@@ -495,6 +534,22 @@ impl Recorder<'_> {
             ],
         );
         self.spans(pass, Pass::Push, &bind, &b.levels, 0..levels);
+    }
+
+    fn compress(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+        let b = self.b;
+        let Some(c) = &b.components else { return };
+        let bind = self.kernels.bind(
+            Pass::Compress,
+            &[
+                (2, c.columns.as_entire_binding()),
+                (3, c.members.as_entire_binding()),
+                (4, c.values.as_entire_binding()),
+                (5, b.senders.as_entire_binding()),
+                (6, c.components.as_entire_binding()),
+            ],
+        );
+        self.dispatch(pass, Pass::Compress, &bind, &[], b.shape.columns as u32);
     }
 
     fn sweep(&mut self, pass: &mut wgpu::ComputePass<'_>, direct: &wgpu::Buffer) {

@@ -4,13 +4,16 @@
 use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
+use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
-    CompositeParams, FrameLight, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel,
-    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+    CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
+    RsmShadowParams, RsmTexel, SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams,
+    VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
+use crate::transport::pca::{Column, VisibilityCluster, VisiblePoint};
 use crate::transport::{BounceLink, Link, Row};
 
 /// What is bound.
@@ -56,6 +59,8 @@ pub enum Pass {
     Pull,
     /// `push`.
     Push,
+    /// `compress`.
+    Compress,
     /// `apply`.
     Apply,
     /// `bounce`, one live Jacobi step.
@@ -70,6 +75,8 @@ pub enum Pass {
     Averages,
     /// `flatten`, differences.
     Differences,
+    /// `soft`.
+    Soft,
     /// `splat`, the first scene of a view.
     Splat,
     /// `splat`, a further scene of a view.
@@ -102,11 +109,21 @@ pub enum Pass {
     Resolve,
     /// `upsample`, the pixels that were evaluated by themselves.
     Fill,
+    /// `gloss`, the nodes of a level.
+    Gloss,
+    /// `gloss`, the pixels.
+    GlossPixels,
+    /// `fmm_up`, a level.
+    FmmUp,
+    /// `fmm_down`, a level.
+    FmmReceive,
+    /// `fmm_down`, the points.
+    FmmEvaluate,
 }
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 27;
+    pub const COUNT: usize = 34;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -114,6 +131,7 @@ impl Pass {
         Self::Radiosity,
         Self::Pull,
         Self::Push,
+        Self::Compress,
         Self::Apply,
         Self::Sweep,
         Self::Gather,
@@ -121,6 +139,7 @@ impl Pass {
         Self::Add,
         Self::Averages,
         Self::Differences,
+        Self::Soft,
         Self::Splat,
         Self::SplatOver,
         Self::RsmTexels,
@@ -137,6 +156,11 @@ impl Pass {
         Self::Upsample,
         Self::Resolve,
         Self::Fill,
+        Self::Gloss,
+        Self::GlossPixels,
+        Self::FmmUp,
+        Self::FmmReceive,
+        Self::FmmEvaluate,
     ];
 
     /// Its kernel, and its entry point there.
@@ -216,6 +240,18 @@ const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry
     }
 }
 
+/// An entry point with a workgroup of 64 threads a node of an octree.
+const fn node(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
+    Entry {
+        pass,
+        name,
+        workgroup: [64, 1, 1],
+        items: 1,
+        bindings,
+    }
+}
+
+const FMM: Kind = Uniform(size_of::<FmmParams>());
 const SCREEN: Kind = Uniform(size_of::<SubsplatParams>());
 const NODE: usize = size_of::<Node>();
 const CELL: usize = size_of::<CellRange>();
@@ -228,11 +264,11 @@ const LIGHT: usize = size_of::<FrameLight>();
 const WEIGHT: usize = size_of::<WeightEntry>();
 const VECTOR: usize = size_of::<VectorIrradiance>();
 
-/// Entry points of `composite`: vertex and fragment.
-pub const COMPOSITE_ENTRIES: [&str; 2] = ["whole_screen", "composite"];
+/// Entry points of `composite`: vertex, and the fragments of irradiance and of gloss.
+pub const COMPOSITE_ENTRIES: [&str; 3] = ["whole_screen", "composite", "composite_gloss"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 14] = [
+pub const KERNELS: [Kernel; 19] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -284,6 +320,24 @@ pub const KERNELS: [Kernel; 14] = [
             bind(5, "differences", Write(VEC4)),
         ],
         entries: &[each(Pass::Push, "push", &[0, 1, 2, 3, 4, 5])],
+    },
+    Kernel {
+        name: "compress",
+        source: shader!("compress"),
+        bindings: &[
+            bind(2, "columns", Read(size_of::<Column>())),
+            bind(3, "members", Read(4)),
+            bind(4, "column_values", Read(4)),
+            bind(5, "senders", Read(VEC4)),
+            bind(6, "components", Write(VEC4)),
+        ],
+        entries: &[Entry {
+            pass: Pass::Compress,
+            name: "compress",
+            workgroup: [crate::frame::compress::LANES, 1, 1],
+            items: 1,
+            bindings: &[2, 3, 4, 5, 6],
+        }],
     },
     Kernel {
         name: "apply",
@@ -345,6 +399,22 @@ pub const KERNELS: [Kernel; 14] = [
             each(Pass::Averages, "averages", &[0, 1, 2, 3, 4, 6]),
             each(Pass::Differences, "differences", &[1, 3, 4, 5, 6]),
         ],
+    },
+    Kernel {
+        name: "soft",
+        source: shader!("soft"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SoftParams>())),
+            bind(1, "lights", Read(size_of::<SoftLight>())),
+            bind(2, "points", Read(POINT)),
+            bind(3, "clusters", Read(size_of::<VisibilityCluster>())),
+            bind(4, "visible", Read(size_of::<VisiblePoint>())),
+            bind(5, "basis", Read(4)),
+            bind(6, "scales", Read(4)),
+            bind(7, "coefficients", Read(4)),
+            bind(8, "deficits", Write(VECTOR)),
+        ],
+        entries: &[each(Pass::Soft, "soft", &[0, 1, 2, 3, 4, 5, 6, 7, 8])],
     },
     Kernel {
         name: "splat",
@@ -500,6 +570,86 @@ pub const KERNELS: [Kernel; 14] = [
             tile(Pass::Upsample, "upsample", &[0, 1, 2, 3, 4]),
             tile(Pass::Resolve, "resolve", &[0, 2, 3, 4, 5, 6, 7]),
             each(Pass::Fill, "fill", &[0, 2, 3, 4, 5, 7, 8]),
+        ],
+    },
+    Kernel {
+        name: "gloss",
+        source: shader!(
+            "gloss",
+            "reflective",
+            "gbuffer",
+            "bvh",
+            "shadow",
+            "vpl",
+            "brdf",
+            "screen",
+            "node",
+            "luminance"
+        ),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<VplViewParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "lit", Uniform(size_of::<VplParams>())),
+            bind(4, "vpls", Read(size_of::<Vpl>())),
+            bind(5, "nodes", Read(size_of::<BvhNode>())),
+            bind(6, "triangles", Read(size_of::<BvhTriangle>())),
+            bind(7, "output", Output),
+            bind(8, "screen", SCREEN),
+            bind(9, "span", Span),
+            bind(10, "wanted", Uniform(size_of::<GlossParams>())),
+            bind(11, "shines", Write(size_of::<GlossNode>())),
+            bind(12, "surprises", Write(VEC4)),
+        ],
+        entries: &[
+            tile(
+                Pass::Gloss,
+                "gloss",
+                &[0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12],
+            ),
+            tile(
+                Pass::GlossPixels,
+                "gloss_pixels",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
+            ),
+        ],
+    },
+    Kernel {
+        name: "fmm_up",
+        source: shader!("fmm_up", "fmm"),
+        bindings: &[
+            bind(0, "params", FMM),
+            bind(1, "span", Span),
+            bind(2, "nodes", Read(size_of::<FmmNode>())),
+            bind(3, "places", Read(size_of::<FmmPlace>())),
+            bind(4, "terms", Read(size_of::<FmmTerm>())),
+            bind(5, "radiosity", Read(VEC4)),
+            bind(6, "expansions", Write(VEC4)),
+        ],
+        entries: &[node(Pass::FmmUp, "up", &[0, 1, 2, 3, 4, 5, 6])],
+    },
+    Kernel {
+        name: "fmm_down",
+        source: shader!("fmm_down", "fmm"),
+        bindings: &[
+            bind(0, "params", FMM),
+            bind(1, "span", Span),
+            bind(2, "nodes", Read(size_of::<FmmNode>())),
+            bind(3, "places", Read(size_of::<FmmPlace>())),
+            bind(4, "terms", Read(size_of::<FmmTerm>())),
+            bind(5, "radiosity", Read(VEC4)),
+            bind(6, "expansions", Read(VEC4)),
+            bind(7, "locals", Write(VEC4)),
+            bind(8, "entries", Read(size_of::<FmmEntry>())),
+            bind(9, "irradiance", Write(VEC4)),
+        ],
+        entries: &[
+            node(Pass::FmmReceive, "receive", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),
+            node(
+                Pass::FmmEvaluate,
+                "evaluate",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            ),
         ],
     },
     Kernel {

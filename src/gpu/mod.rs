@@ -9,27 +9,36 @@
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
 //! | [`SubsplatBuffers`] | records what a view shows by subsplats |
+//! | [`GlossBuffers`] | records what a view's glossy surfaces show of virtual lights |
 //! | [`ReflectiveMaps`] | records `rsm` and `vpl`: what moving objects reflect |
+//! | [`SoftBuffers`] | records `soft`: what lamps with soft shadows do not reach |
+//! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`Harness`] | a device without a window |
 //!
 //! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
 
 mod error;
+mod fmm;
 mod frame;
+mod gloss;
 mod harness;
 mod kernels;
 mod links;
 mod pipelines;
 mod rsm;
 mod scene_buffers;
+mod soft;
 mod subsplats;
 
 pub use error::GpuError;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite};
+pub use fmm::GpuFmm;
+pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite, draw_gloss};
+pub use gloss::GlossBuffers;
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind, Pass};
-pub use pipelines::{ComputeKernel, Kernels, RenderKernel};
+pub use pipelines::{ComputeKernel, Draw, Kernels, RenderKernel};
 pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
+pub use soft::SoftBuffers;
 pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};

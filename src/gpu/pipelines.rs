@@ -3,6 +3,7 @@
 use super::GpuError;
 use super::kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use crate::frame::Span;
+use crate::frame::fmm_layout::MOST_FMM_TERMS;
 use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -25,14 +26,27 @@ pub struct RenderKernel {
     pub layout: wgpu::BindGroupLayout,
 }
 
+/// What `composite` draws, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Draw {
+    /// Irradiance on the surfaces, added to the picture.
+    Add,
+    /// Irradiance in place of the picture.
+    Replace,
+    /// Gloss, added to the picture.
+    Gloss,
+}
+/// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
+const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 16;
+
 /// All pipelines of one device.
 #[derive(Debug)]
 pub struct Kernels {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
-    /// `composite`, a pipeline for each format that it draws to, and for adding and replacing.
-    composites: Mutex<Vec<((wgpu::TextureFormat, bool), RenderKernel)>>,
+    /// `composite`, a pipeline for each format that it draws to, and for each way to draw.
+    composites: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
     created: AtomicU32,
 }
 
@@ -77,7 +91,7 @@ impl Kernels {
             (
                 "maxComputeWorkgroupStorageSize",
                 u64::from(limits.max_compute_workgroup_storage_size),
-                3 * 64 * 16,
+                FMM_MEMORY as u64,
             ),
             (
                 "maxComputeWorkgroupsPerDimension",
@@ -154,21 +168,21 @@ impl Kernels {
         })
     }
 
-    /// The pipeline that draws `composite` onto a target of this format: added to what is there, or in its place.
-    pub fn composite(&self, format: wgpu::TextureFormat, replace: bool) -> RenderKernel {
+    /// The pipeline that draws `composite` onto a target of this format.
+    pub fn composite(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
         let mut made = self
             .composites
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, replace)) {
+        if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, draw)) {
             return kernel.clone();
         }
-        let kernel = self.make_composite(format, replace);
-        made.push(((format, replace), kernel.clone()));
+        let kernel = self.make_composite(format, draw);
+        made.push(((format, draw), kernel.clone()));
         kernel
     }
 
-    fn make_composite(&self, format: wgpu::TextureFormat, replace: bool) -> RenderKernel {
+    fn make_composite(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
         let label = "meshless_gi composite";
         let layout = self.layout(
             label,
@@ -177,7 +191,11 @@ impl Kernels {
         );
         let pipeline_layout = self.pipeline_layout(label, &layout);
         let module = self.module(COMPOSITE);
-        let [vertex, fragment] = COMPOSITE_ENTRIES;
+        let [vertex, irradiance, gloss] = COMPOSITE_ENTRIES;
+        let fragment = match draw {
+            Draw::Add | Draw::Replace => irradiance,
+            Draw::Gloss => gloss,
+        };
         let add = wgpu::BlendComponent {
             src_factor: wgpu::BlendFactor::One,
             dst_factor: wgpu::BlendFactor::One,
@@ -203,7 +221,7 @@ impl Kernels {
                     compilation_options: wgpu::PipelineCompilationOptions::default(),
                     targets: &[Some(wgpu::ColorTargetState {
                         format,
-                        blend: (!replace).then_some(wgpu::BlendState {
+                        blend: (draw != Draw::Replace).then_some(wgpu::BlendState {
                             color: add,
                             alpha: add,
                         }),

@@ -104,6 +104,11 @@ impl ReflectiveMaps {
         Ok(())
     }
 
+    /// Begins a frame with the virtual lights of the one before: nothing but views may be recorded. Not between recording a frame and its submission.
+    pub fn rest(&mut self) {
+        (self.filled, self.taken) = (0, 0);
+    }
+
     /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](crate::frame::reflective::local_from_space)), and the choice of `vpls`
     /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`ReflectiveMaps::begin`].
     #[expect(

@@ -27,6 +27,15 @@ pub(super) struct BounceBuffers {
     pub further: wgpu::Buffer,
 }
 
+/// The matrix of an operator of components on the device, and what it makes of the senders.
+#[derive(Debug)]
+pub(super) struct ComponentBuffers {
+    pub columns: wgpu::Buffer,
+    pub members: wgpu::Buffer,
+    pub values: wgpu::Buffer,
+    pub components: wgpu::Buffer,
+}
+
 /// The buffers of a baked scene.
 #[derive(Debug)]
 pub struct SceneBuffers {
@@ -67,6 +76,8 @@ pub struct SceneBuffers {
     pub(super) direct: Option<wgpu::Buffer>,
     /// Differences of the senders and what the operator makes of them, where the operator is in that form.
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
+    /// Where the operator is in the form of components.
+    pub(super) components: Option<ComponentBuffers>,
     pub(super) values: wgpu::Buffer,
     pub(super) slots: u32,
 }
@@ -206,11 +217,20 @@ impl SceneBuffers {
             None => None,
         };
         let differences = match shape.form {
-            SenderForm::Averages => None,
+            SenderForm::Averages | SenderForm::Components => None,
             SenderForm::Differences => Some([
                 coefficients("sender differences")?,
                 make.empty::<VectorIrradiance>("receiver differences", points)?,
             ]),
+        };
+        let components = match &scene.operator.compression {
+            Some(c) => Some(ComponentBuffers {
+                columns: make.upload("columns", &c.columns)?,
+                members: make.upload("column senders", &c.members)?,
+                values: make.upload("column values", &c.values)?,
+                components: make.empty::<[f32; 4]>("components", c.columns.len() as u64)?,
+            }),
+            None => None,
         };
         Ok(Self {
             grid: (&scene.display.grid).into(),
@@ -242,6 +262,7 @@ impl SceneBuffers {
             senders: coefficients("senders")?,
             direct: None,
             differences,
+            components,
             values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
             slots,
             shape,
@@ -329,6 +350,7 @@ impl SceneBuffers {
         match pass {
             Pass::Project => Some(&self.projected),
             Pass::Radiosity | Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
+            Pass::Compress => self.components.as_ref().map(|c| &c.components),
             Pass::Push => self.differences.as_ref().map(|d| &d[0]),
             Pass::Apply => self
                 .differences
@@ -377,11 +399,20 @@ impl SceneBuffers {
             .differences
             .iter()
             .flat_map(|[s, r]| [("sender differences", s), ("receiver differences", r)]);
+        let components = self.components.iter().flat_map(|c| {
+            [
+                ("columns", &c.columns),
+                ("column senders", &c.members),
+                ("column values", &c.values),
+                ("components", &c.components),
+            ]
+        });
         own.into_iter()
             .chain(self.links.iter().map(|b| ("links", b)))
             .chain(bounces)
             .chain(self.direct.iter().map(|b| ("direct senders", b)))
             .chain(differences)
+            .chain(components)
     }
 }
 

@@ -57,6 +57,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: display,
     },
     Effect {
+        name: "gloss_from_dynamic",
+        summary: "shows what moves in glossy surfaces, in the views that ask for it",
+        schedule: gloss_from_dynamic,
+    },
+    Effect {
         name: "inspection",
         summary: "brings coefficients back to the CPU for the gizmos",
         schedule: inspection,
@@ -72,6 +77,8 @@ pub struct Plan {
     pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
     /// Lights that ask for the bounce of what moves and get none, and why.
     pub dark: Vec<(LightId, Skip)>,
+    /// Lights whose virtual lights the device holds from an earlier frame: nothing of them moved.
+    pub resting: Vec<LightId>,
     /// The tiers of the operators that run, and why.
     pub tiers: Vec<(SceneId, Picked)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
@@ -109,6 +116,12 @@ impl Plan {
         self.passes
             .iter()
             .find(|p| p.stage == Stage::Rsm && p.light == Some(light))
+    }
+
+    /// Whether this light's bounce off what moves is to be seen: drawn now, or held.
+    #[must_use]
+    pub fn bounces(&self, light: LightId) -> bool {
+        self.find_light(light).is_some() || self.resting.contains(&light)
     }
 
     /// How many passes of this stage.
@@ -167,6 +180,9 @@ impl fmt::Display for Plan {
         }
         for (light, why) in &self.dark {
             writeln!(f, "skip maps of light {light}: {why}")?;
+        }
+        for light in &self.resting {
+            writeln!(f, "skip maps of light {light}: {}", Skip::AtRest)?;
         }
         for (scene, picked) in &self.tiers {
             writeln!(f, "use  {scene} with {picked}")?;
@@ -264,15 +280,9 @@ fn transport(state: &FrameState, plan: &mut Plan) {
 }
 
 fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
-    let shown =
-        |id: &ViewId| (state.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
     for light in &state.bounces {
-        let maps = match light.maps {
-            _ if !state.device_able => Err(Skip::DeviceUnable),
-            Ok(_) if !light.views.iter().any(shown) => Err(Skip::NotInView),
-            maps => maps,
-        };
-        match maps {
+        match state.maps_of(light) {
+            Ok(_) if state.bounces_held => plan.resting.push(light.id),
             Ok(maps) => {
                 let reason = Reason::Moving(maps);
                 plan.push("bounce_from_dynamic", Stage::Rsm, SceneId::WORLD, reason)
@@ -300,9 +310,8 @@ fn display(state: &FrameState, plan: &mut Plan) {
             }
         }
         // All lights that bounce make one list.
-        let bounced = |light: &BounceState| {
-            light.views.contains(&view.id) && plan.find_light(light.id).is_some()
-        };
+        let bounced =
+            |light: &BounceState| light.views.contains(&view.id) && plan.bounces(light.id);
         if view.enabled && view.has_gbuffer && state.bounces.iter().any(bounced) {
             let world = SceneId::WORLD;
             plan.push("bounce_from_dynamic", Stage::Vpl, world, Reason::InView)
@@ -312,6 +321,17 @@ fn display(state: &FrameState, plan: &mut Plan) {
         // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
             plan.push("display", Stage::Composite, scene, Reason::InView)
+                .view = Some(view.id);
+        }
+    }
+}
+
+fn gloss_from_dynamic(state: &FrameState, plan: &mut Plan) {
+    for view in state.views.iter().filter(|view| view.gloss) {
+        let lit = |p: &Pass| p.stage == Stage::Vpl && p.view == Some(view.id);
+        if plan.passes.iter().any(lit) {
+            let world = SceneId::WORLD;
+            plan.push("gloss_from_dynamic", Stage::Gloss, world, Reason::InView)
                 .view = Some(view.id);
         }
     }
@@ -334,6 +354,7 @@ mod tests {
     fn view(id: u64, sees: &[SceneId]) -> ViewState {
         ViewState {
             id: ViewId(id),
+            gloss: false,
             enabled: true,
             has_gbuffer: true,
             sees: sees.to_vec(),
@@ -518,6 +539,35 @@ mod tests {
             words.contains("composite of the world in view 7"),
             "{words}"
         );
+    }
+
+    #[test]
+    fn gloss_is_shown_where_it_is_asked_for_and_something_bounces() {
+        let mut state = something_moves();
+        assert_eq!(Plan::new(&state).count(Stage::Gloss), 0);
+        state.views[0].gloss = true;
+        let plan = Plan::new(&state);
+        use Stage::*;
+        assert_eq!(stages(&plan), [Rsm, Vpl, Composite, Gloss]);
+        assert_eq!(plan.passes[3].view, Some(ViewId(7)));
+        state.bounces.clear();
+        assert!(Plan::new(&state).is_empty());
+    }
+
+    #[test]
+    fn what_rests_is_not_drawn_again_and_stays_in_the_picture() {
+        let mut state = something_moves();
+        state.bounces_held = true;
+        let plan = Plan::new(&state);
+        assert_eq!(stages(&plan), [Stage::Vpl, Stage::Composite]);
+        assert!(plan.bounces(LightId(5, 0)) && plan.find_light(LightId(5, 0)).is_none());
+        let words = plan.to_string();
+        assert!(
+            words.contains("skip maps of light 5.0: nothing changed"),
+            "{words}"
+        );
+        state.bounces[0].maps = Err(Skip::NothingMoves);
+        assert!(Plan::new(&state).is_empty());
     }
 
     #[test]

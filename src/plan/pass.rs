@@ -24,13 +24,15 @@ pub enum Stage {
     Vpl,
     /// Irradiance times base colour, added to the picture.
     Composite,
+    /// What glossy surfaces of a view show of the virtual point lights.
+    Gloss,
     /// Coefficients back to the CPU.
     ReadBack,
 }
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
@@ -40,6 +42,7 @@ impl Stage {
         Self::Splat,
         Self::Vpl,
         Self::Composite,
+        Self::Gloss,
         Self::ReadBack,
     ];
 
@@ -56,6 +59,7 @@ impl Stage {
             Self::Splat => "splat",
             Self::Vpl => "vpl",
             Self::Composite => "composite",
+            Self::Gloss => "gloss",
             Self::ReadBack => "read_back",
         }
     }

@@ -103,6 +103,8 @@ pub struct ViewState {
     pub enabled: bool,
     /// It draws a G-buffer (deferred, high dynamic range, one sample a pixel).
     pub has_gbuffer: bool,
+    /// It shows the gloss of virtual lights.
+    pub gloss: bool,
     /// The scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }
@@ -133,6 +135,24 @@ pub struct FrameState {
     pub views: Vec<ViewState>,
     /// Every light that asks for the bounce of what moves.
     pub bounces: Vec<BounceState>,
+    /// The device holds the virtual lights of all of them as maps drawn now would make them.
+    pub bounces_held: bool,
+}
+
+impl FrameState {
+    /// How many maps a light's bounce takes; or why it has none.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn maps_of(&self, light: &BounceState) -> Result<u32, Skip> {
+        let shown =
+            |id: &ViewId| (self.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
+        match light.maps {
+            _ if !self.device_able => Err(Skip::DeviceUnable),
+            Ok(_) if !light.views.iter().any(shown) => Err(Skip::NotInView),
+            maps => maps,
+        }
+    }
 }
 
 impl Default for FrameState {
@@ -145,6 +165,7 @@ impl Default for FrameState {
             scenes: Vec::new(),
             views: Vec::new(),
             bounces: Vec::new(),
+            bounces_held: false,
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::gpu::{
     DrawnMap, GpuCounters, GpuError, Kernels, ReflectiveMaps, SceneBuffers, SplatTargets,
     VplShadows,
 };
-use crate::plan::{BounceState, LightId, Plan, SceneId, ViewId};
+use crate::plan::{BounceState, FrameState, LightId, Plan, SceneId, ViewId};
 use bevy::core_pipeline::deferred::{AlphaMask3dDeferred, Opaque3dDeferred};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -27,7 +27,7 @@ use bevy::pbr::early_gpu_preprocess;
 use bevy::render::Extract;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_phase::ViewBinnedRenderPhases;
-use bevy::render::render_resource::{RenderPassDescriptor, StoreOp};
+use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
 
@@ -48,7 +48,10 @@ pub(crate) fn schedule() -> Schedule {
 
 /// The lights that ask for the bounce of what moves, as of the frame that is drawn.
 #[derive(Resource, Default)]
-pub(crate) struct LightMaps(pub Vec<AskingLight>);
+pub(crate) struct LightMaps(pub AskingLights);
+
+/// So many frames without a change are drawn nevertheless: meshes and pictures reach the device a few frames after they changed.
+const SETTLED: u32 = 8;
 
 /// A light's name in the plan.
 pub(crate) fn light_id(key: LightKey) -> LightId {
@@ -63,12 +66,13 @@ pub(crate) fn light_id(key: LightKey) -> LightId {
 
 /// Runs beside `extract`.
 pub(crate) fn extract_maps(mut maps: ResMut<LightMaps>, asking: Extract<Res<AskingLights>>) {
-    maps.0.clone_from(&asking.0);
+    maps.0.clone_from(&asking);
 }
 
 impl LightMaps {
     /// As the plan sees them.
     pub fn describe(&self, world: &ExtractedGi) -> Vec<BounceState> {
+        let lights = &self.0.lights;
         let state = |light: &AskingLight| BounceState {
             id: light_id(light.key),
             maps: light.maps.as_ref().map(|m| m.len() as u32).map_err(|w| *w),
@@ -77,7 +81,7 @@ impl LightMaps {
                 .map(|v| v.id)
                 .collect(),
         };
-        self.0.iter().map(state).collect()
+        lights.iter().map(state).collect()
     }
 }
 
@@ -87,16 +91,33 @@ type View = (
     &'static ViewPrepassTextures,
 );
 
-/// Draws the deferred meshes that the camera sees.
+/// The light that this camera draws a map of, which of its maps that is, and how many it has.
+fn light_of(lights: &LightMaps, camera: Entity) -> Option<(&AskingLight, usize, usize)> {
+    lights.0.lights.iter().find_map(|light| {
+        let maps = light.maps.as_ref().ok()?;
+        let at = maps.iter().position(|map| *map == camera)?;
+        Some((light, at, maps.len()))
+    })
+}
+
+/// Draws the deferred meshes that the camera sees, where the plan asks for it.
 fn draw(
     world: &World,
     view: ViewQuery<View>,
+    lights: Res<LightMaps>,
+    render: Res<GiRender>,
     opaque: Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
     masked: Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
     let (extracted, depth, textures) = view.into_inner();
+    let camera = extracted.retained_view_entity.main_entity.id();
+    let planned = light_of(&lights, camera)
+        .is_some_and(|(light, ..)| render.plan.find_light(light_id(light.key)).is_some());
+    if !planned {
+        return;
+    }
     let id = &extracted.retained_view_entity;
     let (Some(opaque), Some(masked)) = (opaque.get(id), masked.get(id)) else {
         return;
@@ -135,6 +156,25 @@ pub(crate) struct Reflections {
     light: Option<LightId>,
     /// Reflected light asks the baked scenes for its shadows.
     visibility: bool,
+    /// The lights whose virtual lights the buffer holds, and the bakes that shadowed them.
+    holds: Vec<LightId>,
+    /// In how many frames all of them were drawn whole since anything changed.
+    frames: u32,
+    shadowed_by: Vec<Shadower>,
+}
+
+/// A bake, where it stood, and whose it was: (instance, address, local from world).
+type Shadower = (SceneId, usize, DMat4);
+
+fn shadowers(
+    world: &ExtractedGi,
+    scenes: &std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
+) -> Vec<Shadower> {
+    let address =
+        |id: &SceneId| (scenes.get(id)).map_or(0, |s| std::sync::Arc::as_ptr(&s.bake) as usize);
+    bakes(world, scenes)
+        .map(|(id, local, _)| (id, address(&id), local))
+        .collect()
 }
 
 /// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask for their shadows: half a step of 12 bits.
@@ -151,7 +191,7 @@ impl Reflections {
         plan: &Plan,
         device: &wgpu::Device,
     ) -> Result<Option<Self>, GpuError> {
-        let drawn = || (lights.0.iter()).filter(|l| plan.find_light(light_id(l.key)).is_some());
+        let drawn = || (lights.0.lights.iter()).filter(|l| plan.bounces(light_id(l.key)));
         let Some(first) = drawn().next() else {
             return Ok(None);
         };
@@ -161,6 +201,17 @@ impl Reflections {
         };
         let texels = drawn().map(texels).max().unwrap_or(0);
         let vpls = drawn().map(|l| l.settings.lights.clamp(1, MOST_VPLS)).sum();
+        let before = match before {
+            Some(mut held) if !plan.resting.is_empty() => {
+                held.maps.rest();
+                return Ok(Some(held));
+            }
+            before => before,
+        };
+        let number = drawn().count();
+        let frames = (before.as_ref())
+            .filter(|b| lights.0.still > 0 && b.holds.len() == number)
+            .map_or(0, |b| b.frames.saturating_add(1));
         let maps = match before {
             Some(Self { mut maps, .. }) => {
                 maps.begin(device, texels, vpls)?;
@@ -171,10 +222,31 @@ impl Reflections {
         Ok(Some(Self {
             maps,
             // Whole metres: rounding stays the same while a light moves a little.
-            origin: first.place.round(),
+            origin: first
+                .views
+                .first()
+                .map_or(Vec3::ZERO, |v| v.position.round()),
             light: None,
             visibility: drawn().any(|l| l.settings.visibility),
+            holds: Vec::new(),
+            frames,
+            shadowed_by: Vec::new(),
         }))
+    }
+
+    /// Whether maps that are drawn now would make the same virtual lights of the lights that `state` lets bounce.
+    pub fn hold(
+        &self,
+        state: &FrameState,
+        lights: &LightMaps,
+        world: &ExtractedGi,
+        scenes: &std::collections::BTreeMap<SceneId, super::compute::SceneRuntime>,
+    ) -> bool {
+        let bounce = (state.bounces.iter()).filter(|l| state.maps_of(l).is_ok());
+        lights.0.still >= SETTLED
+            && self.frames >= SETTLED
+            && bounce.map(|l| l.id).eq(self.holds.iter().copied())
+            && self.shadowed_by == shadowers(world, scenes)
     }
 
     /// What was recorded so far.
@@ -254,22 +326,31 @@ pub(crate) fn bakes<'a>(
 }
 
 /// Makes texels of the map that was just drawn, and after the last of a light its virtual point lights.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 fn read(
     view: ViewQuery<View>,
     lights: Res<LightMaps>,
     world: Res<ExtractedGi>,
     mut render: ResMut<GiRender>,
     queue: Res<RenderQueue>,
+    pipelines: Res<PipelineCache>,
+    opaque: Res<ViewBinnedRenderPhases<Opaque3dDeferred>>,
+    masked: Res<ViewBinnedRenderPhases<AlphaMask3dDeferred>>,
     mut ctx: RenderContext,
 ) {
     let (extracted, depth, textures) = view.into_inner();
+    let phases = &extracted.retained_view_entity;
+    if !opaque.contains_key(phases) || !masked.contains_key(phases) {
+        // Nothing was drawn: the texture holds another map.
+        return;
+    }
     let camera = extracted.retained_view_entity.main_entity.id();
-    let found = lights.0.iter().find_map(|light| {
-        let maps = light.maps.as_ref().ok()?;
-        let at = maps.iter().position(|map| *map == camera)?;
-        Some((light, at + 1 == maps.len()))
-    });
-    let Some((light, last)) = found else { return };
+    let Some((light, at, maps)) = light_of(&lights, camera) else {
+        return;
+    };
     let id = light_id(light.key);
     let render = &mut *render;
     let (Some(kernels), Some(reflections), Some(gbuffer)) = (
@@ -298,7 +379,7 @@ fn read(
     };
     let encoder = ctx.command_encoder();
     reflections.maps.map(kernels, &queue, encoder, &map);
-    if last {
+    if at + 1 == maps {
         let scenes: Vec<_> = match light.settings.visibility {
             true => bakes(&world, &render.scenes)
                 .map(|(_, local, buffers)| (local_from_space(local, origin), buffers))
@@ -309,6 +390,12 @@ fn read(
         reflections
             .maps
             .choose(kernels, &queue, encoder, &in_space, &scenes, vpls);
+        drop(scenes);
+        // A mesh whose pipeline is still made was left out.
+        if pipelines.waiting_pipelines().next().is_none() {
+            reflections.holds.push(id);
+        }
+        reflections.shadowed_by = shadowers(&world, &render.scenes);
     }
 }
 

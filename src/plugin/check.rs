@@ -5,7 +5,7 @@
 
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::extract::draws_gbuffer;
-use super::reflective::MeshlessGiBouncer;
+use super::reflective::{MeshlessGiBouncer, MeshlessGiCapture};
 use bevy::asset::Assets;
 use bevy::camera::{Camera, Hdr};
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
@@ -101,19 +101,22 @@ pub struct MeshlessGiFindings(pub Vec<MeshlessGiFinding>);
 pub(crate) fn check(
     settings: Res<MeshlessGiSettings>,
     scenes: Query<(), With<MeshlessGi>>,
-    cameras: Query<(
-        &Camera,
-        &MeshlessGiCamera,
-        Option<&AmbientLight>,
-        Option<&EnvironmentMapLight>,
-        Option<&Msaa>,
+    cameras: Query<
         (
-            Has<Hdr>,
-            Has<DepthPrepass>,
-            Has<NormalPrepass>,
-            Has<DeferredPrepass>,
+            &Camera,
+            &MeshlessGiCamera,
+            Option<&AmbientLight>,
+            Option<&EnvironmentMapLight>,
+            Option<&Msaa>,
+            (
+                Has<Hdr>,
+                Has<DepthPrepass>,
+                Has<NormalPrepass>,
+                Has<DeferredPrepass>,
+            ),
         ),
-    )>,
+        Without<MeshlessGiCapture>,
+    >,
     probes: Query<&EnvironmentMapLight, With<LightProbe>>,
     ambient: Option<Res<GlobalAmbientLight>>,
     volumes: Query<&IrradianceVolume>,

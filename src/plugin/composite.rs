@@ -5,8 +5,11 @@ use super::components::MeshlessGiView;
 use super::compute::GiRender;
 use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::ExtractedGi;
+use super::gloss::{GlossView, ViewGloss};
 use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
-use crate::gpu::{SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite};
+use crate::gpu::{
+    SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite, draw_gloss,
+};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -25,6 +28,7 @@ pub(crate) struct ViewRuntime {
     irradiance: [Option<wgpu::TextureView>; 2],
     buffers: BTreeMap<SceneId, ViewBuffers>,
     subsplats: Option<ViewSubsplats>,
+    gloss: Option<ViewGloss>,
     /// The device has no room for subsplats of this size.
     too_large: bool,
 }
@@ -36,13 +40,15 @@ impl ViewRuntime {
             irradiance: [None, None],
             buffers: BTreeMap::new(),
             subsplats: None,
+            gloss: None,
             too_large: false,
         }
     }
 
     /// Two parameter buffers a scene, and those of subsplats.
     pub fn buffer_count(&self) -> u32 {
-        2 * self.buffers.len() as u32 + self.subsplats.as_ref().map_or(0, |s| s.size().0)
+        let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().0);
+        2 * self.buffers.len() as u32 + self.subsplats.as_ref().map_or(0, |s| s.size().0) + gloss
     }
 
     /// What subsplats the view has, if it is shown by them.
@@ -58,33 +64,40 @@ impl ViewRuntime {
             * 8;
         let parameters = size_of::<SplatParams>() + size_of::<CompositeParams>();
         let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().1);
-        textures + (self.buffers.len() * parameters) as u64 + subsplats
+        let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().1);
+        textures + (self.buffers.len() * parameters) as u64 + subsplats + gloss
     }
 
     fn irradiance(&mut self, which: usize, device: &wgpu::Device) -> wgpu::TextureView {
-        let [width, height] = self.size;
+        let size = self.size;
         self.irradiance[which]
-            .get_or_insert_with(|| {
-                device
-                    .create_texture(&wgpu::TextureDescriptor {
-                        label: Some("meshless_gi irradiance"),
-                        size: wgpu::Extent3d {
-                            width,
-                            height,
-                            depth_or_array_layers: 1,
-                        },
-                        mip_level_count: 1,
-                        sample_count: 1,
-                        dimension: wgpu::TextureDimension::D2,
-                        format: wgpu::TextureFormat::Rgba16Float,
-                        usage: wgpu::TextureUsages::STORAGE_BINDING
-                            | wgpu::TextureUsages::TEXTURE_BINDING,
-                        view_formats: &[],
-                    })
-                    .create_view(&wgpu::TextureViewDescriptor::default())
-            })
+            .get_or_insert_with(|| screen_texture(device, "meshless_gi irradiance", size))
             .clone()
     }
+}
+
+/// A colour in halves for every pixel of a view, written by a kernel.
+pub(crate) fn screen_texture(
+    device: &wgpu::Device,
+    label: &'static str,
+    [width, height]: [u32; 2],
+) -> wgpu::TextureView {
+    device
+        .create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        })
+        .create_view(&wgpu::TextureViewDescriptor::default())
 }
 
 type View = (
@@ -214,6 +227,41 @@ pub(crate) fn composite(
         (runtime.buffers.entry(SceneId::WORLD))
             .or_insert_with(|| ViewBuffers::new(device.wgpu_device()))
             .write(&queue, &params, &composite);
+    }
+    let glossy = shown_by.and_then(|v| v.gloss).filter(|_| {
+        (render.plan.passes.iter()).any(|p| p.stage == Stage::Gloss && p.view == Some(id))
+    });
+    // Irradiance is what a white, rough surface would get.
+    let glossy = glossy.filter(|_| settings.view != MeshlessGiView::Irradiance);
+    match (glossy, on_view.as_ref()) {
+        (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
+            let recorded = ViewGloss::record(
+                &mut runtime.gloss,
+                kernels,
+                &queue,
+                ctx.command_encoder(),
+                &GlossView {
+                    settings: gloss.into(),
+                    view_from_clip: clip_from_view.inverse(),
+                    view_from_world: world_from_view.inverse(),
+                    viewport,
+                    size,
+                    depth,
+                    gbuffer,
+                },
+                &ViewLights {
+                    maps: reflections.maps(),
+                    view: *view,
+                    lit: reflections.maps().params(shadows.as_ref()),
+                    shadows: *shadows,
+                },
+            );
+            match recorded {
+                Ok(recorded) => render.retired.add(&recorded),
+                Err(why) => warn_once!("a view shows no gloss: {why}"),
+            }
+        }
+        _ => runtime.gloss = None,
     }
     let first = runtime.irradiance(0, device.wgpu_device());
     let subsplats = match display {
@@ -346,6 +394,10 @@ pub(crate) fn composite(
             buffers,
             textures,
         );
+        if let Some(gloss) = &runtime.gloss {
+            let textures = [gloss.radiance(), &**gbuffer, &*passes.texture.default_view];
+            draw_gloss(kernels, &mut pass, view.target_format, buffers, textures);
+        }
         render.retired.composites += 1;
     }
     span.end(ctx.command_encoder());

@@ -91,6 +91,7 @@ impl GiRender {
             scenes: Vec::with_capacity(world.scenes.len()),
             views: Vec::with_capacity(world.views.len()),
             bounces: maps.describe(world),
+            bounces_held: false,
         };
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
         let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
@@ -102,6 +103,7 @@ impl GiRender {
         for view in &world.views {
             state.views.push(ViewState {
                 id: view.id,
+                gloss: view.gloss.is_some(),
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 sees: view.sees.clone(),
@@ -118,6 +120,8 @@ impl GiRender {
                 .scenes
                 .push(self.observe_scene(scene, &world.lights, seen, world.read_back));
         }
+        state.bounces_held =
+            (self.reflections.as_ref()).is_some_and(|r| r.hold(&state, maps, world, &self.scenes));
         state
     }
 
@@ -288,12 +292,13 @@ fn stage_of(pass: Pass) -> Stage {
         Pass::Radiosity
         | Pass::Pull
         | Pass::Push
+        | Pass::Compress
         | Pass::Sweep
         | Pass::Gather
         | Pass::Spread
         | Pass::Add => Stage::PullPush,
         Pass::Apply => Stage::Apply,
-        Pass::Averages | Pass::Differences => Stage::Flatten,
+        Pass::Averages | Pass::Differences | Pass::Soft => Stage::Flatten,
         Pass::Splat
         | Pass::SplatOver
         | Pass::SplatNodes
@@ -305,7 +310,10 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Resolve
         | Pass::Fill => Stage::Splat,
         Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
+        // Light between points is not recorded by the plugin yet; where it is, it stands in for the operator.
+        Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
+        Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
     }
 }
 

@@ -11,7 +11,9 @@ use super::components::{
 };
 use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
+use super::gloss::MeshlessGiGloss;
 use super::quality::MeshlessGiTier;
+use super::reflective::MeshlessGiCapture;
 use super::transform::Placement;
 use crate::asset::BakedScene;
 use crate::plan::{Picked, SceneId, ViewId};
@@ -52,6 +54,7 @@ pub(crate) struct ExtractedGiView {
     pub layers: RenderLayers,
     pub settings: MeshlessGiCamera,
     pub display: MeshlessGiDisplay,
+    pub gloss: Option<MeshlessGiGloss>,
     pub has_gbuffer: bool,
     pub sees: Vec<SceneId>,
 }
@@ -109,6 +112,7 @@ type Cameras<'w, 's> = Query<
         &'static Camera,
         &'static MeshlessGiCamera,
         &'static MeshlessGiDisplay,
+        Option<&'static MeshlessGiGloss>,
         &'static Frustum,
         Option<&'static Msaa>,
         Option<&'static RenderLayers>,
@@ -119,6 +123,7 @@ type Cameras<'w, 's> = Query<
             Has<DeferredPrepass>,
         ),
     ),
+    Without<MeshlessGiCapture>,
 >;
 
 /// What every kind of light has beside itself.
@@ -258,6 +263,7 @@ pub(crate) fn extract(
         camera,
         settings,
         display,
+        gloss,
         frustum,
         msaa,
         layers,
@@ -287,6 +293,7 @@ pub(crate) fn extract(
             id: ViewId(entity.to_bits()),
             settings: settings.clone(),
             display: *display,
+            gloss: gloss.copied(),
             has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
             layers,

@@ -16,7 +16,7 @@ use super::bake_task::bake_in_background;
 use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
 use crate::asset::AssetError;
 use crate::bake::{BakeLevelError, Progress, Recipe, RecipeError};
-use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes};
+use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes, load_ply_bytes};
 use bevy::asset::io::{Reader, Writer};
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
 use bevy::asset::{AssetLoader, AssetPath, LoadContext, ParseAssetPathError, ReadAssetBytesError};
@@ -157,6 +157,13 @@ async fn read_level(
 ) -> Result<TriangleMesh, RecipeLoadError> {
     let path = resolve(context.path(), scene)?;
     let bytes = read(context, &path).await?;
+    if scene.to_ascii_lowercase().ends_with(".ply") {
+        let loaded = load_ply_bytes(&bytes, scene, None)?;
+        for note in &loaded.notes {
+            info!("`{scene}`: {note}");
+        }
+        return Ok(loaded.cloud.mesh().0);
+    }
     let mut files = BTreeMap::new();
     for name in external_files(&bytes) {
         // A file that cannot be read matters only if the bake needs it: not for a normal map.

@@ -27,6 +27,7 @@
 //!
 //! | file | world, schedule | does |
 //! |---|---|---|
+//! | `points` | main, `Update` | gives point clouds what they are drawn as |
 //! | `check` | main, `Last` | warns of what would be counted twice |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
@@ -58,9 +59,11 @@ mod diagnostics;
 mod display;
 mod extract;
 mod gizmos;
+mod gloss;
 #[cfg(feature = "gltf")]
 mod level;
 mod loader;
+mod points;
 pub mod prelude;
 mod quality;
 mod readback;
@@ -85,12 +88,17 @@ pub use display::{
     MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
 };
 pub use gizmos::MeshlessGiGizmos;
+pub use gloss::MeshlessGiGloss;
 #[cfg(feature = "gltf")]
 pub use level::{
     BAKE_VERSION, MeshlessGiBakeProcessor, MeshlessGiBakeSettings, MeshlessGiRecipeLoader,
     RecipeLoadError,
 };
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
+pub use points::{
+    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiPointsError, MeshlessGiPointsLoader,
+    MeshlessGiPointsSettings,
+};
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
 pub use reflective::{
@@ -99,15 +107,17 @@ pub use reflective::{
 pub use sets::MeshlessGiSystems;
 pub use transform::Placement;
 
-use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate};
-use bevy::asset::AssetApp;
+use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
+use bevy::asset::{AssetApp, AssetEventSystems, Assets};
 use bevy::camera::CameraUpdateSystems;
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::core_pipeline::core_3d::{main_opaque_pass_3d, main_transparent_pass_3d};
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems, camera_driver};
 use bevy::ecs::prelude::*;
+use bevy::image::Image;
 use bevy::log::warn;
-use bevy::pbr::{DefaultOpaqueRendererMethod, main_transmissive_pass_3d};
+use bevy::mesh::Mesh;
+use bevy::pbr::{DefaultOpaqueRendererMethod, StandardMaterial, main_transmissive_pass_3d};
 use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
 use bevy::render::{ExtractSchedule, Render, RenderApp, RenderSystems};
 use bevy::transform::TransformSystems;
@@ -133,8 +143,10 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiDisplay>()
+            .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
@@ -145,13 +157,17 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<MeshlessGiCoefficients>()
             .init_resource::<reflective::AskingLights>()
             .init_asset::<MeshlessGiAsset>()
+            .init_asset::<MeshlessGiPoints>()
             .register_asset_loader(MeshlessGiLoader)
+            .register_asset_loader(MeshlessGiPointsLoader)
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
             .add_systems(
                 PreUpdate,
                 bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
+            // After assets have come, and before transforms and bounds of new meshes are made.
+            .add_systems(Update, points::draw.in_set(MeshlessGiSystems::Points))
             .add_systems(
                 PostUpdate,
                 (reflective::mark, reflective::aim)
@@ -162,6 +178,16 @@ impl Plugin for MeshlessGiPlugin {
                     .before(CameraUpdateSystems)
                     .before(VisibilitySystems::UpdateFrusta)
                     .before(VisibilitySystems::CheckVisibility),
+            )
+            .add_systems(
+                PostUpdate,
+                reflective::settle
+                    .after(reflective::aim)
+                    .after(AssetEventSystems)
+                    // An app that draws nothing has none of these.
+                    .run_if(resource_exists::<Assets<Mesh>>)
+                    .run_if(resource_exists::<Assets<Image>>)
+                    .run_if(resource_exists::<Assets<StandardMaterial>>),
             )
             .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
         #[cfg(feature = "gltf")]

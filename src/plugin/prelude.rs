@@ -2,6 +2,6 @@
 
 pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
-    MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiQuality, MeshlessGiReflective,
-    MeshlessGiSystems,
+    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiPointCloud,
+    MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSystems,
 };

@@ -12,8 +12,9 @@ use crate::frame::FrameLight;
 use crate::frame::reflective::side;
 use crate::plan::{Lens, MapView, Skip, map_views};
 use crate::scene::Bounds;
-use bevy::camera::primitives::Aabb;
-use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
+use bevy::asset::{AssetEvent, Assets};
+use bevy::camera::primitives::{Aabb, MeshAabb};
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
 use bevy::camera::{
     Camera, Camera3d, Camera3dDepthTextureUsage, OrthographicProjection, PerspectiveProjection,
     Projection, RenderTarget, ScalingMode,
@@ -22,10 +23,15 @@ use bevy::core_pipeline::prepass::DeferredPrepass;
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::ecs::entity::EntityHashSet;
 use bevy::ecs::prelude::*;
+use bevy::ecs::system::SystemParam;
+use bevy::image::Image;
 use bevy::light::cluster::ClusterConfig;
 use bevy::light::{DirectionalLight, PointLight, SpotLight};
 use bevy::math::{UVec2, Vec3};
-use bevy::mesh::Mesh3d;
+use bevy::mesh::morph::MeshMorphWeights;
+use bevy::mesh::skinning::SkinnedMesh;
+use bevy::mesh::{Mesh, Mesh3d};
+use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
 use bevy::render::camera::CameraRenderGraph;
 use bevy::render::render_resource::TextureUsages;
@@ -101,12 +107,19 @@ pub(crate) struct Marked {
 }
 
 /// Gives the meshes below bouncers their layer, and takes it from those that are no longer.
+#[allow(
+    clippy::too_many_arguments,
+    clippy::type_complexity,
+    reason = "a system's parameters are its inputs"
+)]
 pub(crate) fn mark(
     mut commands: Commands,
     bouncers: Query<Entity, With<MeshlessGiBouncer>>,
     children: Query<&Children>,
     meshes: Query<(Option<&RenderLayers>, Has<Marked>), With<Mesh3d>>,
     marked: Query<(Entity, &Marked, Option<&RenderLayers>)>,
+    boxless: Query<(Entity, &Mesh3d), (With<Marked>, Without<Aabb>)>,
+    assets: Option<Res<Assets<Mesh>>>,
     mut below: Local<EntityHashSet>,
 ) {
     if bouncers.is_empty() && marked.is_empty() {
@@ -126,6 +139,12 @@ pub(crate) fn mark(
             let bare = layers.is_none();
             let layers = layers.cloned().unwrap_or_default().with(CAPTURE_LAYER);
             commands.entity(entity).insert((layers, Marked { bare }));
+        }
+    }
+    // Bevy makes no boxes for meshes that it is not to cull; maps are aimed by them.
+    for (entity, mesh) in &boxless {
+        if let Some(aabb) = (assets.as_ref()).and_then(|a| a.get(mesh)?.compute_aabb()) {
+            commands.entity(entity).insert(aabb);
         }
     }
     for (entity, mark, layers) in &marked {
@@ -153,14 +172,82 @@ pub(crate) struct AskingLight {
     pub light: FrameLight,
     pub layers: RenderLayers,
     pub settings: MeshlessGiReflective,
-    /// Where its first map stands, metres.
-    pub place: Vec3,
+    /// Where its maps stand.
+    pub views: Vec<MapView>,
     pub maps: Result<Vec<Entity>, Skip>,
+}
+
+impl AskingLight {
+    /// Whether its maps are as the other's, if nothing moves.
+    fn like(&self, other: &Self) -> bool {
+        self.key == other.key
+            && self.light == other.light
+            && self.layers == other.layers
+            && self.settings == other.settings
+            && self.views == other.views
+            && self.maps == other.maps
+    }
 }
 
 /// All lights that ask, as of this frame.
 #[derive(Resource, Clone, Debug, Default)]
-pub(crate) struct AskingLights(pub Vec<AskingLight>);
+pub(crate) struct AskingLights {
+    pub lights: Vec<AskingLight>,
+    /// For how many frames maps of all of them would have been the same.
+    pub still: u32,
+}
+
+/// A mesh below a bouncer.
+type Moving = (With<Marked>, With<Mesh3d>, Without<MeshlessGiCapture>);
+
+/// It changed.
+type Changes = Or<(
+    Added<Marked>,
+    Changed<GlobalTransform>,
+    Changed<InheritedVisibility>,
+    Changed<RenderLayers>,
+    Changed<Mesh3d>,
+    Changed<MeshMaterial3d<StandardMaterial>>,
+    Changed<VisibilityRange>,
+)>;
+
+/// Of these nobody can tell whether they change: animated meshes, and materials of the game's own.
+type Restless = Or<(
+    With<SkinnedMesh>,
+    With<MeshMorphWeights>,
+    Without<MeshMaterial3d<StandardMaterial>>,
+)>;
+
+/// What may change what the maps show, beside where they stand.
+#[derive(SystemParam)]
+#[allow(clippy::type_complexity, reason = "filters of queries")]
+pub(crate) struct Motion<'w, 's> {
+    changed: Query<'w, 's, (), (Moving, Changes)>,
+    restless: Query<'w, 's, (), (Moving, Restless)>,
+    gone: RemovedComponents<'w, 's, Marked>,
+    meshes: MessageReader<'w, 's, AssetEvent<Mesh>>,
+    materials: MessageReader<'w, 's, AssetEvent<StandardMaterial>>,
+    images: MessageReader<'w, 's, AssetEvent<Image>>,
+}
+
+impl Motion<'_, '_> {
+    /// Whether anything did since the last call.
+    fn any(&mut self) -> bool {
+        // All of them, so that none tells old news later.
+        let gone = self.gone.read().count() > 0;
+        let meshes = (self.meshes.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        let materials = (self.materials.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        let images = (self.images.read()).any(|e| !matches!(e, AssetEvent::Unused { .. }));
+        self.meshes.clear();
+        self.materials.clear();
+        self.images.clear();
+        gone || meshes
+            || materials
+            || images
+            || !self.changed.is_empty()
+            || !self.restless.is_empty()
+    }
+}
 
 type Captures<'w, 's> = Query<
     'w,
@@ -174,7 +261,6 @@ type Captures<'w, 's> = Query<
         &'static mut Transform,
         &'static mut GlobalTransform,
     ),
-    Without<MeshlessGiCamera>,
 >;
 
 /// Aims the cameras of the lights that ask, and switches off those that have nothing to show.
@@ -186,7 +272,7 @@ type Captures<'w, 's> = Query<
 pub(crate) fn aim(
     mut commands: Commands,
     mut asking: ResMut<AskingLights>,
-    cameras: Query<(&Camera, &MeshlessGiCamera)>,
+    cameras: Query<(&Camera, &MeshlessGiCamera), Without<MeshlessGiCapture>>,
     points: Query<(LightParts, &PointLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
     spots: Query<(LightParts, &SpotLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
     directionals: Query<
@@ -199,18 +285,19 @@ pub(crate) fn aim(
     >,
     mut captures: Captures,
 ) {
-    if !asking.0.is_empty() {
-        asking.0.clear();
-    }
+    let before = match asking.lights.is_empty() {
+        true => Vec::new(),
+        false => std::mem::take(&mut asking.lights),
+    };
     let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
     let mut ask = |kind, parts: &_, light, settings: &MeshlessGiReflective| {
         let parts: &super::extract::LightPartsItem = parts;
-        asking.0.push(AskingLight {
+        asking.lights.push(AskingLight {
             key: (parts.entity.to_bits(), kind),
             light: FrameLight::expand(&light, 1)[0],
             layers: parts.layers.cloned().unwrap_or_default(),
             settings: settings.clone(),
-            place: Vec3::ZERO,
+            views: Vec::new(),
             maps: Err(Skip::NotInView),
         });
     };
@@ -224,12 +311,12 @@ pub(crate) fn aim(
         let sun = parts.directional(light);
         ask(LightKind::Directional, &parts, sun, settings);
     }
-    if asking.0.is_empty() && captures.is_empty() {
+    if asking.lights.is_empty() && captures.is_empty() {
         return;
     }
     // The same order in every run, whatever order the world keeps its entities in.
-    asking.0.sort_unstable_by_key(|light| light.key);
-    let boxes: Vec<Bounds> = match shown && !asking.0.is_empty() {
+    asking.lights.sort_unstable_by_key(|light| light.key);
+    let boxes: Vec<Bounds> = match shown && !asking.lights.is_empty() {
         true => (moving.iter())
             .filter(|(.., visible)| visible.get())
             .map(|(at, aabb, _)| bounds(at, aabb))
@@ -238,13 +325,13 @@ pub(crate) fn aim(
     };
 
     let mut order = CAPTURE_ORDER;
-    for light in &mut asking.0 {
+    let asking = &mut *asking;
+    for light in &mut asking.lights {
         if !shown {
             continue;
         }
         let texels = light.settings.texels();
         light.maps = map_views(&light.light, &boxes, texels).map(|views| {
-            light.place = views.first().map_or(Vec3::ZERO, |view| view.position);
             let mut drawn = Vec::with_capacity(views.len());
             for (map, view) in views.iter().enumerate() {
                 order += 1;
@@ -276,18 +363,33 @@ pub(crate) fn aim(
                     (*at, *global) = (to, to.into());
                 }
             }
+            light.views = views;
             drawn
         });
     }
+    let same = before.len() == asking.lights.len()
+        && before.iter().zip(&asking.lights).all(|(a, b)| a.like(b));
+    asking.still = if same {
+        asking.still.saturating_add(1)
+    } else {
+        0
+    };
     for (entity, capture, mut camera, ..) in &mut captures {
         let key = (capture.light.to_bits(), capture.kind);
-        let light = asking.0.iter().find(|light| light.key == key);
+        let light = asking.lights.iter().find(|light| light.key == key);
         match light.map(|light| &light.maps) {
             None => commands.entity(entity).despawn(),
             Some(Ok(maps)) if maps.contains(&entity) => {}
             Some(_) if camera.is_active => camera.is_active = false,
             Some(_) => {}
         }
+    }
+}
+
+/// After [`aim`], and after the frame's news of assets: whether what the maps show stands still.
+pub(crate) fn settle(mut asking: ResMut<AskingLights>, mut motion: Motion) {
+    if motion.any() && asking.still > 0 {
+        asking.still = 0;
     }
 }
 

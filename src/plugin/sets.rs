@@ -8,6 +8,8 @@ pub enum MeshlessGiSystems {
     /// `PreUpdate` of the main world: counters of the last frame reach the diagnostics, finished bakes become
     /// [`MeshlessGi`](super::MeshlessGi) components. Order *after* it to see them in the same frame.
     Collect,
+    /// `Update` of the main world: point clouds that have loaded get what they are drawn as ([`MeshlessGiPointCloud`](super::MeshlessGiPointCloud)).
+    Points,
     /// `PostUpdate` of the main world: the tier of each root is picked ([`MeshlessGiQuality`](super::MeshlessGiQuality)). What was asked for before it counts in the same frame.
     Pick,
     /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what moves is found, and the cameras of the

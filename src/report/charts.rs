@@ -14,9 +14,10 @@ const BLACK: usize = 6;
 const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
 /// Which factors share a colour.
-const GROUPS: [(&str, &[Factor]); 6] = [
+const GROUPS: [(&str, &[Factor]); 7] = [
     ("presets", &[Factor::Preset]),
     ("rule l08, as published", &[Factor::RuleL08]),
+    ("rule pca, bases of direct light", &[Factor::RulePca]),
     (
         "threshold ε (plain: without added levels)",
         &[Factor::Epsilon, Factor::Plain],
@@ -159,15 +160,19 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
     }
 }
 
-/// Error against links: the default rule and the paper's.
+/// Error against links: the default rule, the paper's, and bases of direct light where they were tried.
 fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
         (Rule::Bounded, "rule bounded (the default)", 0),
         (Rule::L08, "rule l08, as published", 1),
+        (Rule::Pca, "rule pca, bases of direct light", 2),
     ];
     let mut series = Vec::new();
     for (rule, title, look) in rules {
         let front = front(rows, rule);
+        if front.is_empty() && rule == Rule::Pca {
+            continue;
+        }
         let points = rows
             .iter()
             .enumerate()

@@ -20,5 +20,5 @@ pub use exam::{Exam, ExamSize, Grade};
 pub use measure::{Beside, Row, RowSettings};
 pub use rules::{Compared, Ratio, compare};
 pub use sweep::{Choose, Known, Report, ReportError, Step, Sweep, sweep};
-pub use text::{choice, section, text};
+pub use text::{beside_bases, choice, section, text};
 pub use variant::{BOUNCES, Factor, Run, Variant, baseline, full, quick};

@@ -1,4 +1,4 @@
-//! The default rule beside the paper's: links at equal error, and error at equal links, read off the two rules' Pareto fronts.
+//! The default rule beside others, that of \[L08\] as published and bases of direct light: links at equal error, and error at equal links, read off the two rules' Pareto fronts.
 
 use super::measure::Row;
 use super::variant::Factor;
@@ -27,10 +27,12 @@ impl Ratio {
     }
 }
 
-/// The two rules compared at one place of the front of `l08`.
+/// Two rules compared at one place of the other rule's front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
-    /// The bake by `l08`.
+    /// The row of the bake by the other rule.
+    pub row: usize,
+    /// Its name.
     pub name: String,
     /// Its links.
     pub links: f64,
@@ -65,17 +67,24 @@ pub fn comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces
 }
 
-/// Compares the rules at each place of the front of `l08`, fewest links first.
+/// Compares the default rule with that of \[L08\] at each place of its front, fewest links first.
 #[must_use]
 pub fn compare(rows: &[Row]) -> Vec<Compared> {
+    compare_with(rows, Rule::L08)
+}
+
+/// Compares the default rule with `rule` at each place of its front, fewest links first.
+#[must_use]
+pub fn compare_with(rows: &[Row], rule: Rule) -> Vec<Compared> {
     let ours: Vec<(f64, f64)> = front(rows, Rule::Bounded)
         .into_iter()
         .map(|(_, links, error)| (links, error))
         .collect();
     let by_error: Vec<(f64, f64)> = ours.iter().rev().map(|&(l, e)| (e, l)).collect();
-    front(rows, Rule::L08)
+    front(rows, rule)
         .into_iter()
         .map(|(i, links, error)| Compared {
+            row: i,
             name: rows[i].settings.name.clone(),
             links,
             error,

@@ -2,7 +2,7 @@
 
 use super::charts::Figure;
 use super::measure::Row;
-use super::rules::{Compared, Ratio, comparable, compare};
+use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
 use super::words::{cell, count, error, how, megabytes, percent, short, whole};
@@ -53,6 +53,13 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
         "\n{mark} The default rule beside the paper's\n\n{}",
         rules(&compare(&report.rows))
     );
+    let bases = beside_bases(&report.rows);
+    if !bases.is_empty() {
+        let _ = write!(
+            out,
+            "\n{mark} The default rule beside bases of direct light\n\n{bases}"
+        );
+    }
     let _ = write!(
         out,
         "\n{mark} Everything that was tried\n\n{}",
@@ -161,7 +168,7 @@ fn factors(rows: &[Row]) -> String {
             .filter(|r| r.settings.factor == factor)
             .collect();
         // Not one thing alone is changed.
-        let alone = matches!(factor, Factor::RuleL08 | Factor::Plain);
+        let alone = matches!(factor, Factor::RuleL08 | Factor::RulePca | Factor::Plain);
         if !alone && factor != Factor::Preset {
             all.push(base);
         }
@@ -306,6 +313,72 @@ fn rules(compared: &[Compared]) -> String {
         c.links_ratio
     });
     verdict("Error at equal links", GOALS.1, "a half", |c| c.error_ratio);
+    out
+}
+
+/// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where that rule was not tried.
+#[must_use]
+pub fn beside_bases(rows: &[Row]) -> String {
+    let compared = compare_with(rows, Rule::Pca);
+    if compared.is_empty() {
+        return String::new();
+    }
+    let mut out = "Rule `pca` ([P14]) writes each row in a few principal components of the direct light on each cluster of senders; all that follows is the \
+                   same. Each row below is a bake on its front, and what the default rule's front has there, on straight lines between the logarithms; \"at most\" stands \
+                   where that rule was tried only with what does better.\n\n\
+                   | by `pca` | error | links | file | bake, s | frame, ms | links of `bounded` at equal error | error of `bounded` at equal links |\n\
+                   |---|---|---|---|---|---|---|---|\n"
+        .to_string();
+    for c in &compared {
+        let row = &rows[c.row];
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} | {} |",
+            cell(&c.name),
+            percent(c.error),
+            count(c.links as u64),
+            megabytes(row.bytes),
+            short(row.bake_seconds),
+            short(row.frame_ms),
+            ratio(c.links_ratio),
+            ratio(c.error_ratio)
+        );
+    }
+    let least = |rule: Rule| {
+        let errors = rows
+            .iter()
+            .filter(|r| comparable(r) && r.settings.baked.rule == rule);
+        errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
+    };
+    let (ours, theirs) = (least(Rule::Bounded), least(Rule::Pca));
+    let wins = compared
+        .iter()
+        .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))
+        .count();
+    let found = match wins {
+        0 => "needs more links than the default rule for every error that it reached".to_string(),
+        n if n == compared.len() => {
+            "needs fewer links than the default rule for every error that it reached".to_string()
+        }
+        n => format!(
+            "needs fewer links than the default rule at {n} of the {} errors above",
+            compared.len()
+        ),
+    };
+    let advice = match wins {
+        0 => "Use `bounded` here.",
+        _ => {
+            "Use `bounded` where an error has to be met; `pca` at the errors where it needs fewer links, if lamps keep away from walls."
+        }
+    };
+    let _ = writeln!(
+        out,
+        "\nWhich to use: on this level `pca` {found}; the least error tried is {} by `pca` and {} by `bounded`. {advice} Bases are made for lamps like their examples, in the free space of the \
+         level, and for clusters that one handful of pictures describes: a lamp close to a wall, or a light that no example resembles, is blurred over \
+         its cluster (its energy is kept), and the rule has no bound on that.",
+        percent(theirs),
+        percent(ours)
+    );
     out
 }
 

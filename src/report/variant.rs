@@ -20,6 +20,8 @@ pub enum Factor {
     Plain,
     /// The paper's rule, by its threshold.
     RuleL08,
+    /// Bases of direct light, rule `pca`: vectors, clusters and threshold.
+    RulePca,
     /// Points of all levels.
     Density,
     /// Levels of the hierarchy.
@@ -42,11 +44,12 @@ pub enum Factor {
 
 impl Factor {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Preset,
         Self::Epsilon,
         Self::Plain,
         Self::RuleL08,
+        Self::RulePca,
         Self::Density,
         Self::Levels,
         Self::Added,
@@ -66,6 +69,7 @@ impl Factor {
             Self::Epsilon => "threshold ε",
             Self::Plain => "threshold ε, no added levels",
             Self::RuleL08 => "rule l08, as published",
+            Self::RulePca => "rule pca, bases of light",
             Self::Density => "density of points",
             Self::Levels => "levels",
             Self::Rays => "rays a point",
@@ -145,6 +149,9 @@ impl Variant {
         some(&mut out, "places", r.places);
         some(&mut out, "epsilon", r.epsilon);
         some(&mut out, "tolerance", r.tolerance);
+        some(&mut out, "coefficients", r.coefficients);
+        some(&mut out, "cluster_points", r.cluster_points);
+        some(&mut out, "lamps", r.lamps);
         some(&mut out, "bounces", r.bounces);
         let mode = r.bounce_mode;
         some(
@@ -195,6 +202,29 @@ fn l08(value: f32, cost: f64) -> Variant {
         ..draft()
     };
     Variant::new(Factor::RuleL08, format!("l08 ε {value}"), cost, recipe)
+}
+
+/// Bases of so many vectors for clusters of so many senders.
+fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
+    let recipe = Recipe {
+        rule: Rule::Pca,
+        coefficients: Some(coefficients),
+        cluster_points: Some(cluster_points),
+        ..draft()
+    };
+    let name = format!("pca {coefficients} of {cluster_points}");
+    Variant::new(Factor::RulePca, name, cost, recipe)
+}
+
+/// Rule `pca` as a preset has it.
+fn pca_preset(preset: Preset, cost: f64) -> Variant {
+    let recipe = Recipe {
+        preset,
+        rule: Rule::Pca,
+        ..Recipe::default()
+    };
+    let name = format!("pca, {preset:?}").to_lowercase();
+    Variant::new(Factor::RulePca, name, cost, recipe)
 }
 
 fn rays(count: u32) -> Variant {
@@ -271,8 +301,10 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
     all.extend(tiers(Preset::Draft));
     all.extend([
         l08(0.025, 1.0),
+        pca_preset(Preset::Draft, 1.3),
         epsilon(0.1, 0.8),
         l08(0.005, 1.0),
+        pca(10, 100, 1.3),
         plain(0.05, 0.7),
         plain(0.01, 0.9),
         rays(64),
@@ -290,10 +322,13 @@ pub fn full(base: &Settings) -> Vec<Variant> {
     all.extend(tiers(Preset::Draft));
     all.extend([0.1, 0.05, 0.025, 0.01, 0.004, 0.0015].map(|e| l08(e, 1.0)));
     all.extend([0.2, 0.1, 0.05, 0.02, 0.007, 0.0025].map(|e| plain(e, 0.8)));
+    all.push(pca_preset(Preset::Draft, 1.3));
+    all.extend([(3, 50), (10, 25), (20, 50), (10, 100), (30, 100)].map(|(k, n)| pca(k, n, 1.3)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));
     // As dear as the bake, so that they are left out with it.
     all.extend(tiers(Preset::Medium).map(|v| Variant { cost: 15.0, ..v }));
+    all.push(pca_preset(Preset::Medium, 16.0));
     all.push(epsilon(0.007, 2.0));
     all.extend([64, 128, 512, 1024, 4096].map(rays));
     all.extend([0.25, 0.5, 2.0, 4.0].map(|times| density(base, times)));

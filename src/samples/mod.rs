@@ -10,6 +10,7 @@ mod place;
 mod point;
 mod poisson;
 mod random;
+mod scatter;
 mod viewpoints;
 
 pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
@@ -20,6 +21,7 @@ pub use openness::{OPENNESS_RAYS, openness};
 pub use particles::{Candidate, Traced, local_candidates, trace_particles};
 pub use place::LitPlace;
 pub use point::Point;
-pub use poisson::{DiskSettings, Disks, fill_level, throw_darts};
+pub use poisson::{DiskSettings, Disks, fill_level, thin_out, throw_darts};
 pub use random::{Random, mix};
+pub use scatter::scatter;
 pub use viewpoints::find_viewpoints;

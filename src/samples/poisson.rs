@@ -72,12 +72,17 @@ impl Buckets {
     }
 
     fn insert(&mut self, points: &[Candidate]) {
-        if points.len() > self.heads.len() {
+        self.grow(points.len(), |i| points[i].surface.position);
+    }
+
+    /// Enters what was added since the last call: there are `count` points now, at these places.
+    fn grow(&mut self, count: usize, place: impl Fn(usize) -> Vec3) {
+        if count > self.heads.len() {
             self.heads = vec![Self::NONE; 4 * self.heads.len()];
             self.next.clear();
         }
-        for (i, point) in points.iter().enumerate().skip(self.next.len()) {
-            let b = self.bucket(HashedGrid::cell(point.surface.position, self.cell));
+        for i in self.next.len()..count {
+            let b = self.bucket(HashedGrid::cell(place(i), self.cell));
             self.next.push(self.heads[b]);
             self.heads[b] = i as u32;
         }
@@ -205,4 +210,24 @@ pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<
         }
     }
     points
+}
+
+/// Those of `points`, places (metres) and unit normals, that are left when all of them are thrown in `order` and at least `radius` apart under \[L08\] Eq. (11):
+/// their numbers, in that order. Every other one is nearer than `radius` to one of them.
+#[must_use]
+pub fn thin_out(points: &[(Vec3, Vec3)], order: &[u32], radius: f32) -> Vec<u32> {
+    let mut kept: Vec<u32> = Vec::new();
+    let mut buckets = Buckets::new(radius);
+    for &i in order {
+        let (x, n) = points[i as usize];
+        let near = buckets.any_near(x, |k| {
+            let (y, m) = points[kept[k as usize] as usize];
+            distance_5d(x, n, y, m) < radius
+        });
+        if !near {
+            kept.push(i);
+            buckets.grow(kept.len(), |k| points[kept[k] as usize].0);
+        }
+    }
+    kept
 }

@@ -1,5 +1,6 @@
 //! What can be wrong with a scene, and where.
 
+use super::{PlyError, PointsError};
 use std::path::PathBuf;
 
 /// Why a scene could not be loaded. Every variant says in which file.
@@ -21,6 +22,22 @@ pub enum SceneError {
         file: String,
         /// What is wrong, and where as far as it is known.
         reason: String,
+    },
+    /// A point cloud's file is not valid.
+    #[error("{file}: {why}")]
+    Ply {
+        /// The file.
+        file: String,
+        /// What is wrong, and in which line or at which byte.
+        why: PlyError,
+    },
+    /// The points of a file make no surface.
+    #[error("{file}: {why}")]
+    Points {
+        /// The file.
+        file: String,
+        /// What is wrong with them.
+        why: PointsError,
     },
     /// A mesh of the file is not valid.
     #[error("{file}: mesh {mesh}, primitive {primitive}: {reason}")]

@@ -142,7 +142,17 @@ pub trait Geometry: Sync {
 
     /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
     fn lift(&self, p: Vec3) -> f32 {
-        let size = self.bounds().size().max_element();
-        (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
+        mesh_lift(self.bounds().size().max_element(), p)
     }
+
+    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it, metres; 0 for smooth surfaces. A frame knows no geometry but
+    /// triangles, and lifts its shadow rays for rounding alone: places that are to be lit by one stand so far above the surface.
+    fn roughness(&self, _p: Vec3) -> f32 {
+        0.0
+    }
+}
+
+/// The lift off exact surfaces at `p` of a geometry of this size, metres.
+pub(super) fn mesh_lift(size: f32, p: Vec3) -> f32 {
+    (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
 }

@@ -153,7 +153,7 @@ impl Texture {
 }
 
 /// sRGB codes as linear values (IEC 61966-2-1), by a power function that gives the same bits on every machine.
-fn srgb_table() -> &'static [f32; 256] {
+pub(super) fn srgb_table() -> &'static [f32; 256] {
     static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
     TABLE.get_or_init(|| {
         std::array::from_fn(|i| {

@@ -5,6 +5,8 @@
 //! wins, so that an answer does not depend on the order of traversal.
 
 use super::bvh_build::build_wide;
+use super::geometry::mesh_lift;
+use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{Bounds, Bvh, Geometry, Hit, Material, Ray, Site, Surface, Texture};
 use core::f32::consts::PI;
@@ -55,6 +57,29 @@ impl MeshProblems {
     pub fn dropped(&self) -> u64 {
         self.not_finite + self.no_area + self.bad_index
     }
+
+    /// Adds what was wrong elsewhere.
+    #[cfg(feature = "cli")]
+    pub(super) fn add(&mut self, other: &Self) {
+        self.not_finite += other.not_finite;
+        self.no_area += other.no_area;
+        self.bad_index += other.bad_index;
+        self.bad_material += other.bad_material;
+        self.albedo_clamped += other.albedo_clamped;
+        self.bad_emission += other.bad_emission;
+        self.bad_texture += other.bad_texture;
+    }
+}
+
+/// What a mesh is made of, triangles in their order.
+pub(super) struct FaceParts {
+    pub(super) triangles: Vec<[Vec3; 3]>,
+    pub(super) material_of: Vec<u32>,
+    /// Empty where there are no textures.
+    pub(super) uvs: Vec<TriangleUvs>,
+    pub(super) materials: Vec<Material>,
+    pub(super) textures: Vec<Texture>,
+    pub(super) lifts: Vec<Lifts>,
 }
 
 /// A triangle as traversal reads it. 48 bytes.
@@ -81,6 +106,8 @@ pub struct TriangleMesh {
     wide: CwBvh,
     bvh_time: Duration,
     problems: MeshProblems,
+    /// Where the cells of points are rough.
+    lifts: Vec<Lifts>,
 }
 
 impl TriangleMesh {
@@ -170,6 +197,7 @@ impl TriangleMesh {
             wide,
             bvh_time,
             problems,
+            lifts: Vec::new(),
         }
     }
 
@@ -233,6 +261,27 @@ impl TriangleMesh {
     #[must_use]
     pub fn bvh_time(&self) -> Duration {
         self.bvh_time
+    }
+
+    pub(super) fn texture_count(&self) -> usize {
+        self.textures.len()
+    }
+
+    pub(super) fn into_parts(self) -> FaceParts {
+        let in_order = || self.place.iter().map(|&k| &self.faces[k as usize]);
+        FaceParts {
+            triangles: in_order().map(|f| f.corners).collect(),
+            material_of: in_order().map(|f| f.material).collect(),
+            uvs: self.uvs,
+            materials: self.materials,
+            textures: self.textures,
+            lifts: self.lifts,
+        }
+    }
+
+    /// Lifts that rays need on top of [`Geometry::lift`]'s own.
+    pub(super) fn set_lifts(&mut self, lifts: impl IntoIterator<Item = Lifts>) {
+        self.lifts = lifts.into_iter().collect();
     }
 
     #[cfg(feature = "gltf")]
@@ -348,6 +397,11 @@ fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     let cross = (b - a).cross(c - a);
     let length = cross.length();
     (length > 0.0).then(|| (cross / length).as_vec3())
+}
+
+/// Whether rays can meet a triangle.
+pub(super) fn has_area(corners: &[Vec3; 3]) -> bool {
+    normal(corners).is_some()
 }
 
 /// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that is the front.
@@ -563,5 +617,14 @@ impl Geometry for TriangleMesh {
             normal,
             lit: front || self.materials[face.material as usize].double_sided,
         }
+    }
+
+    fn lift(&self, p: Vec3) -> f32 {
+        self.roughness(p)
+            .max(mesh_lift(self.bounds.size().max_element(), p))
+    }
+
+    fn roughness(&self, p: Vec3) -> f32 {
+        self.lifts.iter().map(|l| l.at(p)).fold(0.0, f32::max)
     }
 }

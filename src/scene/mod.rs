@@ -13,9 +13,15 @@ mod geometry;
 #[cfg(feature = "gltf")]
 mod gltf;
 mod implicit;
+mod join;
+#[cfg(feature = "gltf")]
+mod level;
 mod light;
 mod material;
 mod mesh;
+mod ply;
+mod points;
+mod statue;
 mod watertight;
 
 pub use bvh::{Bvh, BvhNode, BvhTriangle};
@@ -27,7 +33,12 @@ pub use geometry::{Bounds, Geometry, Hit, Ray, Site, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
+#[cfg(feature = "gltf")]
+pub use level::{LoadedGeometry, load_geometry};
 pub use light::Light;
 pub use material::{Material, Texture, Wrap};
 pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};
+pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, write_ply};
+pub use points::{LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes};
+pub use statue::statue_room;
 pub use watertight::{TriangleHit, WatertightRay};

@@ -1,6 +1,7 @@
 //! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse operator that comes out.
 
 pub mod bounded;
+pub mod fmm;
 mod gather;
 mod handed;
 pub mod l08;
@@ -8,6 +9,7 @@ mod leaves;
 mod neumann;
 mod operator;
 mod pack;
+pub mod pca;
 mod refine;
 mod tiers;
 mod training;

@@ -4,6 +4,7 @@
 //! F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, a dimensionless 3-vector with |F_ij| ≤ 1 ([L08] Eq. (16) without ρ). The vector
 //! irradiance at the point is E⃗_i = Σ_j F_ij b_j, with b_j the sender's radiosity coefficient in W/m².
 
+use super::pca::Compression;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use half::f16;
@@ -41,7 +42,7 @@ impl Link {
         Vec3::new(half(self.xy), half(self.xy >> 16), half(self.z_sender))
     }
 
-    /// The sender's index.
+    /// The sender's index, or the column's.
     #[must_use]
     #[inline]
     pub fn sender(self) -> u32 {
@@ -81,6 +82,17 @@ pub enum SenderForm {
     Averages,
     /// Differences to the coarser levels, α_j of \[L08\] Eq. (7); rows are differences too, Eq. (17) (rule `l08`).
     Differences,
+    /// Coefficients of the senders' radiosity in bases of direct light, one basis a cluster ([`Compression`]); rows stand alone, and an inactive point takes
+    /// the weighted mean of its parents, as with averages (rule `pca`, \[P14\] Eq. (10)).
+    Components,
+}
+
+impl SenderForm {
+    /// Whether rows stand alone, so that a point without one takes its parents' mean.
+    #[must_use]
+    pub fn rows_stand_alone(self) -> bool {
+        self != Self::Differences
+    }
 }
 
 /// The one-bounce operator G: sender radiosity to vector irradiance at every point.
@@ -91,13 +103,23 @@ pub struct Operator {
     /// One row a point.
     pub rows: Vec<Row>,
     /// All links: tier after tier, row after row within a tier, senders ascending within a row. The links of a tier and those below it are a prefix. The sender
-    /// with the index "number of senders" is the sky: its coefficient is π times the sky's radiance.
+    /// with the index "number of senders" (of columns, in the form of components) is the sky: its coefficient is π times the sky's radiance.
     pub links: Vec<Link>,
+    /// From senders to the columns that links of the form of components name in place of senders; None in every other form.
+    pub compression: Option<Compression>,
 }
 
 impl Operator {
     /// Most tiers of an operator.
     pub const MOST_TIERS: u32 = 16;
+
+    /// How many coefficients links may name, the sky's not counted: columns in the form of components, else the `senders`.
+    #[must_use]
+    pub fn coefficients(&self, senders: usize) -> usize {
+        self.compression
+            .as_ref()
+            .map_or(senders, Compression::components)
+    }
 
     /// How many tiers there are: 1 at least.
     #[must_use]

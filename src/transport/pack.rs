@@ -13,7 +13,7 @@ pub struct Packed {
 }
 
 /// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes
-/// each active row's last link, to the sender `senders` (see [`Operator::links`]).
+/// each active row's last link, to the sender `senders` (see [`Operator::links`]). In the form of components, `senders` counts columns.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
@@ -32,11 +32,12 @@ pub fn pack(
             })
             .collect(),
         links: Vec::new(),
+        compression: None,
     };
     let mut error = 0.0f32;
     for i in row_order(&operator.rows) {
         let i = i as usize;
-        let sky = (form == SenderForm::Averages && sky[i] != Vec3::ZERO)
+        let sky = (form.rows_stand_alone() && sky[i] != Vec3::ZERO)
             .then(|| (senders as u32, Vec3A::from(sky[i])));
         let all = || rows[i].links.iter().copied().chain(sky);
         let scale = all().fold(0.0f32, |a, (_, v)| a.max(v.abs().max_element()));

@@ -14,6 +14,7 @@ use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
 use super::handed::Handed;
 use super::leaves::Leaves;
+use super::pca::{CompressScratch, LightBasis};
 use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
@@ -102,6 +103,7 @@ struct Gather1 {
 struct Room {
     gathered: Gathered,
     cut: CutScratch,
+    compress: CompressScratch,
     compared: Compared,
     /// The gathered senders and their links' normal components, before the cut.
     masses: Vec<(u32, f32)>,
@@ -129,13 +131,14 @@ struct Known {
 }
 
 /// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents
-/// say. `progress` is told how much is done and may stop the work by answering false; then nothing comes back.
+/// say. With a `basis` rows are written in it (rule `pca`) and not cut. `progress` is told how much is done and may stop the work by answering false; then nothing comes back.
 pub fn refine_bounded(
     gathering: &Gathering<'_>,
     receivers: &mut Receivers<'_>,
     tree: &SenderTree,
     training: &Training,
     settings: &BoundedSettings,
+    basis: Option<&LightBasis>,
     progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Option<Refined> {
     let senders = tree.parent.len();
@@ -208,6 +211,7 @@ pub fn refine_bounded(
                 || Room {
                     gathered: Gathered::new(senders),
                     cut: CutScratch::default(),
+                    compress: CompressScratch::default(),
                     compared: Compared {
                         halves: Vec::new(),
                         expected: vec![0.0; senders],
@@ -218,10 +222,10 @@ pub fn refine_bounded(
                 },
                 |room, &i| {
                     wanted[i - level.start].then(|| {
-                        let handed = (l < settings.always).then_some(&handed);
+                        let handed = (l < settings.always && basis.is_none()).then_some(&handed);
                         receive(
-                            scene, parents, &out, &known, tree, &measure, judged, !last, handed, i,
-                            room,
+                            scene, parents, &out, &known, tree, &measure, basis, judged, !last,
+                            handed, i, room,
                         )
                     })
                 },
@@ -264,7 +268,7 @@ pub fn refine_bounded(
         l += 1;
     }
     out.uncovered = uncovered / out.gathered.max(1) as f64;
-    out.handed = Some(handed);
+    out.handed = basis.is_none().then_some(handed);
     out.gather_share = share(times);
     Some(out)
 }
@@ -334,6 +338,7 @@ fn receive(
     known: &Known,
     tree: &SenderTree,
     measure: &CutMeasure<'_>,
+    basis: Option<&LightBasis>,
     judged: bool,
     keep: bool,
     handed: Option<&Handed>,
@@ -344,6 +349,7 @@ fn receive(
     let Room {
         gathered,
         cut,
+        compress,
         compared,
         masses,
         kept,
@@ -376,7 +382,10 @@ fn receive(
         let touched = gathered.touched.iter();
         masses.extend(touched.map(|&j| (j, gathered.link(j).dot(n))));
     }
-    let links = cut_row(gathered, tree, n, measure, cut);
+    let links = match basis {
+        Some(basis) => basis.compress(gathered, n, measure.epsilon, compress),
+        None => cut_row(gathered, tree, n, measure, cut),
+    };
     if let Some(handed) = handed {
         note_handed(handed, tree, &links, masses, kept);
     }

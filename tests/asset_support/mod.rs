@@ -11,7 +11,8 @@ use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurfac
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Row, SenderForm};
+use bevy_meshless_gi::transport::pca::{Column, Compression};
+use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use by_hand::operator;
 use glam::Vec3;
 
@@ -100,6 +101,11 @@ pub fn makes() -> Vec<Make> {
             triangles: 8,
             ..plain
         },
+        Make {
+            seed: 6,
+            form: SenderForm::Components,
+            ..plain
+        },
     ]
 }
 
@@ -168,8 +174,10 @@ pub fn build(make: &Make) -> BakedScene {
                 });
             }
             parents.push(match make.form {
-                SenderForm::Averages if l > 0 => row(r, starts[l - 1]..starts[l], 4),
-                SenderForm::Averages => Vec::new(),
+                SenderForm::Averages | SenderForm::Components if l > 0 => {
+                    row(r, starts[l - 1]..starts[l], 4)
+                }
+                SenderForm::Averages | SenderForm::Components => Vec::new(),
                 SenderForm::Differences => (0..l)
                     .flat_map(|k| row(r, starts[k]..starts[k + 1], 3))
                     .collect(),
@@ -183,14 +191,19 @@ pub fn build(make: &Make) -> BakedScene {
             .map(|_| LitPlace::new(r.signed(), r.signed().normalize()))
             .collect(),
     };
+    let compression = (make.form == SenderForm::Components).then(|| {
+        let own = (0..senders).filter(|&k| pull[k as usize].is_empty());
+        columns(own.collect(), senders)
+    });
+    let coefficients = (compression.as_ref()).map_or(senders, |c| c.components() as u32);
     let mut links = Vec::new();
     let rows = (0..count)
         .map(|i| {
             let start = links.len() as u32;
             let active = i % 3 != 2;
-            let optional = make.form == SenderForm::Averages && !parents[i].is_empty();
+            let optional = make.form.rows_stand_alone() && !parents[i].is_empty();
             if active {
-                for s in (0..=senders)
+                for s in (0..=coefficients)
                     .filter(|s| !(s + i as u32).is_multiple_of(3))
                     .take(6)
                 {
@@ -238,8 +251,12 @@ pub fn build(make: &Make) -> BakedScene {
             ..BvhTriangle::default()
         })
         .collect();
-    let operator = operator(make.form, rows, &links);
+    let operator = Operator {
+        compression,
+        ..operator(make.form, rows, &links)
+    };
     BakedScene {
+        visibility: None,
         bvh: Bvh {
             nodes: chain(triangles.len()),
             triangles,
@@ -270,6 +287,39 @@ pub fn build(make: &Make) -> BakedScene {
             grid,
         },
     }
+}
+
+/// Clusters of three senders and what is left, with the constant vector and one more of length one each; the sky's column behind them.
+fn columns(own: Vec<u32>, senders: u32) -> Compression {
+    let mut out = Compression::default();
+    let mut push = |member: usize, halves: &[u32], scale: f32| {
+        out.columns.push(Column {
+            member: member as u32,
+            count: halves.len() as u32,
+            value: out.values.len() as u32,
+            scale,
+        });
+        let word = |w: &[u32]| w[0] | w.get(1).copied().unwrap_or(0) << 16;
+        out.values.extend(halves.chunks(2).map(word));
+    };
+    // Halves: one, and minus one.
+    const ONE: u32 = 0x3c00;
+    const LESS: u32 = 0xbc00;
+    let mut member = 0;
+    for cluster in own.chunks(3) {
+        let n = cluster.len();
+        push(member, &vec![ONE; n], 1.0 / (n as f32).sqrt());
+        if n > 1 {
+            let mut up = vec![0; n];
+            (up[0], up[n - 1]) = (ONE, LESS);
+            push(member, &up, 0.5f32.sqrt());
+        }
+        member += n;
+    }
+    push(member, &[ONE], 1.0);
+    out.members = own;
+    out.members.push(senders);
+    out
 }
 
 /// A tree that takes one triangle off at each level.

@@ -125,7 +125,12 @@ fn a_room_that_would_never_grow_dark_is_told_of() {
     assert_eq!(code, 0);
     // The statistics write single precision out as double.
     for (name, told) in energy.as_object().unwrap() {
-        let [a, b] = [told, &info["info"]["energy"][name]].map(|v| v.as_f64().unwrap());
+        let there = &info["info"]["energy"][name];
+        if told.is_boolean() {
+            assert_eq!(told, there, "{name}");
+            continue;
+        }
+        let [a, b] = [told, there].map(|v| v.as_f64().unwrap());
         assert!((a - b).abs() <= 1e-6 * a.abs(), "{name}: {a} {b}");
     }
     let (code, out, _) = run(&["inspect", &at("out.mgi")]);

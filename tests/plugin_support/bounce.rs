@@ -6,10 +6,12 @@ use super::scenes::{Quad, Room, exposure};
 use bevy::prelude::*;
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::gloss::{GlossView, Lights};
 use bevy_meshless_gi::frame::project::extent;
 use bevy_meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
 use bevy_meshless_gi::frame::{
-    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams, rsm, vpl,
+    FrameLight, GlossSettings, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams,
+    VplViewParams, gbuffer, pyramid, rsm, vpl,
 };
 use bevy_meshless_gi::plan::{Lens, map_views};
 use bevy_meshless_gi::plugin::MeshlessGiReflective;
@@ -184,6 +186,59 @@ pub fn cpu_bounce(
         let e = vpl::vpl_at(&params, lights, &bvh, surface.position, surface.normal);
         let e = e.dot(surface.normal).max(Vec3::ZERO);
         (exposure() * surface.albedo * e / PI).to_array()
+    };
+    Picture {
+        width: WIDTH as usize,
+        height: HEIGHT as usize,
+        pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
+    }
+}
+
+/// What smooth surfaces of `seen`, all of this roughness and reflectance, show of `lights`: every pixel, no shadows.
+pub fn cpu_gloss(
+    seen: &Things,
+    lights: &[Vpl],
+    camera: Transform,
+    [roughness, reflectance]: [f32; 2],
+) -> Picture {
+    let size = [WIDTH, HEIGHT];
+    let world_from_view = Mat4::from_rotation_translation(camera.rotation, camera.translation);
+    let clip_from_view =
+        Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, WIDTH as f32 / HEIGHT as f32, 0.1);
+    let drawn = DrawnView::new(seen, clip_from_view * world_from_view.inverse(), size);
+    let gbuffer: Vec<_> = (drawn.gbuffer.iter())
+        .map(|texel| gbuffer::glossy(*texel, roughness, reflectance))
+        .collect();
+    let viewport = [0.0, 0.0, WIDTH as f32, HEIGHT as f32];
+    let view = VplViewParams {
+        space_from_clip: space_from_clip(&world_from_view, &clip_from_view, Vec3::ZERO)
+            .to_cols_array_2d(),
+        viewport,
+        size,
+        scale: exposure(),
+        pad: 0,
+    };
+    let view_from_clip = clip_from_view.inverse();
+    let view_from_world = world_from_view.inverse();
+    let (screen, params) =
+        GlossSettings::default().params(view_from_clip, view_from_world, viewport, size);
+    let on = GlossView {
+        screen: &screen,
+        params: &params,
+        view: &view,
+        lights: Lights {
+            lit: &VplParams::unshadowed(lights.len() as u32),
+            vpls: lights,
+            bvh: &Bvh::default(),
+        },
+        picture: pyramid::Picture {
+            depth: &drawn.depth,
+            gbuffer: &gbuffer,
+        },
+    };
+    let pixel = |i: u32| {
+        let [r, g, b, _] = on.full([i % WIDTH, i / WIDTH]);
+        [r, g, b]
     };
     Picture {
         width: WIDTH as usize,

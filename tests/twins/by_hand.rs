@@ -16,5 +16,6 @@ pub fn operator(form: SenderForm, mut rows: Vec<Row>, links: &[Link]) -> Operato
         form,
         rows,
         links: sorted,
+        compression: None,
     }
 }

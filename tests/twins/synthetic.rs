@@ -9,7 +9,8 @@ use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::frame::FrameLight;
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Light};
-use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Row, SenderForm};
+use bevy_meshless_gi::transport::pca::{Column, Compression};
+use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use by_hand::operator;
 use glam::{IVec3, Vec3};
 
@@ -117,10 +118,17 @@ pub fn scene(form: SenderForm) -> BakedScene {
     }));
     let parents = Weights::from_rows((0..count).map(|i| match (level_of(i), form) {
         (0, _) => Vec::new(),
-        (l, SenderForm::Averages) => row(&mut dice, level(l - 1)),
+        (l, SenderForm::Averages | SenderForm::Components) => row(&mut dice, level(l - 1)),
         (l, SenderForm::Differences) => (0..l).flat_map(|k| row(&mut dice, level(k))).collect(),
     }));
 
+    let compression = (form == SenderForm::Components).then(|| {
+        let own = (0..senders).filter(|&k| pull.row(k).is_empty());
+        columns(&mut dice, own.map(|k| k as u32).collect(), senders)
+    });
+    let coefficients = compression
+        .as_ref()
+        .map_or(senders, Compression::components);
     let mut rows = Vec::new();
     let mut links = Vec::new();
     for i in 0..count {
@@ -129,7 +137,7 @@ pub fn scene(form: SenderForm) -> BakedScene {
         let n = match i {
             _ if !active => 0,
             10 => 0,
-            20 => senders + 1,
+            20 => coefficients + 1,
             _ => 1 + dice.below(400),
         };
         let scale = 0.002 + 0.01 * dice.unit();
@@ -139,12 +147,16 @@ pub fn scene(form: SenderForm) -> BakedScene {
             scale,
             tier: match active {
                 false => 0,
-                true if form == SenderForm::Averages && level_of(i) > 0 => 1 + (i as u32 / 2) % 4,
+                true if form.rows_stand_alone() && level_of(i) > 0 => 1 + (i as u32 / 2) % 4,
                 true => 1,
             },
         });
         for k in 0..n {
-            let sender = if i == 20 { k } else { dice.below(senders + 1) };
+            let sender = if i == 20 {
+                k
+            } else {
+                dice.below(coefficients + 1)
+            };
             links.push(Link::pack(scale * dice.vec(), scale, sender as u16));
         }
     }
@@ -172,7 +184,11 @@ pub fn scene(form: SenderForm) -> BakedScene {
         },
         pull,
         parents,
-        operator: operator(form, rows, &links),
+        operator: Operator {
+            compression,
+            ..operator(form, rows, &links)
+        },
+        visibility: None,
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,
@@ -185,6 +201,38 @@ pub fn scene(form: SenderForm) -> BakedScene {
             ..BakeInfo::default()
         },
     }
+}
+
+/// Columns of clusters of one sender, two, seven and more; the sky's behind them.
+fn columns(dice: &mut Dice, own: Vec<u32>, senders: usize) -> Compression {
+    let mut out = Compression::default();
+    let sizes = [1, 2, 7, 30, usize::MAX];
+    let mut at = 0;
+    for size in sizes {
+        let count = size.min(own.len() - at);
+        at += count;
+        for _ in 0..5 {
+            out.columns.push(Column {
+                member: (at - count) as u32,
+                count: count as u32,
+                value: out.values.len() as u32,
+                scale: 0.1 + 0.2 * dice.unit(),
+            });
+            let words = (0..count.div_ceil(2)).map(|_| Link::pack(dice.vec(), 1.0, 0).xy);
+            out.values.extend(words);
+        }
+    }
+    out.members = own;
+    out.columns.push(Column {
+        member: out.members.len() as u32,
+        count: 1,
+        value: out.values.len() as u32,
+        scale: 1.0,
+    });
+    out.members.push(senders as u32);
+    // A half of one.
+    out.values.push(0x3c00);
+    out
 }
 
 /// Light slots of every kind: a point, a spot, a sun, a free slot, a rectangle, and a point light with a short range.

@@ -8,7 +8,7 @@ use bevy_meshless_gi::bake::{
     BakeError, BakeLevelError, BakeStats, Baked, Preset, Recipe, RecipeError, Rule, Settings,
     bake_level, cast_gather_rays,
 };
-use bevy_meshless_gi::scene::{LoadedScene, TriangleMesh, load_gltf};
+use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ pub const MOST_THREADS: i64 = 1024;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level (.glb, .gltf), or a recipe (.gi.ron) that names one.
+    /// The level: triangles (.glb, .gltf), points (.ply), both (a .json whose geometry names them), or a recipe (.gi.ron) that names one.
     scene: PathBuf,
     /// Where the bake goes.
     #[arg(short, long, value_name = "OUT.mgi")]
@@ -64,15 +64,51 @@ struct Options {
     /// Diffuse reflections, 1 to 64.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
-    /// Which links are kept [bounded, l08; bounded if left out].
+    /// Which links are kept [bounded, l08, pca; bounded if left out].
     #[arg(long, hide_possible_values = true, value_parser = rule())]
     rule: Option<Rule>,
+    /// Rule pca: vectors of a cluster's basis of direct light, 1 to 1000 (10 if left out).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    coefficients: Option<u32>,
+    /// Rule pca: senders of a cluster, about [a 64th of them].
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    cluster_points: Option<u32>,
+    /// Rule pca: example lamps that the bases are made from (1000 if left out).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    lamps: Option<u32>,
     /// Threshold of the rule, 0 to 1.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     epsilon: Option<f32>,
     /// Bake again, finer, until the estimated error (NRMSE, 0.05 for 5 %) is at most this.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     max_error: Option<f32>,
+    /// Bake what points see, for lights with soft shadows.
+    #[arg(long)]
+    soft_shadows: bool,
+    /// Soft shadows: directions a point, 16 to 16384 (2016 if left out).
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_directions: Option<u32>,
+    /// Soft shadows: most coefficients a point, 1 to 128 (50 if left out).
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_coefficients: Option<u32>,
+    /// Soft shadows: points of a cluster, about, 16 to 65536 (400 if left out).
+    #[arg(
+        long,
+        value_name = "N",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_cluster: Option<u32>,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     seed: Option<u64>,
@@ -87,8 +123,9 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
 }
 
 fn rule() -> impl TypedValueParser<Value = Rule> {
-    PossibleValuesParser::new(["bounded", "l08"]).map(|word| match word.as_str() {
+    PossibleValuesParser::new(["bounded", "l08", "pca"]).map(|word| match word.as_str() {
         "l08" => Rule::L08,
+        "pca" => Rule::Pca,
         _ => Rule::Bounded,
     })
 }
@@ -120,8 +157,17 @@ impl Options {
         over(&mut recipe.coarse_radius, self.coarse_radius);
         over(&mut recipe.levels, self.levels);
         over(&mut recipe.sender_levels, self.sender_levels);
+        if self.soft_shadows {
+            let soft = recipe.soft_shadows.get_or_insert_default();
+            soft.directions = self.visibility_directions.unwrap_or(soft.directions);
+            soft.coefficients = self.visibility_coefficients.unwrap_or(soft.coefficients);
+            soft.cluster_points = self.visibility_cluster.unwrap_or(soft.cluster_points);
+        }
         over(&mut recipe.rays, self.rays);
         over(&mut recipe.bounces, self.bounces);
+        over(&mut recipe.coefficients, self.coefficients);
+        over(&mut recipe.cluster_points, self.cluster_points);
+        over(&mut recipe.lamps, self.lamps);
         over(&mut recipe.epsilon, self.epsilon);
         over(&mut recipe.max_error, self.max_error);
     }
@@ -222,12 +268,6 @@ pub fn level_and_recipe(
     recipe: Option<&PathBuf>,
 ) -> Result<(Recipe, PathBuf), ToolError> {
     let name = scene.to_string_lossy().to_lowercase();
-    if name.ends_with(".ply") {
-        return Err(ToolError::input(
-            scene,
-            &"point clouds (.ply) are not supported yet; a level is a .glb or .gltf file",
-        ));
-    }
     let is_recipe = name.ends_with(".ron");
     let recipe_file = match (is_recipe, recipe) {
         (true, Some(_)) => {
@@ -288,13 +328,20 @@ fn same_file(a: &Path, b: &Path) -> bool {
 /// Reads a level, and remarks on what was not taken as it stands there.
 pub fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new(format!("reading {}", path.display()));
-    let LoadedScene {
+    let LoadedGeometry {
         mesh,
+        points,
         problems,
         notes,
-        ..
-    } = load_gltf(path)?;
+    } = load_geometry(path)?;
     drop(step);
+    if points > 0 {
+        output::note(&format!(
+            "{} points; their cells are {} triangles",
+            output::count(points),
+            output::count(mesh.len() as u64)
+        ));
+    }
     for note in &notes {
         output::note(note);
     }

@@ -5,30 +5,57 @@ use super::error::ToolError;
 use super::output::{self, count};
 use super::picture::{self, View};
 use super::progress;
+use super::{bake, scatter};
 use bevy_meshless_gi::accuracy::{Camera, ReferenceSettings, irradiance_at_all};
 use bevy_meshless_gi::asset::{BakedScene, check_writable, write_file};
 use bevy_meshless_gi::bake::{Baked, Preset, Recipe, bake_level};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use bevy_meshless_gi::scene::{Light, TriangleMesh, cornell_box, mesh_of_quads};
+use bevy_meshless_gi::scene::{
+    Geometry, Light, PlyEncoding, TriangleMesh, cornell_box, mesh_of_quads, statue_room,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Pixels along each side of a picture.
-const SIZE: u32 = 256;
+/// The statue's points are no nearer to each other than this, metres.
+const SPACING: f32 = 0.02;
 /// Patches that the lamp counts for in a frame.
 const PATCHES: u32 = 64;
 /// Diffuse reflections of a frame; the reference has all.
 const BOUNCES: u32 = 12;
-/// Paths of the reference for each of the samples of a pixel, in two halves that know nothing of each other.
-const PATHS: u32 = 40;
+
+/// How much care a demo takes.
+struct Effort {
+    /// Pixels along each side of a picture.
+    size: u32,
+    /// Rays that the bake casts for each of its points.
+    rays: u32,
+    /// Paths of the reference for each of the samples of a pixel, in two halves that know nothing of each other.
+    paths: u32,
+}
+
+/// For triangles.
+const TRIANGLES: Effort = Effort {
+    size: 256,
+    rays: 1024,
+    paths: 40,
+};
+/// For the statue: rays among a hundred thousand cells cost several times those in an empty room.
+const POINTS: Effort = Effort {
+    size: 192,
+    rays: 512,
+    paths: 16,
+};
 
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder for the pictures, the bake and the table.
     #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
     output: PathBuf,
+    /// Bake a point cloud instead: a statue in the Cornell box, all of it points; they are written as statue.ply.
+    #[arg(long)]
+    points: bool,
 }
 
 /// The lamp at one place.
@@ -53,12 +80,16 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let composed = folder.join("demo.png");
     check_writable(&composed).map_err(|why| ToolError::write(&composed, &why))?;
 
-    let mesh = mesh_of_quads(&cornell_box());
-    let recipe = recipe();
+    let (name, effort, mesh) = match args.points {
+        true => ("statue", POINTS, statue(&folder.join("statue.ply"))?),
+        false => ("cornell", TRIANGLES, mesh_of_quads(&cornell_box())),
+    };
+    let size = effort.size;
+    let recipe = recipe(effort.rays);
     let Baked { scene, mut stats } =
         progress::watch(|progress| bake_level(&mesh, &recipe, 0, progress))
             .map_err(|why| ToolError::Input(format!("the Cornell box: {why}")))?;
-    let file = folder.join("cornell.mgi");
+    let file = folder.join(format!("{name}.mgi"));
     stats.bytes = scene
         .write(&file)
         .map_err(|why| ToolError::asset(&file, &why))?;
@@ -69,25 +100,29 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         up: Vec3::Y,
         vertical_angle: 42f32.to_radians(),
     };
-    let view = View::new(&mesh, &camera, SIZE);
+    let view = View::new(&mesh, &camera, size);
     let mut rows = Vec::new();
     let mut all = Vec::new();
     for (i, place) in places().iter().enumerate() {
         let step = progress::Step::new(format!("lamp {} of 3: {}", i + 1, place.name));
-        let (row, pictures) = show(&scene, &mesh, &view, place);
+        let (row, pictures) = show(&scene, &mesh, &view, place, effort.paths);
         drop(step);
         for (kind, pixels) in ["direct", "indirect", "reference"].iter().zip(&pictures) {
             let path = folder.join(format!("lamp{}_{kind}.png", i + 1));
-            save(&path, SIZE, SIZE, pixels)?;
+            save(&path, size, size, pixels)?;
         }
         rows.push(row);
         all.push(pictures);
     }
-    let (side, pixels) = picture::grid(&all, SIZE);
+    let (side, pixels) = picture::grid(&all, size);
     save(&composed, side, side, &pixels)?;
 
     let mut text = format!(
-        "Cornell box, {} triangles: baked in {:.1} s on {} threads, {} points, {} links, {} bytes, estimated error {}\n\n",
+        "{}, {} triangles: baked in {:.1} s on {} threads, {} points, {} links, {} bytes, estimated error {}\n\n",
+        match args.points {
+            true => "Statue of points",
+            false => "Cornell box",
+        },
         count(stats.triangles),
         stats.seconds.total,
         stats.threads,
@@ -115,11 +150,19 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     ))
 }
 
+/// The statue's room as the cells of scattered points, which are written to a file and read from it.
+fn statue(file: &Path) -> Result<TriangleMesh, ToolError> {
+    let step = progress::Step::new("scattering points");
+    scatter::write(&statue_room(), SPACING, 1, PlyEncoding::LittleEndian, file)?;
+    drop(step);
+    bake::load(file)
+}
+
 /// Few points, for a quick bake, but many rays and a tight bound for them.
-fn recipe() -> Recipe {
+fn recipe(rays: u32) -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        rays: Some(1024),
+        rays: Some(rays),
         epsilon: Some(0.02),
         ..Recipe::default()
     }
@@ -169,13 +212,17 @@ fn show(
     mesh: &TriangleMesh,
     view: &View,
     place: &Place,
+    paths: u32,
 ) -> (Row, [Vec<[u8; 3]>; 3]) {
     let began = Instant::now();
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, &FrameLight::expand(&place.lamp, PATCHES));
     frame.solve(scene, &FrameSettings::bounces(BOUNCES));
     let seconds = began.elapsed().as_secs_f64();
-    let direct: Vec<Vec3> = view.evaluate(|s| frame.direct(scene, s.position, s.normal));
+    let direct: Vec<Vec3> = view.evaluate(|s| {
+        let above = s.position + s.normal * mesh.roughness(s.position);
+        frame.direct(scene, above, s.normal)
+    });
     let indirect: Vec<Vec3> = view.evaluate(|s| {
         frame
             .irradiance(scene, s.position, s.normal)
@@ -186,7 +233,7 @@ fn show(
     let places: Vec<(Vec3, Vec3)> = view.samples().map(|s| (s.position, s.normal)).collect();
     let [one, other] = [1, 2].map(|seed| {
         let settings = ReferenceSettings {
-            paths: PATHS / 2,
+            paths: paths / 2,
             bounces: None,
             seed,
         };

@@ -6,7 +6,7 @@ use super::{output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
 use bevy_meshless_gi::frame::FrameSettings;
-use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
+use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_geometry};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -89,7 +89,7 @@ fn geometry(
     let needed = sky || baked.surfaces.iter().any(|s| s.emission != [0.0; 3]);
     let mut meshes = Vec::new();
     for path in &description.geometry {
-        match load_gltf(path) {
+        match load_geometry(path) {
             Ok(level) => meshes.push(level.mesh),
             Err(why) if why.is_io() && !needed => {
                 output::note(&format!("{why}; nothing in the bake needs it"));

@@ -116,10 +116,37 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             ),
         )
         .row(
+            "components",
+            match stats.columns {
+                0 => "none".into(),
+                columns => format!(
+                    "{} of {} clusters, {} values",
+                    output::count(columns),
+                    output::count(stats.clusters),
+                    output::count(stats.column_values)
+                ),
+            },
+        )
+        .row(
             "bounces",
             match stats.bounce_links {
                 0 => format!("{}, in the frame", info.bounces),
                 links => format!("{}, baked: {} links", info.bounces, output::count(links)),
+            },
+        )
+        .row(
+            "visibility",
+            match &scene.visibility {
+                None => "none: lights cast no soft shadows".into(),
+                Some(v) => format!(
+                    "{} × {} directions, {} clusters, {} coefficients ({:.0} %), {}",
+                    v.grid.columns,
+                    v.grid.rows,
+                    output::count(stats.visibility_clusters),
+                    output::count(stats.visibility_coefficients),
+                    100.0 * v.kept(),
+                    output::bytes(stats.visibility_bytes)
+                ),
             },
         )
         .row(

@@ -13,6 +13,7 @@ mod picture;
 mod points;
 mod progress;
 mod report;
+mod scatter;
 mod validate;
 
 use clap::{Parser, Subcommand};
@@ -35,7 +36,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Bake a level: a .glb or .gltf file, or a recipe (.gi.ron) that names one.
+    /// Bake a level: triangles (.glb, .gltf), points (.ply), or a recipe (.gi.ron) that names one.
     Bake(bake::Args),
     /// Direct and indirect irradiance at given points, by the way that a frame takes.
     Eval(eval::Args),
@@ -43,6 +44,8 @@ enum Command {
     Demo(demo::Args),
     /// What accuracy costs in time: bakes a level by many recipes and says what to choose.
     Report(report::Args),
+    /// Points spread evenly over a level, as a point cloud (.ply).
+    Scatter(scatter::Args),
     /// What is in a bake.
     Inspect(inspect::Args),
     /// Whether a bake is whole: exit code 0, or 1 with the list of what is wrong.
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Command::Eval(args) => eval::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Scatter(args) => scatter::run(&args),
         Command::Validate(args) => validate::run(&args),
     };
     let failed = match catch_unwind(AssertUnwindSafe(run)) {

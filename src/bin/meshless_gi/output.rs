@@ -70,10 +70,13 @@ pub fn error(nrmse: f64, interval: f64) -> String {
 
 /// "at most 0.6123 (0.5971 found)", and what had to be done for it.
 pub fn gain(energy: &EnergyInfo) -> String {
-    let mut text = format!(
-        "at most {:.4} ({:.4} found)",
-        energy.gain, energy.gain_found
-    );
+    let mut text = match energy.estimated {
+        true => format!("{:.4} found, not bounded", energy.gain_found),
+        false => format!(
+            "at most {:.4} ({:.4} found)",
+            energy.gain, energy.gain_found
+        ),
+    };
     if energy.guarded > 0 {
         text += &format!(
             ", the albedo of {} senders lowered by up to {:.2} %",

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level (.glb, .gltf), or a recipe (.gi.ron) that names one; of a recipe the level and the viewpoints count.
+    /// The level (.glb, .gltf, .ply, .json), or a recipe (.gi.ron) that names one; of a recipe the level and the viewpoints count.
     scene: PathBuf,
     /// Folder for report.json, report.md and the charts.
     #[arg(short, long, value_name = "DIR")]

@@ -4,14 +4,14 @@ use super::error::ToolError;
 use super::output;
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::bake::is_stale;
-use bevy_meshless_gi::scene::load_gltf;
+use bevy_meshless_gi::scene::load_geometry;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Args {
     /// The bake.
     bake: PathBuf,
-    /// The level (.glb, .gltf) that it should belong to: finds a bake that is stale.
+    /// The level (.glb, .gltf, .ply, .json) that it should belong to: finds a bake that is stale.
     #[arg(long, value_name = "LEVEL")]
     level: Option<PathBuf>,
 }
@@ -21,7 +21,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let why = match BakedScene::read(&args.bake, &Limits::default()) {
         Ok(scene) => {
             if let Some(level) = &args.level
-                && is_stale(&scene.info, &load_gltf(level)?.mesh.content_hash())
+                && is_stale(&scene.info, &load_geometry(level)?.mesh.content_hash())
             {
                 let why = format!(
                     "stale: {} has changed since it was baked, or another version of this tool baked it ({}; this one is {})",

@@ -1,0 +1,225 @@
+//! The document's texts and the chart of visibility.
+
+use super::transfer::{Made, Transfer};
+use super::visibility::{Found, PENUMBRA, SAMPLES};
+use bevy_meshless_gi::accuracy::{Axis, Chart, Format, Series, Style};
+use std::fmt::Write;
+
+/// Error in the penumbra against the number of coefficients.
+pub fn chart(found: &[Found]) -> String {
+    let series = |f: &Found| {
+        let points = f.by_count.iter().map(|&(k, e)| (f64::from(k), 100.0 * e));
+        Series::new(f.name.clone(), Style::LineAndPoints, points)
+    };
+    Chart {
+        title: "Soft shadow of a panel: error by the number of coefficients".into(),
+        caption: "NRMSE of direct irradiance in the penumbra, beside the reference integrator"
+            .into(),
+        x: Axis::log("coefficients a point", Format::Number),
+        y: Axis::log("NRMSE in the penumbra, %", Format::Number),
+        series: found.iter().map(series).collect(),
+        guides: vec![(10.0, "10 %".into())],
+    }
+    .svg()
+}
+
+/// The half on visibility, with the document's title.
+pub fn text(found: &[Found]) -> String {
+    let mut out = format!(
+        "# Principal components\n\n\
+        Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
+        ```text\ncargo run --release --no-default-features --features cli --example pca -- -o docs path/to/level\n```\n\n\
+        Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders' points remember what they see; all others take the mean of their\n\
+        parents. The penumbra is where the reference integrator (256 stratified rays a place) says that between {} % and {} % of the panel's light arrive.\n\n",
+        100.0 * PENUMBRA[0],
+        100.0 * PENUMBRA[1]
+    );
+    out += "![Error by the number of coefficients](pca/coefficients.svg)\n\n## By the number of coefficients\n\nNRMSE of direct irradiance in the penumbra, %.\n\n";
+    let counts: Vec<u32> = found
+        .first()
+        .map_or(Vec::new(), |f| f.by_count.iter().map(|c| c.0).collect());
+    let _ = writeln!(
+        out,
+        "| scene |{} rays instead |",
+        counts.iter().map(|c| format!(" {c} |")).collect::<String>()
+    );
+    let _ = writeln!(out, "|---|{}---|", "---|".repeat(counts.len()));
+    for f in found {
+        let cells: String = f
+            .by_count
+            .iter()
+            .map(|c| format!(" {:.1} |", 100.0 * c.1))
+            .collect();
+        let _ = writeln!(
+            out,
+            "| {} |{cells} {:.1} |",
+            f.name,
+            100.0 * f.rays[1].nrmse
+        );
+    }
+    out += "\n\"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
+        ## Other panels\n\n\
+        The constants of `soft` were chosen with the panel above. Panels of other places and sizes, with the defaults, %:\n\n\
+        | scene | panel | places in the penumbra | from memory | by rays |\n|---|---|---|---|---|\n";
+    for f in found {
+        for o in &f.others {
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {:.1} | {:.1} |",
+                f.name,
+                o.what,
+                o.places,
+                100.0 * o.penumbra,
+                100.0 * o.rays
+            );
+        }
+    }
+    out += "\n## Three ways to the screen\n\n\
+        With 50 coefficients, over the penumbra / over all places that the panel would light, %: (i) the irradiance that arrives is splatted; (ii) what is missing is \
+        splatted as a vector and taken from the unshadowed light of each place, as the kernel `soft` has it; (iii) the visible fraction is splatted, a value a light.\n\n\
+        | scene | places, penumbra | (i) | (ii) | (iii) | (ii) by rays |\n|---|---|---|---|---|---|\n";
+    for f in found {
+        let pair = |k: usize| {
+            format!(
+                "{:.1} / {:.2}",
+                100.0 * f.penumbra[k].nrmse,
+                100.0 * f.lit[k].nrmse
+            )
+        };
+        let _ = writeln!(
+            out,
+            "| {} | {}, {} | {} | {} | {} | {:.1} |",
+            f.name,
+            f.places.0,
+            f.places.1,
+            pair(0),
+            pair(1),
+            pair(2),
+            100.0 * f.rays[1].nrmse
+        );
+    }
+    out += "\nAll three are alike. (ii) needs one vector a point for all lights, and goes through `flatten` and `splat` as indirect light does.\n\n\
+        ## Size and time\n\n\
+        [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together.\n\n\
+        | scene | settings | points | clusters | components, MB | coefficients, MB (kept) | all, MB | LZ4, MB | bake, s | penumbra, % | fully lit and umbra too, % |\n\
+        |---|---|---|---|---|---|---|---|---|---|---|\n";
+    for f in found {
+        for v in &f.variants {
+            let mb = |b: usize| b as f64 / 1e6;
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {} | {:.1} | {:.1} ({:.0} %) | {:.1} | {:.1} | {:.0} | {:.1} | {:.2} |",
+                f.name,
+                v.what,
+                v.points,
+                v.clusters,
+                mb(v.basis),
+                mb(v.coefficients),
+                100.0 * v.kept,
+                mb(v.bytes),
+                mb(v.packed),
+                v.seconds,
+                100.0 * v.penumbra,
+                100.0 * v.lit
+            );
+        }
+    }
+    out += "\nSeconds are those of the machine that printed this, on all its processors.\n\n## In place of rays\n\n\
+        Time of the visible fraction of the panel at all senders on the CPU, the same samples:\n\n| scene | by rays, s | from memory, s |\n|---|---|---|\n";
+    for f in found {
+        let _ = writeln!(
+            out,
+            "| {} | {:.3} | {:.3} |",
+            f.name, f.seconds[0], f.seconds[1]
+        );
+    }
+    out += "\nThese scenes have some thirty triangles, where a ray costs less than the products of fifty coefficients: `project` keeps its rays.\n\n## Pictures\n\nThe panel's light \
+        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around grey.\n\n";
+    for f in found {
+        let _ = writeln!(out, "![{0}](pca/{0}.png)\n", f.name);
+    }
+    out.trim_end().to_string() + "\n"
+}
+
+/// The half on transfer.
+pub fn transfer(all: &[Transfer]) -> String {
+    let mut out = "## Transfer\n\n\
+        Rule `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lamps that no bake has seen, with the \
+        half width of its 95 % interval for other places. The share missed is the root mean square of the example lamps' direct light that the bases cannot write down. The operator is links \
+        of eight bytes, rows, and columns of sixteen bits a value.\n"
+        .to_string();
+    for t in all {
+        let _ = write!(
+            out,
+            "\n![{0}: error by the number of coefficients](pca/transfer_error_{0}.svg)\n\n![{0}: operator by the number of coefficients](pca/transfer_size_{0}.svg)\n\n\
+            {0}:\n\n{1}{2}",
+            t.name,
+            head(&[]),
+            row(&t.senders)
+        );
+        for m in t.by_count.iter().flat_map(|(_, made)| made) {
+            out += &row(m);
+        }
+    }
+    let _ = write!(
+        out,
+        "\n### Size and time beside the paper's\n\n\
+        [P14] §6: 45K points, 48 clusters, ten coefficients, 21 MB for transfer, less than a fifth of all entries; 4 hours for visibility and transfer together. It stores three scalars, one for \
+        each colour, with reflectance inside; a link here is a vector without colour, so that materials may change and normals may be bent. Ours at medium:\n\n{}",
+        head(&["level"])
+    );
+    for t in all {
+        for m in &t.medium {
+            let _ = write!(out, "| {} {}", t.name, row(m));
+        }
+    }
+    out += "\nSeconds are those of the machine that printed this, on all its processors.\n";
+    out
+}
+
+/// The head of a table of `row`s behind columns of these names.
+fn head(before: &[&str]) -> String {
+    const COLUMNS: [&str; 10] = [
+        "preset",
+        "coefficients",
+        "senders",
+        "clusters",
+        "columns",
+        "direct light missed",
+        "error",
+        "links",
+        "operator, MB",
+        "bake, s",
+    ];
+    let names = [before, &COLUMNS].concat();
+    format!(
+        "| {} |\n|{}\n",
+        names.join(" | "),
+        "---|".repeat(names.len())
+    )
+}
+
+fn row(m: &Made) -> String {
+    let share = |v: String| {
+        if m.coefficients.is_some() {
+            v
+        } else {
+            "–".into()
+        }
+    };
+    format!(
+        "| `{:?}` | {} | {} | {} | {} | {} | {:.1} ± {:.1} % | {:.2} M | {:.2} | {} |\n",
+        m.preset,
+        m.coefficients
+            .map_or("rule `bounded`".into(), |k| k.to_string()),
+        m.senders,
+        share(m.clusters.to_string()),
+        share(m.columns.to_string()),
+        share(format!("{:.1} %", 100.0 * m.missed)),
+        100.0 * m.error,
+        100.0 * m.interval,
+        m.links as f64 / 1e6,
+        m.bytes as f64 / 1e6,
+        m.seconds.map_or("–".into(), |s| format!("{s:.1}")),
+    )
+}

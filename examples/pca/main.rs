@@ -1,0 +1,103 @@
+//! Principal components ([P14]) measured: soft shadows of a panel from precomputed visibility, and transfer by bases of direct light, by the number of coefficients, beside the
+//! reference integrator. Writes the document, its charts and pictures:
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example pca -- -o docs [--bakes FOLDER] [path/to/level]
+//! ```
+//!
+//! makes `docs/PCA.md` and `docs/pca/`. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both
+//! kinds of operator are compared; the Cornell box where none is given.
+
+mod beside;
+mod document;
+mod transfer;
+mod visibility;
+
+use bevy_meshless_gi::asset::{BakedScene, Limits};
+use bevy_meshless_gi::bake::{Progress, Recipe, bake_level};
+use bevy_meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+/// The published scenes.
+const SCENES: [&str; 2] = ["cornell", "rooms_open"];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: pca -o FOLDER [--bakes FOLDER] [LEVEL.glb|FOLDER]";
+    let (mut folder, mut bakes, mut level) = (None, None, None);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            _ if arg.starts_with('-') || level.is_some() => return Err(usage.into()),
+            _ => level = Some(PathBuf::from(arg)),
+        }
+    }
+    let folder = folder.ok_or(usage)?;
+    let compared = named(&level.unwrap_or_else(|| file(SCENES[0])))?;
+    let pictures = folder.join("pca");
+    std::fs::create_dir_all(&pictures)?;
+    let (mut found, mut transfers) = (Vec::new(), Vec::new());
+    for name in SCENES {
+        let mesh = load_gltf(file(name))?.mesh;
+        let (scene, seconds) = baked(name, &mesh, bakes.as_deref())?;
+        found.push(visibility::measure(name, &mesh, &scene, &pictures)?);
+        transfers.push(transfer::measure(name, &mesh, &scene, seconds)?);
+    }
+    let (name, mesh) = compared;
+    let report = beside::measure(&name, &mesh)?;
+    std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
+    for (file, chart) in transfers.iter().flat_map(transfer::charts) {
+        std::fs::write(pictures.join(file), chart.svg())?;
+    }
+    let figures = beside::charts(&name, &report);
+    for figure in &figures {
+        std::fs::write(pictures.join(&figure.file), figure.chart.svg())?;
+    }
+    let parts = [
+        document::text(&found),
+        document::transfer(&transfers),
+        beside::section(&name, &report, &figures),
+    ];
+    std::fs::write(folder.join("PCA.md"), parts.join("\n"))?;
+    Ok(())
+}
+
+/// A published scene.
+fn file(name: &str) -> PathBuf {
+    let file = format!("tests/data/{name}/{name}.glb");
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
+}
+
+/// A level by its file, or by a folder with a description of it.
+fn named(path: &Path) -> Result<(String, TriangleMesh), Box<dyn Error>> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let description = path.join("L0.json");
+    let mesh = match path.is_dir() {
+        true => {
+            let scene = SceneDescription::read(&description)?;
+            load_gltf(scene.geometry.first().ok_or("a scene without geometry")?)?.mesh
+        }
+        false => load_gltf(path)?.mesh,
+    };
+    Ok((name.into_owned(), mesh))
+}
+
+/// The bake at medium, and its seconds where it was not read from a file.
+fn baked(
+    name: &str,
+    mesh: &TriangleMesh,
+    bakes: Option<&Path>,
+) -> Result<(BakedScene, Option<f64>), Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{name}.mgi")));
+    if let Some(file) = file.as_deref().filter(|f| f.exists()) {
+        return Ok((BakedScene::read(file, &Limits::default())?, None));
+    }
+    eprintln!("baking {name}");
+    let baked = bake_level(mesh, &Recipe::default(), 0, &Progress::default())?;
+    if let Some(file) = file {
+        baked.scene.write(&file)?;
+    }
+    Ok((baked.scene, Some(baked.stats.seconds.total)))
+}

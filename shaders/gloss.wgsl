@@ -1,0 +1,343 @@
+// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light alone. Twin: src/frame/gloss.rs. `gloss` fills the nodes of a level from the next coarser one,
+// `gloss_pixels` shows every pixel.
+
+@group(0) @binding(0) var<uniform> params: VplViewParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var<uniform> lit: VplParams;
+@group(0) @binding(4) var<storage, read> vpls: array<Vpl>;
+@group(0) @binding(5) var<storage, read> nodes: array<BvhNode>;
+@group(0) @binding(6) var<storage, read> triangles: array<BvhTriangle>;
+@group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(8) var<uniform> screen: SubsplatParams;
+@group(0) @binding(9) var<uniform> span: Span;
+@group(0) @binding(10) var<uniform> wanted: GlossParams;
+@group(0) @binding(11) var<storage, read_write> shines: array<GlossNode>;
+// Lights that surprised the nodes of the levels from 2, a bit a group.
+@group(0) @binding(12) var<storage, read_write> surprises: array<vec4u>;
+
+const GROUPS: u32 = 128u;
+const FADES: f32 = 0.1;
+const TURNS_FROM: f32 = 0.85;
+const TURNS_TO: f32 = 0.97;
+const SLANTS: f32 = 0.15;
+const ROUGHER: f32 = 0.1;
+const PLANE: f32 = 0.01;
+const FLOOR: f32 = 0.1;
+const LEAST: f32 = 1e-15;
+
+// Radiance over f₀ and over f₉₀.
+struct Shine {
+    straight: vec3f,
+    grazing: vec3f,
+}
+
+// A surface that lights shine on, in their space.
+struct Receiver {
+    x: vec3f,
+    facet: Facet,
+    start: vec3f,
+}
+
+// A glossy pixel: what it shows in the view's space, and how much of its gloss.
+struct Glossy {
+    x: vec3f,
+    n: vec3f,
+    depth: f32,
+    texel: vec4u,
+    shown: f32,
+}
+
+// A node around a place.
+struct Around {
+    weight: f32,
+    at: Receiver,
+}
+
+// What the nodes around foretell.
+struct Foretold {
+    light: Shine,
+    around: array<Around, 4>,
+    known: bool,
+}
+
+fn shine_of(light: Shine, straight: vec3f) -> vec3f {
+    return straight * light.straight + f90(straight) * light.grazing;
+}
+
+fn bright(light: Shine, straight: vec3f) -> f32 {
+    return dot(vec3f(RED, GREEN, BLUE), shine_of(light, straight));
+}
+
+fn pack_shine(light: Shine) -> GlossNode {
+    let a = clamp(light.straight, vec3f(0.0), vec3f(LARGEST_HALF));
+    let b = clamp(light.grazing, vec3f(0.0), vec3f(LARGEST_HALF));
+    return GlossNode(array<u32, 4>(
+        pack2x16float(a.xy), pack2x16float(vec2f(a.z, b.x)), pack2x16float(b.yz), 1u,
+    ));
+}
+
+fn unpack_shine(node: GlossNode) -> Shine {
+    let a = unpack2x16float(node.words[0]);
+    let b = unpack2x16float(node.words[1]);
+    let c = unpack2x16float(node.words[2]);
+    return Shine(vec3f(a, b.x), vec3f(b.y, c));
+}
+
+fn glossy(pixel: vec2u) -> Glossy {
+    var out: Glossy;
+    out.depth = lit_depth(pixel);
+    if out.depth <= 0.0 {
+        return out;
+    }
+    out.texel = textureLoad(gbuffer, pixel, 0);
+    let smooth_share = clamp((wanted.roughest - gbuffer_roughness(out.texel)) / FADES, 0.0, 1.0);
+    out.shown = max(gbuffer_metallic(out.texel), smooth_share);
+    out.x = view_place(pixel, out.depth);
+    out.n = screen.view_from_world * gbuffer_normal(out.texel);
+    return out;
+}
+
+fn slant(there: Glossy) -> f32 {
+    return abs(dot(there.n, -normalize(there.x)));
+}
+
+fn alike(a: Glossy, b: Glossy) -> f32 {
+    let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
+    let plane = clamp(2.0 - 2.0 * off / (PLANE * depth_reach(a.x.z, a.depth)), 0.0, 1.0);
+    let normal = clamp((dot(a.n, b.n) - TURNS_FROM) / (TURNS_TO - TURNS_FROM), 0.0, 1.0);
+    let apart = abs(gbuffer_roughness(a.texel) - gbuffer_roughness(b.texel));
+    let rough = clamp(2.0 - 2.0 * apart / ROUGHER, 0.0, 1.0);
+    let u = slant(a);
+    let v = slant(b);
+    let slants = clamp(2.0 - 2.0 * abs(u - v) / max(SLANTS * (u + v), TINY), 0.0, 1.0);
+    return plane * normal * rough * slants;
+}
+
+fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
+    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
+    let ndc = vec2f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0);
+    let h = params.space_from_clip * vec4f(ndc, here.depth, 1.0);
+    // The line of the pixel's places of all depths; the far end may be infinite.
+    let far = params.space_from_clip * vec4f(ndc, 0.0, 1.0);
+    let near = far + params.space_from_clip[2];
+    let v = normalize(near.xyz * far.w - far.xyz * near.w);
+    let x = h.xyz / h.w;
+    let n = gbuffer_normal(here.texel);
+    return Receiver(x, Facet(n, v, gbuffer_roughness(here.texel)), vpl_start(x, n));
+}
+
+// What light `i` gives to the eye, over its flux.
+fn gloss_of(i: u32, at: Receiver) -> vec2f {
+    let g = vpl_share(i, at.x, at.facet.n);
+    let arrives = dot(at.facet.n, g);
+    // Less has no direction in single precision.
+    if !(arrives > LEAST) {
+        return vec2f(0.0);
+    }
+    let toward = vpls[i].position - at.x;
+    let spread = vpls[i].square / (dot(toward, toward) + vpls[i].square);
+    let found = facet_gloss(at.facet, normalize(g), spread);
+    if found.x + found.y <= 0.0 {
+        return vec2f(0.0);
+    }
+    let e = vpls[i].flux;
+    // A gloss may be brighter than a white matt surface.
+    let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
+    if lit.nodes > 0u && most >= lit.dim && vpl_hidden(i, at.start) {
+        return vec2f(0.0);
+    }
+    return arrives * found;
+}
+
+fn add_light(sum: ptr<function, Shine>, i: u32, found: vec2f) {
+    let flux = params.scale * vpls[i].flux;
+    (*sum).straight += found.x * flux;
+    (*sum).grazing += found.y * flux;
+}
+
+// All lights at a pixel.
+fn whole(pixel: vec2u, here: Glossy) -> Shine {
+    let at = receiver(pixel, here);
+    var sum = Shine(vec3f(0.0), vec3f(0.0));
+    for (var i = 0u; i < lit.vpls; i++) {
+        add_light(&sum, i, gloss_of(i, at));
+    }
+    return sum;
+}
+
+// What the nodes of level `k` + 1 foretell at a cell of level `k`, of which one coordinate at least is odd.
+fn foretold(k: u32, cell: vec2u, here: Glossy) -> Foretold {
+    let grid = level_grid(k + 1u);
+    let odd = cell & vec2u(1u);
+    var out: Foretold;
+    var total = 0.0;
+    let share = select(0.5, 0.25, all(odd == vec2u(1u)));
+    for (var c = 0u; c < 4u; c++) {
+        let step = vec2u(c & 1u, c >> 1u);
+        let at = cell / 2u + step;
+        if any(step > odd) || any(at >= grid) {
+            continue;
+        }
+        let node = shines[cell_index(k + 1u, at)];
+        if node.words[3] == 0u {
+            continue;
+        }
+        let pixel = at << vec2u(k + 1u);
+        let there = glossy(pixel);
+        if there.shown <= 0.0 {
+            continue;
+        }
+        let weight = share * alike(here, there);
+        if weight > 0.0 {
+            total += weight;
+            out.around[c].weight = weight;
+            out.around[c].at = receiver(pixel, there);
+            let light = unpack_shine(node);
+            out.light.straight += weight * light.straight;
+            out.light.grazing += weight * light.grazing;
+        }
+    }
+    out.known = total > screen.alike;
+    let scale = select(0.0, 1.0 / max(total, TINY), out.known);
+    out.light.straight *= scale;
+    out.light.grazing *= scale;
+    for (var c = 0u; c < 4u; c++) {
+        out.around[c].weight *= scale;
+    }
+    return out;
+}
+
+fn surprise_index(k: u32, cell: vec2u) -> u32 {
+    return cell_index(k, cell) - level_start(2u);
+}
+
+// The lights that surprised a node of level `k` + 1 around a cell of level `k`.
+fn asked(k: u32, cell: vec2u) -> vec4u {
+    if k + 1u == screen.coarsest {
+        return vec4u(0xffffffffu);
+    }
+    let grid = vec2i(level_grid(k + 1u));
+    let middle = vec2i(cell / 2u);
+    // Of an edge the cells on both of its sides.
+    let first = middle - 1 + vec2i(cell & vec2u(1u));
+    var out = vec4u(0u);
+    for (var y = first.y; y <= middle.y + 1; y++) {
+        for (var x = first.x; x <= middle.x + 1; x++) {
+            if x >= 0 && y >= 0 && x < grid.x && y < grid.y {
+                out |= surprises[surprise_index(k + 1u, vec2u(vec2i(x, y)))];
+            }
+        }
+    }
+    return out;
+}
+
+fn keep(k: u32, cell: vec2u, node: GlossNode, bits: vec4u) {
+    shines[cell_index(k, cell)] = node;
+    if k > 1u {
+        surprises[surprise_index(k, cell)] = bits;
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn gloss(@builtin(global_invocation_id) id: vec3u) {
+    let k = span.first;
+    let cell = id.xy;
+    if any(cell >= level_grid(k)) {
+        return;
+    }
+    let nothing = GlossNode(array<u32, 4>(0u, 0u, 0u, 0u));
+    let pixel = cell << vec2u(k);
+    let here = glossy(pixel);
+    if here.shown <= 0.0 {
+        keep(k, cell, nothing, vec4u(0u));
+        return;
+    }
+    if k == screen.coarsest {
+        keep(k, cell, pack_shine(whole(pixel, here)), vec4u(0u));
+        return;
+    }
+    if all((cell & vec2u(1u)) == vec2u(0u)) {
+        keep(k, cell, shines[cell_index(k + 1u, cell / 2u)], vec4u(0u));
+        return;
+    }
+    let before = foretold(k, cell, here);
+    var wants = asked(k, cell);
+    let finer = k >= screen.finest;
+    if before.known && (all(wants == vec4u(0u)) || !finer) {
+        keep(k, cell, pack_shine(before.light), vec4u(0u));
+        return;
+    }
+    if !before.known && !finer {
+        keep(k, cell, nothing, vec4u(0u));
+        return;
+    }
+    let straight = gbuffer_straight(here.texel);
+    let earlier = bright(before.light, straight);
+    let most = screen.light * (earlier + FLOOR * FRAC_1_PI);
+    if before.known && wanted.together == 1u {
+        let node = pack_shine(whole(pixel, here));
+        let off = abs(bright(unpack_shine(node), straight) - earlier);
+        keep(k, cell, node, vec4u(select(0u, 0xffffffffu, off > most)));
+        return;
+    }
+    if !before.known {
+        wants = vec4u(0xffffffffu);
+    }
+    let at = receiver(pixel, here);
+    let group = max((lit.vpls + GROUPS - 1u) / GROUPS, 1u);
+    var light = before.light;
+    var bits = vec4u(0u);
+    for (var g = 0u; g * group < lit.vpls; g++) {
+        if ((wants[g / 32u] >> (g % 32u)) & 1u) == 0u {
+            continue;
+        }
+        var change = Shine(vec3f(0.0), vec3f(0.0));
+        for (var i = g * group; i < min((g + 1u) * group, lit.vpls); i++) {
+            var found = gloss_of(i, at);
+            for (var c = 0u; c < 4u; c++) {
+                let weight = before.around[c].weight;
+                if weight > 0.0 {
+                    found -= weight * gloss_of(i, before.around[c].at);
+                }
+            }
+            add_light(&change, i, found);
+        }
+        light.straight += change.straight;
+        light.grazing += change.grazing;
+        if abs(bright(change, straight)) > most {
+            bits[g / 32u] |= 1u << (g % 32u);
+        }
+    }
+    keep(k, cell, pack_shine(light), bits);
+}
+
+@compute @workgroup_size(8, 8)
+fn gloss_pixels(@builtin(global_invocation_id) id: vec3u) {
+    let pixel = id.xy;
+    if any(pixel >= screen.size) {
+        return;
+    }
+    let here = glossy(pixel);
+    if here.shown <= 0.0 {
+        textureStore(output, pixel, vec4f(0.0));
+        return;
+    }
+    var light: Shine;
+    var known = false;
+    if all((pixel & vec2u(1u)) == vec2u(0u)) {
+        let node = shines[cell_index(1u, pixel / 2u)];
+        light = unpack_shine(node);
+        known = node.words[3] == 1u;
+    } else {
+        let before = foretold(0u, pixel, here);
+        light = before.light;
+        known = before.known;
+    }
+    if !known {
+        light = unpack_shine(pack_shine(whole(pixel, here)));
+    }
+    let straight = gbuffer_straight(here.texel);
+    let colour = here.shown * reflected_again(gbuffer_roughness(here.texel), straight) * shine_of(light, straight);
+    textureStore(output, pixel, vec4f(min(colour, vec3f(LARGEST_HALF)), 1.0));
+}

@@ -1,0 +1,55 @@
+// The specular part of Bevy's standard material, for lights that are disks. Twin: src/frame/brdf.rs. Needs lib/vpl for π.
+
+const SMOOTHEST: f32 = 0.089;
+const SLANTED: f32 = 1e-4;
+const LOST: f32 = 1.25;
+const LATE: f32 = 1.1;
+
+// A surface as a light's reflection in it is seen.
+struct Facet {
+    n: vec3f,
+    v: vec3f,
+    roughness: f32,
+}
+
+fn alpha_square(roughness: f32) -> f32 {
+    let r = clamp(roughness, SMOOTHEST, 1.0);
+    return r * r * r * r;
+}
+
+fn f90(straight: vec3f) -> f32 {
+    return min(50.0 * 0.33 * (straight.r + straight.g + straight.b), 1.0);
+}
+
+// D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its angle squared `spread`.
+fn facet_gloss(facet: Facet, l: vec3f, spread: f32) -> vec2f {
+    let sum = l + facet.v;
+    let len = length(sum);
+    if len <= 1e-6 {
+        return vec2f(0.0);
+    }
+    let h = sum / len;
+    let a2 = min(alpha_square(facet.roughness) + 0.25 * spread, 1.0);
+    let nl = max(dot(facet.n, l), 0.0);
+    let nv = max(dot(facet.n, facet.v), SLANTED);
+    let nh = dot(facet.n, h);
+    if nh <= 0.0 {
+        return vec2f(0.0);
+    }
+    let sine = cross(facet.n, h);
+    let wide = dot(sine, sine) + a2 * nh * nh;
+    let d = a2 / (PI * wide * wide);
+    let masked = nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2);
+    let q = 1.0 - clamp(dot(l, h), 0.0, 1.0);
+    let p = q * q * q * q * q;
+    let dv = d * 0.5 / masked;
+    return vec2f(dv * (1.0 - p), dv * p);
+}
+
+// What is reflected more than once between facets, a factor.
+fn reflected_again(roughness: f32, straight: vec3f) -> vec3f {
+    let r2 = roughness * roughness;
+    let r4 = r2 * r2;
+    let lost = LOST * r4 / (1.0 + LATE * r4 * r4);
+    return 1.0 + straight * (lost / (1.0 - lost));
+}

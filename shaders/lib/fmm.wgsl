@@ -1,0 +1,96 @@
+// What the kernels of the fast multipole method share. Expansions are three vec4f a term: x, y and z, each in red, green and blue.
+
+struct FmmNode {
+    center: vec3f,
+    size: f32,
+    start: u32,
+    end: u32,
+    first_child: u32,
+    children: u32,
+    parent: u32,
+    far: u32,
+    local: u32,
+    multipole: u32,
+    near: u32,
+    finish: u32,
+    pad0: u32,
+    pad1: u32,
+}
+
+struct FmmPlace {
+    position: vec3f,
+    share: f32,
+    normal: vec3f,
+    pad0: u32,
+}
+
+struct FmmTerm {
+    down: array<u32, 9>,
+    // Of x, y and z, eight bits each.
+    exponents: u32,
+    degree: u32,
+    factorial: f32,
+}
+
+struct FmmParams {
+    order: u32,
+    terms: u32,
+    disks: u32,
+    nearest: f32,
+}
+
+// Three components in three colours.
+struct Spectrum {
+    x: vec3f,
+    y: vec3f,
+    z: vec3f,
+}
+
+fn exponents_of(packed: u32) -> vec3u {
+    return vec3u(packed & 255u, (packed >> 8u) & 255u, packed >> 16u);
+}
+
+// How many terms there are up to a degree.
+fn terms_to(degree: u32) -> u32 {
+    return (degree + 1u) * (degree + 2u) * (degree + 3u) / 6u;
+}
+
+// Where the term with these exponents is.
+fn term_at(e: vec3u) -> u32 {
+    let m = e.y + e.z;
+    let n = e.x + m;
+    return n * (n + 1u) * (n + 2u) / 6u + m * (m + 1u) / 2u + e.z;
+}
+
+fn power(base: f32, exponent: u32) -> f32 {
+    var out = 1.0;
+    for (var i = 0u; i < exponent; i += 1u) {
+        out *= base;
+    }
+    return out;
+}
+
+// v to these exponents, over their factorials.
+fn monomial(v: vec3f, e: vec3u) -> f32 {
+    var out = 1.0;
+    for (var i = 1u; i <= e.x; i += 1u) {
+        out *= v.x / f32(i);
+    }
+    for (var i = 1u; i <= e.y; i += 1u) {
+        out *= v.y / f32(i);
+    }
+    for (var i = 1u; i <= e.z; i += 1u) {
+        out *= v.z / f32(i);
+    }
+    return out;
+}
+
+// What a point sends: minus its surface over π, its radiosity and its normal.
+fn source_of(place: FmmPlace, radiosity: vec3f) -> Spectrum {
+    let q = -place.share * radiosity;
+    return Spectrum(place.normal.x * q, place.normal.y * q, place.normal.z * q);
+}
+
+fn plus(a: Spectrum, factor: f32, b: Spectrum) -> Spectrum {
+    return Spectrum(a.x + factor * b.x, a.y + factor * b.y, a.z + factor * b.z);
+}

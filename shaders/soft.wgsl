@@ -1,0 +1,335 @@
+// soft: what lamps with soft shadows do not reach, at the points that remember what they see. Twin: src/frame/soft.rs. A thread a point.
+
+@group(0) @binding(0) var<uniform> params: SoftParams;
+@group(0) @binding(1) var<storage, read> lights: array<SoftLight>;
+@group(0) @binding(2) var<storage, read> points: array<Point>;
+@group(0) @binding(3) var<storage, read> clusters: array<VisibilityCluster>;
+@group(0) @binding(4) var<storage, read> visible: array<VisiblePoint>;
+@group(0) @binding(5) var<storage, read> basis: array<u32>;
+@group(0) @binding(6) var<storage, read> scales: array<f32>;
+@group(0) @binding(7) var<storage, read> coefficients: array<u32>;
+@group(0) @binding(8) var<storage, read_write> deficits: array<VectorIrradiance>;
+
+const QUARTER_PI: f32 = 0.7853981633974483;
+const HALF_PI: f32 = 1.5707963267948966;
+const TURN: f32 = 6.283185307179586;
+const MOST_COMPONENTS: u32 = 128u;
+// Vectors lean so far at most that their length is ten times their part along the normal.
+const LEAST_ALONG: f32 = 0.1;
+// The smallest normal number: nothing is divided by less.
+const TINY: f32 = 1.17549435e-38;
+
+// The point of this thread: axes, cluster, decoded coefficients.
+var<private> axis_x: vec3f;
+var<private> axis_y: vec3f;
+var<private> axis_z: vec3f;
+var<private> first_word: u32;
+var<private> words: u32;
+var<private> decoded: array<f32, 130>;
+
+// Two unit vectors that make a right-handed frame with the unit vector n.
+fn tangent(n: vec3f) -> vec3f {
+    let s = select(-1.0, 1.0, n.z >= 0.0);
+    let a = -1.0 / (s + n.z);
+    return vec3f(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x);
+}
+
+fn open_eye(i: u32, n: vec3f) {
+    let point = visible[i];
+    let cluster = clusters[point.cluster];
+    let along = cluster.tangent - n * dot(n, cluster.tangent);
+    let square = dot(along, along);
+    axis_z = n;
+    axis_x = tangent(n);
+    if square > 1e-6 {
+        axis_x = along / sqrt(square);
+    }
+    axis_y = cross(n, axis_x);
+    first_word = cluster.basis;
+    words = (cluster.components + 2u) / 2u;
+    decoded[0] = scales[cluster.scales];
+    // The last word of a direction may be half empty.
+    decoded[cluster.components + 1u] = 0.0;
+    var at = point.first;
+    for (var j = 0u; j < cluster.components; j++) {
+        var value = 0.0;
+        if ((point.mask[j / 32u] >> (j % 32u)) & 1u) != 0u {
+            value = scales[cluster.scales + j + 1u] * unpack2x16snorm(coefficients[at / 2u])[at % 2u];
+            at += 1u;
+        }
+        decoded[j + 1u] = value;
+    }
+}
+
+fn to_local(v: vec3f) -> vec3f {
+    return vec3f(dot(axis_x, v), dot(axis_y, v), dot(axis_z, v));
+}
+
+// e in the direction of a texel.
+fn depth(texel: u32) -> f32 {
+    var e = 0.0;
+    let start = first_word + texel * words;
+    for (var w = 0u; w < words; w++) {
+        let pair = unpack2x16snorm(basis[start + w]);
+        e += decoded[2u * w] * pair.x + decoded[2u * w + 1u] * pair.y;
+    }
+    return e;
+}
+
+fn encode(d: f32) -> f32 {
+    return d / (d + params.near);
+}
+
+// Direction of a texel, z up.
+fn texel_direction(i: u32) -> vec3f {
+    let a = f32(2u * (i % params.columns) + 1u) / f32(params.columns) - 1.0;
+    let b = f32(2u * (i / params.columns) + 1u) / f32(params.rows) - 1.0;
+    var r = 0.0;
+    var phi = 0.0;
+    if abs(a) > abs(b) {
+        r = a;
+        phi = QUARTER_PI * (b / a);
+    } else if b != 0.0 {
+        r = b;
+        phi = HALF_PI - QUARTER_PI * (a / b);
+    }
+    let across = r * sqrt(max(2.0 - r * r, 0.0));
+    return vec3f(across * cos(phi), across * sin(phi), 1.0 - r * r);
+}
+
+// Texels to both sides along an edge of the map, and how far it is to the second.
+fn between(v: f32, count: u32) -> vec3f {
+    let at = clamp(0.5 * (1.0 + v) * f32(count) - 0.5, 0.0, f32(count - 1u));
+    let low = min(u32(at), max(count, 2u) - 2u);
+    return vec3f(f32(low), f32(min(low + 1u, count - 1u)), at - f32(low));
+}
+
+fn with_sign(v: f32, sign: f32) -> f32 {
+    return select(-v, v, sign >= 0.0);
+}
+
+struct Cell {
+    texels: vec4u,
+    weights: vec4f,
+}
+
+// The four texels around a direction.
+fn look_up(d: vec3f) -> Cell {
+    let r = sqrt(clamp(1.0 - d.z, 0.0, 1.0));
+    let large = max(abs(d.x), abs(d.y));
+    let small = min(abs(d.x), abs(d.y));
+    var t = 0.0;
+    if large > 0.0 {
+        t = small / large;
+    }
+    let q = t * t;
+    // Abramowitz and Stegun 4.4.47.
+    let arc = t * (0.999866 + q * (-0.3302995 + q * (0.180141 + q * (-0.085133 + q * 0.0208351))));
+    let other = min(r * arc / QUARTER_PI, r);
+    var ab = vec2f(other, r);
+    if abs(d.x) > abs(d.y) {
+        ab = vec2f(r, other);
+    }
+    let u = between(with_sign(ab.x, d.x), params.columns);
+    let v = between(with_sign(ab.y, d.y), params.rows);
+    let column = vec2u(u.xy);
+    let row = vec2u(v.xy) * params.columns;
+    return Cell(
+        vec4u(row.x + column.x, row.x + column.y, row.y + column.x, row.y + column.y),
+        vec4f((1.0 - u.z) * (1.0 - v.z), u.z * (1.0 - v.z), (1.0 - u.z) * v.z, u.z * v.z),
+    );
+}
+
+// Place of sample k as seen from x.
+fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
+    if light.kind == SOFT_RECTANGLE {
+        let a = f32(2u * (k % light.columns) + 1u) / f32(light.columns) - 1.0;
+        let b = f32(2u * (k / light.columns) + 1u) / f32(light.rows) - 1.0;
+        return light.center + light.u * a + light.v * b;
+    }
+    if light.radius <= 0.0 {
+        return light.center;
+    }
+    let away = x - light.center;
+    let distance = sqrt(dot(away, away));
+    let count = f32(light.columns * light.rows);
+    let radius = min(light.radius, 0.9 * distance) * sqrt((f32(k) + 0.5) / count);
+    let turn = f32(k) * 0.618034;
+    let angle = TURN * (turn - floor(turn));
+    let to = away / max(distance, TINY);
+    let t = tangent(to);
+    return light.center + (t * cos(angle) + cross(to, t) * sin(angle)) * radius;
+}
+
+fn normal_of(light: SoftLight) -> vec3f {
+    if light.kind != SOFT_RECTANGLE {
+        return vec3f(0.0);
+    }
+    return normalize(cross(light.u, light.v));
+}
+
+// Direction of a sample in xyz, its weight in w; 0 where it does not shine there.
+fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
+    let square = dot(to, to);
+    if square <= 0.0 {
+        return vec4f(0.0);
+    }
+    let direction = to / sqrt(square);
+    var w = dot(n, direction) / square;
+    if light.kind == SOFT_RECTANGLE {
+        w *= -dot(normal, direction);
+    }
+    return vec4f(direction, max(w, 0.0));
+}
+
+fn sees(direction: vec3f, distance: f32, normal: vec3f, least: f32) -> f32 {
+    let local = to_local(direction);
+    let plane = to_local(normal);
+    let cell = look_up(local);
+    var seen = 0.0;
+    for (var k = 0u; k < 4u; k++) {
+        let over = dot(texel_direction(cell.texels[k]), plane);
+        var far = distance;
+        if over < 0.0 {
+            far = clamp(distance * dot(local, plane) / over, 0.5 * distance, 2.0 * distance);
+        }
+        let light = encode(far);
+        let low = encode(far * (1.0 - params.far));
+        let high = encode(far * (1.0 - params.close));
+        let threshold = clamp(0.5 * (light + least), low, high);
+        let ramp = light - encode(far * (1.0 - params.width));
+        seen += cell.weights[k] * clamp(0.5 + (depth(cell.texels[k]) - threshold) / max(ramp, TINY), 0.0, 1.0);
+    }
+    return seen;
+}
+
+fn arc_of(a: vec3f, b: vec3f, n: vec3f) -> f32 {
+    let across = cross(a, b);
+    let sine = sqrt(dot(across, across));
+    if sine <= 0.0 {
+        return 0.0;
+    }
+    return atan2(sine, dot(a, b)) * dot(n, across) / sine;
+}
+
+// Irradiance without shadows from a light of colour one.
+fn unshadowed(light: SoftLight, x: vec3f, n: vec3f) -> f32 {
+    let to = light.center - x;
+    if light.kind == SOFT_SPHERE {
+        let square = dot(to, to);
+        if square <= 0.0 {
+            return 0.0;
+        }
+        let cosine = max(dot(n, to / sqrt(square)), 0.0);
+        let factor = square * light.inverse_square_range;
+        let window = clamp(1.0 - factor * factor, 0.0, 1.0);
+        let nearest = clamp(2.5e-5 * params.extent * params.extent, TINY, 1e-4);
+        return cosine / max(square, nearest) * window * window;
+    }
+    if light.kind != SOFT_RECTANGLE || dot(normal_of(light), to) >= 0.0 {
+        return 0.0;
+    }
+    var corners = array<vec3f, 4>(
+        to - light.u - light.v,
+        to + light.u - light.v,
+        to + light.u + light.v,
+        to - light.u + light.v,
+    );
+    var sum = 0.0;
+    var first = vec3f(0.0);
+    var last = vec3f(0.0);
+    var any = false;
+    for (var k = 0u; k < 4u; k++) {
+        let a = corners[k];
+        let b = corners[(k + 1u) % 4u];
+        let ha = dot(n, a);
+        let hb = dot(n, b);
+        if ha >= 0.0 {
+            if any {
+                sum += arc_of(last, a, n);
+            } else {
+                first = a;
+                any = true;
+            }
+            last = a;
+        }
+        if (ha < 0.0) != (hb < 0.0) {
+            let p = a + (b - a) * (ha / (ha - hb));
+            if any {
+                sum += arc_of(last, p, n);
+            } else {
+                first = p;
+                any = true;
+            }
+            last = p;
+        }
+    }
+    if any {
+        sum += arc_of(last, first, n);
+    }
+    return 0.5 * abs(sum);
+}
+
+fn deficit(light: SoftLight, x: vec3f, n: vec3f) -> vec3f {
+    let e = unshadowed(light, x, n);
+    if e <= 0.0 {
+        return vec3f(0.0);
+    }
+    let normal = normal_of(light);
+    let samples = light.columns * light.rows;
+    var least = 1.0;
+    for (var k = 0u; k < samples; k++) {
+        let s = weigh(light, normal, sample_place(light, k, x) - x, n);
+        if s.w > 0.0 {
+            let cell = look_up(to_local(s.xyz));
+            for (var c = 0u; c < 4u; c++) {
+                least = min(least, depth(cell.texels[c]));
+            }
+        }
+    }
+    var sum = 0.0;
+    var seen = 0.0;
+    var hidden = vec3f(0.0);
+    for (var k = 0u; k < samples; k++) {
+        let to = sample_place(light, k, x) - x;
+        let s = weigh(light, normal, to, n);
+        if s.w > 0.0 {
+            let v = sees(s.xyz, sqrt(dot(to, to)), normal, least);
+            sum += s.w;
+            seen += s.w * v;
+            hidden += (s.w * (1.0 - v)) * s.xyz;
+        }
+    }
+    if sum <= 0.0 {
+        return vec3f(0.0);
+    }
+    hidden /= sum;
+    let along = dot(hidden, n);
+    let across = hidden - n * along;
+    let lean = across / max(max(along, LEAST_ALONG * sqrt(dot(across, across))), TINY);
+    return (n + lean) * ((1.0 - clamp(seen / sum, 0.0, 1.0)) * e);
+}
+
+@compute @workgroup_size(64)
+fn soft(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = flat_group(group, groups) * 64u + local;
+    if i >= params.points {
+        return;
+    }
+    let x = points[i].position;
+    let n = points[i].normal;
+    open_eye(i, n);
+    var out = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    for (var l = 0u; l < params.lights; l++) {
+        let d = deficit(lights[l], x, n);
+        let colour = vec4f(lights[l].color, 0.0);
+        out.x += d.x * colour;
+        out.y += d.y * colour;
+        out.z += d.z * colour;
+    }
+    deficits[i] = out;
+}

@@ -1,0 +1,189 @@
+//! The visibility of a baked scene in its file, and whether a frame can run on it. Six sections that are there together or not at all; where arrays of a
+//! cluster and a point start follows from how long those before are, and is not stored.
+
+use super::baked::BakedScene;
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::AssetError;
+use super::sections::{COUNT, broken, items, section};
+use super::validate::Check;
+use crate::transport::pca::{HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint};
+use glam::Vec3;
+
+const CLUSTER: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+]);
+const POINT: Layout = Layout::columns(&[
+    Field::word(0).delta(),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(7),
+]);
+const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
+
+/// Words of the section "visibility".
+const SHAPE_WORDS: usize = 3;
+/// Most directions of a point.
+const MOST_DIRECTIONS: u64 = 1 << 16;
+/// Coefficients times components: e is at most one, and no component is longer than the root of the directions.
+const LARGEST_SCALE: f32 = 1024.0;
+
+const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
+    Kind {
+        code,
+        name,
+        version: 1,
+        raw: layout.item_bytes() as u64,
+        memory: size_of::<T>() as u64,
+        most: u32::MAX as u64,
+    }
+}
+
+/// Its kinds of sections, ascending.
+pub(super) const KINDS: [Kind; 6] = [
+    Kind {
+        most: SHAPE_WORDS as u64,
+        ..kind::<u32>(23, "visibility", COUNT)
+    },
+    kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER),
+    Kind {
+        // Their order is found while they are read and checked.
+        memory: size_of::<VisiblePoint>() as u64 + 8,
+        ..kind::<VisiblePoint>(25, "visibility points", POINT)
+    },
+    kind::<u32>(26, "visibility basis", PAIR),
+    kind::<f32>(27, "visibility scales", COUNT),
+    kind::<u32>(28, "visibility coefficients", PAIR),
+];
+
+/// The sections of `visibility`; `kinds` are those of [`KINDS`] in the table.
+pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<Section> {
+    let grid = visibility.grid;
+    let shape = [grid.columns, grid.rows, visibility.near.to_bits()];
+    vec![
+        section(&kinds[0], COUNT, &shape),
+        section(&kinds[1], CLUSTER, &visibility.clusters),
+        section(&kinds[2], POINT, &visibility.points),
+        section(&kinds[3], PAIR, &visibility.basis),
+        section(&kinds[4], COUNT, &visibility.scales),
+        section(&kinds[5], PAIR, &visibility.coefficients),
+    ]
+}
+
+/// The visibility of a file, if it has any.
+pub(super) fn read(
+    file: &Container<'_>,
+    kinds: &'static [Kind],
+) -> Result<Option<Visibility>, AssetError> {
+    if !file.has(&kinds[0]) {
+        return match kinds.iter().find(|k| file.has(k)) {
+            Some(kind) => Err(broken(
+                kind,
+                "is there, but the section `visibility` is not",
+            )),
+            None => Ok(None),
+        };
+    }
+    let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
+    let &[columns, rows, near] = shape.as_slice() else {
+        return Err(broken(
+            &kinds[0],
+            format!("{} words instead of {SHAPE_WORDS}", shape.len()),
+        ));
+    };
+    let mut out = Visibility {
+        grid: HemisphereGrid { columns, rows },
+        near: f32::from_bits(near),
+        clusters: items(file, &kinds[1], CLUSTER)?,
+        points: items(file, &kinds[2], POINT)?,
+        basis: items(file, &kinds[3], PAIR)?,
+        scales: items(file, &kinds[4], COUNT)?,
+        coefficients: items(file, &kinds[5], PAIR)?,
+    };
+    if u64::from(columns) * u64::from(rows) > MOST_DIRECTIONS {
+        return Err(broken(&kinds[0], format!("{columns} × {rows} directions")));
+    }
+    out.place()
+        .ok_or_else(|| broken(&kinds[1], "the lengths of the arrays overflow"))?;
+    Ok(Some(out))
+}
+
+impl BakedScene {
+    /// Every look-up of the kernel `soft` stays within the arrays, and what it reads is finite.
+    pub(super) fn check_visibility(&self, check: &mut Check) {
+        let Some(v) = &self.visibility else { return };
+        let directions = u64::from(v.grid.columns) * u64::from(v.grid.rows);
+        check.whole(
+            (1..=MOST_DIRECTIONS).contains(&directions),
+            "visibility",
+            || format!("{} × {} directions", v.grid.columns, v.grid.rows),
+        );
+        check.whole(v.near.is_finite() && v.near > 0.0, "visibility", || {
+            format!("depths relative to {} m", v.near)
+        });
+        check.whole(
+            v.points.len() == self.senders(),
+            "visibility points",
+            || format!("{} instead of {}", v.points.len(), self.senders()),
+        );
+        for (i, c) in v.clusters.iter().enumerate() {
+            let tangent = Vec3::from_array(c.tangent);
+            let sound = (tangent.length_squared() - 1.0).abs() < 1e-3;
+            check.item(sound, "visibility clusters", i, || {
+                format!("tangent {tangent} is not of unit length")
+            });
+            let most = Visibility::MOST_COMPONENTS;
+            check.item(c.components <= most, "visibility clusters", i, || {
+                format!("{} components, at most {most}", c.components)
+            });
+            if check.full() {
+                return;
+            }
+        }
+        for (i, p) in v.points.iter().enumerate() {
+            let components = match v.clusters.get(p.cluster as usize) {
+                Some(cluster) => cluster.components,
+                None => 0,
+            };
+            let named = (p.cluster as usize) < v.clusters.len();
+            check.item(named, "visibility points", i, || {
+                format!("cluster {} of {}", p.cluster, v.clusters.len())
+            });
+            let beyond = (components..Visibility::MOST_COMPONENTS)
+                .any(|j| p.mask[j as usize / 32] >> (j % 32) & 1 != 0);
+            check.item(!beyond, "visibility points", i, || {
+                format!("has coefficients of more than {components} components")
+            });
+            if check.full() {
+                return;
+            }
+        }
+        for (i, &scale) in v.scales.iter().enumerate() {
+            let sound = (0.0..=LARGEST_SCALE).contains(&scale);
+            check.item(sound, "visibility scales", i, || format!("{scale}"));
+        }
+        // What follows from the rest needs the rest to be sound.
+        if !check.0.is_empty() {
+            return;
+        }
+        let mut placed = Visibility {
+            grid: v.grid,
+            clusters: v.clusters.clone(),
+            points: v.points.clone(),
+            ..Visibility::default()
+        };
+        let ends = placed.place();
+        let starts = placed.clusters == v.clusters && placed.points == v.points;
+        check.whole(starts, "visibility", || {
+            "clusters or points do not start where those before them end".into()
+        });
+        let found = (v.basis.len(), v.scales.len(), v.coefficients.len());
+        check.whole(ends == Some(found), "visibility", || {
+            format!("basis, scales and coefficients are {found:?} long instead of {ends:?}")
+        });
+    }
+}

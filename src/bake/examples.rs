@@ -1,0 +1,216 @@
+//! Example lamps and the light they put on the senders: what bases of direct light are made from ([P14] §4.3.1). Serves rule `pca`.
+//!
+//! Where \[P14\] places point lights uniformly, these stand at free places with room around them, as the training lamps do; where a level sees the sky, every fourth
+//! is a sun. A sender of several places is lit at one of them, another one under each lamp: shadows' edges then lie as a frame finds them in the mean, at the
+//! price of a single place. Each lamp counts by what comes back of it: relative to the root mean square of its irradiance over the coarsest points.
+
+use super::signals::free_places;
+use crate::asset::Places;
+use crate::basis::{Hierarchy, Weights};
+use crate::samples::{Random, mix, uniform_sphere};
+use crate::scene::Geometry;
+use crate::transport::pca::{Clusters, Examples, LightBasis, cluster};
+use crate::transport::{Gathering, SIGNALS, coarse_rows, mean_squares};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Every so-manyth lamp is a sun, in levels that see the sky.
+const SUN_OF: usize = 4;
+
+/// A lamp of whose light less comes back than this share of what comes back of the usual one's counts as if that share did.
+const LEAST_BACK: f64 = 0.5;
+
+/// How bases are made.
+#[derive(Clone, Copy, Debug)]
+pub struct BasisSettings {
+    /// Vectors of a basis.
+    pub coefficients: u32,
+    /// Senders of a cluster, about.
+    pub cluster_points: u32,
+    /// Example lamps.
+    pub lamps: u32,
+}
+
+/// A light of unit strength.
+#[derive(Clone, Copy, Debug)]
+enum Lamp {
+    /// 1 W/sr at this place.
+    Point(Vec3),
+    /// 1 W/m² from this direction.
+    Sun(Vec3),
+}
+
+/// Bases of direct light for clusters of the senders, and how many rays they took.
+#[must_use]
+pub fn light_basis(
+    gathering: &Gathering<'_>,
+    hierarchy: &Hierarchy,
+    viewpoints: &[Vec3],
+    places: &Places,
+    pull: &Weights,
+    settings: &BasisSettings,
+    drop_first: bool,
+) -> (LightBasis, u64) {
+    let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
+    let own: Vec<u32> = (0..pull.len())
+        .filter(|&j| j >= finest || pull.row(j).is_empty())
+        .map(|j| j as u32)
+        .collect();
+    let points: Vec<(Vec3, Vec3)> = (own.iter())
+        .map(|&j| &hierarchy.surfaces[j as usize])
+        .map(|s| (s.position, s.normal))
+        .collect();
+    let clusters = cluster(&points, settings.cluster_points as usize, gathering.seed);
+    let (examples, rays) = examples(
+        gathering, hierarchy, viewpoints, places, pull, own, settings, drop_first,
+    );
+    (
+        basis_of(&examples, &clusters, settings, pull, gathering.seed),
+        rays,
+    )
+}
+
+fn basis_of(
+    examples: &Examples,
+    clusters: &Clusters,
+    settings: &BasisSettings,
+    pull: &Weights,
+    seed: u64,
+) -> LightBasis {
+    let coefficients = settings.coefficients as usize;
+    LightBasis::new(examples, clusters, coefficients, pull, seed)
+}
+
+#[expect(clippy::too_many_arguments, reason = "what a level consists of")]
+fn examples(
+    gathering: &Gathering<'_>,
+    hierarchy: &Hierarchy,
+    viewpoints: &[Vec3],
+    places: &Places,
+    pull: &Weights,
+    own: Vec<u32>,
+    settings: &BasisSettings,
+    drop_first: bool,
+) -> (Examples, u64) {
+    let geometry = gathering.geometry;
+    let senders = pull.len();
+    // Not the training lamps, which judge the rows.
+    let seed = gathering.seed ^ 0x65_78_61_6d;
+    let rows = coarse_rows(&gathering.scene(hierarchy), senders);
+    let mut rays = rows.len() as u64 * u64::from(gathering.rays);
+    let open = rows.iter().any(|row| row.1 > 0.0);
+    let (free, cast) = free_places(
+        geometry,
+        viewpoints,
+        settings.lamps as usize,
+        seed,
+        drop_first,
+    );
+    rays += cast;
+    let mut random = Random::new(seed, 0, 0);
+    let lamps: Vec<Lamp> = (free.iter().enumerate())
+        .map(|(k, &x)| match open && k % SUN_OF == SUN_OF - 1 {
+            true => Lamp::Sun(uniform_sphere(Vec2::new(random.unit(), random.unit()))),
+            false => Lamp::Point(x),
+        })
+        .collect();
+    let mut light = Vec::with_capacity(own.len() * lamps.len());
+    let mut powers: Vec<[f64; 2]> = Vec::with_capacity(lamps.len());
+    for (batch, lamps) in lamps.chunks(SIGNALS).enumerate() {
+        let scene = (hierarchy, geometry, places, pull);
+        let values = radiosity(scene, lamps, batch * SIGNALS);
+        rays += (own.len() * lamps.len()) as u64;
+        let back = mean_squares(&rows, &values);
+        for (lamp, back) in back.into_iter().enumerate().take(lamps.len()) {
+            let first = light.len();
+            light.extend(own.iter().map(|&j| values[j as usize][lamp]));
+            let square: f64 = light[first..].iter().map(|v| f64::from(v * v)).sum();
+            powers.push([f64::from(back), square / own.len().max(1) as f64].map(f64::sqrt));
+        }
+    }
+    // One that shines into the open, or on the back of things, would speak for all if it counted by what comes back alone.
+    let mut shares: Vec<f64> = (powers.iter())
+        .filter(|[_, direct]| *direct > 0.0)
+        .map(|[back, direct]| back / direct)
+        .collect();
+    shares.sort_by(f64::total_cmp);
+    let usual = shares.get(shares.len() / 2).copied().unwrap_or(0.0);
+    for (row, [back, direct]) in light.chunks_exact_mut(own.len().max(1)).zip(powers) {
+        let power = back.max(LEAST_BACK * usual * direct);
+        let scale = if power > 0.0 {
+            (1.0 / power) as f32
+        } else {
+            0.0
+        };
+        let scale = if scale.is_finite() { scale } else { 0.0 };
+        row.iter_mut().for_each(|v| *v *= scale);
+    }
+    (Examples { own, light }, rays)
+}
+
+/// Radiosity of the senders for each lamp, of the colour whose turn it is; `first` is the number of the first lamp.
+fn radiosity(
+    (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &Places, &Weights),
+    lamps: &[Lamp],
+    first: usize,
+) -> Vec<[f32; SIGNALS]> {
+    let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
+    let count = places.per_sender as usize;
+    let far = 2.0 * geometry.bounds().size().length();
+    let mut values: Vec<[f32; SIGNALS]> = (0..pull.len())
+        .into_par_iter()
+        .map(|j| {
+            let mut row = [0.0; SIGNALS];
+            if j < finest && !pull.row(j).is_empty() {
+                return row;
+            }
+            let s = &hierarchy.surfaces[j];
+            for (k, (value, lamp)) in row.iter_mut().zip(lamps).enumerate() {
+                let number = first + k;
+                let (x, n) = match j < finest || count == 0 {
+                    true => (s.position, s.normal),
+                    false => {
+                        let place = &places.list[(j - finest) * count + turn(number, count)];
+                        (place.x(), place.n())
+                    }
+                };
+                *value = s.albedo[number % 3] * shine(geometry, lamp, x, n, far);
+            }
+            row
+        })
+        .collect();
+    for k in (0..finest).rev() {
+        for w in pull.row(k) {
+            let (mean, child) = (values[k], values[w.index as usize]);
+            values[k] = std::array::from_fn(|t| mean[t] + w.weight * child[t]);
+        }
+    }
+    values
+}
+
+/// Which of a sender's places a lamp shines on: any, but the same whoever asks.
+fn turn(number: usize, count: usize) -> usize {
+    (mix(number as u64) % count.max(1) as u64) as usize
+}
+
+/// Irradiance at (x, n), W/m².
+fn shine(geometry: &dyn Geometry, lamp: &Lamp, x: Vec3, n: Vec3, far: f32) -> f32 {
+    let start = x + n * geometry.lift(x);
+    match *lamp {
+        Lamp::Point(lamp) => {
+            let to = lamp - start;
+            let (square, cosine) = (to.length_squared(), to.dot(n));
+            let lit = cosine > 0.0 && square > 0.0 && !geometry.occluded(start, lamp);
+            if lit {
+                cosine / (square * square.sqrt())
+            } else {
+                0.0
+            }
+        }
+        Lamp::Sun(to) => {
+            let cosine = to.dot(n);
+            let lit = cosine > 0.0 && !geometry.occluded(start, start + far * to);
+            if lit { cosine } else { 0.0 }
+        }
+    }
+}

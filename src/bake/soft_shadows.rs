@@ -1,0 +1,75 @@
+//! What a recipe says of soft shadows: whether the senders' points remember what they see ([P14] §4.2), and in how many numbers.
+
+use super::recipe::RecipeError;
+use crate::transport::pca::{HemisphereGrid, Visibility, VisibilitySettings};
+use serde::{Deserialize, Serialize};
+
+/// Visibility of the senders' points, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SoftShadows {
+    /// Directions a point, about, 16 to 16384.
+    pub directions: u32,
+    /// Most coefficients a point, 1 to 128.
+    pub coefficients: u32,
+    /// Points of a cluster, about, 16 to 65536: fewer are more exact, and more to store.
+    pub cluster_points: u32,
+}
+
+impl Default for SoftShadows {
+    fn default() -> Self {
+        let usual = VisibilitySettings::default();
+        Self {
+            directions: usual.grid.len() as u32,
+            coefficients: usual.components,
+            cluster_points: usual.cluster_points,
+        }
+    }
+}
+
+impl SoftShadows {
+    /// Checks every value.
+    pub(super) fn check(&self) -> Result<(), RecipeError> {
+        let within = |field, v: u32, low: u32, high: u32, allowed| match (low..=high).contains(&v) {
+            true => Ok(()),
+            false => Err(RecipeError::OutOfRange {
+                field,
+                value: v.to_string(),
+                allowed,
+            }),
+        };
+        within(
+            "soft_shadows.directions",
+            self.directions,
+            16,
+            16_384,
+            "16 to 16384",
+        )?;
+        within(
+            "soft_shadows.coefficients",
+            self.coefficients,
+            1,
+            Visibility::MOST_COMPONENTS,
+            "1 to 128",
+        )?;
+        within(
+            "soft_shadows.cluster_points",
+            self.cluster_points,
+            16,
+            65_536,
+            "16 to 65536",
+        )
+    }
+
+    /// What the bake of visibility needs.
+    #[must_use]
+    pub fn settings(&self, seed: u64) -> VisibilitySettings {
+        VisibilitySettings {
+            grid: HemisphereGrid::of(self.directions),
+            components: self.coefficients,
+            cluster_points: self.cluster_points,
+            seed,
+            ..VisibilitySettings::default()
+        }
+    }
+}

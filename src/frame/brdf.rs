@@ -1,0 +1,218 @@
+//! The specular part of Bevy's standard material, for virtual lights that are disks and no points: D·V·F of \[RG18\] §4.4, whose formulas Bevy 0.19's
+//! `pbr_lighting.wgsl` has too; code our own. What the kernel `gloss` and its tests share.
+//!
+//! - D, GGX (\[WML07\] Eq. (33)): α² / (π ((n·h)² (α² − 1) + 1)²), with 1 − (n·h)² from a cross product, so that small α keep their digits.
+//! - V, Smith's correlated masking over 4 (n·v) (n·l) (\[RG18\] §4.4.2).
+//! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as Bevy has it.
+//!
+//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p) and D V p: whoever interpolates them puts each pixel's own colour in.
+//!
+//! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors are turned by half of that, so its lobe is a GGX with
+//! α'² = α² + sin²σ / 4: energy stays what it is, the highlight is wider and never brighter than the disk can be. Bevy moves a lamp's place to the point of a ball that is nearest to the mirrored ray and scales by (α / α')²
+//! (\[K13\]), which has a sharp edge and loses energy near by.
+
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Least perceptual roughness: Bevy's, that of lamps.
+pub const SMOOTHEST: f32 = 0.089;
+/// Least cosine between the normal and the direction to the eye.
+pub const SLANTED: f32 = 1e-4;
+
+/// What a white surface loses at the first reflection, over the fourth power of its roughness, where that is small.
+pub const LOST: f32 = 1.25;
+/// How that levels off.
+pub const LATE: f32 = 1.1;
+
+/// A surface as a light's reflection in it is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Facet {
+    /// Unit normal.
+    pub n: Vec3,
+    /// Unit, toward the eye.
+    pub v: Vec3,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: f32,
+}
+
+/// What a surface sends to the eye of an irradiance of one, over f₀ and over f₉₀, 1/sr.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gloss {
+    /// D V (1 − p).
+    pub straight: f32,
+    /// D V p.
+    pub grazing: f32,
+}
+
+/// α² of a perceptual roughness.
+#[must_use]
+#[inline]
+pub fn alpha_square(roughness: f32) -> f32 {
+    let r = roughness.clamp(SMOOTHEST, 1.0);
+    r * r * r * r
+}
+
+/// f₉₀.
+#[must_use]
+pub fn grazing(straight: Vec3) -> f32 {
+    (50.0 * 0.33 * straight.element_sum()).min(1.0)
+}
+
+/// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with the sine of half its angle squared `spread`.
+#[must_use]
+#[inline]
+pub fn gloss(facet: &Facet, l: Vec3, spread: f32) -> Gloss {
+    let sum = l + facet.v;
+    let length = sum.length();
+    // The light comes from where the eye looks to.
+    if length <= 1e-6 {
+        return Gloss::default();
+    }
+    let h = sum / length;
+    let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
+    let (nl, nv) = (facet.n.dot(l).max(0.0), facet.n.dot(facet.v).max(SLANTED));
+    let nh = facet.n.dot(h);
+    if nh <= 0.0 {
+        return Gloss::default();
+    }
+    let sine = facet.n.cross(h);
+    let wide = sine.dot(sine) + a2 * nh * nh;
+    let d = a2 / (PI * wide * wide);
+    let masked = nl * (nv * nv * (1.0 - a2) + a2).sqrt() + nv * (nl * nl * (1.0 - a2) + a2).sqrt();
+    let q = 1.0 - l.dot(h).clamp(0.0, 1.0);
+    let p = q * q * q * q * q;
+    let dv = d * 0.5 / masked;
+    Gloss {
+        straight: dv * (1.0 - p),
+        grazing: dv * p,
+    }
+}
+
+/// What light that is reflected more than once between facets adds, a factor (\[RG18\] §4.7.2): 1 + f₀ (1 / E − 1). E, the albedo of a white surface after one reflection, is a table in Bevy;
+/// here 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit of ours to the albedos that a test below measures.
+#[must_use]
+pub fn again(roughness: f32, straight: Vec3) -> Vec3 {
+    let r2 = roughness * roughness;
+    let r4 = r2 * r2;
+    let lost = LOST * r4 / (1.0 + LATE * r4 * r4);
+    Vec3::ONE + straight * (lost / (1.0 - lost))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Random;
+
+    fn facet(roughness: f32, slant: f32) -> Facet {
+        Facet {
+            n: Vec3::Y,
+            v: Vec3::new(slant.sin(), slant.cos(), 0.0),
+            roughness,
+        }
+    }
+
+    /// Albedo of a white mirror of this roughness, by directions spread over the half vectors' own distribution.
+    fn albedo(facet: &Facet, spread: f32) -> f64 {
+        let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
+        let mut random = Random::new(5, 0, 0);
+        let count = 40_000;
+        let mut sum = 0.0;
+        for _ in 0..count {
+            let (u, phi) = (random.unit(), 2.0 * PI * random.unit());
+            let tan = (a2 * u / (1.0 - u)).sqrt();
+            let h = Vec3::new(tan * phi.cos(), 1.0, tan * phi.sin()).normalize();
+            let l = 2.0 * facet.v.dot(h) * h - facet.v;
+            if l.y <= 0.0 || facet.v.dot(h) <= 0.0 {
+                continue;
+            }
+            let wide = 1.0 - h.y * h.y + a2 * h.y * h.y;
+            let density = a2 / (PI * wide * wide) * h.y / (4.0 * facet.v.dot(h));
+            let g = gloss(facet, l, spread);
+            sum += f64::from((g.straight + g.grazing) * l.y / density);
+        }
+        sum / f64::from(count)
+    }
+
+    /// No surface sends more than it gets, smooth ones send nearly all, and the factor for what is reflected again brings the rest back.
+    #[test]
+    fn energy_is_kept() {
+        for slant in [0.2, 0.8, 1.2] {
+            for (roughness, least) in [
+                (0.1, 0.98),
+                (0.3, 0.93),
+                (0.5, 0.7),
+                (0.7, 0.5),
+                (1.0, 0.25),
+            ] {
+                let facet = facet(roughness, slant);
+                let found = albedo(&facet, 0.0);
+                let whole = found * f64::from(again(roughness, Vec3::ONE).x);
+                println!("{roughness} {slant}: {found:.3} {whole:.3}");
+                assert!((least..1.003).contains(&found));
+                assert!((whole - 1.0).abs() < if roughness < 0.8 { 0.1 } else { 0.3 });
+            }
+        }
+    }
+
+    /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the same brightest place within a part that tells what the formula is worth.
+    #[test]
+    fn a_disk_is_its_points() {
+        for (roughness, sine) in [(0.15, 0.1f32), (0.3, 0.1), (0.3, 0.3), (0.5, 0.3)] {
+            let eye = 0.5f32;
+            let mirrored = Vec3::new(-eye.sin(), eye.cos(), 0.0);
+            let facet = facet(roughness, eye);
+            let (u, v) = mirrored.any_orthonormal_pair();
+            // Offsets of the disk's middle from the mirrored ray.
+            let [mut energies, mut peaks] = [[0.0f32; 2]; 2];
+            for i in -20..=20 {
+                for j in -20..=20 {
+                    let off = 2.5 * (sine + roughness * roughness) / 20.0;
+                    let middle = mirrored + off * (i as f32 * u + j as f32 * v);
+                    let by_formula = gloss(&facet, middle.normalize(), sine * sine).straight;
+                    let mut mean = 0.0;
+                    for k in 0..128 {
+                        let (r, phi) = (((k as f32 + 0.5) / 128.0).sqrt(), 2.399_963 * k as f32);
+                        let at = middle + sine * r * (phi.cos() * u + phi.sin() * v);
+                        mean += gloss(&facet, at.normalize(), 0.0).straight / 128.0;
+                    }
+                    for (k, value) in [by_formula, mean].into_iter().enumerate() {
+                        energies[k] += value;
+                        peaks[k] = peaks[k].max(value);
+                    }
+                }
+            }
+            let [energy, peak] = [energies[0] / energies[1], peaks[0] / peaks[1]];
+            println!("roughness {roughness}, sine {sine}: energy {energy:.3}, peak {peak:.3}");
+            assert!((energy - 1.0).abs() < 0.2, "{roughness} {sine}: {energy}");
+            assert!((0.6..1.7).contains(&peak), "{roughness} {sine}: {peak}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_infinite() {
+        let mut random = Random::new(9, 0, 0);
+        let mut direction = || {
+            let v = Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+            v.normalize_or(Vec3::Y)
+        };
+        for i in 0..20_000 {
+            let (n, v) = (direction(), direction());
+            let l = match i % 3 {
+                0 => direction(),
+                1 => -v,
+                _ => n,
+            };
+            let facet = Facet {
+                n,
+                v: if i % 5 == 0 { n } else { v },
+                roughness: (i % 7) as f32 / 6.0,
+            };
+            let g = gloss(&facet, l, (i % 4) as f32 / 3.0);
+            assert!(g.straight.is_finite() && g.straight >= 0.0 && g.grazing >= 0.0);
+            // What [`alpha_square`] bounds.
+            let most = 1.0 / (PI * alpha_square(0.0)) * 0.5 / alpha_square(0.0).sqrt();
+            assert!((g.straight + g.grazing) * n.dot(l).max(0.0) <= 1.01 * most);
+            assert!(again(facet.roughness, Vec3::ONE).is_finite());
+        }
+    }
+}

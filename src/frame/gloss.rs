@@ -1,0 +1,616 @@
+//! Kernel `gloss`: what glossy surfaces send to the eye of virtual point lights, \[N09\] Eq. (2) with a BRDF at the receiver, refined by illumination for each light alone (\[N09\] §3.3.1, and what
+//! its §6 proposes). Entry points: `gloss` fills the nodes of a level, from the coarsest to the finest; `gloss_pixels` shows every pixel.
+//!
+//! A highlight of one light bends where that of another is flat or dark, so one list of subsplats serves none of them well. \[N09\] refines a list for each light, and pays for it in Table 1. Here every
+//! node says which lights *surprised* it, one bit a light (or a group of them): the change that evaluating the light made of what the coarser nodes foretold. A node between coarser ones
+//! interpolates, and evaluates only the lights that surprised those around it:
+//!
+//! ```text
+//! value = Σ_j w_j value_j + Σ_{i surprised} (light_i − Σ_j w_j light_i,j)
+//! ```
+//!
+//! with j the nodes around it. The last sum evaluates light i there again: nothing is kept of single lights but their bit, whatever their number. A node for which nothing around is
+//! alike (another surface, a normal too far turned, another roughness) evaluates all lights, as does such a pixel.
+//!
+//! Nodes keep two colours, the light over f₀ and over f₉₀ ([`brdf`]): textures of colour need no subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
+//! how much of a light arrives, and from where.
+
+use super::brdf::{self, Facet, Gloss};
+use super::gbuffer;
+use super::pyramid::{Picture, Seen, seen};
+use super::refine::FLOOR;
+use super::reflective::{Vpl, VplParams, VplViewParams};
+use super::splat::LARGEST_HALF;
+use super::subsplat::{COARSEST, LUMINANCE, Levels, SubsplatParams, SubsplatSettings};
+use super::upsample::PLANE;
+use super::vpl::{hidden, place, share, start};
+use crate::scene::Bvh;
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec2, Vec3, Vec4};
+use half::f16;
+use rayon::prelude::*;
+use std::f32::consts::{FRAC_1_PI, PI};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bits of a surprise: more lights than that share them in groups of neighbours.
+pub const GROUPS: u32 = 128;
+/// Perceptual roughness over which what is no metal loses its gloss.
+pub const FADES: f32 = 0.1;
+/// Cosine between normals up to which nodes say nothing of one another, and from which they say all: highlights turn twice as fast as the surface.
+pub const TURNS: [f32; 2] = [0.85, 0.97];
+/// Difference of the cosines to the eye, over their sum, from which they say nothing of one another.
+pub const SLANTS: f32 = 0.15;
+/// Difference of perceptual roughness from which they say nothing of one another.
+pub const ROUGHER: f32 = 0.1;
+
+/// Which surfaces show the gloss of virtual lights, and where it is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GlossSettings {
+    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
+    pub coarsest: u32,
+    /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
+    pub finest: u32,
+    /// A light is evaluated further where it is this far from what was foretold, in parts of the gloss of all lights.
+    pub light: f32,
+    /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
+    pub roughest: f32,
+    /// Refine by the sum of the lights: one list for all of them. For comparison.
+    pub together: bool,
+}
+
+impl Default for GlossSettings {
+    fn default() -> Self {
+        Self {
+            coarsest: 4,
+            finest: 1,
+            light: 0.02,
+            roughest: 0.6,
+            together: false,
+        }
+    }
+}
+
+impl GlossSettings {
+    /// What the kernel is told: the view as for subsplats, and the rest.
+    #[must_use]
+    pub fn params(
+        &self,
+        view_from_clip: Mat4,
+        view_from_world: Mat4,
+        viewport: [f32; 4],
+        size: [u32; 2],
+    ) -> (SubsplatParams, GlossParams) {
+        let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
+        let screen = SubsplatSettings {
+            coarsest: self.coarsest.clamp(2, COARSEST),
+            finest: self.finest,
+            light: positive(self.light),
+            ..SubsplatSettings::default()
+        };
+        let params = GlossParams {
+            roughest: positive(self.roughest).min(1.0 + FADES),
+            together: u32::from(self.together),
+            ..GlossParams::default()
+        };
+        let screen = SubsplatParams::new(&screen, view_from_clip, view_from_world, viewport, size);
+        (screen, params)
+    }
+}
+
+/// What `gloss` is told beside the view. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct GlossParams {
+    /// See [`GlossSettings::roughest`].
+    pub roughest: f32,
+    /// 1 to refine by the sum of the lights.
+    pub together: u32,
+    /// Not used.
+    pub pad0: u32,
+    /// Not used.
+    pub pad1: u32,
+}
+
+/// Gloss at a node, as half floats. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct GlossNode {
+    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the last word is 1 where something is known.
+    pub words: [u32; 4],
+}
+
+impl GlossNode {
+    /// A node of this light.
+    #[must_use]
+    pub fn new(light: &Shine) -> Self {
+        let pack = |a: f32, b: f32| {
+            let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
+            bits(a) | bits(b) << 16
+        };
+        let [a, b] = [light.straight, light.grazing];
+        Self {
+            words: [pack(a.x, a.y), pack(a.z, b.x), pack(b.y, b.z), 1],
+        }
+    }
+
+    /// Its light, if any is known.
+    #[must_use]
+    pub fn light(&self) -> Option<Shine> {
+        let half = |i: usize| {
+            let word = self.words[i / 2] >> (16 * (i % 2));
+            f16::from_bits(word as u16).to_f32()
+        };
+        (self.words[3] == 1).then(|| Shine {
+            straight: Vec3::new(half(0), half(1), half(2)),
+            grazing: Vec3::new(half(3), half(4), half(5)),
+        })
+    }
+}
+
+/// Radiance times the view's scale, over f₀ and over f₉₀.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shine {
+    /// Over f₀.
+    pub straight: Vec3,
+    /// Over f₉₀.
+    pub grazing: Vec3,
+}
+
+impl Shine {
+    fn add(&mut self, weight: f32, other: &Self) {
+        self.straight += weight * other.straight;
+        self.grazing += weight * other.grazing;
+    }
+
+    /// What a surface with this f₀ shows of it.
+    #[must_use]
+    pub fn of(&self, straight: Vec3) -> Vec3 {
+        straight * self.straight + brdf::grazing(straight) * self.grazing
+    }
+}
+
+/// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness leaves.
+#[must_use]
+pub fn shown(params: &GlossParams, texel: [u32; 4]) -> f32 {
+    let smooth = (params.roughest - gbuffer::roughness(texel)) / FADES;
+    gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
+}
+
+/// Lights, and what shadows them.
+#[derive(Clone, Copy)]
+pub struct Lights<'a> {
+    /// How many, and the bake's place.
+    pub lit: &'a VplParams,
+    /// The lights.
+    pub vpls: &'a [Vpl],
+    /// The bake's tree.
+    pub bvh: &'a Bvh,
+}
+
+impl Lights<'_> {
+    /// Lights that share a bit.
+    #[must_use]
+    pub fn a_group(&self) -> u32 {
+        self.lit.vpls.div_ceil(GROUPS).max(1)
+    }
+}
+
+/// A surface that lights shine on, in their space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Receiver {
+    /// Where, metres.
+    pub x: Vec3,
+    /// Normal, eye, roughness.
+    pub facet: Facet,
+    /// Where shadow rays start, in the bake's space.
+    pub start: Vec3,
+}
+
+/// What a pixel shows.
+#[must_use]
+pub fn receiver(
+    view: &VplViewParams,
+    lights: &Lights<'_>,
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> Receiver {
+    let x = place(view, pixel, depth);
+    let n = gbuffer::normal(texel);
+    Receiver {
+        x,
+        facet: Facet {
+            n,
+            v: toward_eye(view, pixel),
+            roughness: gbuffer::roughness(texel),
+        },
+        start: start(lights.lit, x, n),
+    }
+}
+
+/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths, whatever the projection.
+fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
+    let [left, top, width, height] = view.viewport;
+    let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
+        / Vec2::new(width, height);
+    let m = Mat4::from_cols_array_2d(&view.space_from_clip);
+    let far = m * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
+    let near = far + m.z_axis;
+    // The difference of the two places, times both w: the far one may be infinite.
+    (near.truncate() * far.w - far.truncate() * near.w).normalize_or_zero()
+}
+
+/// Light over flux, 1/m², below which there is none.
+pub const LEAST: f32 = 1e-15;
+
+/// How much brighter than by a white matt surface a light may be seen in this gloss: what the threshold of shadow rays is compared with.
+fn brightest(gloss: &Gloss) -> f32 {
+    (PI * (gloss.straight + gloss.grazing)).max(1.0)
+}
+
+/// What one light gives to the eye, over its flux.
+#[must_use]
+pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
+    let light = &lights.vpls[i as usize];
+    let n = at.facet.n;
+    let g = share(light, at.x, n);
+    let arrives = n.dot(g);
+    // Less than this is nothing, and has no direction in single precision.
+    if arrives.is_nan() || arrives <= LEAST {
+        return Gloss::default();
+    }
+    let toward = Vec3::from_array(light.position) - at.x;
+    let spread = light.square / (toward.dot(toward) + light.square);
+    let found = brdf::gloss(&at.facet, g / g.length(), spread);
+    if found.straight + found.grazing <= 0.0
+        || hidden(
+            lights.lit,
+            lights.bvh,
+            light,
+            at.start,
+            arrives * brightest(&found),
+        )
+    {
+        return Gloss::default();
+    }
+    Gloss {
+        straight: arrives * found.straight,
+        grazing: arrives * found.grazing,
+    }
+}
+
+/// What all lights give to the eye, unscaled.
+#[must_use]
+pub fn gloss_at(lights: &Lights<'_>, at: &Receiver) -> Shine {
+    let mut sum = Shine::default();
+    for i in 0..lights.lit.vpls {
+        let flux = Vec3::from_array(lights.vpls[i as usize].flux);
+        let found = gloss_of(lights, i, at);
+        sum.straight += found.straight * flux;
+        sum.grazing += found.grazing * flux;
+    }
+    sum
+}
+
+/// Everything that a view's gloss is made of.
+#[derive(Clone, Copy)]
+pub struct GlossView<'a> {
+    /// Levels and thresholds.
+    pub screen: &'a SubsplatParams,
+    /// The rest of the settings.
+    pub params: &'a GlossParams,
+    /// Where the lights' space is, and the scale.
+    pub view: &'a VplViewParams,
+    /// The lights.
+    pub lights: Lights<'a>,
+    /// Depth and G-buffer.
+    pub picture: Picture<'a>,
+}
+
+/// A glossy pixel.
+#[derive(Clone, Copy)]
+struct Glossy {
+    seen: Seen,
+    depth: f32,
+    texel: [u32; 4],
+    shown: f32,
+}
+
+/// A node around a place: its light, how much it weighs, and its surface.
+#[derive(Clone, Copy)]
+struct Around {
+    weight: f32,
+    light: Shine,
+    at: Receiver,
+}
+
+/// All nodes that say something of a place. Weights add up to one, or there is none.
+#[derive(Default)]
+struct Foretold {
+    light: Shine,
+    around: [Option<Around>; 4],
+    known: bool,
+}
+
+impl GlossView<'_> {
+    /// None where nothing glossy is to be seen.
+    fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
+        let seen = seen(self.screen, &self.picture, pixel)?;
+        let texel = self.picture.texel(self.screen.size, pixel);
+        let shown = shown(self.params, texel);
+        (shown > 0.0).then(|| Glossy {
+            seen,
+            depth: self.picture.depth(self.screen.size, pixel),
+            texel,
+            shown,
+        })
+    }
+
+    fn receiver(&self, pixel: [u32; 2], of: &Glossy) -> Receiver {
+        receiver(self.view, &self.lights, pixel, of.depth, of.texel)
+    }
+
+    /// What the nodes of level `k` + 1 foretell at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd.
+    fn foretold(
+        &self,
+        levels: &Levels,
+        nodes: &[GlossNode],
+        k: u32,
+        [x, y]: [u32; 2],
+        here: &Glossy,
+    ) -> Foretold {
+        let [w, h] = levels.grid(k + 1);
+        let mut out = Foretold::default();
+        let mut total = 0.0;
+        let share = if x % 2 == 1 && y % 2 == 1 { 0.25 } else { 0.5 };
+        for (slot, (dx, dy)) in CORNERS.into_iter().enumerate() {
+            let (cx, cy) = (x / 2 + dx, y / 2 + dy);
+            if dx > x % 2 || dy > y % 2 || cx >= w || cy >= h {
+                continue;
+            }
+            let Some(light) = nodes[levels.index(k + 1, cx, cy)].light() else {
+                continue;
+            };
+            let pixel = [cx << (k + 1), cy << (k + 1)];
+            let Some(there) = self.glossy(pixel) else {
+                continue;
+            };
+            let weight = share * alike(here, &there);
+            if weight > 0.0 {
+                total += weight;
+                let at = self.receiver(pixel, &there);
+                out.around[slot] = Some(Around { weight, light, at });
+            }
+        }
+        out.known = total > self.screen.alike;
+        if out.known {
+            for a in out.around.iter_mut().flatten() {
+                a.weight /= total;
+                out.light.add(a.weight, &a.light);
+            }
+        }
+        out
+    }
+
+    /// The lights that surprised a node of level `k` + 1 around cell (x, y) of level `k`; all at the level below the coarsest.
+    fn asked(&self, levels: &Levels, surprises: &[[u32; 4]], k: u32, [x, y]: [u32; 2]) -> [u32; 4] {
+        if k + 1 == self.screen.coarsest {
+            return [u32::MAX; 4];
+        }
+        let [w, h] = levels.grid(k + 1).map(|edge| edge as i32);
+        let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
+        let mut out = [0; 4];
+        // Of an edge the cells on both of its sides.
+        for cy in by - (1 - (y % 2) as i32)..=by + 1 {
+            for cx in bx - (1 - (x % 2) as i32)..=bx + 1 {
+                if (0..w).contains(&cx) && (0..h).contains(&cy) {
+                    let at = surprise(levels, k + 1, cx as u32, cy as u32);
+                    out = core::array::from_fn(|i| out[i] | surprises[at][i]);
+                }
+            }
+        }
+        out
+    }
+
+    /// A node of level `k`, its surprises, and how many lights were evaluated how often.
+    fn node(
+        &self,
+        levels: &Levels,
+        nodes: &[GlossNode],
+        surprises: &[[u32; 4]],
+        k: u32,
+        [x, y]: [u32; 2],
+    ) -> (GlossNode, [u32; 4], u64) {
+        let none = ([0; 4], 0);
+        let nothing = (GlossNode::default(), none.0, none.1);
+        let pixel = [x << k, y << k];
+        let Some(here) = self.glossy(pixel) else {
+            return nothing;
+        };
+        let all = u64::from(self.lights.lit.vpls);
+        if k == self.screen.coarsest {
+            return (self.whole(pixel, &here), none.0, all);
+        }
+        if x % 2 == 0 && y % 2 == 0 {
+            let same = nodes[levels.index(k + 1, x / 2, y / 2)];
+            return (same, none.0, none.1);
+        }
+        let before = self.foretold(levels, nodes, k, [x, y], &here);
+        let asked = self.asked(levels, surprises, k, [x, y]);
+        let finer = k >= self.screen.finest;
+        if before.known && (asked == [0; 4] || !finer) {
+            return (GlossNode::new(&before.light), none.0, none.1);
+        }
+        if !before.known && !finer {
+            return nothing;
+        }
+        let straight = gbuffer::straight(here.texel);
+        let seen_before = LUMINANCE.dot(before.light.of(straight));
+        let most = self.screen.light * (seen_before + FLOOR * FRAC_1_PI);
+        if before.known && self.params.together == 1 {
+            let node = self.whole(pixel, &here);
+            let found = node.light().unwrap_or_default();
+            let off = (LUMINANCE.dot(found.of(straight)) - seen_before).abs();
+            let bits = if off > most { u32::MAX } else { 0 };
+            return (node, [bits; 4], all);
+        }
+        let at = self.receiver(pixel, &here);
+        let group = self.lights.a_group();
+        let (mut light, mut bits, mut count) = (before.light, [0; 4], 0);
+        for g in 0..self.lights.lit.vpls.div_ceil(group) {
+            if before.known && asked[(g / 32) as usize] >> (g % 32) & 1 == 0 {
+                continue;
+            }
+            let mut change = Shine::default();
+            for i in g * group..((g + 1) * group).min(self.lights.lit.vpls) {
+                let flux = self.view.scale * Vec3::from_array(self.lights.vpls[i as usize].flux);
+                let mut found = gloss_of(&self.lights, i, &at);
+                count += 1;
+                for a in before.around.iter().flatten().filter(|_| before.known) {
+                    let there = gloss_of(&self.lights, i, &a.at);
+                    found.straight -= a.weight * there.straight;
+                    found.grazing -= a.weight * there.grazing;
+                    count += 1;
+                }
+                change.straight += found.straight * flux;
+                change.grazing += found.grazing * flux;
+            }
+            light.add(1.0, &change);
+            if LUMINANCE.dot(change.of(straight)).abs() > most {
+                bits[(g / 32) as usize] |= 1 << (g % 32);
+            }
+        }
+        (GlossNode::new(&light), bits, count)
+    }
+
+    /// All lights at a pixel.
+    fn whole(&self, pixel: [u32; 2], of: &Glossy) -> GlossNode {
+        let mut light = Shine::default();
+        let found = gloss_at(&self.lights, &self.receiver(pixel, of));
+        light.add(self.view.scale, &found);
+        GlossNode::new(&light)
+    }
+
+    /// Entry point `gloss_pixels`, for one pixel: radiance times the scale, and 1 where there is any; and how many lights were evaluated for it alone.
+    #[must_use]
+    pub fn pixel(&self, levels: &Levels, nodes: &[GlossNode], [x, y]: [u32; 2]) -> ([f32; 4], u64) {
+        let Some(here) = self.glossy([x, y]) else {
+            return ([0.0; 4], 0);
+        };
+        let known = if x % 2 == 0 && y % 2 == 0 {
+            nodes[levels.index(1, x / 2, y / 2)].light()
+        } else {
+            let before = self.foretold(levels, nodes, 0, [x, y], &here);
+            before.known.then_some(before.light)
+        };
+        if let Some(light) = known {
+            return (texel(&here, &light), 0);
+        }
+        let light = self.whole([x, y], &here).light().unwrap_or_default();
+        (texel(&here, &light), u64::from(self.lights.lit.vpls))
+    }
+
+    /// A pixel evaluated by itself: what full resolution shows.
+    #[must_use]
+    pub fn full(&self, pixel: [u32; 2]) -> [f32; 4] {
+        self.glossy(pixel).map_or([0.0; 4], |here| {
+            let light = self.whole(pixel, &here).light().unwrap_or_default();
+            texel(&here, &light)
+        })
+    }
+
+    /// All levels, in the order in which the device runs them; no pixel yet.
+    #[must_use]
+    pub fn levels(&self) -> Glosses {
+        let levels = self.screen.levels();
+        let mut nodes = vec![GlossNode::default(); levels.starts[0] as usize];
+        let surprised = levels.starts[0] - levels.starts[2];
+        let mut surprises = vec![[0; 4]; surprised as usize];
+        let mut evaluated = vec![0; levels.coarsest as usize + 1];
+        for k in (1..=levels.coarsest).rev() {
+            let [w, h] = levels.grid(k);
+            let found: Vec<_> = (0..w * h)
+                .into_par_iter()
+                .map(|i| self.node(&levels, &nodes, &surprises, k, [i % w, i / w]))
+                .collect();
+            for (i, (node, bits, count)) in (0..w * h).zip(found) {
+                nodes[levels.index(k, i % w, i / w)] = node;
+                if k > 1 {
+                    surprises[surprise(&levels, k, i % w, i / w)] = bits;
+                }
+                evaluated[k as usize] += count;
+            }
+        }
+        Glosses {
+            texels: Vec::new(),
+            nodes,
+            surprises,
+            evaluated,
+        }
+    }
+
+    /// All levels and pixels.
+    #[must_use]
+    pub fn run(&self) -> Glosses {
+        let mut out = self.levels();
+        let levels = self.screen.levels();
+        let [width, height] = levels.size;
+        let alone = AtomicU64::new(0);
+        out.texels = (0..width * height)
+            .into_par_iter()
+            .map(|i| {
+                let (texel, count) = self.pixel(&levels, &out.nodes, [i % width, i / width]);
+                alone.fetch_add(count, Ordering::Relaxed);
+                texel
+            })
+            .collect();
+        out.evaluated[0] = alone.into_inner();
+        out
+    }
+}
+
+/// A view's gloss, and what it took.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Glosses {
+    /// For each pixel radiance times the view's scale, and 1 where there is gloss; else zeros.
+    pub texels: Vec<[f32; 4]>,
+    /// Nodes of the levels from 1.
+    pub nodes: Vec<GlossNode>,
+    /// Lights that surprised, of the levels from 2.
+    pub surprises: Vec<[u32; 4]>,
+    /// How often a light was evaluated, level by level; 0 is for pixels by themselves.
+    pub evaluated: Vec<u64>,
+}
+
+/// The nodes around, as steps.
+const CORNERS: [(u32, u32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
+
+/// Where the surprises of a cell of level 2 or more are.
+#[must_use]
+pub fn surprise(levels: &Levels, k: u32, x: u32, y: u32) -> usize {
+    levels.index(k, x, y) - levels.starts[2] as usize
+}
+
+/// How much two glossy places say of one another: 1 all, 0 nothing.
+fn alike(a: &Glossy, b: &Glossy) -> f32 {
+    let (p, q) = (&a.seen, &b.seen);
+    let off = (q.x - p.x).dot(p.n).abs().max((q.x - p.x).dot(q.n).abs());
+    let plane = (2.0 - 2.0 * off / (PLANE * p.reach)).clamp(0.0, 1.0);
+    let normal = ((p.n.dot(q.n) - TURNS[0]) / (TURNS[1] - TURNS[0])).clamp(0.0, 1.0);
+    let apart = (gbuffer::roughness(a.texel) - gbuffer::roughness(b.texel)).abs();
+    let rough = (2.0 - 2.0 * apart / ROUGHER).clamp(0.0, 1.0);
+    // Of cosines to the eye the ratio counts: where it is small, all that shines changes with it.
+    let [u, v] = [p, q].map(|s| s.n.dot(-s.x.normalize()).abs());
+    let slant =
+        (2.0 - 2.0 * (u - v).abs() / (SLANTS * (u + v)).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    plane * normal * rough * slant
+}
+
+fn texel(here: &Glossy, light: &Shine) -> [f32; 4] {
+    let straight = gbuffer::straight(here.texel);
+    let again = brdf::again(gbuffer::roughness(here.texel), straight);
+    (here.shown * again * light.of(straight))
+        .min(Vec3::splat(LARGEST_HALF))
+        .extend(1.0)
+        .to_array()
+}

@@ -1,0 +1,538 @@
+//! Kernel `soft`: what lamps with soft shadows do not reach, at the points that remember what they see (\[P14\] §5): without a ray and without a shadow map.
+//!
+//! A light is a set of stratified samples. For each, the four nearest of the point's directions tell whether something is nearer than the sample; the answers are weighted as
+//! the directions are (percentage closer, not a comparison with a mean depth: an edge between near and far has no surface half-way). That gives the visible fraction
+//! f = Σ w v / Σ w of the irradiance E, with w = cos θ cos θ' / d²; E itself is known in closed form. The kernel writes the deficit (1 − f) E, as a
+//! vector: what the engine draws without shadows is drawn at every pixel, and this is taken from it. In full shadow nothing is left, however few the samples.
+//!
+//! Depths are compared in e = d / (d + s). Where we deviate from \[P14\], which has one bias:
+//!
+//! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the distance to compare with is that to the rectangle's plane:
+//!   no acne where a panel hangs a hand's breadth below a ceiling.
+//! - **The threshold lies half-way** between the light and the nearest thing before it, for few components smooth edges, and a threshold at the light would take every
+//!   smooth edge for shadow: [`SoftParams::close`] to [`SoftParams::far`] of the light's distance before it.
+//!
+//! Points beyond those that remember take the mean of their parents (`flatten`, with no row in use), and `splat` brings all of it to the screen.
+
+use super::flatten;
+use super::layout::{SolveParams, VectorIrradiance};
+use super::project::{extent, nearest_square};
+use crate::asset::BakedScene;
+use crate::samples::{Point, tangents};
+use crate::scene::{Geometry, Light};
+use crate::transport::pca::{Visibility, VisibilityCluster, frame};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::TAU;
+
+/// A light that casts soft shadows from baked visibility, in the bake's local space. 80 bytes, the layout of `SoftLight` in the shaders.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SoftLight {
+    /// Metres.
+    pub center: [f32; 3],
+    /// One of [`SoftLight::NONE`], [`SPHERE`](Self::SPHERE), [`RECTANGLE`](Self::RECTANGLE).
+    pub kind: u32,
+    /// Half edge of a rectangle, metres; it emits to the side of u × v.
+    pub u: [f32; 3],
+    /// Radius of a sphere, metres; 0 for a point.
+    pub radius: f32,
+    /// The other half edge of a rectangle, metres.
+    pub v: [f32; 3],
+    /// 1 / range², 1/m²; 0 for no range.
+    pub inverse_square_range: f32,
+    /// Sphere: intensity, W/sr. Rectangle: radiance, W/(m² sr).
+    pub color: [f32; 3],
+    /// Samples along u.
+    pub columns: u32,
+    /// Samples along v; a sphere has columns × rows of them on the disk that a point sees.
+    pub rows: u32,
+    /// Not used.
+    pub pad: [u32; 3],
+}
+
+impl SoftLight {
+    /// `kind` of a slot without a light.
+    pub const NONE: u32 = 0;
+    /// `kind` of a sphere, or of a point, which is one without radius.
+    pub const SPHERE: u32 = 1;
+    /// `kind` of a rectangle.
+    pub const RECTANGLE: u32 = 2;
+    /// Most samples along an edge.
+    pub const MOST_SAMPLES: u32 = 16;
+
+    /// A sphere: metres, W/sr; `range` in metres or infinite; about `samples` samples. One that is not finite is [`NONE`](Self::NONE).
+    #[must_use]
+    pub fn sphere(center: Vec3, radius: f32, intensity: Vec3, range: f32, samples: u32) -> Self {
+        let side = side(samples);
+        let one = if radius > 0.0 { side } else { 1 };
+        Self {
+            center: center.to_array(),
+            kind: Self::SPHERE,
+            radius: radius.max(0.0),
+            inverse_square_range: match range.is_finite() {
+                true => 1.0 / (range * range).max(1e-30),
+                false => 0.0,
+            },
+            color: intensity.to_array(),
+            columns: one,
+            rows: one,
+            ..Self::default()
+        }
+        .or_none()
+    }
+
+    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, or has no
+    /// area, is [`NONE`](Self::NONE).
+    #[must_use]
+    pub fn rectangle(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, samples: u32) -> Self {
+        let (long, wide) = (u.length(), v.length());
+        if u.cross(v).length_squared() <= 0.0 {
+            return Self::default();
+        }
+        let samples = samples.clamp(1, Self::MOST_SAMPLES * Self::MOST_SAMPLES) as f32;
+        let columns = (samples * long / wide).sqrt().round().clamp(1.0, 16.0);
+        let rows = (samples / columns).round().clamp(1.0, 16.0);
+        Self {
+            center: center.to_array(),
+            kind: Self::RECTANGLE,
+            u: u.to_array(),
+            v: v.to_array(),
+            color: radiance.to_array(),
+            columns: columns as u32,
+            rows: rows as u32,
+            ..Self::default()
+        }
+        .or_none()
+    }
+
+    /// The soft light of a point or rectangle light; none for the other kinds.
+    #[must_use]
+    pub fn of(light: &Light, samples: u32) -> Option<Self> {
+        match *light {
+            Light::Point {
+                position,
+                intensity,
+                range,
+            } => Some(Self::sphere(position, 0.0, intensity, range, 1)),
+            Light::Rect {
+                center,
+                u,
+                v,
+                radiance,
+            } => Some(Self::rectangle(center, u, v, radiance, samples)),
+            _ => None,
+        }
+    }
+
+    fn or_none(self) -> Self {
+        let numbers = [self.center, self.u, self.v, self.color];
+        let finite = numbers.iter().flatten().all(|v| v.is_finite())
+            && self.radius.is_finite()
+            && self.inverse_square_range.is_finite();
+        if finite { self } else { Self::default() }
+    }
+
+    /// Normal of a rectangle.
+    fn normal(&self) -> Vec3 {
+        Vec3::from_array(self.u)
+            .cross(self.v.into())
+            .normalize_or_zero()
+    }
+}
+
+/// Samples along an edge for so many in all.
+fn side(samples: u32) -> u32 {
+    (samples as f32)
+        .sqrt()
+        .round()
+        .clamp(1.0, SoftLight::MOST_SAMPLES as f32) as u32
+}
+
+/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum over the edges of what is above the
+/// horizon (\[L60\]), a sphere as a point, which is exact for one that is wholly above it, and what Bevy draws.
+#[must_use]
+pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
+    let to = Vec3::from_array(light.center) - x;
+    if light.kind == SoftLight::SPHERE {
+        let square = to.dot(to);
+        if square <= 0.0 {
+            return 0.0;
+        }
+        let cosine = n.dot(to / square.sqrt()).max(0.0);
+        let factor = square * light.inverse_square_range;
+        let window = (1.0 - factor * factor).clamp(0.0, 1.0);
+        return cosine / square.max(nearest_square(extent)) * window * window;
+    }
+    if light.kind != SoftLight::RECTANGLE || light.normal().dot(to) >= 0.0 {
+        return 0.0;
+    }
+    let (u, v) = (Vec3::from_array(light.u), Vec3::from_array(light.v));
+    let corners = [to - u - v, to + u - v, to + u + v, to - u + v];
+    // What is below the horizon goes: at most five corners are left.
+    let mut sum = 0.0;
+    let mut first = Vec3::ZERO;
+    let mut last = Vec3::ZERO;
+    let mut any = false;
+    let mut edge = |p: Vec3| {
+        if any {
+            sum += arc(last, p, n);
+        } else {
+            first = p;
+            any = true;
+        }
+        last = p;
+    };
+    for k in 0..4 {
+        let (a, b) = (corners[k], corners[(k + 1) % 4]);
+        let (ha, hb) = (n.dot(a), n.dot(b));
+        if ha >= 0.0 {
+            edge(a);
+        }
+        if (ha < 0.0) != (hb < 0.0) {
+            edge(a + (b - a) * (ha / (ha - hb)));
+        }
+    }
+    if any {
+        sum += arc(last, first, n);
+    }
+    0.5 * sum.abs()
+}
+
+/// Angle under which an edge is seen, times the cosine between n and the normal of its plane.
+fn arc(a: Vec3, b: Vec3, n: Vec3) -> f32 {
+    let across = a.cross(b);
+    let sine = across.length();
+    if sine <= 0.0 {
+        return 0.0;
+    }
+    libm::atan2f(sine, a.dot(b)) * n.dot(across) / sine
+}
+
+/// Sample `k` of `light` as seen from x: its place, metres.
+#[must_use]
+#[inline]
+pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
+    let center = Vec3::from_array(light.center);
+    if light.kind == SoftLight::RECTANGLE {
+        let at = |i: u32, of: u32| (2 * i + 1) as f32 / of as f32 - 1.0;
+        let (a, b) = (
+            at(k % light.columns, light.columns),
+            at(k / light.columns, light.rows),
+        );
+        return center + Vec3::from_array(light.u) * a + Vec3::from_array(light.v) * b;
+    }
+    if light.radius <= 0.0 {
+        return center;
+    }
+    // The disk that x sees of it, by a Fibonacci spiral: even rings, turned by the golden angle.
+    let away = x - center;
+    let distance = away.dot(away).sqrt();
+    let count = (light.columns * light.rows) as f32;
+    let radius = light.radius.min(0.9 * distance) * ((k as f32 + 0.5) / count).sqrt();
+    let turn = k as f32 * 0.618_034;
+    let angle = TAU * (turn - turn.floor());
+    let (t, b) = tangents(away / distance.max(f32::MIN_POSITIVE));
+    center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
+}
+
+/// Weight of a sample at `place` for (x, n): cos θ cos θ' / d² up to a factor, with its direction and distance; none where it does not shine there.
+#[inline]
+fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
+    let to = place - x;
+    let square = to.dot(to);
+    if square <= 0.0 {
+        return None;
+    }
+    let distance = square.sqrt();
+    let direction = to / distance;
+    let mut w = n.dot(direction) / square;
+    if light.kind == SoftLight::RECTANGLE {
+        w *= -light.normal().dot(direction);
+    }
+    (w > 0.0 && w.is_finite()).then_some((w, direction, distance))
+}
+
+/// What all threads know. 48 bytes, the layout of `SoftParams` in the shaders.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SoftParams {
+    /// Points with visibility.
+    pub points: u32,
+    /// Lights.
+    pub lights: u32,
+    /// Directions in a row of the map.
+    pub columns: u32,
+    /// Rows of the map.
+    pub rows: u32,
+    /// s of e = d / (d + s), metres.
+    pub near: f32,
+    /// Largest edge of the level's box, metres.
+    pub extent: f32,
+    /// What is nearer to the light than this part of its distance never hides it.
+    pub close: f32,
+    /// What is farther from the light than this part of its distance always does.
+    pub far: f32,
+    /// Part of the light's distance over which visibility goes from nothing to all.
+    pub width: f32,
+    /// Not used.
+    pub pad: [u32; 3],
+}
+
+/// The usual [`SoftParams::close`].
+pub const CLOSE: f32 = 0.2;
+/// The usual [`SoftParams::far`].
+pub const FAR: f32 = 0.4;
+/// The usual [`SoftParams::width`].
+pub const WIDTH: f32 = 0.2;
+
+impl SoftParams {
+    /// The parameters for a level as large as `extent` metres.
+    #[must_use]
+    pub fn new(visibility: &Visibility, extent: f32, lights: usize) -> Self {
+        Self {
+            points: visibility.points.len() as u32,
+            lights: lights as u32,
+            columns: visibility.grid.columns,
+            rows: visibility.grid.rows,
+            near: visibility.near,
+            extent,
+            close: CLOSE,
+            far: FAR,
+            width: WIDTH,
+            pad: [0; 3],
+        }
+    }
+}
+
+/// How much is seen of a sample in a direction (unit), at a distance (metres), of a light on a plane with a normal (zero for none).
+pub trait Sight {
+    /// e of the nearest thing around that direction; what `sees` is told.
+    fn least(&self, direction: Vec3) -> f32;
+    /// 0 to 1, given the `least` of all samples.
+    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3, least: f32) -> f32;
+}
+
+/// A point with its coefficients decoded, to look in directions.
+pub struct Eye<'a> {
+    params: SoftParams,
+    visibility: &'a Visibility,
+    cluster: VisibilityCluster,
+    axes: [Vec3; 3],
+    decoded: [f32; Visibility::MOST_COMPONENTS as usize + 1],
+    components: usize,
+}
+
+impl<'a> Eye<'a> {
+    /// Point `i`, which has the unit normal `n`.
+    #[must_use]
+    pub fn new(params: &SoftParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
+        let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 1];
+        let components = visibility.decode(i, &mut decoded);
+        let cluster = visibility.clusters[visibility.points[i].cluster as usize];
+        let (t, b) = frame(cluster.tangent.into(), n);
+        Self {
+            params: *params,
+            visibility,
+            cluster,
+            axes: [t, b, n],
+            decoded,
+            components,
+        }
+    }
+
+    fn local(&self, v: Vec3) -> Vec3 {
+        Vec3::from_array(self.axes.map(|axis| axis.dot(v)))
+    }
+
+    fn depth(&self, texel: u32) -> f32 {
+        self.visibility
+            .reconstruct(&self.cluster, &self.decoded[..=self.components], texel)
+    }
+}
+
+impl Sight for Eye<'_> {
+    fn least(&self, direction: Vec3) -> f32 {
+        let (texels, _) = self.visibility.grid.lookup(self.local(direction));
+        texels
+            .into_iter()
+            .fold(1.0, |least, t| self.depth(t).min(least))
+    }
+
+    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3, least: f32) -> f32 {
+        let grid = self.visibility.grid;
+        let e = |d: f32| d / (d + self.params.near);
+        let (local, plane) = (self.local(direction), self.local(normal));
+        let (texels, weights) = grid.lookup(local);
+        let mut seen = 0.0;
+        for (texel, weight) in texels.into_iter().zip(weights) {
+            let over = grid.direction(texel as usize).dot(plane);
+            let far = match over < 0.0 {
+                true => (distance * local.dot(plane) / over).clamp(0.5 * distance, 2.0 * distance),
+                false => distance,
+            };
+            let light = e(far);
+            let (low, high) = (
+                e(far * (1.0 - self.params.far)),
+                e(far * (1.0 - self.params.close)),
+            );
+            let threshold = (0.5 * (light + least)).clamp(low, high);
+            let ramp = light - e(far * (1.0 - self.params.width));
+            let v = 0.5 + (self.depth(texel) - threshold) / ramp.max(f32::MIN_POSITIVE);
+            seen += weight * v.clamp(0.0, 1.0);
+        }
+        seen
+    }
+}
+
+/// Sight by rays: what memory is compared with.
+pub struct Rays<'a> {
+    /// What they meet.
+    pub geometry: &'a dyn Geometry,
+    /// Where they start, a lift above the surface, metres.
+    pub start: Vec3,
+}
+
+impl Sight for Rays<'_> {
+    fn least(&self, _: Vec3) -> f32 {
+        0.0
+    }
+
+    fn sees(&self, direction: Vec3, distance: f32, _: Vec3, _: f32) -> f32 {
+        let end = self.start + direction * distance;
+        let end = end - direction * self.geometry.lift(end);
+        if self.geometry.occluded(self.start, end) {
+            0.0
+        } else {
+            1.0
+        }
+    }
+}
+
+/// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is hidden of it.
+#[must_use]
+pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32, Vec3) {
+    let normal = light.normal();
+    let samples = light.columns * light.rows;
+    let shining = |k: u32| weigh(light, sample(light, k, x), x, n);
+    let mut least = 1.0f32;
+    for k in 0..samples {
+        if let Some((_, direction, _)) = shining(k) {
+            least = least.min(sight.least(direction));
+        }
+    }
+    let (mut sum, mut seen, mut hidden) = (0.0, 0.0, Vec3::ZERO);
+    for k in 0..samples {
+        if let Some((w, direction, distance)) = shining(k) {
+            let v = sight.sees(direction, distance, normal, least);
+            sum += w;
+            seen += w * v;
+            hidden += (w * (1.0 - v)) * direction;
+        }
+    }
+    if sum > 0.0 {
+        ((seen / sum).clamp(0.0, 1.0), hidden / sum)
+    } else {
+        (1.0, Vec3::ZERO)
+    }
+}
+
+/// Vectors lean so far at most that their length is ten times their part along the normal.
+pub const LEAST_ALONG: f32 = 0.1;
+
+/// What `light` with colour one does not give to (x, n) because something is before it: a vector whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle,
+/// dimensionless.
+#[must_use]
+pub fn deficit(
+    params: &SoftParams,
+    light: &SoftLight,
+    x: Vec3,
+    n: Vec3,
+    sight: &impl Sight,
+) -> Vec3 {
+    let e = unshadowed(light, x, n, params.extent);
+    if e <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let (f, hidden) = fraction(light, x, n, sight);
+    let along = hidden.dot(n);
+    let across = hidden - n * along;
+    let lean = across
+        / along
+            .max(LEAST_ALONG * across.length())
+            .max(f32::MIN_POSITIVE);
+    (n + lean) * ((1.0 - f) * e)
+}
+
+/// The deficit of all `lights` at one point that has visibility, W/m².
+#[must_use]
+pub fn soft_at(
+    params: &SoftParams,
+    visibility: &Visibility,
+    lights: &[SoftLight],
+    i: usize,
+    x: Vec3,
+    n: Vec3,
+) -> VectorIrradiance {
+    let eye = Eye::new(params, visibility, i, n);
+    let mut sum = VectorIrradiance::default();
+    for light in lights {
+        let d = deficit(params, light, x, n, &eye);
+        let [r, g, b] = light.color;
+        sum.add_scaled(
+            1.0,
+            &VectorIrradiance {
+                x: [d.x * r, d.x * g, d.x * b, 0.0],
+                y: [d.y * r, d.y * g, d.y * b, 0.0],
+                z: [d.z * r, d.z * g, d.z * b, 0.0],
+            },
+        );
+    }
+    sum
+}
+
+/// Fills the first `visibility.points` of `out`, one value a point.
+pub fn soft(
+    params: &SoftParams,
+    visibility: &Visibility,
+    points: &[Point],
+    lights: &[SoftLight],
+    out: &mut [VectorIrradiance],
+) {
+    out[..visibility.points.len()]
+        .par_iter_mut()
+        .with_min_len(64)
+        .enumerate()
+        .for_each(|(i, out)| {
+            let p = &points[i];
+            *out = soft_at(params, visibility, lights, i, p.x(), p.n());
+        });
+}
+
+/// The deficit at all points of `scene`, which needs visibility, W/m²: [`soft`], and the parents' mean where nothing is remembered. Zero without visibility.
+#[must_use]
+pub fn deficits(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
+    let mut out = vec![VectorIrradiance::default(); scene.points.len()];
+    let Some(visibility) = &scene.visibility else {
+        return out;
+    };
+    let params = SoftParams::new(visibility, extent(scene), lights.len());
+    soft(&params, visibility, &scene.points, lights, &mut out);
+    spread(scene, &mut out);
+    out
+}
+
+/// Points beyond the senders take the mean of their parents, coarse levels first: `flatten` with no row in use.
+pub fn spread(scene: &BakedScene, values: &mut [VectorIrradiance]) {
+    let none = SolveParams::default();
+    for l in scene.sender_levels as usize..scene.levels() {
+        flatten::averages(
+            &none,
+            &scene.operator.rows,
+            &scene.parents,
+            scene.level(l),
+            values,
+        );
+    }
+}

@@ -1,0 +1,177 @@
+//! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by level, and its pixels, in the order of
+//! [`GlossView::run`](crate::frame::gloss::GlossView::run). Which lights are evaluated where is decided on the device; nothing is read back.
+
+use super::frame::compute;
+use super::kernels::Pass;
+use super::pipelines::Kernels;
+use super::scene_buffers::{binding_limit, uniform};
+use super::subsplats::{NodeLights, SubsplatTargets};
+use super::{GpuCounters, GpuError};
+use crate::frame::subsplat::LEVELS;
+use crate::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
+
+/// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many of those from 2: about 6.6 bytes a pixel.
+#[derive(Debug)]
+pub struct GlossBuffers {
+    levels: Levels,
+    screen: wgpu::Buffer,
+    wanted: wgpu::Buffer,
+    /// A span a level: which.
+    spans: wgpu::Buffer,
+    stride: u32,
+    shines: wgpu::Buffer,
+    surprises: wgpu::Buffer,
+    counters: GpuCounters,
+}
+
+impl GlossBuffers {
+    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what [`GlossSettings::params`](crate::frame::GlossSettings::params) gives).
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        levels: Levels,
+    ) -> Result<Self, GpuError> {
+        let limit = binding_limit(device);
+        let storage = |what: &'static str, count: u32| {
+            let bytes = 16 * u64::from(count.max(1));
+            if bytes > limit {
+                return Err(GpuError::TooLarge { what, bytes, limit });
+            }
+            Ok(device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(what),
+                size: bytes,
+                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }))
+        };
+        const _: () = assert!(size_of::<GlossNode>() == 16 && size_of::<[u32; 4]>() == 16);
+        let align = device.limits().min_uniform_buffer_offset_alignment;
+        let stride = (size_of::<Span>() as u32).next_multiple_of(align.max(1));
+        let spans = uniform(device, "gloss levels", u64::from(stride) * LEVELS as u64);
+        for k in 0..=levels.coarsest {
+            let span = Span {
+                first: k,
+                ..Span::default()
+            };
+            queue.write_buffer(&spans, u64::from(stride * k), bytemuck::bytes_of(&span));
+        }
+        Ok(Self {
+            levels,
+            screen: uniform(device, "gloss view", size_of::<SubsplatParams>() as u64),
+            wanted: uniform(device, "gloss settings", size_of::<GlossParams>() as u64),
+            spans,
+            stride,
+            shines: storage("gloss nodes", levels.starts[0])?,
+            surprises: storage("gloss surprises", levels.starts[0] - levels.starts[2])?,
+            counters: GpuCounters::default(),
+        })
+    }
+
+    /// The levels that there is room for.
+    #[must_use]
+    pub fn levels(&self) -> Levels {
+        self.levels
+    }
+
+    /// How many buffers.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        5
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let own = [
+            &self.screen,
+            &self.wanted,
+            &self.spans,
+            &self.shines,
+            &self.surprises,
+        ];
+        own.into_iter().map(wgpu::Buffer::size).sum()
+    }
+
+    /// What was recorded so far.
+    #[must_use]
+    pub fn counters(&self) -> GpuCounters {
+        self.counters
+    }
+
+    /// The nodes of the levels from 1, for tests and tools.
+    #[must_use]
+    pub fn nodes(&self) -> &wgpu::Buffer {
+        &self.shines
+    }
+
+    /// The lights that surprised nodes of the levels from 2, for tests and tools.
+    #[must_use]
+    pub fn surprises(&self) -> &wgpu::Buffer {
+        &self.surprises
+    }
+
+    /// Sets the parameters for the frame that is submitted next; their levels are [`GlossBuffers::levels`].
+    pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &GlossParams) {
+        debug_assert_eq!(screen.levels(), self.levels);
+        queue.write_buffer(&self.screen, 0, bytemuck::bytes_of(screen));
+        queue.write_buffer(&self.wanted, 0, bytemuck::bytes_of(wanted));
+    }
+
+    /// Records everything between the G-buffer and the radiance of every pixel, for [`draw_gloss`](super::draw_gloss): `targets.output` is written whole. The lights are those that
+    /// [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
+    pub fn record(
+        &mut self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &SubsplatTargets<'_>,
+        lights: &NodeLights<'_>,
+    ) {
+        let [width, height] = self.levels.size;
+        if width == 0 || height == 0 {
+            return;
+        }
+        let [nodes, triangles] = lights.maps.tree(lights.shadows.as_ref());
+        let texture = wgpu::BindingResource::TextureView;
+        let common = [
+            (0, lights.view.as_entire_binding()),
+            (1, texture(targets.depth)),
+            (2, texture(targets.gbuffer)),
+            (3, lights.lit.as_entire_binding()),
+            (4, lights.maps.vpls().as_entire_binding()),
+            (5, nodes.as_entire_binding()),
+            (6, triangles.as_entire_binding()),
+            (8, self.screen.as_entire_binding()),
+            (10, self.wanted.as_entire_binding()),
+            (11, self.shines.as_entire_binding()),
+        ];
+        let with = |more: &[(u32, wgpu::BindingResource<'_>)], which| {
+            let all: Vec<_> = common.iter().chain(more).cloned().collect();
+            kernels.bind(which, &all)
+        };
+        let span = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.spans,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
+        });
+        let level = with(
+            &[(9, span), (12, self.surprises.as_entire_binding())],
+            Pass::Gloss,
+        );
+        let pixels = with(&[(7, texture(targets.output))], Pass::GlossPixels);
+        let mut pass = compute(encoder, "meshless_gi gloss");
+        pass.set_pipeline(&kernels.pass(Pass::Gloss).pipeline);
+        for k in (1..=self.levels.coarsest).rev() {
+            let [w, h] = self.levels.grid(k);
+            pass.set_bind_group(0, &level, &[k * self.stride]);
+            pass.dispatch_workgroups(w.div_ceil(8), h.div_ceil(8), 1);
+        }
+        pass.set_pipeline(&kernels.pass(Pass::GlossPixels).pipeline);
+        pass.set_bind_group(0, &pixels, &[]);
+        pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
+        self.counters.dispatches[Pass::Gloss as usize] += u64::from(self.levels.coarsest);
+        self.counters.dispatches[Pass::GlossPixels as usize] += 1;
+    }
+}

@@ -1,0 +1,239 @@
+//! Soft shadows on the device: what the kernel `soft` reads of a baked scene, and the recording of it and of `flatten` behind it. A scene without visibility, and
+//! one whose lights all cast hard shadows or none, makes no such buffers.
+
+use super::error::GpuError;
+use super::frame::{MOST_GROUPS, compute};
+use super::pipelines::Kernels;
+use super::scene_buffers::{SceneBuffers, uniform};
+use super::{GpuCounters, Pass};
+use crate::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
+use crate::transport::pca::Visibility;
+use bytemuck::Pod;
+
+/// The visibility of a baked scene on the device, its soft lights, and what is missing of their light.
+#[derive(Debug)]
+pub struct SoftBuffers {
+    params: wgpu::Buffer,
+    solve: wgpu::Buffer,
+    spans: wgpu::Buffer,
+    /// Levels behind those that remember, with the offsets of their spans.
+    levels: Vec<(u32, u32)>,
+    lights: wgpu::Buffer,
+    room: usize,
+    clusters: wgpu::Buffer,
+    visible: wgpu::Buffer,
+    basis: wgpu::Buffer,
+    scales: wgpu::Buffer,
+    coefficients: wgpu::Buffer,
+    deficits: wgpu::Buffer,
+    shape: SoftParams,
+    counters: GpuCounters,
+}
+
+fn upload<T: Pod>(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    what: &'static str,
+    data: &[T],
+    count: usize,
+) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = (size_of::<T>() as u64).saturating_mul(count.max(1) as u64);
+    let limit = device.limits().max_storage_buffer_binding_size;
+    if bytes > limit {
+        return Err(GpuError::TooLarge { what, bytes, limit });
+    }
+    let buffer = device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(what),
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    });
+    if !data.is_empty() {
+        queue.write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+    }
+    Ok(buffer)
+}
+
+impl SoftBuffers {
+    /// Uploads the visibility of the scene that `scene` holds, with room for `lights` soft lights.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the device binds no such buffer.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        scene: &SceneBuffers,
+        visibility: &Visibility,
+        lights: usize,
+    ) -> Result<Self, GpuError> {
+        let shape = scene.shape();
+        let align = device.limits().min_uniform_buffer_offset_alignment as usize;
+        let stride = size_of::<Span>().next_multiple_of(align.max(1));
+        let mut bytes = Vec::new();
+        let mut levels = Vec::new();
+        for l in shape.sender_levels..shape.levels() {
+            let level = shape.level(l);
+            let span = Span {
+                first: level.start as u32,
+                count: level.len() as u32,
+                ..Span::default()
+            };
+            levels.push((bytes.len() as u32, span.count));
+            bytes.extend_from_slice(bytemuck::bytes_of(&span));
+            bytes.resize(levels.len() * stride, 0);
+        }
+        bytes.resize(bytes.len().max(stride), 0);
+        let spans = uniform(device, "soft spans", bytes.len() as u64);
+        queue.write_buffer(&spans, 0, &bytes);
+        // No row is of tier 0: every point takes the mean of its parents.
+        let solve = uniform(device, "soft solve", size_of::<SolveParams>() as u64);
+        queue.write_buffer(&solve, 0, bytemuck::bytes_of(&SolveParams::default()));
+        Ok(Self {
+            params: uniform(device, "soft params", size_of::<SoftParams>() as u64),
+            solve,
+            spans,
+            levels,
+            lights: upload::<SoftLight>(device, queue, "soft lights", &[], lights)?,
+            room: lights.max(1),
+            clusters: upload(
+                device,
+                queue,
+                "visibility clusters",
+                &visibility.clusters,
+                visibility.clusters.len(),
+            )?,
+            visible: upload(
+                device,
+                queue,
+                "visibility points",
+                &visibility.points,
+                visibility.points.len(),
+            )?,
+            basis: upload(
+                device,
+                queue,
+                "visibility basis",
+                &visibility.basis,
+                visibility.basis.len(),
+            )?,
+            scales: upload(
+                device,
+                queue,
+                "visibility scales",
+                &visibility.scales,
+                visibility.scales.len(),
+            )?,
+            coefficients: upload(
+                device,
+                queue,
+                "visibility coefficients",
+                &visibility.coefficients,
+                visibility.coefficients.len(),
+            )?,
+            deficits: upload::<VectorIrradiance>(device, queue, "deficits", &[], shape.points())?,
+            shape: SoftParams::new(visibility, shape.extent, 0),
+            counters: GpuCounters::default(),
+        })
+    }
+
+    /// Records what is missing of the light of `lights` at all points of `scene`, which the buffers were made for. Only when a light changed.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] for more lights than the device binds.
+    pub fn record(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &SceneBuffers,
+        lights: &[SoftLight],
+    ) -> Result<(), GpuError> {
+        if lights.len() > self.room {
+            self.lights = upload(kernels.device(), queue, "soft lights", lights, lights.len())?;
+            self.room = lights.len();
+        } else if !lights.is_empty() {
+            queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(lights));
+        }
+        let params = SoftParams {
+            lights: lights.len() as u32,
+            ..self.shape
+        };
+        queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
+        let mut pass = compute(encoder, "soft shadows");
+        let soft = kernels.bind(
+            Pass::Soft,
+            &[
+                (0, self.params.as_entire_binding()),
+                (1, self.lights.as_entire_binding()),
+                (2, scene.points.as_entire_binding()),
+                (3, self.clusters.as_entire_binding()),
+                (4, self.visible.as_entire_binding()),
+                (5, self.basis.as_entire_binding()),
+                (6, self.scales.as_entire_binding()),
+                (7, self.coefficients.as_entire_binding()),
+                (8, self.deficits.as_entire_binding()),
+            ],
+        );
+        self.dispatch(kernels, &mut pass, Pass::Soft, &soft, &[], params.points);
+        let span = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.spans,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
+        });
+        let averages = kernels.bind(
+            Pass::Averages,
+            &[
+                (0, self.solve.as_entire_binding()),
+                (1, span),
+                (2, scene.rows.as_entire_binding()),
+                (3, scene.parent_starts.as_entire_binding()),
+                (4, scene.parent_entries.as_entire_binding()),
+                (6, self.deficits.as_entire_binding()),
+            ],
+        );
+        for (offset, count) in self.levels.clone() {
+            self.dispatch(
+                kernels,
+                &mut pass,
+                Pass::Averages,
+                &averages,
+                &[offset],
+                count,
+            );
+        }
+        Ok(())
+    }
+
+    fn dispatch(
+        &mut self,
+        kernels: &Kernels,
+        pass: &mut wgpu::ComputePass<'_>,
+        kernel: Pass,
+        bind: &wgpu::BindGroup,
+        offsets: &[u32],
+        items: u32,
+    ) {
+        if items == 0 {
+            return;
+        }
+        let groups = items.div_ceil(kernel.entry().1.items);
+        pass.set_pipeline(&kernels.pass(kernel).pipeline);
+        pass.set_bind_group(0, bind, offsets);
+        pass.dispatch_workgroups(groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS), 1);
+        self.counters.dispatches[kernel as usize] += 1;
+    }
+
+    /// What is missing at every point, W/m²: `splat` reads it as it reads the values of a solve.
+    #[must_use]
+    pub fn deficits(&self) -> &wgpu::Buffer {
+        &self.deficits
+    }
+
+    /// Dispatches so far.
+    #[must_use]
+    pub fn counters(&self) -> GpuCounters {
+        self.counters
+    }
+}

@@ -1,0 +1,148 @@
+//! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](crate::frame::gloss).
+
+use super::display::ViewLights;
+use crate::frame::{GlossSettings, VplParams, VplViewParams};
+use crate::gpu::{GlossBuffers, GpuCounters, GpuError, Kernels, NodeLights, SubsplatTargets};
+use bevy::ecs::prelude::*;
+use bevy::math::Mat4;
+use bevy::reflect::prelude::*;
+
+/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the highlights of the virtual lights that [`MeshlessGiReflective`](super::MeshlessGiReflective) lamps make. Goes
+/// beside [`MeshlessGiCamera`](super::MeshlessGiCamera). Each light is evaluated where it changes on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing
+/// while nothing bounces in view.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiGloss {
+    /// All lights are evaluated at places 2^coarsest pixels apart, 2 to 6: highlights much narrower may be missed.
+    pub coarsest: u32,
+    /// None are evaluated at places nearer than 2^finest pixels; 1 at least.
+    pub finest: u32,
+    /// A light is evaluated further where it is off by more than this part of all gloss there.
+    pub light: f32,
+    /// What is no metal shows gloss up to this perceptual roughness; metals always do.
+    pub roughest: f32,
+}
+
+impl Default for MeshlessGiGloss {
+    fn default() -> Self {
+        let settings = GlossSettings::default();
+        Self {
+            coarsest: settings.coarsest,
+            finest: settings.finest,
+            light: settings.light,
+            roughest: settings.roughest,
+        }
+    }
+}
+
+impl From<MeshlessGiGloss> for GlossSettings {
+    fn from(gloss: MeshlessGiGloss) -> Self {
+        Self {
+            coarsest: gloss.coarsest,
+            finest: gloss.finest,
+            light: gloss.light,
+            roughest: gloss.roughest,
+            together: false,
+        }
+    }
+}
+
+/// What a view holds for its gloss.
+pub(crate) struct ViewGloss {
+    buffers: GlossBuffers,
+    view: wgpu::Buffer,
+    lit: wgpu::Buffer,
+    /// Radiance of every pixel.
+    radiance: wgpu::TextureView,
+    size: [u32; 2],
+}
+
+/// A view, as its gloss needs it.
+pub(crate) struct GlossView<'a> {
+    pub settings: GlossSettings,
+    pub view_from_clip: Mat4,
+    pub view_from_world: Mat4,
+    pub viewport: [f32; 4],
+    pub size: [u32; 2],
+    pub depth: &'a wgpu::TextureView,
+    pub gbuffer: &'a wgpu::TextureView,
+}
+
+impl ViewGloss {
+    /// Records the radiance of every pixel, with room made where there is none. Answers with what was recorded.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], see [`GlossBuffers::new`].
+    pub fn record(
+        held: &mut Option<Self>,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        on: &GlossView<'_>,
+        lights: &ViewLights<'_>,
+    ) -> Result<GpuCounters, GpuError> {
+        let (screen, wanted) =
+            (on.settings).params(on.view_from_clip, on.view_from_world, on.viewport, on.size);
+        let device = kernels.device();
+        let levels = screen.levels();
+        let gloss = match held.take() {
+            Some(gloss) if gloss.buffers.levels() == levels => held.insert(gloss),
+            _ => {
+                let uniform = |bytes: usize| {
+                    device.create_buffer(&wgpu::BufferDescriptor {
+                        label: Some("meshless_gi gloss of a view"),
+                        size: bytes as u64,
+                        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                        mapped_at_creation: false,
+                    })
+                };
+                held.insert(Self {
+                    buffers: GlossBuffers::new(device, queue, levels)?,
+                    view: uniform(size_of::<VplViewParams>()),
+                    lit: uniform(size_of::<VplParams>()),
+                    radiance: super::composite::screen_texture(
+                        device,
+                        "meshless_gi gloss",
+                        on.size,
+                    ),
+                    size: on.size,
+                })
+            }
+        };
+        queue.write_buffer(&gloss.view, 0, bytemuck::bytes_of(&lights.view));
+        queue.write_buffer(&gloss.lit, 0, bytemuck::bytes_of(&lights.lit));
+        let before = gloss.buffers.counters();
+        gloss.buffers.write(queue, &screen, &wanted);
+        gloss.buffers.record(
+            kernels,
+            encoder,
+            &SubsplatTargets {
+                depth: on.depth,
+                gbuffer: on.gbuffer,
+                output: &gloss.radiance,
+            },
+            &NodeLights {
+                maps: lights.maps,
+                view: &gloss.view,
+                lit: &gloss.lit,
+                shadows: lights.shadows,
+            },
+        );
+        Ok(gloss.buffers.counters().since(&before))
+    }
+
+    /// What was recorded last.
+    pub fn radiance(&self) -> &wgpu::TextureView {
+        &self.radiance
+    }
+
+    /// Buffers, and bytes of them and the texture.
+    pub fn footprint(&self) -> (u32, u64) {
+        let texture = 8 * u64::from(self.size[0]) * u64::from(self.size[1]);
+        let own = self.view.size() + self.lit.size();
+        (
+            self.buffers.count() + 2,
+            self.buffers.bytes() + own + texture,
+        )
+    }
+}

@@ -1,0 +1,189 @@
+//! Point clouds in a game: an asset for `.ply` files, and the component that draws one.
+//!
+//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own colour, shaded with its normal. Drawn so it is an ordinary deferred
+//! mesh: lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it as on any other.
+
+use crate::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
+use bevy::asset::RenderAssetUsages;
+use bevy::asset::io::Reader;
+use bevy::asset::{Asset, AssetEvent, AssetId, AssetLoader, Assets, Handle, LoadContext};
+use bevy::camera::visibility::Visibility;
+use bevy::color::Color;
+use bevy::ecs::prelude::*;
+use bevy::log::info;
+use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
+use bevy::pbr::{MeshMaterial3d, StandardMaterial};
+use bevy::reflect::prelude::*;
+use bevy::transform::components::Transform;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A point cloud, and what it is drawn as. `asset_server.load::<MeshlessGiPoints>("statue.ply")`.
+#[derive(Asset, TypePath, Clone, Debug)]
+pub struct MeshlessGiPoints {
+    /// The points, in the cloud's own space: metres, linear albedo.
+    pub cloud: Arc<PointCloud>,
+    /// Their cells, coloured as the points are; the labelled asset `Mesh`.
+    #[dependency]
+    pub mesh: Handle<Mesh>,
+    /// White, rough and two-sided; the labelled asset `Material`.
+    #[dependency]
+    pub material: Handle<StandardMaterial>,
+}
+
+/// Draws a point cloud: it puts a [`Mesh3d`] and a [`MeshMaterial3d`] beside itself when the cloud is there, and others when the handle or the cloud changes. A material that is
+/// there already stays.
+#[derive(Component, Reflect, Clone, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+#[require(Transform, Visibility)]
+pub struct MeshlessGiPointCloud(pub Handle<MeshlessGiPoints>);
+
+/// Loads `.ply` files as [`MeshlessGiPoints`].
+#[derive(Clone, Copy, Debug, Default, TypePath)]
+pub struct MeshlessGiPointsLoader;
+
+/// Settings of [`MeshlessGiPointsLoader`], for `.meta` files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MeshlessGiPointsSettings {
+    /// A place in free space, metres: where a file has no normals, a closed surface around it faces it; all others face outwards.
+    pub viewpoint: Option<[f32; 3]>,
+}
+
+/// Why a `.ply` file gives no cloud.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshlessGiPointsError {
+    /// The file could not be read.
+    #[error("the points could not be read: {0}")]
+    Io(#[from] std::io::Error),
+    /// The file's content is not valid, or its points are no surface.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+impl AssetLoader for MeshlessGiPointsLoader {
+    type Asset = MeshlessGiPoints;
+    type Settings = MeshlessGiPointsSettings;
+    type Error = MeshlessGiPointsError;
+
+    async fn load(
+        &self,
+        reader: &mut dyn Reader,
+        settings: &Self::Settings,
+        context: &mut LoadContext<'_>,
+    ) -> Result<MeshlessGiPoints, MeshlessGiPointsError> {
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        let name = context.path().to_string();
+        let LoadedPoints { cloud, notes } =
+            load_ply_bytes(&bytes, &name, settings.viewpoint.map(Into::into))?;
+        drop(bytes);
+        info!("`{name}`: {} points", cloud.len());
+        for note in notes {
+            info!("`{name}`: {note}");
+        }
+        let mesh = context.add_labeled_asset("Mesh", cells(&cloud));
+        let material = context.add_labeled_asset("Material", material());
+        Ok(MeshlessGiPoints {
+            cloud: Arc::new(cloud),
+            mesh,
+            material,
+        })
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &["ply"]
+    }
+}
+
+impl MeshlessGiPoints {
+    /// A cloud that a game made itself.
+    #[must_use]
+    pub fn new(
+        cloud: PointCloud,
+        meshes: &mut Assets<Mesh>,
+        materials: &mut Assets<StandardMaterial>,
+    ) -> Self {
+        Self {
+            mesh: meshes.add(cells(&cloud)),
+            material: materials.add(material()),
+            cloud: Arc::new(cloud),
+        }
+    }
+}
+
+/// What points are drawn with: they have a colour, and nothing is known of how they shine.
+fn material() -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::WHITE,
+        perceptual_roughness: 1.0,
+        reflectance: 0.0,
+        double_sided: true,
+        cull_mode: None,
+        ..StandardMaterial::default()
+    }
+}
+
+/// The cells of all points: corners with the point's normal and colour.
+fn cells(cloud: &PointCloud) -> Mesh {
+    let (mut positions, mut normals, mut colours) = (Vec::new(), Vec::new(), Vec::new());
+    let mut indices: Vec<u32> = Vec::new();
+    for i in 0..cloud.len() {
+        let outline = cloud.outline(i);
+        let first = positions.len() as u32;
+        let [r, g, b] = cloud.albedo[i].to_array();
+        for corner in outline {
+            positions.push(corner.to_array());
+            normals.push(cloud.normals[i].to_array());
+            colours.push([r, g, b, 1.0]);
+        }
+        for k in 2..outline.len() as u32 {
+            indices.extend([first, first + k - 1, first + k]);
+        }
+    }
+    Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    )
+    .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
+    .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, normals)
+    .with_inserted_attribute(Mesh::ATTRIBUTE_COLOR, colours)
+    .with_inserted_indices(Indices::U32(indices))
+}
+
+/// Gives point clouds what they are drawn as.
+#[allow(clippy::type_complexity, reason = "a query's filter")]
+pub(crate) fn draw(
+    mut commands: Commands,
+    assets: Res<Assets<MeshlessGiPoints>>,
+    mut events: MessageReader<AssetEvent<MeshlessGiPoints>>,
+    clouds: Query<(
+        Entity,
+        Ref<MeshlessGiPointCloud>,
+        Option<&Mesh3d>,
+        Has<MeshMaterial3d<StandardMaterial>>,
+    )>,
+) {
+    let news: Vec<AssetId<MeshlessGiPoints>> = events
+        .read()
+        .filter_map(|event| match event {
+            AssetEvent::Added { id } | AssetEvent::Modified { id } => Some(*id),
+            _ => None,
+        })
+        .collect();
+    for (entity, cloud, mesh, has_material) in &clouds {
+        if !cloud.is_changed() && !news.contains(&cloud.0.id()) {
+            continue;
+        }
+        let Some(points) = assets.get(&cloud.0) else {
+            continue;
+        };
+        let mut entity = commands.entity(entity);
+        if mesh.is_none_or(|mesh| mesh.0 != points.mesh) {
+            entity.insert(Mesh3d(points.mesh.clone()));
+        }
+        if !has_material {
+            entity.insert(MeshMaterial3d(points.material.clone()));
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! The header of a `.ply` file: its format, and what each element is made of. Nothing is allocated by what a header announces.
+
+use super::PlyError;
+
+/// More elements, and more properties of one, than this are damage.
+const MOST_PARTS: usize = 1024;
+/// A header ends within so many bytes.
+const LONGEST: usize = 1 << 20;
+
+/// How the body is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+/// The type of one value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    /// Both families of names that are in use.
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(super) fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// Bytes of one value in a binary body.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+/// A value of an element, or a list of values.
+#[derive(Clone, Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) scalar: Scalar,
+    /// The type of the list's length, where this is a list.
+    pub(super) length: Option<Scalar>,
+}
+
+/// A kind of thing, and how many of it follow.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+    /// Where the header announces it.
+    pub(super) line: usize,
+}
+
+impl Element {
+    /// The least bytes that one of it takes in the body.
+    pub(super) fn least_bytes(&self, encoding: Encoding) -> u64 {
+        let of = |p: &Property| match encoding {
+            // A digit and what parts it from the next; the last of the file may go without.
+            Encoding::Ascii => 2,
+            _ => p.length.unwrap_or(p.scalar).size() as u64,
+        };
+        self.properties.iter().map(of).sum()
+    }
+
+    /// Where the property of this name is, if it is there and no list.
+    pub(super) fn scalar(&self, name: &str) -> Option<usize> {
+        self.properties
+            .iter()
+            .position(|p| p.name == name && p.length.is_none())
+    }
+}
+
+/// What a header says.
+#[derive(Clone, Debug)]
+pub(super) struct Header {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Where the body begins.
+    pub(super) body: usize,
+    /// Lines of the header.
+    pub(super) lines: usize,
+}
+
+/// The line that starts at `from`, without its end, and where the next one starts. None at the end of the bytes.
+pub(super) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
+    let rest = bytes.get(from..).filter(|rest| !rest.is_empty())?;
+    let (line, next) = match rest.iter().position(|b| *b == b'\n') {
+        Some(end) => (&rest[..end], from + end + 1),
+        None => (rest, bytes.len()),
+    };
+    Some((line.strip_suffix(b"\r").unwrap_or(line), next))
+}
+
+impl Header {
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, PlyError> {
+        let mut from = 0;
+        let mut lines = 0;
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        loop {
+            let wrong = |what: String| PlyError::Header {
+                line: lines + 1,
+                what,
+            };
+            let (line, next) = line_at(&bytes[..bytes.len().min(LONGEST)], from)
+                .ok_or_else(|| wrong("the header has no end_header".into()))?;
+            from = next;
+            // Comments may be in any encoding; only words of what matters have to be text.
+            let text = String::from_utf8_lossy(line);
+            let words: Vec<&str> = text.split_ascii_whitespace().collect();
+            match words.as_slice() {
+                _ if lines == 0 => {
+                    if words != ["ply"] {
+                        return Err(wrong("it does not begin with `ply`".into()));
+                    }
+                }
+                [] | ["comment" | "obj_info", ..] => {}
+                ["format", name, version] => {
+                    let found = match *name {
+                        "ascii" => Encoding::Ascii,
+                        "binary_little_endian" => Encoding::LittleEndian,
+                        "binary_big_endian" => Encoding::BigEndian,
+                        _ => return Err(wrong(format!("format {} is not known", shown(name)))),
+                    };
+                    if *version != "1.0" {
+                        return Err(wrong(format!(
+                            "version {}, only 1.0 can be read",
+                            shown(version)
+                        )));
+                    }
+                    if encoding.replace(found).is_some() {
+                        return Err(wrong("a second format".into()));
+                    }
+                }
+                ["element", name, count] => {
+                    let count = count
+                        .parse()
+                        .map_err(|_| wrong(format!("{} is no count", shown(count))))?;
+                    if elements.iter().any(|e| e.name == *name) {
+                        return Err(wrong(format!("a second element {}", shown(name))));
+                    }
+                    if elements.len() >= MOST_PARTS {
+                        return Err(wrong(format!("more than {MOST_PARTS} elements")));
+                    }
+                    elements.push(Element {
+                        name: (*name).into(),
+                        count,
+                        properties: Vec::new(),
+                        line: lines + 1,
+                    });
+                }
+                ["property", kind @ ..] => {
+                    let property = property(kind).map_err(wrong)?;
+                    let element = elements
+                        .last_mut()
+                        .ok_or_else(|| wrong("a property before any element".into()))?;
+                    if element.properties.iter().any(|p| p.name == property.name) {
+                        return Err(wrong(format!(
+                            "a second property {}",
+                            shown(&property.name)
+                        )));
+                    }
+                    if element.properties.len() >= MOST_PARTS {
+                        return Err(wrong(format!("more than {MOST_PARTS} properties")));
+                    }
+                    element.properties.push(property);
+                }
+                ["end_header"] => break,
+                _ => return Err(wrong(format!("{} means nothing here", shown(&text)))),
+            }
+            lines += 1;
+        }
+        let Some(encoding) = encoding else {
+            return Err(PlyError::Header {
+                line: lines + 1,
+                what: "the header says no format".into(),
+            });
+        };
+        let header = Self {
+            encoding,
+            elements,
+            body: from,
+            lines: lines + 1,
+        };
+        header.check_counts(bytes.len() - from)?;
+        Ok(header)
+    }
+
+    /// No more of anything than the bytes that are there can hold.
+    fn check_counts(&self, body: usize) -> Result<(), PlyError> {
+        // The last value of a text needs nothing behind it.
+        let mut left = body as u64 + u64::from(self.encoding == Encoding::Ascii);
+        for element in &self.elements {
+            let wrong = |what: String| PlyError::Header {
+                line: element.line,
+                what,
+            };
+            if element.count > 0 && element.properties.is_empty() {
+                return Err(wrong(format!(
+                    "element {} has no properties",
+                    shown(&element.name)
+                )));
+            }
+            let least = element
+                .count
+                .checked_mul(element.least_bytes(self.encoding));
+            left = least
+                .and_then(|least| left.checked_sub(least))
+                .ok_or_else(|| {
+                    wrong(format!(
+                        "{} of element {} do not fit into the {body} bytes behind the header",
+                        element.count,
+                        shown(&element.name)
+                    ))
+                })?;
+        }
+        Ok(())
+    }
+}
+
+fn property(words: &[&str]) -> Result<Property, String> {
+    let scalar = |name: &str| {
+        Scalar::named(name).ok_or_else(|| format!("type {} is not known", shown(name)))
+    };
+    match words {
+        ["list", length, kind, name] => {
+            let length = scalar(length)?;
+            if length.is_float() {
+                return Err("the length of a list is no whole number".into());
+            }
+            Ok(Property {
+                name: (*name).into(),
+                scalar: scalar(kind)?,
+                length: Some(length),
+            })
+        }
+        [kind, name] => Ok(Property {
+            name: (*name).into(),
+            scalar: scalar(kind)?,
+            length: None,
+        }),
+        _ => Err("a property has a type and a name".into()),
+    }
+}
+
+/// A word of the file as an error may show it: short, and without control characters.
+pub(super) fn shown(word: &str) -> String {
+    let mut out: String = word.chars().take(40).flat_map(char::escape_debug).collect();
+    if word.chars().nth(40).is_some() {
+        out += "...";
+    }
+    format!("`{out}`")
+}

@@ -1,0 +1,67 @@
+//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read again. Colours are written as linear `float`s, so
+//! that they come back bit by bit.
+
+use glam::Vec3;
+use std::io::Write;
+
+/// How the body of a file is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PlyEncoding {
+    /// Text, with as many digits as give the same number again.
+    Ascii,
+    /// Binary, least byte first.
+    #[default]
+    LittleEndian,
+    /// Binary, greatest byte first.
+    BigEndian,
+}
+
+/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions` (metres); what is missing at their end is written as 0.
+///
+/// # Errors
+/// Those of `to`.
+pub fn write_ply(
+    mut to: impl Write,
+    encoding: PlyEncoding,
+    positions: &[Vec3],
+    normals: &[Vec3],
+    albedo: &[Vec3],
+) -> std::io::Result<()> {
+    let format = match encoding {
+        PlyEncoding::Ascii => "ascii",
+        PlyEncoding::LittleEndian => "binary_little_endian",
+        PlyEncoding::BigEndian => "binary_big_endian",
+    };
+    let groups = [
+        (positions, ["x", "y", "z"], true),
+        (normals, ["nx", "ny", "nz"], !normals.is_empty()),
+        (albedo, ["red", "green", "blue"], !albedo.is_empty()),
+    ];
+    writeln!(to, "ply\nformat {format} 1.0")?;
+    writeln!(to, "comment metres, Y up; colours are linear")?;
+    writeln!(to, "element vertex {}", positions.len())?;
+    let there = groups.iter().filter(|g| g.2);
+    for name in there.clone().flat_map(|g| g.1) {
+        writeln!(to, "property float {name}")?;
+    }
+    writeln!(to, "end_header")?;
+    for i in 0..positions.len() {
+        let mut first = true;
+        for value in there
+            .clone()
+            .flat_map(|g| g.0.get(i).copied().unwrap_or_default().to_array())
+        {
+            match encoding {
+                PlyEncoding::Ascii if first => write!(to, "{value}")?,
+                PlyEncoding::Ascii => write!(to, " {value}")?,
+                PlyEncoding::LittleEndian => to.write_all(&value.to_le_bytes())?,
+                PlyEncoding::BigEndian => to.write_all(&value.to_be_bytes())?,
+            }
+            first = false;
+        }
+        if encoding == PlyEncoding::Ascii {
+            writeln!(to)?;
+        }
+    }
+    Ok(())
+}

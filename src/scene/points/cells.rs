@@ -1,0 +1,314 @@
+//! What piece of surface each point of a cloud stands for: a flat, convex cell in its tangent plane. Its area is the point's weight in
+//! [G08] §2.4 and Eq. (9); its outline, a little enlarged, is what rays meet.
+//!
+//! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a point holds what of its tangent plane is nearer to it
+//! than to its neighbours (a Voronoi cell of the neighbours seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
+//! area however unevenly it is sampled. Where a surface ends the cell has to end too:
+//!
+//! - **At a crease**, against a neighbour whose normal is turned by more than 40 degrees, at that neighbour's tangent plane, if none of the point's own surface lies
+//!   beyond it: walls meet in their true edges, without gaps and without overhang.
+//! - **At a border**, where the neighbours leave a side open, three quarters of a spacing away. At a hole of a random sample it goes on, up to two spacings. The
+//!   area of both is the mean of their closed neighbours' areas, because each point of an even sample stands for as much surface as any other.
+//! - Neighbours that face the other way (the far side of a thin sheet) and those of another sheet (higher above the plane than apart) do not count.
+//!
+//! For rays the cells overlap: by a fiftieth of a spacing, for rounding, and by twice the step between two tangent planes half-way between their
+//! points, so that a noisy cloud has no slits. A ray that starts on a cell has to clear the rims that rise over it: the lift.
+
+use super::nearest::{Neighbour, PointTree};
+use core::f64::consts::PI;
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+/// Neighbours that may bound a cell.
+const NEIGHBOURS: usize = 24;
+/// Neighbours that may bound a cell that those leave open: a hole in a random sample is told from a border by what lies behind it.
+const MORE_NEIGHBOURS: usize = 96;
+/// How far such a cell reaches, in parts of the farthest of those neighbours' distance of 5.5 spacings: cells at a border close too, but farther away.
+const FARTHER: f64 = 0.42;
+/// A cell reaches no farther than this part of the farthest neighbour's distance: beyond half of it a neighbour may be unknown, but random samples have holes
+/// of up to two spacings, and 24 neighbours lie within 2.8.
+const REACH: f64 = 0.7;
+/// Normals that enclose a smaller angle are of one surface: its cosine, 40 degrees.
+const SAME: f64 = 0.766;
+/// Normals that enclose a larger angle are of two sides: its cosine, 120 degrees.
+const OTHER_SIDE: f64 = -0.5;
+/// How far neighbouring cells overlap, in spacings.
+const OVERLAP: f64 = 0.02;
+/// How far a cell reaches over an open border, in spacings.
+const BORDER: f64 = 0.75;
+/// Cells have up to so many corners; the outlines of all together have to be numbered by 32 bits.
+const MOST_CORNERS: usize = 16;
+/// No cell.
+const OPEN: u8 = u8::MAX;
+
+/// A point's piece of surface.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cell {
+    /// m².
+    pub(super) area: f32,
+    /// How far a ray's start has to be lifted off the cell to clear its neighbours' rims, metres.
+    pub(super) lift: f32,
+    /// Corners, metres, counter-clockwise as seen from where the normal points. Empty where the point stands for no surface.
+    pub(super) outline: Vec<Vec3>,
+    /// Distance between neighbours, metres.
+    pub(super) spacing: f32,
+    /// Whether neighbours or creases bound it on all sides.
+    closed: bool,
+}
+
+/// The cells of points with unit normals.
+pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<Cell> {
+    let around = |i: usize, (count, reach): (usize, f64), near: &mut Vec<Neighbour>| {
+        tree.nearest(points[i], count, Some(i as u32), near);
+        Plane::new(i, near, reach, points, normals)
+    };
+    let few = (NEIGHBOURS, REACH);
+    let mut cells: Vec<Cell> = (0..points.len())
+        .into_par_iter()
+        .map_init(Vec::new, |near, i| match around(i, few, near) {
+            Some(plane) => plane.cell(None),
+            None => Cell::default(),
+        })
+        .collect();
+    let borders: Vec<(usize, Cell)> = (0..points.len())
+        .into_par_iter()
+        .filter(|&i| !cells[i].closed && cells[i].spacing > 0.0)
+        .map_init(Vec::new, |near, i| {
+            let plane = around(i, few, near)?;
+            let beside = plane.own.iter().map(|o| &cells[o.index as usize]);
+            let closed = beside.filter(|c| c.closed);
+            let (sum, count) = closed.fold((0.0, 0), |(sum, count), c| {
+                (sum + f64::from(c.area), count + 1)
+            });
+            let area = if count > 0 {
+                sum / f64::from(count)
+            } else {
+                plane.spacing * plane.spacing
+            };
+            let mut wide = around(i, (MORE_NEIGHBOURS, FARTHER), near)?.cell(None);
+            if wide.closed {
+                wide.area = wide.area.min(area as f32);
+                return Some((i, wide));
+            }
+            Some((i, plane.cell(Some(area))))
+        })
+        .flatten_iter()
+        .collect();
+    for (i, cell) in borders {
+        cells[i] = cell;
+    }
+    cells
+}
+
+/// A neighbour of the same surface.
+struct Own {
+    index: u32,
+    /// Where it lies in the tangent plane.
+    at: DVec2,
+    /// The step between the two tangent planes half-way between the points.
+    step: f64,
+    /// The sine of the angle between them.
+    sine: f64,
+}
+
+/// A half-plane of the tangent plane: a · y ≤ b, a of unit length.
+#[derive(Clone, Copy)]
+struct Bound {
+    a: DVec2,
+    b: f64,
+}
+
+/// A point's tangent plane with what bounds the cell in it.
+struct Plane {
+    x: DVec3,
+    u: DVec3,
+    v: DVec3,
+    reach: f64,
+    spacing: f64,
+    own: Vec<Own>,
+    creases: Vec<Bound>,
+}
+
+/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbour's place in `own`, a crease, or nothing.
+type Polygon = Vec<(DVec2, u8)>;
+/// The tag of an edge on a crease.
+const CREASE: u8 = u8::MAX - 1;
+
+impl Plane {
+    /// None where there is nothing around.
+    fn new(
+        i: usize,
+        near: &[Neighbour],
+        reach: f64,
+        points: &[Vec3],
+        normals: &[Vec3],
+    ) -> Option<Self> {
+        let far = f64::from(near.last()?.square).sqrt();
+        if far <= 0.0 {
+            return None;
+        }
+        let (x, n) = (points[i].as_dvec3(), normals[i].as_dvec3().normalize());
+        let (u, v) = n.any_orthonormal_pair();
+        let mut plane = Self {
+            x,
+            u,
+            v,
+            reach: reach * far,
+            // So many neighbours within a circle.
+            spacing: far * (PI / near.len() as f64).sqrt(),
+            own: Vec::with_capacity(near.len()),
+            creases: Vec::new(),
+        };
+        let mut tilted = Vec::new();
+        for neighbour in near {
+            let j = neighbour.index as usize;
+            let (d, n_j) = (points[j].as_dvec3() - x, normals[j].as_dvec3().normalize());
+            let (at, cosine, height) = (DVec2::new(d.dot(u), d.dot(v)), n.dot(n_j), d.dot(n));
+            if cosine > SAME {
+                if height.abs() <= at.length() && at.length_squared() > 0.0 {
+                    plane.own.push(Own {
+                        index: neighbour.index,
+                        at,
+                        step: 0.5 * (height + d.dot(n_j)).abs(),
+                        sine: (1.0 - cosine * cosine).max(0.0).sqrt(),
+                    });
+                }
+            } else if cosine > OTHER_SIDE {
+                tilted.push((n_j, d.dot(n_j)));
+            }
+        }
+        for (n_j, b) in tilted {
+            // The neighbour's plane cuts ours in the line a · y = b; the point itself is the origin.
+            let a = DVec2::new(n_j.dot(u), n_j.dot(v));
+            let (a, b) = if b < 0.0 { (-a, -b) } else { (a, b) };
+            let length = a.length();
+            let bound = Bound {
+                a: a / length,
+                b: b / length,
+            };
+            let beyond = |o: &Own| o.at.dot(bound.a) > bound.b + 0.1 * plane.spacing;
+            if bound.b > 1e-6 * plane.spacing
+                && bound.b < plane.reach
+                && !plane.own.iter().any(beyond)
+            {
+                plane.creases.push(bound);
+            }
+        }
+        Some(plane)
+    }
+
+    /// The eight sides that bound what nothing else does.
+    fn frame(&self) -> Polygon {
+        (0..8)
+            .map(|k| {
+                // The corners of an octagon: (±1, ±t) and (±t, ±1), t = tan 22.5°.
+                const T: f64 = core::f64::consts::SQRT_2 - 1.0;
+                const CORNERS: [[f64; 2]; 8] = [
+                    [1.0, -T],
+                    [1.0, T],
+                    [T, 1.0],
+                    [-T, 1.0],
+                    [-1.0, T],
+                    [-1.0, -T],
+                    [-T, -1.0],
+                    [T, -1.0],
+                ];
+                (DVec2::from_array(CORNERS[k]) * self.reach, OPEN)
+            })
+            .collect()
+    }
+
+    /// What neighbours and creases leave of the frame, each moved outwards by these distances.
+    fn bounded(&self, overlap: f64, over_creases: f64) -> Polygon {
+        let mut polygon = self.frame();
+        for (k, own) in self.own.iter().enumerate() {
+            let length = own.at.length();
+            let bound = Bound {
+                a: own.at / length,
+                b: 0.5 * length + overlap,
+            };
+            clip(&mut polygon, bound, k as u8);
+        }
+        for bound in &self.creases {
+            clip(
+                &mut polygon,
+                Bound {
+                    b: bound.b + over_creases,
+                    ..*bound
+                },
+                CREASE,
+            );
+        }
+        polygon
+    }
+
+    /// The cell. `border` is the area of a cell that is open somewhere; without it such a cell is not finished.
+    fn cell(&self, border: Option<f64>) -> Cell {
+        let bare = self.bounded(0.0, 0.0);
+        let closed = bare.iter().all(|(_, tag)| *tag != OPEN);
+        let mut cell = Cell {
+            area: area(&bare) as f32,
+            spacing: self.spacing as f32,
+            closed,
+            ..Cell::default()
+        };
+        if !closed && border.is_none() {
+            return cell;
+        }
+        let beside = || {
+            bare.iter()
+                .filter_map(|(_, tag)| self.own.get(usize::from(*tag)))
+        };
+        let step = beside().map(|o| o.step).fold(0.0, f64::max);
+        let overlap = (OVERLAP * self.spacing + 2.0 * step).min(BORDER * self.spacing);
+        let over_creases = OVERLAP * self.spacing;
+        let mut outline = self.bounded(overlap, over_creases);
+        if let Some(border) = border.filter(|_| !closed) {
+            cell.area = cell.area.min(border as f32);
+            let limit = BORDER * border.sqrt();
+            for k in 0..bare.len() {
+                let ((from, tag), (to, _)) = (bare[k], bare[(k + 1) % bare.len()]);
+                if let Some(a) = (from - to).perp().try_normalize().filter(|_| tag == OPEN) {
+                    // Outwards of a counter-clockwise polygon is to the right.
+                    clip(&mut outline, Bound { a, b: limit }, OPEN);
+                }
+            }
+        }
+        let rise = beside()
+            .map(|o| o.sine * overlap + o.step)
+            .fold(0.0, f64::max);
+        cell.lift = rise.min(self.spacing) as f32;
+        let corner = |y: &DVec2| (self.x + self.u * y.x + self.v * y.y).as_vec3();
+        outline.truncate(MOST_CORNERS);
+        cell.outline = outline.iter().map(|(y, _)| corner(y)).collect();
+        cell
+    }
+}
+
+/// Cuts a convex polygon (Sutherland and Hodgman).
+fn clip(polygon: &mut Polygon, bound: Bound, tag: u8) {
+    let over = |y: DVec2| y.dot(bound.a) - bound.b;
+    if polygon.iter().all(|(y, _)| over(*y) <= 0.0) {
+        return;
+    }
+    let mut out = Polygon::with_capacity(polygon.len() + 1);
+    for k in 0..polygon.len() {
+        let ((y, edge), (next, _)) = (polygon[k], polygon[(k + 1) % polygon.len()]);
+        let (a, b) = (over(y), over(next));
+        if a <= 0.0 {
+            out.push((y, edge));
+        }
+        if (a <= 0.0) != (b <= 0.0) {
+            let cut = y + (next - y) * (a / (a - b));
+            // Where the edge leaves, the new edge begins; where it comes back, it goes on itself.
+            out.push((cut, if a <= 0.0 { tag } else { edge }));
+        }
+    }
+    *polygon = out;
+}
+
+fn area(polygon: &Polygon) -> f64 {
+    let edges =
+        (0..polygon.len()).map(|k| polygon[k].0.perp_dot(polygon[(k + 1) % polygon.len()].0));
+    0.5 * edges.sum::<f64>().max(0.0)
+}

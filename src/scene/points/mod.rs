@@ -1,0 +1,408 @@
+//! A cloud of points as a surface: positions, normals (given or estimated), reflectances and areas as plain arrays, and the mesh of flat cells that rays
+//! meet. In the flow it stands where a level's triangles stand: read from a `.ply` ([`load_ply`]), joined with other geometry, baked.
+//!
+//! The cells are triangles of an ordinary [`TriangleMesh`], and no discs with an intersection of their own. A disc reaches over every edge by its radius, covers its
+//! neighbours two- or threefold, and would need a second kind of primitive in the frame's shadow rays and on the device; the cells tile the surface,
+//! end where it ends, and all that works on triangles works on them: what the bake meets is what the frame shadows with, bit by bit.
+//!
+//! Points reflect on both sides: a `.ply` has no material that could say otherwise.
+
+mod cells;
+mod nearest;
+mod normals;
+#[cfg(test)]
+mod tests;
+
+use super::{Bounds, Material, PlyPoints, SceneError, TriangleMesh, parse_ply, read_ply};
+use cells::cells;
+use glam::Vec3;
+use nearest::PointTree;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
+const FARTHEST: f32 = 1e9;
+/// What a point without a colour reflects.
+const GREY: Vec3 = Vec3::splat(0.5);
+/// Normals of one place that enclose an angle with a cosine above this are of one point.
+const SAME: f32 = 0.766;
+
+/// Why points make no surface.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PointsError {
+    /// Fewer than three places.
+    #[error(
+        "{usable} usable points at different places ({not_finite} not finite, {coincident} coincident): three at least make a surface"
+    )]
+    TooFew {
+        /// Points that could be used.
+        usable: u64,
+        /// Points with a coordinate that is not finite, or beyond 10⁹ m.
+        not_finite: u64,
+        /// Points at the place of another one with its normal.
+        coincident: u64,
+    },
+    /// Normals or colours are not as many as positions.
+    #[error("{positions} positions, but {others} {what}")]
+    Lengths {
+        /// How many positions.
+        positions: usize,
+        /// Of what there are not as many.
+        what: &'static str,
+        /// How many of that.
+        others: usize,
+    },
+    /// The points are there, but so close together that their cells have no area in single precision.
+    #[error("the points are so close together that they have no area")]
+    NoArea,
+}
+
+/// What was left out or corrected when a cloud was built, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PointProblems {
+    /// Points dropped because a coordinate was not finite, or beyond 10⁹ m.
+    pub not_finite: u64,
+    /// Points dropped because another one with the same position and a similar normal is there.
+    pub coincident: u64,
+    /// Points that had no usable normal among others that had one: it was estimated.
+    pub normal_estimated: u64,
+    /// Points dropped because neither the file nor their neighbours give them a normal.
+    pub no_normal: u64,
+    /// Points whose reflectance was not within [0, 1]: clamped; 0 where it was no number.
+    pub albedo_clamped: u64,
+}
+
+/// Points that stand for a surface. All arrays are of the same length.
+#[derive(Clone, Debug, Default)]
+pub struct PointCloud {
+    /// Metres.
+    pub positions: Vec<Vec3>,
+    /// Unit.
+    pub normals: Vec<Vec3>,
+    /// Diffuse reflectance, linear RGB in [0, 1].
+    pub albedo: Vec<Vec3>,
+    /// The surface that each point stands for, m².
+    pub areas: Vec<f32>,
+    /// True where the file gave no normals at all.
+    pub normals_estimated: bool,
+    /// What was left out or corrected.
+    pub problems: PointProblems,
+    /// Corners of all cells, those of point i from `first[i]` to `first[i + 1]`.
+    corners: Vec<Vec3>,
+    first: Vec<u32>,
+    lifts: Vec<f32>,
+    spacings: Vec<f32>,
+}
+
+impl PointCloud {
+    /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what surface each stands for. Points keep their order. Where there are
+    /// no normals, a closed part of the surface that `viewpoint` lies in faces it; other parts face outwards, or what they lie around. Points
+    /// without a colour reflect a half. The same points give the same cloud on any number of threads.
+    ///
+    /// # Errors
+    /// See [`PointsError`].
+    pub fn new(points: PlyPoints, viewpoint: Option<Vec3>) -> Result<Self, PointsError> {
+        let count = points.positions.len();
+        for (what, others) in [("normals", &points.normals), ("colours", &points.albedo)] {
+            if let Some(others) = others.as_ref().map(Vec::len).filter(|n| *n != count) {
+                return Err(PointsError::Lengths {
+                    positions: count,
+                    what,
+                    others,
+                });
+            }
+        }
+        let mut problems = PointProblems::default();
+        let kept = usable(&points, &mut problems);
+        if kept.len() < 3 {
+            return Err(PointsError::TooFew {
+                usable: kept.len() as u64,
+                not_finite: problems.not_finite,
+                coincident: problems.coincident,
+            });
+        }
+        let mut positions: Vec<Vec3> = kept.iter().map(|&i| points.positions[i as usize]).collect();
+        let mut tree = PointTree::new(&positions);
+        let given = points.normals.as_ref();
+        let mut normals = match given {
+            None => normals::estimate(&positions, &tree, viewpoint),
+            Some(given) => {
+                let given: Vec<Vec3> = kept.iter().map(|&i| unit(given[i as usize])).collect();
+                normals::complete(&positions, given, &tree, &mut problems.normal_estimated)
+            }
+        };
+        let colour = |i: u32| {
+            points
+                .albedo
+                .as_ref()
+                .map_or(GREY, |albedo| albedo[i as usize])
+        };
+        let mut albedo: Vec<Vec3> = kept
+            .iter()
+            .map(|&i| reflectance(colour(i), &mut problems.albedo_clamped))
+            .collect();
+        if normals.contains(&Vec3::ZERO) {
+            let keep = |of: &[Vec3]| {
+                of.iter()
+                    .zip(&normals)
+                    .filter(|(_, n)| **n != Vec3::ZERO)
+                    .map(|(v, _)| *v)
+                    .collect::<Vec<_>>()
+            };
+            (positions, albedo) = (keep(&positions), keep(&albedo));
+            let before = normals.len();
+            normals.retain(|n| *n != Vec3::ZERO);
+            problems.no_normal = (before - normals.len()) as u64;
+            tree = PointTree::new(&positions);
+        }
+        let cells = cells(&positions, &normals, &tree);
+        let mut cloud = Self {
+            positions,
+            normals,
+            albedo,
+            areas: cells.iter().map(|c| c.area).collect(),
+            normals_estimated: given.is_none(),
+            problems,
+            corners: Vec::with_capacity(cells.iter().map(|c| c.outline.len()).sum()),
+            first: vec![0],
+            lifts: cells.iter().map(|c| c.lift).collect(),
+            spacings: cells.iter().map(|c| c.spacing).collect(),
+        };
+        for cell in &cells {
+            cloud.corners.extend_from_slice(&cell.outline);
+            cloud.first.push(cloud.corners.len() as u32);
+        }
+        if cloud.areas.iter().all(|a| *a <= 0.0) {
+            return Err(PointsError::NoArea);
+        }
+        Ok(cloud)
+    }
+
+    /// How many points it has.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// True when it has no point; a cloud that was built has some.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Corners, metres, of the flat convex cell of point `i`, counter-clockwise as seen from where its normal points. It overlaps its neighbours' cells a
+    /// little. Empty where the point stands for no surface.
+    #[must_use]
+    pub fn outline(&self, i: usize) -> &[Vec3] {
+        match (self.first.get(i), self.first.get(i + 1)) {
+            (Some(&from), Some(&to)) => &self.corners[from as usize..to as usize],
+            _ => &[],
+        }
+    }
+
+    /// A box around the points.
+    #[must_use]
+    pub fn bounds(&self) -> Bounds {
+        self.positions.iter().fold(Bounds::EMPTY, |b, x| b.join(*x))
+    }
+
+    /// The cells as triangles, for rays, and which point each triangle belongs to. Cells too small for single precision are left out.
+    #[must_use]
+    pub fn mesh(&self) -> (TriangleMesh, Vec<u32>) {
+        let mut materials = Vec::new();
+        let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+        let (mut triangles, mut material_of, mut point_of) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..self.len() {
+            let albedo = self.albedo[i];
+            let material = *known
+                .entry(albedo.to_array().map(f32::to_bits))
+                .or_insert_with(|| {
+                    materials.push(Material::diffuse(albedo));
+                    materials.len() as u32 - 1
+                });
+            for triangle in fan(self.outline(i)).filter(super::mesh::has_area) {
+                triangles.push(triangle);
+                material_of.push(material);
+                point_of.push(i as u32);
+            }
+        }
+        let mut mesh = TriangleMesh::new(triangles, material_of, materials);
+        mesh.set_lifts(self.lifts());
+        (mesh, point_of)
+    }
+
+    /// Where rays have to be lifted farther than off a mesh.
+    fn lifts(&self) -> Option<Lifts> {
+        let rough = |i: &usize| self.lifts[*i] > 1e-3 * self.spacings[*i];
+        let rough: Vec<usize> = (0..self.len()).filter(rough).collect();
+        let places: Vec<Vec3> = rough.iter().map(|&i| self.positions[i]).collect();
+        let lifts = rough
+            .iter()
+            .map(|&i| [self.lifts[i], 2.0 * self.spacings[i]]);
+        (!places.is_empty()).then(|| Lifts {
+            tree: PointTree::new(&places),
+            farthest: lifts.clone().map(|[_, reach]| reach).fold(0.0, f32::max),
+            lifts: lifts.collect(),
+        })
+    }
+}
+
+/// How far rays are lifted off cells that do not lie in their neighbours' planes.
+#[derive(Debug)]
+pub(super) struct Lifts {
+    tree: PointTree,
+    /// Of each point of the tree: its lift, and how far from it that counts; metres.
+    lifts: Vec<[f32; 2]>,
+    /// The largest of those reaches, metres.
+    farthest: f32,
+}
+
+impl Lifts {
+    /// The lift at `p`, metres; 0 where no rough cell is near.
+    pub(super) fn at(&self, p: Vec3) -> f32 {
+        let near = self.tree.nearest_within(p, self.farthest * self.farthest);
+        near.map_or(0.0, |n| {
+            let [lift, reach] = self.lifts[n.index as usize];
+            if n.square <= reach * reach { lift } else { 0.0 }
+        })
+    }
+}
+
+/// The triangles of a convex polygon.
+fn fan(corners: &[Vec3]) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+    let others = corners.get(1..).unwrap_or_default();
+    others.windows(2).map(|pair| [corners[0], pair[0], pair[1]])
+}
+
+/// Points that are finite, and of those at one place with similar normals the first: their indices in order.
+fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
+    let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < FARTHEST;
+    let mut order: Vec<u32> = (0..points.positions.len() as u32)
+        .filter(|i| fine(&points.positions[*i as usize]))
+        .collect();
+    problems.not_finite = (points.positions.len() - order.len()) as u64;
+    // Adding 0 makes one zero of both.
+    let key = |i: u32| {
+        (points.positions[i as usize] + Vec3::ZERO)
+            .to_array()
+            .map(f32::to_bits)
+    };
+    let finite = order.len();
+    order.sort_unstable_by_key(|i| (key(*i), *i));
+    let mut kept = Vec::with_capacity(order.len());
+    for place in order.chunk_by(|a, b| key(*a) == key(*b)) {
+        let start = kept.len();
+        for &i in place {
+            let normal = |i: u32| {
+                points
+                    .normals
+                    .as_ref()
+                    .map_or(Vec3::ZERO, |n| unit(n[i as usize]))
+            };
+            let known = |k: &u32| {
+                let (a, b) = (normal(*k), normal(i));
+                a == Vec3::ZERO || b == Vec3::ZERO || a.dot(b) > SAME
+            };
+            if !kept[start..].iter().any(known) {
+                kept.push(i);
+            }
+        }
+    }
+    kept.sort_unstable();
+    problems.coincident = (finite - kept.len()) as u64;
+    kept
+}
+
+/// The normal at length one; zero where it has no direction.
+fn unit(n: Vec3) -> Vec3 {
+    let largest = n.abs().max_element();
+    if n.is_finite() && largest > 0.0 {
+        (n / largest).normalize()
+    } else {
+        Vec3::ZERO
+    }
+}
+
+fn reflectance(colour: Vec3, clamped: &mut u64) -> Vec3 {
+    let inside = Vec3::from_array(
+        colour
+            .to_array()
+            .map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, 1.0) }),
+    );
+    *clamped += u64::from(inside != colour);
+    inside
+}
+
+/// A point cloud as it was read.
+#[derive(Debug)]
+pub struct LoadedPoints {
+    /// The points.
+    pub cloud: PointCloud,
+    /// What the file holds that was not read as it was meant, in words.
+    pub notes: Vec<String>,
+}
+
+/// Reads a `.ply` file as a cloud; see [`PointCloud::new`].
+///
+/// # Errors
+/// [`SceneError::Io`] where the file cannot be read, [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
+pub fn load_ply(
+    path: impl AsRef<Path>,
+    viewpoint: Option<Vec3>,
+) -> Result<LoadedPoints, SceneError> {
+    let path = path.as_ref();
+    cloud_of(read_ply(path)?, &path.display().to_string(), viewpoint)
+}
+
+/// As [`load_ply`], of a file's bytes; `name` is what errors call it.
+///
+/// # Errors
+/// [`SceneError::Ply`] and [`SceneError::Points`] where the content is not valid.
+pub fn load_ply_bytes(
+    bytes: &[u8],
+    name: &str,
+    viewpoint: Option<Vec3>,
+) -> Result<LoadedPoints, SceneError> {
+    let points = parse_ply(bytes).map_err(|why| SceneError::Ply {
+        file: name.into(),
+        why,
+    })?;
+    cloud_of(points, name, viewpoint)
+}
+
+fn cloud_of(
+    points: PlyPoints,
+    name: &str,
+    viewpoint: Option<Vec3>,
+) -> Result<LoadedPoints, SceneError> {
+    let faces = points.faces;
+    let cloud = PointCloud::new(points, viewpoint).map_err(|why| SceneError::Points {
+        file: name.into(),
+        why,
+    })?;
+    let p = &cloud.problems;
+    let notes = [
+        (faces, "faces were passed over: a .ply is taken for points"),
+        (p.not_finite, "points without numbers were left out"),
+        (p.coincident, "points at the place of others were left out"),
+        (p.no_normal, "points without a normal were left out"),
+        (
+            p.normal_estimated,
+            "points without a normal got one from their neighbours",
+        ),
+        (
+            p.albedo_clamped,
+            "points reflected what light can't be: clamped",
+        ),
+    ];
+    let mut notes: Vec<String> = notes
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if cloud.normals_estimated {
+        notes.push("the file has no normals: they were estimated".into());
+    }
+    Ok(LoadedPoints { cloud, notes })
+}

@@ -1,0 +1,239 @@
+//! The nearest points of a point: a balanced tree of halves (k-d tree). Serves normals, areas and lifts of a point cloud.
+//!
+//! Halves are halves by count, so that any distribution gives a tree of depth log₂ N: a million points in one spot too. The tree is the order of the
+//! points alone: the middle of a range splits it, and the longest side of the range's box says along which axis.
+
+use glam::Vec3;
+
+/// Ranges of no more points than this are looked through one by one.
+const LEAF: usize = 8;
+/// Ranges of more points than this are built in parallel.
+const PARALLEL: usize = 1 << 14;
+
+/// A point with its index.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    x: Vec3,
+    index: u32,
+}
+
+/// A neighbour that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Neighbour {
+    /// Its index among the points that the tree was built of.
+    pub(super) index: u32,
+    /// Its squared distance, m².
+    pub(super) square: f32,
+}
+
+/// The tree.
+#[derive(Debug)]
+pub(super) struct PointTree {
+    entries: Vec<Entry>,
+    /// Along which axis the entry in the middle of a range splits it.
+    axes: Vec<u8>,
+}
+
+impl PointTree {
+    /// A tree of points, all of them finite. The same points give the same tree.
+    pub(super) fn new(points: &[Vec3]) -> Self {
+        let mut entries: Vec<Entry> = points
+            .iter()
+            .zip(0u32..)
+            .map(|(x, index)| Entry { x: *x, index })
+            .collect();
+        let mut axes = vec![0; entries.len()];
+        split(&mut entries, &mut axes);
+        Self { entries, axes }
+    }
+
+    /// The up to `count` nearest points of `x`, nearest first; `without` is left out. `out` is emptied first.
+    pub(super) fn nearest(
+        &self,
+        x: Vec3,
+        count: usize,
+        without: Option<u32>,
+        out: &mut Vec<Neighbour>,
+    ) {
+        out.clear();
+        if count > 0 {
+            self.search(0, self.entries.len(), x, count, without, out);
+        }
+    }
+
+    /// The nearest point that is nearer to `x` than the square root of `square`: what [`nearest`](Self::nearest) finds first, without looking farther.
+    pub(super) fn nearest_within(&self, x: Vec3, square: f32) -> Option<Neighbour> {
+        let mut best = Neighbour {
+            index: u32::MAX,
+            square,
+        };
+        self.search_within(&self.entries, &self.axes, x, &mut best);
+        (best.index != u32::MAX).then_some(best)
+    }
+
+    fn search_within(&self, entries: &[Entry], axes: &[u8], x: Vec3, best: &mut Neighbour) {
+        let offer = |entry: &Entry, best: &mut Neighbour| {
+            let square = entry.x.distance_squared(x);
+            if square < best.square {
+                let index = entry.index;
+                *best = Neighbour { index, square };
+            }
+        };
+        if entries.len() <= LEAF {
+            for entry in entries {
+                offer(entry, best);
+            }
+            return;
+        }
+        let middle = entries.len() / 2;
+        let axis = usize::from(axes[middle]);
+        let beyond = x[axis] - entries[middle].x[axis];
+        let low = (&entries[..middle], &axes[..middle]);
+        let high = (&entries[middle + 1..], &axes[middle + 1..]);
+        let (near, far) = if beyond < 0.0 {
+            (low, high)
+        } else {
+            (high, low)
+        };
+        self.search_within(near.0, near.1, x, best);
+        if beyond * beyond < best.square {
+            offer(&entries[middle], best);
+            self.search_within(far.0, far.1, x, best);
+        }
+    }
+
+    fn search(
+        &self,
+        from: usize,
+        to: usize,
+        x: Vec3,
+        count: usize,
+        without: Option<u32>,
+        out: &mut Vec<Neighbour>,
+    ) {
+        let offer = |entry: &Entry, out: &mut Vec<Neighbour>| {
+            let square = entry.x.distance_squared(x);
+            if Some(entry.index) == without
+                || (out.len() == count && square >= out[count - 1].square)
+            {
+                return;
+            }
+            let place = out.partition_point(|n| n.square <= square);
+            out.truncate(count - 1);
+            out.insert(
+                place,
+                Neighbour {
+                    index: entry.index,
+                    square,
+                },
+            );
+        };
+        if to - from <= LEAF {
+            for entry in &self.entries[from..to] {
+                offer(entry, out);
+            }
+            return;
+        }
+        let middle = from + (to - from) / 2;
+        let pivot = &self.entries[middle];
+        let axis = usize::from(self.axes[middle]);
+        let beyond = x[axis] - pivot.x[axis];
+        let (near, far) = if beyond < 0.0 {
+            ((from, middle), (middle + 1, to))
+        } else {
+            ((middle + 1, to), (from, middle))
+        };
+        self.search(near.0, near.1, x, count, without, out);
+        offer(pivot, out);
+        if out.len() < count || beyond * beyond < out[count - 1].square {
+            self.search(far.0, far.1, x, count, without, out);
+        }
+    }
+}
+
+fn split(entries: &mut [Entry], axes: &mut [u8]) {
+    if entries.len() <= LEAF {
+        return;
+    }
+    let (low, high) = entries
+        .iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), e| {
+            (low.min(e.x), high.max(e.x))
+        });
+    let axis = (high - low).max_position();
+    let middle = entries.len() / 2;
+    entries.select_nth_unstable_by(middle, |a, b| {
+        a.x[axis].total_cmp(&b.x[axis]).then(a.index.cmp(&b.index))
+    });
+    axes[middle] = axis as u8;
+    let (left, right) = entries.split_at_mut(middle);
+    let (left_axes, right_axes) = axes.split_at_mut(middle);
+    let (right, right_axes) = (&mut right[1..], &mut right_axes[1..]);
+    if left.len() > PARALLEL {
+        rayon::join(|| split(left, left_axes), || split(right, right_axes));
+    } else {
+        split(left, left_axes);
+        split(right, right_axes);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Random;
+
+    #[test]
+    fn the_nearest_are_those_that_a_search_through_all_finds() {
+        let random = |n: u64, snap: f32| -> Vec<Vec3> {
+            (0..n)
+                .map(|i| {
+                    let mut r = Random::new(3, n, i);
+                    let x = Vec3::new(r.unit(), r.unit() * r.unit(), r.unit() * 0.01);
+                    (x * snap).round() / snap
+                })
+                .collect()
+        };
+        for (count, snap) in [
+            (1, 1e6),
+            (2, 1e6),
+            (9, 1e6),
+            (500, 1e6),
+            (3000, 8.0),
+            (300, 1.0),
+        ] {
+            let points = random(count, snap);
+            let tree = PointTree::new(&points);
+            let mut found = Vec::new();
+            for (i, x) in points.iter().enumerate().step_by(7) {
+                for k in [0, 1, 5, 24] {
+                    tree.nearest(*x, k, Some(i as u32), &mut found);
+                    let mut all: Vec<f32> = (0..points.len())
+                        .filter(|j| *j != i)
+                        .map(|j| points[j].distance_squared(*x))
+                        .collect();
+                    all.sort_by(f32::total_cmp);
+                    all.truncate(k);
+                    assert!(
+                        found.iter().map(|n| n.square).eq(all),
+                        "{count} points, {k} of {i}"
+                    );
+                    let mut seen: Vec<u32> = found.iter().map(|n| n.index).collect();
+                    seen.sort_unstable();
+                    seen.dedup();
+                    assert!(seen.len() == found.len() && !seen.contains(&(i as u32)));
+                }
+                let place = *x + Vec3::new(0.03, -0.01, 0.02);
+                tree.nearest(place, 1, None, &mut found);
+                let nearest = found[0].square;
+                for (limit, some) in [
+                    (f32::INFINITY, true),
+                    (1.01 * nearest, true),
+                    (nearest, false),
+                ] {
+                    let within = tree.nearest_within(place, limit).map(|n| n.square);
+                    assert_eq!(within, some.then_some(nearest), "{count} points, from {i}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,422 @@
+//! Normals of points that have none: the plane through a point's neighbours, turned so that neighbours agree, and then to the outside.
+//!
+//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbours spread least; a minimum spanning tree over neighbours
+//! carries the side along where their planes agree best. Three deviations. A neighbour's normal is mirrored in the plane between the two points before
+//! both are compared: on a circle, over the edge of a box and in the corner of a room the mirrored normal is the own one, so that sides are carried over
+//! creases, where [HDD92] compares normals of 90 degrees. The tree is never walked: a union-find that holds, for each point, whether it is turned
+//! against its root, is joined in the order of the edges' weights. And planes across creases, which lie between both surfaces and would round every
+//! corner of a room, are replaced by that of a neighbour that fits its own surroundings, if the point lies in it.
+//!
+//! Which of its two sides a part (connected through neighbours) shows is not in the data. A part is turned outwards: the sum of (x − centre)·n over its
+//! points, times three its volume, is positive. A part that lies around the points of other parts faces them. Where a viewpoint is given, a part that
+//! surrounds it faces it.
+
+use super::nearest::{Neighbour, PointTree};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// Neighbours through which a point's plane is laid.
+const PLANE: usize = 16;
+/// Neighbours whose planes may be better than the own one: those of twice the distance, nearly.
+const CANDIDATES: usize = 48;
+/// A plane with this mean squared distance, relative to the square of its size, is flat.
+const FLAT: f64 = 1e-4;
+/// A neighbour's plane is taken where it fits so many times as well; on a curved surface all fit about alike.
+const BETTER: f64 = 0.25;
+/// Neighbours with which a point compares sides.
+const LINKS: usize = 8;
+/// Points of other parts that are looked at to find out whether a part lies around them.
+const PROBES: usize = 32;
+
+/// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbours at another place.
+pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoint: Option<Vec3>) -> Vec<Vec3> {
+    let fits: Vec<Fit> = points
+        .par_iter()
+        .enumerate()
+        .map_init(Vec::new, |near, (i, x)| {
+            tree.nearest(*x, PLANE, Some(i as u32), near);
+            Fit::of(*x, near, points)
+        })
+        .collect();
+    let mut normals: Vec<Vec3> = (0..points.len())
+        .into_par_iter()
+        .map_init(Vec::new, |near, i| sharpened(i, &fits, points, tree, near))
+        .collect();
+    let squares: Vec<f32> = fits.iter().map(|f| f.square).collect();
+    let parts = agree(points, &mut normals, tree);
+    outwards(points, &mut normals, &squares, &parts, viewpoint);
+    normals
+}
+
+/// The plane through a point's neighbours.
+#[derive(Clone, Copy)]
+struct Fit {
+    normal: Vec3,
+    /// A point of the plane.
+    mean: DVec3,
+    /// Mean squared distance from the plane, m².
+    variance: f64,
+    /// Squared distance of the farthest neighbour, m².
+    square: f32,
+}
+
+impl Fit {
+    /// Through `x` and its neighbours; a zero normal where they are all at one place.
+    fn of(x: Vec3, near: &[Neighbour], points: &[Vec3]) -> Self {
+        let square = near.last().map_or(0.0, |n| n.square);
+        let mut fit = Self {
+            normal: Vec3::ZERO,
+            mean: x.as_dvec3(),
+            variance: 0.0,
+            square,
+        };
+        // Relative to the farthest, so that no size is too small or too large.
+        let scale = f64::from(square).sqrt();
+        if near.len() < 2 || scale <= 0.0 {
+            return fit;
+        }
+        let offset = |n: &Neighbour| (points[n.index as usize].as_dvec3() - x.as_dvec3()) / scale;
+        let count = (near.len() + 1) as f64;
+        let mean = near.iter().map(offset).sum::<DVec3>() / count;
+        let mut m = [[0.0f64; 3]; 3];
+        for d in near.iter().map(offset).chain([DVec3::ZERO]) {
+            let d = (d - mean).to_array();
+            for (row, a) in m.iter_mut().zip(d) {
+                for (cell, b) in row.iter_mut().zip(d) {
+                    *cell += a * b / count;
+                }
+            }
+        }
+        let (normal, least) = least_direction(m);
+        fit.normal = normal;
+        fit.mean += mean * scale;
+        fit.variance = least.max(0.0) * scale * scale;
+        fit
+    }
+}
+
+/// The normal of point `i`: that of its own plane, or of the plane of a neighbour that fits far better around itself and holds the point too. Across a crease
+/// a point's own neighbours lie on two surfaces, and their plane between them.
+fn sharpened(
+    i: usize,
+    fits: &[Fit],
+    points: &[Vec3],
+    tree: &PointTree,
+    near: &mut Vec<Neighbour>,
+) -> Vec3 {
+    let own = &fits[i];
+    if own.variance <= FLAT * f64::from(own.square) {
+        return own.normal;
+    }
+    tree.nearest(points[i], CANDIDATES, Some(i as u32), near);
+    let (mut best, mut least) = (own, BETTER * own.variance);
+    for neighbour in near.iter() {
+        let fit = &fits[neighbour.index as usize];
+        let height = (points[i].as_dvec3() - fit.mean).dot(fit.normal.as_dvec3());
+        let cost = fit.variance + height * height;
+        if fit.normal != Vec3::ZERO && cost < least {
+            (best, least) = (fit, cost);
+        }
+    }
+    best.normal
+}
+
+/// Given unit normals, with those that are zero replaced: by the plane of the neighbours, on the side of the nearest neighbour that has a normal.
+/// Counts them in `estimated`.
+pub(super) fn complete(
+    points: &[Vec3],
+    given: Vec<Vec3>,
+    tree: &PointTree,
+    estimated: &mut u64,
+) -> Vec<Vec3> {
+    let mut out = given.clone();
+    let mut near = Vec::new();
+    for i in (0..points.len()).filter(|i| given[*i] == Vec3::ZERO) {
+        tree.nearest(points[i], PLANE, Some(i as u32), &mut near);
+        let normal = Fit::of(points[i], &near, points).normal;
+        let known = near
+            .iter()
+            .map(|n| n.index as usize)
+            .find(|j| given[*j] != Vec3::ZERO);
+        let against =
+            known.is_some_and(|j| agreement(points[i], normal, points[j], given[j]) < 0.0);
+        out[i] = if against { -normal } else { normal };
+        *estimated += u64::from(normal != Vec3::ZERO);
+    }
+    out
+}
+
+/// The unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi's rotations, and that eigenvalue.
+fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
+    let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
+    for _ in 0..12 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let off = m[p][q];
+            if off.abs() < 1e-300 {
+                continue;
+            }
+            let theta = (m[q][q] - m[p][p]) / (2.0 * off);
+            let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let c = 1.0 / (t * t + 1.0).sqrt();
+            let s = t * c;
+            for row in &mut m {
+                let (a, b) = (row[p], row[q]);
+                (row[p], row[q]) = (c * a - s * b, s * a + c * b);
+            }
+            let (a, b) = (m[p], m[q]);
+            m[p] = core::array::from_fn(|k| c * a[k] - s * b[k]);
+            m[q] = core::array::from_fn(|k| s * a[k] + c * b[k]);
+            for axis in &mut axes {
+                let (a, b) = (axis[p], axis[q]);
+                (axis[p], axis[q]) = (c * a - s * b, s * a + c * b);
+            }
+        }
+    }
+    let least = (0..3).fold(0, |best, k| if m[k][k] < m[best][best] { k } else { best });
+    let axis = DVec3::new(axes[0][least], axes[1][least], axes[2][least]);
+    (
+        axis.try_normalize().map_or(Vec3::ZERO, DVec3::as_vec3),
+        m[least][least],
+    )
+}
+
+/// How well two sides agree, in [-1, 1]: n_i · n_j, n_j mirrored in the plane between the points.
+fn agreement(x_i: Vec3, n_i: Vec3, x_j: Vec3, n_j: Vec3) -> f32 {
+    let along = (x_j - x_i).normalize_or_zero();
+    n_i.dot(n_j - 2.0 * along * along.dot(n_j))
+}
+
+/// Sets of points, each with whether it is turned against its set's root.
+struct Sides {
+    parent: Vec<u32>,
+    turned: Vec<bool>,
+}
+
+impl Sides {
+    /// The root of `i`, and whether `i` is turned against it.
+    fn root(&mut self, i: u32) -> (u32, bool) {
+        let (mut at, mut turned) = (i as usize, false);
+        while self.parent[at] as usize != at {
+            // Halving the way: the grandparent becomes the parent.
+            let up = self.parent[at] as usize;
+            if self.parent[up] as usize != up {
+                self.turned[at] ^= self.turned[up];
+                self.parent[at] = self.parent[up];
+            }
+            turned ^= self.turned[at];
+            at = self.parent[at] as usize;
+        }
+        (at as u32, turned)
+    }
+}
+
+/// Turns normals so that neighbours agree; gives each point's part, named after one of its points.
+fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
+    let mut edges: Vec<(u32, u32, u32)> = points
+        .par_iter()
+        .enumerate()
+        .map_init(Vec::new, |near, (i, x)| {
+            tree.nearest(*x, LINKS, Some(i as u32), near);
+            let edge = |n: &Neighbour| {
+                let j = n.index as usize;
+                let sure = agreement(*x, normals[i], points[j], normals[j]).abs();
+                // As long as weights are in [0, 1] their bits are in order.
+                ((1.0 - sure.min(1.0)).to_bits(), i as u32, n.index)
+            };
+            near.iter().map(edge).collect::<Vec<_>>()
+        })
+        .flatten_iter()
+        .collect();
+    edges.par_sort_unstable();
+    let mut sides = Sides {
+        parent: (0..points.len() as u32).collect(),
+        turned: vec![false; points.len()],
+    };
+    for (_, i, j) in edges {
+        let ((a, turned_i), (b, turned_j)) = (sides.root(i), sides.root(j));
+        if a == b {
+            continue;
+        }
+        let [k, l] = [i as usize, j as usize];
+        let against = agreement(points[k], normals[k], points[l], normals[l]) < 0.0;
+        let (low, high) = (a.min(b), a.max(b));
+        sides.parent[high as usize] = low;
+        sides.turned[high as usize] = against ^ turned_i ^ turned_j;
+    }
+    let found: Vec<(u32, bool)> = (0..points.len() as u32).map(|i| sides.root(i)).collect();
+    for (normal, (_, turned)) in normals.iter_mut().zip(&found) {
+        if *turned {
+            *normal = -*normal;
+        }
+    }
+    found.into_iter().map(|(root, _)| root).collect()
+}
+
+/// What an oriented point shows of itself at `from`, as a solid angle; the sum over a closed part is 4π within it and 0 outside, positive where
+/// the part faces `from`.
+fn solid_angle(from: DVec3, x: Vec3, n: Vec3, area: f64) -> f64 {
+    let to = from - x.as_dvec3();
+    let square = to.length_squared().max(area);
+    area * to.dot(n.as_dvec3()) / (square * square.sqrt())
+}
+
+/// Turns whole parts to the side that they show.
+fn outwards(
+    points: &[Vec3],
+    normals: &mut [Vec3],
+    squares: &[f32],
+    parts: &[u32],
+    viewpoint: Option<Vec3>,
+) {
+    let mut members: Vec<u32> = (0..points.len() as u32).collect();
+    members.sort_unstable_by_key(|i| (parts[*i as usize], *i));
+    // Neighbours within a circle: its area over their count stands for one.
+    let area = |i: usize| core::f64::consts::PI * f64::from(squares[i]) / PLANE as f64;
+    let many = members
+        .chunk_by(|a, b| parts[*a as usize] == parts[*b as usize])
+        .count()
+        > 1;
+    for part in members.chunk_by(|a, b| parts[*a as usize] == parts[*b as usize]) {
+        let of = |i: &u32| *i as usize;
+        let center =
+            part.iter().map(|i| points[of(i)].as_dvec3()).sum::<DVec3>() / part.len() as f64;
+        let volume = |i: &u32| {
+            area(of(i)) * (points[of(i)].as_dvec3() - center).dot(normals[of(i)].as_dvec3())
+        };
+        let mut outward = part.iter().map(volume).sum::<f64>() >= 0.0;
+        let around = |from: DVec3| {
+            let seen = |i: &u32| solid_angle(from, points[of(i)], normals[of(i)], area(of(i)));
+            part.iter().map(seen).sum::<f64>()
+        };
+        let inside = |angle: f64| angle.abs() > 2.0 * core::f64::consts::PI;
+        let mut faced = viewpoint
+            .map(|v| around(v.as_dvec3()))
+            .filter(|a| inside(*a));
+        // Small parts lie around nothing.
+        if faced.is_none() && many && part.len() > points.len() / 16 {
+            let first = parts[of(&part[0])];
+            let others = members.len() - part.len();
+            let step = (others / PROBES).max(1);
+            let probes = members
+                .iter()
+                .filter(|i| parts[of(i)] != first)
+                .step_by(step);
+            let angles: Vec<f64> = probes.map(|i| around(points[of(i)].as_dvec3())).collect();
+            let within = angles.iter().filter(|a| inside(**a)).count();
+            if 2 * within > angles.len() {
+                faced = Some(angles.iter().sum());
+            }
+        }
+        if let Some(angle) = faced {
+            outward = angle >= 0.0;
+        }
+        if !outward {
+            for i in part {
+                normals[of(i)] = -normals[of(i)];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{Random, uniform_sphere};
+    use glam::Vec2;
+
+    fn estimated(points: &[Vec3], viewpoint: Option<Vec3>) -> Vec<Vec3> {
+        estimate(points, &PointTree::new(points), viewpoint)
+    }
+
+    fn sphere(count: u64, center: Vec3, radius: f32) -> Vec<Vec3> {
+        let at = |i| {
+            let mut r = Random::new(5, 0, i);
+            center + radius * uniform_sphere(Vec2::new(r.unit(), r.unit()))
+        };
+        (0..count).map(at).collect()
+    }
+
+    /// Points on the six faces of a cube of edge 2, with their outward normals.
+    fn cube(count: u64) -> (Vec<Vec3>, Vec<Vec3>) {
+        (0..count)
+            .map(|i| {
+                let mut r = Random::new(6, 1, i);
+                let axis = r.below(6);
+                let mut n = Vec3::ZERO;
+                n[axis % 3] = if axis < 3 { 1.0 } else { -1.0 };
+                let mut x = Vec3::new(r.unit(), r.unit(), r.unit()) * 2.0 - 1.0;
+                x[axis % 3] = n[axis % 3];
+                (x, n)
+            })
+            .unzip()
+    }
+
+    /// The mean cosine between found and true normals.
+    fn mean_cosine(found: &[Vec3], truth: impl Fn(usize) -> Vec3) -> f32 {
+        found
+            .iter()
+            .enumerate()
+            .map(|(i, n)| n.dot(truth(i)))
+            .sum::<f32>()
+            / found.len() as f32
+    }
+
+    #[test]
+    fn a_sphere_and_a_cube_face_outwards() {
+        for scale in [1e-6f32, 1.0, 1e6] {
+            let center = Vec3::new(3.0, -1.0, 2.0) * scale;
+            let points = sphere(3000, center, scale);
+            let cosine = mean_cosine(&estimated(&points, None), |i| (points[i] - center) / scale);
+            assert!(cosine > 0.99, "sphere of {scale} m: {cosine}");
+        }
+        let (points, normals) = cube(6000);
+        let found = estimated(&points, None);
+        assert!(mean_cosine(&found, |i| normals[i]) > 0.95);
+        let wrong = found
+            .iter()
+            .zip(&normals)
+            .filter(|(a, b)| a.dot(**b) < 0.0)
+            .count();
+        // In a corner of three faces a plane through neighbours may be any.
+        assert!(
+            wrong <= 3,
+            "sides are carried over the edges: {wrong} of 6000"
+        );
+    }
+
+    #[test]
+    fn what_lies_around_faces_inwards() {
+        let seen_inside = estimated(
+            &sphere(3000, Vec3::ZERO, 1.0),
+            Some(Vec3::new(0.2, 0.5, -0.1)),
+        );
+        let points = sphere(3000, Vec3::ZERO, 1.0);
+        assert!(mean_cosine(&seen_inside, |i| -points[i]) > 0.99);
+        let seen_outside = estimated(&points, Some(Vec3::new(0.2, 5.0, -0.1)));
+        assert!(mean_cosine(&seen_outside, |i| points[i]) > 0.99);
+        // A ball in a cube: the cube faces it.
+        let (mut both, normals) = cube(6000);
+        both.extend(sphere(1500, Vec3::splat(0.2), 0.3));
+        let found = estimated(&both, None);
+        assert!(mean_cosine(&found[..6000], |i| -normals[i]) > 0.95);
+        assert!(mean_cosine(&found[6000..], |i| (both[6000 + i] - 0.2) / 0.3) > 0.98);
+    }
+
+    #[test]
+    fn points_without_a_plane_get_no_or_any_normal() {
+        assert_eq!(estimated(&[Vec3::ONE], None), [Vec3::ZERO]);
+        assert_eq!(estimated(&[], None), []);
+        let line: Vec<Vec3> = (0..50).map(|i| Vec3::X * i as f32).collect();
+        for n in estimated(&line, None) {
+            assert!(
+                n.is_finite() && (n.length() - 1.0).abs() < 1e-5 && n.x.abs() < 1e-5,
+                "{n}"
+            );
+        }
+        assert!(
+            estimated(&[Vec3::ONE; 100], None)
+                .iter()
+                .all(|n| *n == Vec3::ZERO)
+        );
+    }
+}

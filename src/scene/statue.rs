@@ -1,0 +1,122 @@
+//! The built-in statue: a knot on a pedestal in the Cornell box, without the blocks. A closed shape with thin, curved and hidden parts, for point clouds: the
+//! demo and tests scatter points over it.
+
+use super::{Material, TriangleMesh, cornell_box};
+use glam::{DVec2, DVec3, Vec3};
+
+const MARBLE: Vec3 = Vec3::new(0.78, 0.76, 0.72);
+const STONE: Vec3 = Vec3::new(0.45, 0.44, 0.42);
+/// Pieces along the knot, around its tube, and around the pedestal.
+const ALONG: u32 = 480;
+const AROUND: u32 = 48;
+const TURN: u32 = 96;
+/// Metres for one unit of the knot's equation; half the width of its tube in metres.
+const SIZE: f64 = 0.16;
+const TUBE: f64 = 0.1;
+/// The pedestal's profile: radius and height of each ring, metres, from the floor to the middle of its top.
+const PROFILE: [[f64; 2]; 8] = [
+    [0.34, 0.0],
+    [0.34, 0.08],
+    [0.28, 0.12],
+    [0.25, 0.2],
+    [0.25, 0.36],
+    [0.3, 0.4],
+    [0.3, 0.46],
+    [0.0, 0.46],
+];
+
+/// The Cornell box with a statue in place of its blocks; corners are counter-clockwise as seen from outside of the statue. The floor is at y = 0, its
+/// centre in the origin.
+#[must_use]
+pub fn statue_room() -> TriangleMesh {
+    let (mut triangles, mut material_of, mut materials) = (Vec::new(), Vec::new(), Vec::new());
+    let mut add = |surface: Vec<[Vec3; 3]>, material: Material| {
+        material_of.extend(std::iter::repeat_n(materials.len() as u32, surface.len()));
+        materials.push(material);
+        triangles.extend(surface);
+    };
+    for wall in cornell_box().into_iter().take(5) {
+        let [a, b, c, d] = wall.corners;
+        add(vec![[a, b, c], [a, c, d]], wall.material);
+    }
+    add(pedestal(), Material::diffuse(STONE));
+    add(knot(), Material::diffuse(MARBLE));
+    TriangleMesh::new(triangles, material_of, materials)
+}
+
+/// Cosine and sine of so many parts of a turn, the same bits on every machine.
+fn turned(part: f64) -> DVec2 {
+    let angle = core::f64::consts::TAU * part;
+    DVec2::new(libm::cos(angle), libm::sin(angle))
+}
+
+/// A surface over a grid of `rows` × `columns` pieces; the columns close to a ring. Triangles without area are left out by the mesh.
+fn grid(rows: u32, columns: u32, at: impl Fn(u32, u32) -> DVec3) -> Vec<[Vec3; 3]> {
+    let corner = |i: u32, j: u32| at(i, j % columns).as_vec3();
+    let pieces = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j)));
+    pieces
+        .flat_map(|(i, j)| {
+            let [a, b] = [corner(i, j), corner(i, j + 1)];
+            let [c, d] = [corner(i + 1, j + 1), corner(i + 1, j)];
+            [[a, c, b], [a, d, c]]
+        })
+        .filter(super::mesh::has_area)
+        .collect()
+}
+
+fn pedestal() -> Vec<[Vec3; 3]> {
+    grid(PROFILE.len() as u32 - 1, TURN, |i, j| {
+        let [radius, height] = PROFILE[i as usize];
+        let around = turned(f64::from(j) / f64::from(TURN)) * radius;
+        DVec3::new(around.x, height, around.y)
+    })
+}
+
+/// A trefoil knot whose tube is a little flat and twists nine half turns on its way round.
+fn knot() -> Vec<[Vec3; 3]> {
+    let middle = |part: f64| {
+        let [one, two, three] = [1.0, 2.0, 3.0].map(|k| turned(k * part));
+        DVec3::new(one.y + 2.0 * two.y, one.x - 2.0 * two.x, -three.y) * SIZE
+    };
+    // Its lowest point is three units below its middle; the tube sinks into the pedestal by a tenth.
+    let foot = DVec3::Y * (PROFILE[7][1] + 3.0 * SIZE + 0.9 * TUBE);
+    grid(ALONG, AROUND, |i, j| {
+        let part = f64::from(i % ALONG) / f64::from(ALONG);
+        let center = middle(part);
+        let along = (middle(part + 1e-4) - middle(part - 1e-4)).normalize();
+        let out = (center - along * along.dot(center)).normalize();
+        let phi = f64::from(j) / f64::from(AROUND);
+        let around = turned(phi);
+        let radius = TUBE * (1.0 + 0.22 * turned(2.0 * phi + 9.0 * part).x);
+        foot + center + (out * around.x + out.cross(along) * around.y) * radius
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Geometry, Ray};
+
+    #[test]
+    fn the_statue_is_closed_faces_outwards_and_stands_in_the_room() {
+        let room = statue_room();
+        assert_eq!(room.problems().dropped(), 0);
+        let bounds = room.bounds();
+        assert!(bounds.min.abs_diff_eq(Vec3::new(-1.0, 0.0, -1.0), 1e-6));
+        assert!(bounds.max.abs_diff_eq(Vec3::new(1.0, 2.0, 1.0), 1e-6));
+        let mut on_statue = 0;
+        for i in 0..40_000u32 {
+            // From the front, over the whole opening.
+            let eye = Vec3::new(
+                (i % 200) as f32 * 0.0099 - 0.99,
+                (i / 200) as f32 * 0.0099 + 0.01,
+                1.5,
+            );
+            let ray = Ray::new(eye, Vec3::NEG_Z);
+            let hit = room.cast(&ray).expect("the back wall at least");
+            assert!(room.surface(&ray, &hit).front, "{eye}");
+            on_statue += u32::from(hit.primitive >= 10);
+        }
+        assert!((4000..20_000).contains(&on_statue), "{on_statue}");
+    }
+}

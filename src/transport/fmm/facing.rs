@@ -1,0 +1,166 @@
+//! Do all points of two nodes look at each other? \[G08\]'s expansions know no max(0, ·): a pair that looks away from each other would count, negative where one of
+//! the two does and even positive where both do.
+//!
+//! So two nodes meet by expansions only where all their points face each other, but for a `slack`; nodes whose points all look away are dropped; the rest is divided, down
+//! to pairs of points in the near list, where max(0, ·) is exact. For a source at y with n_y = a + e, |e| ≤ spread, and a receiver at x:
+//! n_y·(x − y) = a·x − a·y + e·(x − y), of which a·y lies in the node's slab and a·x is bounded by the receivers themselves ([`Tree::all_beyond`]), so that a wall that
+//! touches another's plane at any angle is still in front of it.
+
+use super::tree::{Tree, TreeNode};
+use glam::DVec3;
+
+/// Heights below this over a plane are rounding: points of one wall do not light each other. In units of the scene.
+const FLAT: f64 = 1e-6;
+
+/// How two nodes look at each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Facing {
+    /// All points of each see the front of all points of the other, within the slack.
+    Front,
+    /// No light goes between them.
+    Away,
+    /// Some do, some do not.
+    Mixed,
+}
+
+/// True where no light goes between the nodes, as far as their boxes tell: cheap, and may miss some.
+#[must_use]
+pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
+    let reach = a.center.distance(b.center) + a.radius + b.radius;
+    let away = |from: &TreeNode, to: &TreeNode| {
+        let d = from.axis;
+        let highest = (d * to.min).max(d * to.max).element_sum();
+        highest <= from.slab[0] + FLAT - from.spread * reach
+    };
+    away(a, b) || away(b, a)
+}
+
+/// How the nodes look at each other: exact but for the spread of normals, which is bounded.
+#[must_use]
+pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
+    let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
+    let distance = na.center.distance(nb.center);
+    let reach = distance + na.radius + nb.radius;
+    let mut front = true;
+    for (from, to) in [(na, b), (nb, a)] {
+        let e = from.spread * reach;
+        let highest = from.slab[0] + FLAT - e;
+        if tree.all_beyond(to, -from.axis, -highest) {
+            return Facing::Away;
+        }
+        let lowest = from.slab[1] + e - FLAT - slack * distance;
+        front = front && tree.all_beyond(to, from.axis, lowest);
+    }
+    if front { Facing::Front } else { Facing::Mixed }
+}
+
+/// True where light goes between at least two points of the nodes.
+#[must_use]
+pub fn any_light(tree: &Tree, a: usize, b: usize) -> bool {
+    let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
+    tree.points[na.points()].iter().any(|x| {
+        tree.points[nb.points()].iter().any(|y| {
+            let r: DVec3 = x.position - y.position;
+            y.normal.dot(r) > 0.0 && x.normal.dot(r) < 0.0
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::FmmPoint;
+    use super::*;
+    use crate::samples::Random;
+    use glam::{Mat3, Vec3};
+
+    /// A square of side 1 about `at`, spanned by `u` and `v`.
+    fn square(out: &mut Vec<FmmPoint>, at: Vec3, u: Vec3, v: Vec3, turn: Mat3) {
+        let mut random = Random::new(out.len() as u64, 2, 2);
+        for _ in 0..100 {
+            let p = at + u * (random.unit() - 0.5) + v * (random.unit() - 0.5);
+            out.push(FmmPoint {
+                position: turn * p,
+                normal: turn * u.cross(v),
+                weight: 0.01,
+            });
+        }
+    }
+
+    /// Two walls that meet, one opposite, one beside: what they say however the room is turned.
+    #[test]
+    fn walls_face_each_other() {
+        let turn = Mat3::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
+        for turn in [Mat3::IDENTITY, turn] {
+            let mut points = Vec::new();
+            let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+            // A floor; a wall that looks along +x and meets it; a ceiling; the wall from behind; floor beside the floor.
+            square(&mut points, 0.5 * x, x, -z, turn);
+            square(&mut points, 0.5 * y, y, z, turn);
+            square(&mut points, 0.5 * x + 2.0 * y, -x, -z, turn);
+            square(&mut points, 3.0 * x + 0.5 * y, y, z, turn);
+            square(&mut points, 5.0 * x, x, -z, turn);
+            // One leaf each.
+            let tree = Tree::new(&points, 100);
+            let node = |k: u32| {
+                let own =
+                    |n: &TreeNode| n.is_leaf() && n.points().all(|i| tree.order[i] / 100 == k);
+                tree.nodes.iter().position(own).expect("a leaf")
+            };
+            let [floor, wall, ceiling, behind, beside] = [0, 1, 2, 3, 4].map(node);
+            let of = |a, b| facing(&tree, a, b, 0.0);
+            assert_eq!(of(floor, wall), Facing::Front);
+            assert_eq!(of(ceiling, floor), Facing::Front);
+            assert_eq!(of(wall, ceiling), Facing::Front);
+            assert_eq!(of(floor, behind), Facing::Away);
+            assert_eq!(of(floor, beside), Facing::Away);
+            assert_eq!(of(beside, behind), Facing::Front);
+            for (a, b) in [(floor, wall), (floor, behind), (floor, beside)] {
+                assert_eq!(any_light(&tree, a, b), of(a, b) == Facing::Front);
+            }
+            assert!(!surely_away(&tree.nodes[floor], &tree.nodes[wall]));
+        }
+    }
+
+    #[test]
+    fn a_ball_is_mixed_and_a_slack_helps_at_the_rim() {
+        let mut random = Random::new(5, 5, 5);
+        let points: Vec<_> = (0..2000)
+            .map(|_| {
+                let v = Vec3::from_array(std::array::from_fn(|_| random.unit() - 0.5)).normalize();
+                FmmPoint {
+                    position: v,
+                    normal: -v,
+                    weight: 0.01,
+                }
+            })
+            .collect();
+        // From inside all see all.
+        let tree = Tree::new(&points, 16);
+        let leaves: Vec<_> = (0..tree.nodes.len())
+            .filter(|&i| tree.nodes[i].is_leaf())
+            .collect();
+        let count = |tree: &Tree, slack: f64, what: Facing| {
+            let pairs = leaves
+                .iter()
+                .flat_map(|&a| leaves.iter().map(move |&b| (a, b)));
+            pairs
+                // A leaf of one point does not light itself.
+                .filter(|(a, b)| a != b)
+                .filter(|&(a, b)| facing(tree, a, b, slack) == what)
+                .count()
+        };
+        assert_eq!(count(&tree, 0.0, Facing::Away), 0);
+        let (none, some) = (
+            count(&tree, 0.0, Facing::Mixed),
+            count(&tree, 0.2, Facing::Mixed),
+        );
+        assert!(some < none / 2, "{some} of {none}");
+        // From outside nobody sees anybody; at the ends of one leaf the bounds may be too wide.
+        let mut outside = points.clone();
+        outside.iter_mut().for_each(|p| p.normal = -p.normal);
+        let tree = Tree::new(&outside, 16);
+        let away = count(&tree, 0.0, Facing::Away);
+        assert_eq!(count(&tree, 0.0, Facing::Front), 0);
+        assert!(away * 2 > leaves.len().pow(2), "{away}");
+    }
+}

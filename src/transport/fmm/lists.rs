@@ -1,0 +1,308 @@
+//! The four interaction lists of the adaptive method (\[G08\] §3): by whom a node is lit, and how.
+//!
+//! | list | source | receiver | by |
+//! |---|---|---|---|
+//! | far | node | node | S→R |
+//! | local | points of a leaf | node | R-expansion of each source |
+//! | multipole | node | points of a leaf | evaluation of the S-expansion |
+//! | near | points of a leaf | points of a leaf | the kernel itself |
+//!
+//! \[G08\] §2.5 finds them by neighbourhood of cells. Here pairs of nodes are divided from the root down until a list takes them, which serves nodes of all sizes and directions: two nodes
+//! meet by expansions where they are well separated, all of whose points face each other ([`super::facing`]) and see each other ([`super::visibility`]); of the lists
+//! that are allowed, the cheapest. Every pair of points is in one list exactly, or exchanges no light.
+
+use super::facing::{Facing, any_light, facing, surely_away};
+use super::settings::FmmSettings;
+use super::terms::count;
+use super::tree::{COINCIDENT, Tree, TreeNode};
+use super::visibility::Visibility;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A source of a node.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Entry {
+    /// The source's node.
+    pub source: u32,
+    /// The part of its light that arrives: 1 where nothing is in the way.
+    pub weight: f32,
+}
+
+/// One list of every node.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct List {
+    /// Where each node's entries begin, and one past the last.
+    pub starts: Vec<u32>,
+    /// The entries.
+    pub entries: Vec<Entry>,
+}
+
+impl List {
+    /// The entries of one node.
+    #[must_use]
+    pub fn of(&self, node: usize) -> &[Entry] {
+        &self.entries[self.starts[node] as usize..self.starts[node + 1] as usize]
+    }
+
+    fn new(nodes: usize, found: impl Iterator<Item = (u32, Entry)> + Clone) -> Self {
+        let mut starts = vec![0u32; nodes + 1];
+        for (receiver, _) in found.clone() {
+            starts[receiver as usize + 1] += 1;
+        }
+        for i in 0..nodes {
+            starts[i + 1] += starts[i];
+        }
+        let mut next = starts.clone();
+        let nothing = Entry {
+            source: 0,
+            weight: 0.0,
+        };
+        let mut entries = vec![nothing; starts[nodes] as usize];
+        for (receiver, entry) in found {
+            let at = &mut next[receiver as usize];
+            entries[*at as usize] = entry;
+            *at += 1;
+        }
+        Self { starts, entries }
+    }
+}
+
+/// The four lists, and what was looked at for them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Lists {
+    /// S→R.
+    pub far: List,
+    /// Points of a leaf to a node.
+    pub local: List,
+    /// A node to points of a leaf.
+    pub multipole: List,
+    /// Points to points.
+    pub near: List,
+    /// What they are made of.
+    pub counts: ListCounts,
+}
+
+/// What was looked at for the lists.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ListCounts {
+    /// Pairs of nodes.
+    pub visited: u64,
+    /// Of these, pairs that look away from each other.
+    pub away: u64,
+    /// Pairs that are well separated, but face each other in part only.
+    pub mixed: u64,
+    /// Pairs of which nothing is visible.
+    pub hidden: u64,
+    /// Pairs in the lists that see each other in part.
+    pub partial: u64,
+    /// Pairs of points in the near list.
+    pub point_pairs: u64,
+    /// Rays between points.
+    pub rays: u64,
+}
+
+impl ListCounts {
+    fn add(&mut self, other: &Self) {
+        self.visited += other.visited;
+        self.away += other.away;
+        self.mixed += other.mixed;
+        self.hidden += other.hidden;
+        self.partial += other.partial;
+        self.point_pairs += other.point_pairs;
+        self.rays += other.rays;
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Far,
+    Local,
+    Multipole,
+    Near,
+}
+
+#[derive(Default)]
+struct Found {
+    entries: Vec<(Kind, u32, Entry)>,
+    counts: ListCounts,
+}
+
+/// Receiver and source.
+type Pair = (u32, u32);
+
+/// Pairs that are decided one after another before the rest is given to threads.
+const TASKS: usize = 1024;
+
+struct Search<'a> {
+    tree: &'a Tree,
+    settings: &'a FmmSettings,
+    visibility: Option<Visibility<'a>>,
+    /// Costs in products of a derivative and a term: S→R, and of one point with an expansion.
+    s_to_r: f64,
+    point: f64,
+}
+
+/// Cost of a pair of points in such products.
+const POINT_PAIR: f64 = 0.5;
+
+/// Finds all lists. Without `visibility` everything sees everything.
+#[must_use]
+pub fn lists(tree: &Tree, settings: &FmmSettings, visibility: Option<Visibility<'_>>) -> Lists {
+    let p = settings.order;
+    let products: f64 = (1..=6).map(|k| (p + k) as f64 / k as f64).product();
+    let search = Search {
+        tree,
+        settings,
+        visibility,
+        s_to_r: products + 3.0 * count(p) as f64,
+        point: 2.0 * count(p) as f64,
+    };
+    let mut parts = vec![Found::default()];
+    let mut pairs: Vec<Pair> = match tree.nodes.is_empty() {
+        true => Vec::new(),
+        false => vec![(0, 0)],
+    };
+    while !pairs.is_empty() && pairs.len() < TASKS {
+        let mut below = Vec::new();
+        for &pair in &pairs {
+            search.step(pair, &mut parts[0], &mut below);
+        }
+        pairs = below;
+    }
+    let found: Vec<Found> = pairs
+        .par_iter()
+        .map(|&pair| {
+            let mut found = Found::default();
+            let mut stack = vec![pair];
+            while let Some(pair) = stack.pop() {
+                search.step(pair, &mut found, &mut stack);
+            }
+            found
+        })
+        .collect();
+    parts.extend(found);
+    let of = |kind: Kind| {
+        let all = parts.iter().flat_map(|part| &part.entries);
+        List::new(
+            tree.nodes.len(),
+            all.filter(move |e| e.0 == kind).map(|e| (e.1, e.2)),
+        )
+    };
+    let mut counts = ListCounts::default();
+    parts.iter().for_each(|part| counts.add(&part.counts));
+    Lists {
+        far: of(Kind::Far),
+        local: of(Kind::Local),
+        multipole: of(Kind::Multipole),
+        near: of(Kind::Near),
+        counts,
+    }
+}
+
+impl Search<'_> {
+    /// Decides a pair, or lists the pairs into which it is divided.
+    fn step(&self, (t, s): Pair, out: &mut Found, below: &mut Vec<Pair>) {
+        let tree = self.tree;
+        let (nt, ns) = (&tree.nodes[t as usize], &tree.nodes[s as usize]);
+        out.counts.visited += 1;
+        let distance = nt.center.distance(ns.center);
+        // One place exchanges no light with itself, and a node that faces one way none with its own plane.
+        if distance + nt.radius + ns.radius <= COINCIDENT || surely_away(nt, ns) {
+            out.counts.away += 1;
+            return;
+        }
+        let leaves = nt.is_leaf() && ns.is_leaf();
+        if let Some(kind) = self.cheapest(nt, ns, distance) {
+            match facing(tree, t as usize, s as usize, self.settings.slack.into()) {
+                Facing::Away => {
+                    out.counts.away += 1;
+                    return;
+                }
+                Facing::Front => {
+                    let small =
+                        nt.radius + ns.radius <= f64::from(self.settings.penumbra) * distance;
+                    if self.take(kind, (t, s), leaves || small, out) {
+                        return;
+                    }
+                }
+                Facing::Mixed => out.counts.mixed += 1,
+            }
+        }
+        if leaves {
+            if any_light(tree, t as usize, s as usize) {
+                self.take(Kind::Near, (t, s), true, out);
+            } else {
+                out.counts.away += 1;
+            }
+            return;
+        }
+        // The larger of the two; its normals count as size where they are what keeps the pair apart.
+        let extent = |n: &TreeNode| n.radius + n.spread * distance.min(1.0);
+        if ns.is_leaf() || (!nt.is_leaf() && extent(nt) >= extent(ns)) {
+            below.extend(nt.child_range().map(|c| (c as u32, s)));
+        } else {
+            below.extend(ns.child_range().map(|c| (t, c as u32)));
+        }
+    }
+
+    /// The cheapest list that may take the pair, as far as distances tell.
+    fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<Kind> {
+        let limit = f64::from(self.settings.separation);
+        let (lt, ls) = (nt.len() as f64, ns.len() as f64);
+        let apart = nt.radius + ns.radius <= limit * distance;
+        let beside = |center: DVec3, radius: f64, n: &TreeNode| {
+            let gap = center.distance(center.clamp(n.min, n.max));
+            gap > COINCIDENT && radius <= limit * gap
+        };
+        let options = [
+            (Kind::Far, self.s_to_r, apart),
+            (
+                Kind::Multipole,
+                lt * self.point,
+                nt.is_leaf() && (apart || beside(ns.center, ns.radius, nt)),
+            ),
+            (
+                Kind::Local,
+                ls * self.point,
+                ns.is_leaf() && (apart || beside(nt.center, nt.radius, ns)),
+            ),
+        ];
+        let direct = POINT_PAIR * lt * ls;
+        let allowed = options.into_iter().filter(|o| o.2);
+        let best = allowed.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        // Two leaves go to the near list by themselves where that is cheaper; others are not divided for it, unless only one side may be expanded.
+        let cheaper = direct < best.1;
+        match nt.is_leaf() && ns.is_leaf() {
+            true if cheaper => None,
+            false if cheaper && !apart => None,
+            _ => Some(best.0),
+        }
+    }
+
+    /// Puts a pair on a list, or finds that nothing is to be put; false where it is to be divided for what lies between.
+    fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut Found) -> bool {
+        let mut weight = 1.0;
+        if let Some(visibility) = &self.visibility {
+            let (part, rays) = visibility.part(self.tree, t as usize, s as usize);
+            out.counts.rays += rays;
+            if part <= 0.0 {
+                out.counts.hidden += 1;
+                return true;
+            }
+            if part < 1.0 {
+                if !whole {
+                    return false;
+                }
+                out.counts.partial += 1;
+            }
+            weight = part;
+        }
+        if kind == Kind::Near {
+            let len = |n: u32| self.tree.nodes[n as usize].len() as u64;
+            out.counts.point_pairs += len(t) * len(s);
+        }
+        let entry = Entry { source: s, weight };
+        out.entries.push((kind, t, entry));
+        true
+    }
+}

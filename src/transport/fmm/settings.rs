@@ -1,0 +1,215 @@
+//! What goes into the fast multipole method, and what can be wrong with it.
+
+use super::terms::MOST_ORDER;
+use glam::Vec3;
+
+/// A point that stands for a piece of a surface (\[G08\] §2.4).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FmmPoint {
+    /// Metres.
+    pub position: Vec3,
+    /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets light.
+    pub normal: Vec3,
+    /// The surface that the point stands for, m².
+    pub weight: f32,
+}
+
+/// How exact, and at what cost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FmmSettings {
+    /// Highest degree of the expansions, at most [`MOST_ORDER`]. The error of a pair falls like `separation`^(order + 1).
+    pub order: usize,
+    /// Most points of a leaf, s in \[G08\] §2.5; more only where points (nearly) coincide.
+    pub leaf: usize,
+    /// Two nodes meet by expansions where their radii together are at most so much of the distance of their centres. In (0, 1).
+    pub separation: f32,
+    /// Cosine by which points of two nodes may look away from each other while the nodes still meet by expansions: their light is then negative where it should be
+    /// none. What lies in that band of directions is `slack`² of the hemisphere's irradiance at most. 0 allows none, at the cost of more pairs in the near list.
+    pub slack: f32,
+    /// True: a source near by is a disk and no point, r⁴ becomes r² (r² + w/π), so that no pair gives more than the source's radiosity. False: the kernel of
+    /// \[G08\] Eq. (4) as it stands.
+    pub disks: bool,
+    /// Rays between two nodes that decide what they see of each other. Unused without a geometry.
+    pub rays: u32,
+    /// Two nodes that see each other in part meet by expansions, with the part that is visible, where their radii together are at most so much of the distance;
+    /// else they are divided. 0 divides down to the leaves. Unused without a geometry.
+    pub penumbra: f32,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+impl Default for FmmSettings {
+    fn default() -> Self {
+        Self {
+            order: 4,
+            leaf: 24,
+            separation: 0.5,
+            slack: 0.1,
+            disks: true,
+            rays: 16,
+            penumbra: 0.1,
+            seed: 0,
+        }
+    }
+}
+
+/// Why there is no solution.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FmmError {
+    /// A point has a value that no surface has.
+    #[error("point {index}: {what} is {value}, {right}")]
+    Point {
+        /// Which point.
+        index: usize,
+        /// Which of its values.
+        what: &'static str,
+        /// The value.
+        value: f32,
+        /// What it should be.
+        right: &'static str,
+    },
+    /// A setting is out of its range.
+    #[error("{what} is {value}, not in {right}")]
+    Setting {
+        /// Which setting.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// Its range.
+        right: &'static str,
+    },
+    /// There are not as many values as points.
+    #[error("{what}: {have} values for {points} points")]
+    Count {
+        /// What was given.
+        what: &'static str,
+        /// How many.
+        have: usize,
+        /// How many points there are.
+        points: usize,
+    },
+    /// More points than indices of 32 bits reach.
+    #[error("{0} points, at most 2^31")]
+    TooMany(usize),
+}
+
+impl FmmSettings {
+    /// Says which setting is out of its range.
+    ///
+    /// # Errors
+    /// [`FmmError::Setting`].
+    pub fn check(&self) -> Result<(), FmmError> {
+        let range = |what, value: f64, ok: bool, right| match ok {
+            true => Ok(()),
+            false => Err(FmmError::Setting { what, value, right }),
+        };
+        let (s, k, p) = (self.separation, self.slack, self.penumbra);
+        range(
+            "order",
+            self.order as f64,
+            self.order <= MOST_ORDER,
+            "0 … 16",
+        )?;
+        range("leaf", self.leaf as f64, self.leaf >= 1, "1 …")?;
+        range("separation", s.into(), s > 0.0 && s < 1.0, "(0, 1)")?;
+        range("slack", k.into(), (0.0..=1.0).contains(&k), "[0, 1]")?;
+        range("penumbra", p.into(), (0.0..1.0).contains(&p), "[0, 1)")?;
+        range("rays", self.rays.into(), self.rays >= 1, "1 …")
+    }
+}
+
+/// Says which point has a value that no surface has.
+///
+/// # Errors
+/// [`FmmError::Point`], [`FmmError::TooMany`].
+pub fn check_points(points: &[FmmPoint]) -> Result<(), FmmError> {
+    if points.len() >= 1 << 31 {
+        return Err(FmmError::TooMany(points.len()));
+    }
+    for (index, p) in points.iter().enumerate() {
+        let of = |what, v: Vec3| match v.to_array().into_iter().find(|c| !c.is_finite()) {
+            Some(value) => Err(FmmError::Point {
+                index,
+                what,
+                value,
+                right: "not a finite number",
+            }),
+            None => Ok(()),
+        };
+        of("position", p.position)?;
+        of("normal", p.normal)?;
+        if !(p.weight.is_finite() && p.weight >= 0.0) {
+            return Err(FmmError::Point {
+                index,
+                what: "weight",
+                value: p.weight,
+                right: "not a finite number of at least zero",
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_values_are_named() {
+        let good = FmmPoint {
+            position: Vec3::ONE,
+            normal: Vec3::Z,
+            weight: 1.0,
+        };
+        assert_eq!(check_points(&[good, good]), Ok(()));
+        let bad = [
+            FmmPoint {
+                position: Vec3::NAN,
+                ..good
+            },
+            FmmPoint {
+                normal: Vec3::INFINITY,
+                ..good
+            },
+            FmmPoint {
+                weight: -1.0,
+                ..good
+            },
+            FmmPoint {
+                weight: f32::NAN,
+                ..good
+            },
+        ];
+        for point in bad {
+            let error = check_points(&[good, point]).expect_err("bad");
+            assert!(error.to_string().starts_with("point 1: "), "{error}");
+        }
+        let fine = FmmSettings::default();
+        assert_eq!(fine.check(), Ok(()));
+        let wrong = [
+            FmmSettings { order: 17, ..fine },
+            FmmSettings { leaf: 0, ..fine },
+            FmmSettings {
+                separation: 1.0,
+                ..fine
+            },
+            FmmSettings {
+                separation: f32::NAN,
+                ..fine
+            },
+            FmmSettings {
+                slack: -0.1,
+                ..fine
+            },
+            FmmSettings {
+                penumbra: 1.0,
+                ..fine
+            },
+            FmmSettings { rays: 0, ..fine },
+        ];
+        for settings in wrong {
+            assert!(settings.check().is_err(), "{settings:?}");
+        }
+    }
+}

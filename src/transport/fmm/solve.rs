@@ -1,0 +1,323 @@
+//! The solver: tree and lists once ([`Fmm::new`]), then any number of passes for any radiosity ([`Fmm::irradiance`]) or bounces until nothing changes ([`Fmm::solve`]).
+//!
+//! \[G08\] §3.1.6 runs everything three times, once a colour, and iterates three times; here the colours go together and the iteration ends by a tolerance. Results are the same
+//! bits for any number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
+
+use super::expansion::{Expansions, Scratch, Term};
+use super::lists::{Lists, lists};
+use super::passes::Field;
+use super::real::Real;
+use super::settings::{FmmError, FmmPoint, FmmSettings, check_points};
+use super::tree::{Tree, TreePoint};
+use super::visibility::Visibility;
+use crate::scene::Geometry;
+use glam::Vec3;
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// How long the parts of a pass took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PassTimes {
+    /// S-expansions and S→S.
+    pub up: Duration,
+    /// The rest.
+    pub down: Duration,
+}
+
+/// A solution of B = ρE + M.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FmmSolution {
+    /// Irradiance at every point from the radiosity of the others, W/m².
+    pub irradiance: Vec<Vec3>,
+    /// Radiosity of every point, W/m².
+    pub radiosity: Vec<Vec3>,
+    /// Bounces that were computed.
+    pub bounces: u32,
+    /// The last bounce's power (radiosity times surface, all colours) over that of all bounces; 1 where there was none, 0 where nothing shines.
+    pub change: f32,
+    /// All bounces together.
+    pub times: PassTimes,
+}
+
+/// Points, their octree and their lists.
+#[derive(Clone, Debug)]
+pub struct Fmm {
+    tree: Tree,
+    lists: Lists,
+    expansions: Expansions,
+    settings: FmmSettings,
+    points: usize,
+    /// Tree and lists.
+    pub build: [Duration; 2],
+}
+
+/// Nodes that a thread takes at least.
+const NODES: usize = 8;
+
+impl Fmm {
+    /// Builds the tree and the lists; with a geometry what is hidden does not shine.
+    ///
+    /// # Errors
+    /// Where a setting is out of its range, or a value of a point is none that a surface has.
+    pub fn new(
+        points: &[FmmPoint],
+        settings: &FmmSettings,
+        geometry: Option<&dyn Geometry>,
+    ) -> Result<Self, FmmError> {
+        settings.check()?;
+        check_points(points)?;
+        let start = Instant::now();
+        let tree = Tree::new(points, settings.leaf);
+        let tree_time = start.elapsed();
+        let visibility = geometry.map(|geometry| Visibility {
+            geometry,
+            points,
+            rays: settings.rays,
+            seed: settings.seed,
+        });
+        let start = Instant::now();
+        let lists = lists(&tree, settings, visibility);
+        Ok(Self {
+            tree,
+            lists,
+            expansions: Expansions::new(settings.order),
+            settings: *settings,
+            points: points.len(),
+            build: [tree_time, start.elapsed()],
+        })
+    }
+
+    /// The octree.
+    #[must_use]
+    pub fn tree(&self) -> &Tree {
+        &self.tree
+    }
+
+    /// The lists.
+    #[must_use]
+    pub fn lists(&self) -> &Lists {
+        &self.lists
+    }
+
+    /// The tables of the order.
+    #[must_use]
+    pub fn expansions(&self) -> &Expansions {
+        &self.expansions
+    }
+
+    /// How it was made.
+    #[must_use]
+    pub fn settings(&self) -> &FmmSettings {
+        &self.settings
+    }
+
+    fn check(&self, what: &'static str, values: &[Vec3], most: f32) -> Result<(), FmmError> {
+        if values.len() != self.points {
+            return Err(FmmError::Count {
+                what,
+                have: values.len(),
+                points: self.points,
+            });
+        }
+        for (index, v) in values.iter().enumerate() {
+            let bad = v.to_array().into_iter().find(|c| !(0.0..=most).contains(c));
+            if let Some(value) = bad {
+                let right = "out of its range";
+                return Err(FmmError::Point {
+                    index,
+                    what,
+                    value,
+                    right,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Irradiance at every point from points of this radiosity (both W/m², in the order of the points), and how long it took.
+    ///
+    /// # Errors
+    /// Where there is not one radiosity a point, or one is negative or not finite.
+    pub fn irradiance(&self, radiosity: &[Vec3]) -> Result<(Vec<Vec3>, PassTimes), FmmError> {
+        self.check("radiosity", radiosity, f32::MAX)?;
+        let field = Field::<f64>::new(
+            &self.tree,
+            &self.lists,
+            &self.expansions,
+            self.settings.disks,
+        );
+        let mut passes = Passes::new(field);
+        Ok(self.through(&mut passes, radiosity))
+    }
+
+    fn through(&self, passes: &mut Passes<'_, f64>, radiosity: &[Vec3]) -> (Vec<Vec3>, PassTimes) {
+        let sorted: Vec<_> = self
+            .tree
+            .order
+            .iter()
+            .map(|&i| {
+                let b = radiosity[i as usize].as_dvec3();
+                [b.x, b.y, b.z, 0.0]
+            })
+            .collect();
+        let times = passes.run(&sorted);
+        let mut out = vec![Vec3::ZERO; self.points];
+        for (e, &i) in passes.irradiance.iter().zip(&self.tree.order) {
+            let most = f64::from(f32::MAX);
+            out[i as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(most) as f32));
+        }
+        (out, times)
+    }
+
+    /// Bounces light until the last bounce's power is at most `tolerance` of that of all bounces, or `bounces` are computed: B = M + ρ E(B) as the sum of its
+    /// Neumann series. `emission` is M, W/m² (what lamps make the points reflect at once belongs there too), `albedo` is ρ in \[0, 1\].
+    ///
+    /// # Errors
+    /// Where there is not one value of each a point, or one is out of its range.
+    pub fn solve(
+        &self,
+        albedo: &[Vec3],
+        emission: &[Vec3],
+        bounces: u32,
+        tolerance: f32,
+    ) -> Result<FmmSolution, FmmError> {
+        self.check("albedo", albedo, 1.0)?;
+        self.check("emission", emission, f32::MAX)?;
+        let field = Field::<f64>::new(
+            &self.tree,
+            &self.lists,
+            &self.expansions,
+            self.settings.disks,
+        );
+        let mut passes = Passes::new(field);
+        let power = |values: &[Vec3]| -> f64 {
+            let of = |p: &TreePoint, i: u32| p.weight * values[i as usize].as_dvec3().element_sum();
+            let pairs = self.tree.points.iter().zip(&self.tree.order);
+            pairs.map(|(p, &i)| of(p, i)).sum()
+        };
+        let mut reflected = 0.0;
+        let finite = |v: Vec3| v.min(Vec3::splat(f32::MAX));
+        let mut solution = FmmSolution {
+            irradiance: vec![Vec3::ZERO; self.points],
+            radiosity: emission.to_vec(),
+            bounces: 0,
+            change: if power(emission) > 0.0 { 1.0 } else { 0.0 },
+            times: PassTimes::default(),
+        };
+        let mut last = emission.to_vec();
+        while solution.bounces < bounces && solution.change > tolerance {
+            let (irradiance, times) = self.through(&mut passes, &last);
+            solution.times.up += times.up;
+            solution.times.down += times.down;
+            solution.bounces += 1;
+            for i in 0..self.points {
+                last[i] = albedo[i] * irradiance[i];
+                solution.irradiance[i] = finite(solution.irradiance[i] + irradiance[i]);
+                solution.radiosity[i] = finite(solution.radiosity[i] + last[i]);
+            }
+            let added = power(&last);
+            reflected += added;
+            solution.change = if added > 0.0 {
+                (added / reflected) as f32
+            } else {
+                0.0
+            };
+        }
+        Ok(solution)
+    }
+}
+
+/// The buffers of the passes, used again and again.
+pub struct Passes<'a, T> {
+    field: Field<'a, T>,
+    /// S-expansions, node after node.
+    pub sources: Vec<Term<T>>,
+    /// R-expansions.
+    pub locals: Vec<Term<T>>,
+    /// Irradiance in the tree's order.
+    pub irradiance: Vec<[T; 4]>,
+}
+
+impl<'a, T: Real> Passes<'a, T> {
+    /// With room for all expansions.
+    #[must_use]
+    pub fn new(field: Field<'a, T>) -> Self {
+        let terms = field.terms() * field.tree.nodes.len();
+        Self {
+            sources: vec![Term::default(); terms],
+            locals: vec![Term::default(); terms],
+            irradiance: vec![[T::default(); 4]; field.points.len()],
+            field,
+        }
+    }
+
+    /// Both passes for radiosities in the tree's order.
+    pub fn run(&mut self, radiosity: &[[T; 4]]) -> PassTimes {
+        let start = Instant::now();
+        self.up(radiosity);
+        let up = start.elapsed();
+        let start = Instant::now();
+        self.down(radiosity);
+        let down = start.elapsed();
+        PassTimes { up, down }
+    }
+
+    /// The upward pass.
+    pub fn up(&mut self, radiosity: &[[T; 4]]) {
+        let (field, n) = (&self.field, self.field.terms());
+        for l in (0..field.tree.levels()).rev() {
+            let level = field.tree.level(l);
+            let (own, below) = self.sources.split_at_mut(level.end * n);
+            own[level.start * n..]
+                .par_chunks_mut(n)
+                .with_min_len(NODES)
+                .enumerate()
+                .for_each_init(Scratch::default, |scratch, (i, out)| {
+                    let node = level.start + i;
+                    match field.tree.nodes[node].is_leaf() {
+                        true => field.leaf(node, radiosity, scratch, out),
+                        false => field.gather(node, below, level.end, scratch, out),
+                    }
+                });
+        }
+    }
+
+    /// The downward pass and the evaluation.
+    pub fn down(&mut self, radiosity: &[[T; 4]]) {
+        let (field, n) = (&self.field, self.field.terms());
+        let sources = &self.sources;
+        for l in 0..field.tree.levels() {
+            let level = field.tree.level(l);
+            let (above, own) = self.locals.split_at_mut(level.start * n);
+            own[..level.len() * n]
+                .par_chunks_mut(n)
+                .with_min_len(NODES)
+                .enumerate()
+                .for_each_init(Scratch::default, |scratch, (i, out)| {
+                    let node = level.start + i;
+                    let parent = field.tree.nodes[node].parent as usize;
+                    let parent = (l > 0).then(|| &above[parent * n..(parent + 1) * n]);
+                    field.receive(node, sources, parent, radiosity, scratch, out);
+                });
+        }
+        let mut leaves: Vec<_> = (0..field.tree.nodes.len())
+            .filter(|&i| field.tree.nodes[i].is_leaf())
+            .collect();
+        leaves.sort_by_key(|&i| field.tree.nodes[i].start);
+        let mut rest = self.irradiance.as_mut_slice();
+        let mut parts = Vec::with_capacity(leaves.len());
+        for &node in &leaves {
+            let (own, other) = rest.split_at_mut(field.tree.nodes[node].len());
+            parts.push((node, own));
+            rest = other;
+        }
+        let locals = &self.locals;
+        parts.into_par_iter().with_min_len(NODES).for_each_init(
+            Scratch::default,
+            |scratch, (node, out)| {
+                let local = &locals[node * n..(node + 1) * n];
+                field.evaluate(node, sources, local, radiosity, scratch, out);
+            },
+        );
+    }
+}

@@ -1,0 +1,157 @@
+//! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y: with them the kernel of \[G08\] Eq. (4) is −n_x·K n_y / π, and source normals
+//! and receiver normals both stay outside.
+//!
+//! **Why not the harmonics themselves.** Expanding about two centres needs translation theorems for {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a
+//! source and a term (n_y, n_y·y, n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. In Cartesian monomials, which span the same polynomials degree by degree,
+//! a translation is a binomial, a source is the vector q n_y, a receiver gets a vector, and the truncation by total degree |α| + |β| ≤ p leaves C(p + 6, 6) products
+//! for a pair. A test below shows degree by degree that it is the sum of \[G08\] Eqs. (5)-(9).
+//!
+//! The Taylor coefficients t_γ of |r|⁻⁴ follow from the recurrence of \[DK01\] for |r|^−ν with ν = 4, on the unit sphere:
+//! |γ| t_γ + (2|γ| + 2) Σ_i r_i t_{γ−e_i} + (|γ| + 2) Σ_i t_{γ−2e_i} = 0; those of K are t times the polynomial (r_i + h_i)(r_j + h_j).
+
+use super::real::Real;
+use super::terms::{Terms, place};
+
+/// K's six different entries: xx, xy, xz, yy, yz, zz.
+pub type Six<T> = [T; 6];
+
+/// Which two components each of the six is of.
+pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
+
+/// What [`Derivatives::at`] walks, prepared once an order: where γ − e_i and γ − 2e_i stand.
+#[derive(Clone, Debug)]
+pub struct Derivatives {
+    /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where there is no such term.
+    down: Vec<[u16; 9]>,
+    degree: Vec<f64>,
+    factorial: Vec<f64>,
+}
+
+/// No such term.
+pub const NONE: u16 = u16::MAX;
+
+impl Derivatives {
+    /// For all γ of `terms`.
+    #[must_use]
+    pub fn new(terms: &Terms) -> Self {
+        let below = |e: [usize; 3], less: [usize; 3]| -> u16 {
+            match (0..3).all(|i| e[i] >= less[i]) {
+                true => place(std::array::from_fn(|i| e[i] - less[i])) as u16,
+                false => NONE,
+            }
+        };
+        let steps = [
+            [1, 0, 0],
+            [0, 1, 0],
+            [0, 0, 1],
+            [2, 0, 0],
+            [0, 2, 0],
+            [0, 0, 2],
+            [1, 1, 0],
+            [1, 0, 1],
+            [0, 1, 1],
+        ];
+        Self {
+            down: terms
+                .exponents()
+                .iter()
+                .map(|&e| steps.map(|s| below(e, s)))
+                .collect(),
+            degree: (0..terms.len()).map(|i| terms.degree(i) as f64).collect(),
+            factorial: terms.factorials().to_vec(),
+        }
+    }
+
+    /// Where the nine lower terms of each γ stand: −x, −y, −z, −2x, −2y, −2z, −x−y, −x−z, −y−z.
+    #[must_use]
+    pub fn down(&self) -> &[[u16; 9]] {
+        &self.down
+    }
+
+    /// ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is room for the derivatives of |r|⁻⁴.
+    pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<Six<T>>) {
+        scalar.clear();
+        out.clear();
+        for (k, down) in self.down.iter().enumerate() {
+            let get = |i: usize| match down[i] {
+                NONE => T::default(),
+                at => scalar[at as usize],
+            };
+            let (t, one, two);
+            if k == 0 {
+                t = T::of(1.0);
+                (one, two) = ([T::default(); 3], [T::default(); 6]);
+            } else {
+                let n = self.degree[k];
+                one = [get(0), get(1), get(2)];
+                two = [get(3), get(6), get(7), get(4), get(8), get(5)];
+                let first = r[0] * one[0] + r[1] * one[1] + r[2] * one[2];
+                let second = two[0] + two[3] + two[5];
+                t = T::of(-(2.0 * n + 2.0) / n) * first - T::of((n + 2.0) / n) * second;
+            }
+            scalar.push(t);
+            let f = T::of(self.factorial[k]);
+            out.push(std::array::from_fn(|p| {
+                let [i, j] = PAIRS[p];
+                f * (r[i] * r[j] * t + r[i] * one[j] + r[j] * one[i] + two[p])
+            }));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harmonics::{inverse_fourth, vector_by_degree};
+    use super::*;
+    use crate::samples::Random;
+
+    fn unit(random: &mut Random) -> [f64; 3] {
+        let v: [f64; 3] = std::array::from_fn(|_| f64::from(random.unit()) - 0.5);
+        let l = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+        v.map(|c| c / l)
+    }
+
+    fn monomial(y: [f64; 3], e: [usize; 3]) -> f64 {
+        (0..3).map(|i| (-y[i]).powi(e[i] as i32)).product()
+    }
+
+    /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and of −K(x) n_y that of Eqs. (6)-(9), for every n up to 16.
+    #[test]
+    fn each_degree_is_the_papers() {
+        let terms = Terms::new(16);
+        let derivatives = Derivatives::new(&terms);
+        let mut random = Random::new(4, 5, 6);
+        let (mut scalar, mut tensor) = (Vec::new(), Vec::new());
+        for _ in 0..20 {
+            let (x, n) = (unit(&mut random), unit(&mut random));
+            let y = unit(&mut random).map(|c| 0.7 * c);
+            derivatives.at(x, &mut scalar, &mut tensor);
+            let expected = inverse_fourth(16, x, y);
+            let vectors = vector_by_degree(16, x, y, n);
+            for degree in 0..=16 {
+                let (mut sum, mut vector) = (0.0, [0.0; 3]);
+                for k in (0..terms.len()).filter(|&k| terms.degree(k) == degree) {
+                    let m = monomial(y, terms.exponents()[k]);
+                    sum += m * scalar[k];
+                    for (p, [i, j]) in PAIRS.into_iter().enumerate() {
+                        let value = m / terms.factorials()[k] * tensor[k][p];
+                        vector[i] -= value * n[j];
+                        if i != j {
+                            vector[j] -= value * n[i];
+                        }
+                    }
+                }
+                let scale = 0.7f64.powi(degree as i32) * (degree as f64 + 1.0).powi(3);
+                assert!(
+                    (sum - expected[degree]).abs() < 1e-11 * scale,
+                    "degree {degree}: {sum} {}",
+                    expected[degree]
+                );
+                for i in 0..3 {
+                    let error = (vector[i] - vectors[degree][i]).abs();
+                    assert!(error < 1e-10 * scale, "degree {degree}: {error:e}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,482 @@
+//! The adaptive octree of \[G08\] §2.5 and §3: one array, level after level from the root; no leaf has more than s points, but where they coincide.
+//!
+//! Deviation: where normals differ much, a node is divided by them before it is divided in space: into the six faces of a cube of directions, and a face into nine.
+//! Nodes then face one way, which the lists need ([`super::lists`]); a corner of a room is three nodes and not one that faces nowhere. Each set of directions has an octree of its own, on the same cells.
+//!
+//! Everything is in units of the scene: its longest side is one, its smallest corner at the origin.
+
+use super::settings::FmmPoint;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Deepest division in space. A cell is then smaller than single precision tells apart over the scene.
+pub const DEEPEST: u32 = 21;
+/// Points nearer to each other than this count as one place, and exchange no light: six cells of the deepest division, so that deepest leaves either lie within it or
+/// are well separated.
+pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
+/// A node whose normals spread less than this about their mean is not divided by them: cos 30°.
+const NARROW: f64 = 0.866;
+/// The smallest size of a node: scaled coordinates never divide by zero.
+const SMALLEST: f64 = 1.0 / (1u64 << 24) as f64;
+
+/// A point in units of the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TreePoint {
+    /// In the unit cube.
+    pub position: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+    /// Surface, in units of the scene's side squared.
+    pub weight: f64,
+}
+
+/// A node: a range of the points, and what is known of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TreeNode {
+    /// First of its points.
+    pub start: u32,
+    /// One past the last.
+    pub end: u32,
+    /// Its first child; children stand together.
+    pub first_child: u32,
+    /// How many; none for a leaf.
+    pub children: u32,
+    /// Its parent; itself for the root.
+    pub parent: u32,
+    /// Corners of the smallest box around its points.
+    pub min: DVec3,
+    /// Largest corner.
+    pub max: DVec3,
+    /// The box's centre, the centre of the expansions.
+    pub center: DVec3,
+    /// Radius of the ball about the centre that holds the points.
+    pub radius: f64,
+    /// Unit of length of the expansions: the radius, but never zero.
+    pub size: f64,
+    /// Mean direction of the normals.
+    pub axis: DVec3,
+    /// Least and greatest axis·y over its points: how thick it is that way.
+    pub slab: [f64; 2],
+    /// No unit normal is farther from the axis than this, as a length: 2 sin(half the angle), at most 2.
+    pub spread: f64,
+}
+
+impl TreeNode {
+    /// Its points.
+    #[must_use]
+    pub fn points(&self) -> Range<usize> {
+        self.start as usize..self.end as usize
+    }
+
+    /// How many points it has.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        (self.end - self.start) as usize
+    }
+
+    /// False: nodes have points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.start == self.end
+    }
+
+    /// Its children.
+    #[must_use]
+    pub fn child_range(&self) -> Range<usize> {
+        self.first_child as usize..(self.first_child + self.children) as usize
+    }
+
+    /// True where it has no children.
+    #[must_use]
+    pub fn is_leaf(&self) -> bool {
+        self.children == 0
+    }
+}
+
+/// The octree.
+#[derive(Clone, Debug)]
+pub struct Tree {
+    /// Points in the order of the leaves; those of length-zero normals are not among them.
+    pub points: Vec<TreePoint>,
+    /// Of each of these, its index in the input.
+    pub order: Vec<u32>,
+    /// Nodes, level after level.
+    pub nodes: Vec<TreeNode>,
+    /// First node of each level, and one past the last node.
+    pub level_starts: Vec<u32>,
+    /// The scene's side, metres.
+    pub side: f64,
+    /// The scene's smallest corner, metres.
+    pub corner: DVec3,
+}
+
+/// How a node is to be divided.
+#[derive(Clone, Copy)]
+enum Stage {
+    /// Into the faces of the cube of directions.
+    Faces,
+    /// A face into nine.
+    Parts,
+    /// Into the octants of the cell at this corner, of this side, at this depth.
+    Space(DVec3, f64, u32),
+}
+
+/// The face of the cube that a direction meets.
+fn face(n: DVec3) -> usize {
+    let a = n.abs();
+    let axis = if a.x >= a.y && a.x >= a.z {
+        0
+    } else if a.y >= a.z {
+        1
+    } else {
+        2
+    };
+    2 * axis + usize::from(n[axis] < 0.0)
+}
+
+/// Which ninth of its face it meets. The middle one holds the axis, so that walls along the axes stay whole.
+fn part(n: DVec3) -> usize {
+    let axis = face(n) / 2;
+    let of = |c: f64| {
+        let t = c / n[axis].abs();
+        usize::from(t > -1.0 / 3.0) + usize::from(t > 1.0 / 3.0)
+    };
+    of(n[(axis + 1) % 3]) * 3 + of(n[(axis + 2) % 3])
+}
+
+impl Tree {
+    /// Over points whose values are finite, with at most `leaf` in a leaf.
+    #[must_use]
+    pub fn new(input: &[FmmPoint], leaf: usize) -> Self {
+        let used = |p: &FmmPoint| p.normal.as_dvec3().length_squared() > 0.0;
+        let order: Vec<u32> = (0..input.len() as u32)
+            .filter(|&i| used(&input[i as usize]))
+            .collect();
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &i in &order {
+            let p = input[i as usize].position.as_dvec3();
+            (min, max) = (min.min(p), max.max(p));
+        }
+        let side = (max - min).max_element();
+        let side = if side > 0.0 && side.is_finite() {
+            side
+        } else {
+            1.0
+        };
+        let corner = if order.is_empty() { DVec3::ZERO } else { min };
+        let points: Vec<_> = order
+            .iter()
+            .map(|&i| {
+                let p = &input[i as usize];
+                TreePoint {
+                    position: (p.position.as_dvec3() - corner) / side,
+                    normal: p.normal.as_dvec3().normalize(),
+                    weight: f64::from(p.weight) / (side * side),
+                }
+            })
+            .collect();
+        let mut tree = Self {
+            points,
+            order,
+            nodes: Vec::new(),
+            level_starts: vec![0],
+            side,
+            corner,
+        };
+        if !tree.points.is_empty() {
+            tree.divide(leaf.max(1));
+        }
+        tree
+    }
+
+    /// Divides level after level.
+    fn divide(&mut self, leaf: usize) {
+        let whole = 0..self.points.len();
+        self.nodes.push(node_of(&self.points, whole, 0));
+        let mut level = vec![(0u32, Stage::Faces)];
+        while !level.is_empty() {
+            self.level_starts.push(self.nodes.len() as u32);
+            let mut below = Vec::new();
+            for &(at, stage) in &level {
+                self.divide_node(at as usize, stage, leaf, &mut below);
+            }
+            // What a node knows of its points is the same whoever computes it.
+            let (points, first) = (&self.points, self.nodes.len());
+            let made: Vec<_> = below
+                .par_iter()
+                .map(|(range, parent, _): &(Range<usize>, u32, Stage)| {
+                    node_of(points, range.clone(), *parent)
+                })
+                .collect();
+            self.nodes.extend(made);
+            level = below
+                .into_iter()
+                .enumerate()
+                .map(|(i, (_, _, stage))| ((first + i) as u32, stage))
+                .collect();
+        }
+    }
+
+    /// Sorts one node's points by the part they belong to, and lists the parts.
+    fn divide_node(
+        &mut self,
+        at: usize,
+        stage: Stage,
+        leaf: usize,
+        below: &mut Vec<(Range<usize>, u32, Stage)>,
+    ) {
+        let node = self.nodes[at];
+        // Directions come first: after them, space only. Narrow nodes need none.
+        let narrow = node.spread * node.spread <= 2.0 - 2.0 * NARROW;
+        let mut stage = match stage {
+            Stage::Faces | Stage::Parts if narrow => Stage::Space(DVec3::ZERO, 1.0, 0),
+            other => other,
+        };
+        if node.len() <= leaf {
+            return;
+        }
+        let range = node.points();
+        loop {
+            if let Stage::Space(_, _, depth) = stage
+                && (depth >= DEEPEST || node.radius == 0.0)
+            {
+                return;
+            }
+            let key = |p: &TreePoint| match stage {
+                Stage::Faces => face(p.normal),
+                Stage::Parts => part(p.normal),
+                Stage::Space(corner, side, _) => octant(p.position, corner, side),
+            };
+            let mut counts = [0usize; 10];
+            for p in &self.points[range.clone()] {
+                counts[key(p) + 1] += 1;
+            }
+            for k in 0..9 {
+                counts[k + 1] += counts[k];
+            }
+            let next = |k: usize| match stage {
+                Stage::Faces => Stage::Parts,
+                Stage::Parts => Stage::Space(DVec3::ZERO, 1.0, 0),
+                Stage::Space(corner, side, depth) => {
+                    let bit = |b: usize| if k & b != 0 { 0.5 * side } else { 0.0 };
+                    let corner = corner + DVec3::new(bit(1), bit(2), bit(4));
+                    Stage::Space(corner, 0.5 * side, depth + 1)
+                }
+            };
+            // All in one part: no node of its own, the part is divided at once.
+            if let Some(k) = (0..9).find(|&k| counts[k + 1] - counts[k] == range.len()) {
+                stage = next(k);
+                continue;
+            }
+            let (mut sorted, mut order) = (
+                vec![self.points[range.start]; range.len()],
+                vec![0u32; range.len()],
+            );
+            let mut to = counts;
+            for (p, &i) in self.points[range.clone()]
+                .iter()
+                .zip(&self.order[range.clone()])
+            {
+                let slot = &mut to[key(p)];
+                (sorted[*slot], order[*slot]) = (*p, i);
+                *slot += 1;
+            }
+            self.points[range.clone()].copy_from_slice(&sorted);
+            self.order[range.clone()].copy_from_slice(&order);
+            let first = self.level_starts[self.level_starts.len() - 1] as usize + below.len();
+            let parts: Vec<_> = (0..9)
+                .filter(|&k| counts[k + 1] > counts[k])
+                .map(|k| {
+                    let part = range.start + counts[k]..range.start + counts[k + 1];
+                    (part, at as u32, next(k))
+                })
+                .collect();
+            self.nodes[at].first_child = first as u32;
+            self.nodes[at].children = parts.len() as u32;
+            below.extend(parts);
+            return;
+        }
+    }
+
+    /// How many levels there are.
+    #[must_use]
+    pub fn levels(&self) -> usize {
+        self.level_starts.len() - 1
+    }
+
+    /// The nodes of a level.
+    #[must_use]
+    pub fn level(&self, l: usize) -> Range<usize> {
+        self.level_starts[l] as usize..self.level_starts[l + 1] as usize
+    }
+
+    /// True where d·x ≥ `least` for all of a node's points: exact, and as a rule decided by a few boxes.
+    #[must_use]
+    pub fn all_beyond(&self, node: usize, d: DVec3, least: f64) -> bool {
+        let n = &self.nodes[node];
+        let (a, b) = (d * n.min, d * n.max);
+        if a.min(b).element_sum() >= least {
+            return true;
+        }
+        if a.max(b).element_sum() < least {
+            return false;
+        }
+        if n.is_leaf() || n.len() <= 16 {
+            let points = &self.points[n.points()];
+            return points.iter().all(|p| d.dot(p.position) >= least);
+        }
+        n.child_range().all(|c| self.all_beyond(c, d, least))
+    }
+}
+
+fn octant(p: DVec3, corner: DVec3, side: f64) -> usize {
+    let upper = p.cmpge(corner + DVec3::splat(0.5 * side));
+    usize::from(upper.x) + 2 * usize::from(upper.y) + 4 * usize::from(upper.z)
+}
+
+/// A leaf over a range of the points.
+fn node_of(points: &[TreePoint], range: Range<usize>, parent: u32) -> TreeNode {
+    let own = &points[range.clone()];
+    let (mut min, mut max, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, DVec3::ZERO);
+    for p in own {
+        (min, max) = (min.min(p.position), max.max(p.position));
+        sum += p.normal;
+    }
+    let center = 0.5 * (min + max);
+    let square = own
+        .iter()
+        .fold(0.0f64, |r, p| r.max(p.position.distance_squared(center)));
+    let axis = sum.normalize_or_zero();
+    let spread = match axis == DVec3::ZERO {
+        true => 4.0,
+        false => own
+            .iter()
+            .fold(0.0f64, |s, p| s.max(p.normal.distance_squared(axis))),
+    };
+    let slab = own.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |s, p| {
+        let h = axis.dot(p.position);
+        [s[0].min(h), s[1].max(h)]
+    });
+    TreeNode {
+        start: range.start as u32,
+        end: range.end as u32,
+        first_child: 0,
+        children: 0,
+        parent,
+        min,
+        max,
+        center,
+        radius: square.sqrt(),
+        size: square.sqrt().max(SMALLEST),
+        axis,
+        slab,
+        spread: spread.sqrt().min(2.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Random;
+    use glam::Vec3;
+
+    fn points(count: usize, normal: impl Fn(Vec3) -> Vec3) -> Vec<FmmPoint> {
+        let mut random = Random::new(1, 1, 1);
+        (0..count)
+            .map(|_| {
+                let v = Vec3::from_array(std::array::from_fn(|_| random.unit() - 0.5));
+                FmmPoint {
+                    position: 7.0 * v.normalize() - Vec3::new(100.0, 0.0, 3.0),
+                    normal: normal(v),
+                    weight: 0.5,
+                }
+            })
+            .collect()
+    }
+
+    /// All that a tree promises.
+    fn check(tree: &Tree, input: &[FmmPoint], leaf: usize) {
+        let mut seen = vec![false; input.len()];
+        for (p, &i) in tree.points.iter().zip(&tree.order) {
+            assert!(!std::mem::replace(&mut seen[i as usize], true));
+            let metres = p.position * tree.side + tree.corner;
+            let off = metres.distance(input[i as usize].position.as_dvec3());
+            assert!(off <= 1e-12 * tree.corner.length().max(tree.side));
+        }
+        for (at, node) in tree.nodes.iter().enumerate() {
+            let deepest = node.radius <= COINCIDENT;
+            assert!(!node.is_leaf() || node.len() <= leaf || deepest, "{node:?}");
+            let mut next = node.start;
+            for c in node.child_range() {
+                let child = &tree.nodes[c];
+                assert_eq!((child.start, child.parent), (next, at as u32));
+                assert!(!child.is_empty());
+                next = child.end;
+            }
+            assert!(node.is_leaf() || next == node.end);
+            for p in &tree.points[node.points()] {
+                assert!(p.position.distance(node.center) <= node.radius * (1.0 + 1e-12));
+                assert!(p.normal.distance(node.axis) <= node.spread + 1e-12 || node.spread == 2.0);
+                let h = p.position.dot(node.axis);
+                assert!(node.slab[0] <= h && h <= node.slab[1]);
+            }
+            let d = DVec3::new(0.3, -0.5, 0.8);
+            let own = tree.points[node.points()].iter();
+            let lowest = own.fold(f64::INFINITY, |l, p| l.min(d.dot(p.position)));
+            assert!(tree.all_beyond(at, d, lowest) && !tree.all_beyond(at, d, lowest + 1e-9));
+        }
+        assert!(tree.levels() <= 3 + DEEPEST as usize);
+    }
+
+    #[test]
+    fn leaves_are_small_and_nothing_is_lost() {
+        for (count, leaf) in [(0, 4), (1, 1), (2, 1), (9, 4), (3000, 10)] {
+            for normal in [|v: Vec3| v.normalize(), |_| Vec3::Y] {
+                let input = points(count, normal);
+                let tree = Tree::new(&input, leaf);
+                assert_eq!(tree.points.len(), count);
+                check(&tree, &input, leaf);
+            }
+        }
+    }
+
+    #[test]
+    fn coincident_points_are_one_leaf_and_normals_of_no_length_are_left_out() {
+        let mut input = points(1000, |v| v.normalize());
+        for p in &mut input[100..600] {
+            (p.position, p.normal) = (Vec3::ONE, Vec3::Z);
+        }
+        for p in &mut input[600..700] {
+            p.normal = Vec3::ZERO;
+        }
+        // A hair's breadth apart, at the origin where single precision could tell them apart.
+        for (i, p) in input[700..800].iter_mut().enumerate() {
+            (p.position, p.normal) = (Vec3::splat(i as f32 * 1e-12), Vec3::Z);
+        }
+        let tree = Tree::new(&input, 8);
+        assert_eq!(tree.points.len(), 900);
+        check(&tree, &input, 8);
+        assert!(tree.nodes.iter().any(|n| n.is_leaf() && n.len() >= 500));
+    }
+
+    #[test]
+    fn directions_are_told_apart_and_an_axis_is_not_divided() {
+        let mut random = Random::new(3, 1, 1);
+        let mut noise = || 1e-6 * (random.unit() - 0.5);
+        for axis in [Vec3::X, Vec3::NEG_Y, Vec3::Z] {
+            let near: Vec<_> = (0..50)
+                .map(|_| (axis + Vec3::new(noise(), noise(), noise())).as_dvec3())
+                .collect();
+            assert!(
+                near.iter()
+                    .all(|n| face(*n) == face(near[0]) && part(*n) == 4)
+            );
+        }
+        let input = points(5000, |v| v.normalize());
+        let tree = Tree::new(&input, 10);
+        let wide = tree.nodes.iter().filter(|n| n.is_leaf() && n.spread > 0.6);
+        assert_eq!(wide.count(), 0);
+        assert_eq!(tree.nodes[0].children, 6);
+    }
+}

@@ -1,0 +1,206 @@
+//! Clusters of surface points ([P14] §4.1): root points lie as the sample points themselves do, as Poisson disks of a larger radius under the 5D distance
+//! ([L08] Eq. (11)), and each point belongs to the nearest root. Where in the flow: from points (x, n) to the parts that a principal component analysis is
+//! made of, for visibility and for transfer.
+//!
+//! \[P14\] names a radius; a recipe here names how many points a cluster should have, and the radius is sought by halving. Roots are chosen among the points, in
+//! shuffled order, until no other fits: every point then has a root nearer than the radius, with a normal less than 90° from its own. A cluster is never empty.
+
+use crate::samples::{Random, distance_5d, thin_out};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Halvings of the logarithm of the radius: from a hundred thousandth of the size to a thousand times it, to 5 %.
+const HALVINGS: u32 = 9;
+/// Sets of roots are tried with at most so many points in all: for more, a part of them tells how many roots a radius gives.
+const MOST_TRIED: usize = 1 << 16;
+
+/// Points sorted into clusters. Cluster c has the points `members[starts[c]..starts[c + 1]]`, in ascending order.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Clusters {
+    /// The root of each cluster, a point.
+    pub roots: Vec<u32>,
+    /// Where the members of each cluster start, and the end of the last: one more than there are clusters.
+    pub starts: Vec<u32>,
+    /// Points, cluster after cluster.
+    pub members: Vec<u32>,
+    /// The cluster of each point.
+    pub of_point: Vec<u32>,
+}
+
+impl Clusters {
+    /// How many clusters.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.roots.len()
+    }
+
+    /// True without points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.roots.is_empty()
+    }
+
+    /// The points of cluster `c`, ascending.
+    #[must_use]
+    pub fn members_of(&self, c: usize) -> &[u32] {
+        &self.members[self.starts[c] as usize..self.starts[c + 1] as usize]
+    }
+}
+
+/// Sorts `points`, places (metres) and unit normals, into clusters of about `target` each. Surfaces that face six ways make six clusters at least. The same for
+/// any number of threads.
+#[must_use]
+pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
+    if points.is_empty() {
+        return Clusters {
+            starts: vec![0],
+            ..Clusters::default()
+        };
+    }
+    let order = shuffled(points.len(), seed);
+    let tried = &order[..points.len().min(MOST_TRIED)];
+    let wanted = (points.len() / target.max(1)).max(1);
+    let size = extent(points).max(f32::MIN_POSITIVE);
+    let (mut low, mut high) = (1e-5f32, 1e3f32);
+    let mut best: Option<(usize, f32)> = None;
+    for _ in 0..HALVINGS {
+        let middle = (low * high).sqrt();
+        let found = thin_out(points, tried, middle * size).len();
+        if best.is_none_or(|(off, _)| found.abs_diff(wanted) < off) {
+            best = Some((found.abs_diff(wanted), middle));
+        }
+        if found > wanted {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let radius = best.map_or(1.0, |(_, r)| r) * size;
+    assign(points, thin_out(points, &order, radius))
+}
+
+/// The numbers below `count`, shuffled.
+fn shuffled(count: usize, seed: u64) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..count as u32).collect();
+    let mut random = Random::new(seed, 0x63_6c_75_73, 0);
+    for i in (1..count).rev() {
+        order.swap(i, random.below(i + 1));
+    }
+    order
+}
+
+/// Largest edge of the box around the points, metres.
+fn extent(points: &[(Vec3, Vec3)]) -> f32 {
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for (x, _) in points {
+        (low, high) = (low.min(*x), high.max(*x));
+    }
+    (high - low).max_element()
+}
+
+/// Each point to its nearest root.
+fn assign(points: &[(Vec3, Vec3)], mut roots: Vec<u32>) -> Clusters {
+    roots.sort_unstable();
+    let of_point: Vec<u32> = points
+        .par_iter()
+        .with_min_len(64)
+        .map(|&(x, n)| {
+            let mut best = (f32::INFINITY, 0);
+            for (c, &root) in roots.iter().enumerate() {
+                let (y, m) = points[root as usize];
+                let d = distance_5d(x, n, y, m);
+                if d < best.0 {
+                    best = (d, c as u32);
+                }
+            }
+            best.1
+        })
+        .collect();
+    let mut starts = vec![0u32; roots.len() + 1];
+    for &c in &of_point {
+        starts[c as usize + 1] += 1;
+    }
+    for c in 0..roots.len() {
+        starts[c + 1] += starts[c];
+    }
+    let mut next = starts.clone();
+    let mut members = vec![0; points.len()];
+    for (i, &c) in of_point.iter().enumerate() {
+        members[next[c as usize] as usize] = i as u32;
+        next[c as usize] += 1;
+    }
+    Clusters {
+        roots,
+        starts,
+        members,
+        of_point,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points all over the six faces of a box of 4 × 2 × 4 m, seen from inside.
+    fn room(count: usize) -> Vec<(Vec3, Vec3)> {
+        let mut random = Random::new(5, 0, 0);
+        let half = Vec3::new(2.0, 1.0, 2.0);
+        (0..count)
+            .map(|i| {
+                let normal = [Vec3::X, Vec3::Y, Vec3::Z][i % 3] * [1.0, -1.0][i / 3 % 2];
+                let mut on = || 2.0 * random.unit() - 1.0;
+                let p = Vec3::new(on(), on(), on());
+                let p = p - normal * p.dot(normal) - normal;
+                (p * half, normal)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn clusters_are_as_large_as_asked_and_their_points_face_one_way() {
+        let points = room(12_000);
+        for target in [50, 200, 1000] {
+            let found = cluster(&points, target, 1);
+            assert_eq!(found, cluster(&points, target, 1));
+            let wanted = points.len() / target;
+            assert!(
+                (found.len() as f64 / wanted as f64 - 1.0).abs() < 0.3,
+                "{target}: {} of {wanted}",
+                found.len()
+            );
+            for c in 0..found.len() {
+                let (y, m) = points[found.roots[c] as usize];
+                let members = found.members_of(c);
+                assert!(members.is_sorted() && members.contains(&found.roots[c]));
+                for &i in members {
+                    let (x, n) = points[i as usize];
+                    assert!(n.dot(m) > 0.0);
+                    let own = distance_5d(x, n, y, m);
+                    let nearest = found
+                        .roots
+                        .iter()
+                        .map(|&r| distance_5d(x, n, points[r as usize].0, points[r as usize].1));
+                    assert_eq!(own, nearest.fold(f32::INFINITY, f32::min));
+                    assert_eq!(found.of_point[i as usize] as usize, c);
+                }
+            }
+            assert_eq!(*found.starts.last().unwrap() as usize, points.len());
+        }
+    }
+
+    #[test]
+    fn few_points_make_few_clusters() {
+        assert!(cluster(&[], 10, 0).is_empty());
+        let one = cluster(&[(Vec3::ONE, Vec3::Y)], 1000, 0);
+        assert_eq!((one.len(), one.members_of(0)), (1, &[0u32][..]));
+        // All at one place: as many clusters as there are ways to face.
+        let place: Vec<_> = (0..10)
+            .map(|i| (Vec3::ZERO, [Vec3::X, -Vec3::X][i % 2]))
+            .collect();
+        let two = cluster(&place, 1000, 0);
+        assert_eq!(two.len(), 2);
+        assert!((0..2).all(|c| two.members_of(c).len() == 5));
+        // More clusters than points cannot be.
+        assert!(cluster(&room(30), 0, 0).len() <= 30);
+    }
+}

@@ -1,0 +1,101 @@
+//! Senders' light in fewer numbers, as it is baked: c = D b, with a few rows of D for each cluster of senders. Links of an operator in the form of
+//! [`Components`](crate::transport::SenderForm) multiply c ([P14] Eq. (10)).
+//!
+//! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14] §4.4), relative to the column's scale. All columns of a
+//! cluster share its senders. The last column is the sky alone.
+
+use super::light::LightBasis;
+use bytemuck::{Pod, Zeroable};
+use half::f16;
+
+/// One column of the operator. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Column {
+    /// First of its senders in [`Compression::members`].
+    pub member: u32,
+    /// How many there are.
+    pub count: u32,
+    /// First word of its values: two halves a word, the first in the low bits.
+    pub value: u32,
+    /// Multiplies every value.
+    pub scale: f32,
+}
+
+/// The matrix D: from the senders' radiosity to the coefficients that links multiply.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Compression {
+    /// The columns of the operator, cluster after cluster; the last is the sky's.
+    pub columns: Vec<Column>,
+    /// Senders, cluster after cluster; the last is the sky, with the index "number of senders".
+    pub members: Vec<u32>,
+    /// Values, column after column, each from a word of its own on.
+    pub values: Vec<u32>,
+}
+
+impl Compression {
+    /// From bases in full precision, over `senders` senders.
+    #[must_use]
+    pub fn new(basis: &LightBasis, senders: usize) -> Self {
+        let mut out = Self::default();
+        for s in 0..basis.clusters() {
+            let member = out.members.len() as u32;
+            out.members.extend(basis.members_of(s));
+            for vector in basis.vectors_of(s) {
+                out.push(member, vector);
+            }
+        }
+        let sky = out.members.len() as u32;
+        out.members.push(senders as u32);
+        out.push(sky, &[1.0]);
+        out
+    }
+
+    fn push(&mut self, member: u32, vector: &[f32]) {
+        let scale = vector.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+        let half = |v: &f32| match scale > 0.0 {
+            true => u32::from(f16::from_f32(v / scale).to_bits()),
+            false => 0,
+        };
+        self.columns.push(Column {
+            member,
+            count: vector.len() as u32,
+            value: self.values.len() as u32,
+            scale,
+        });
+        let words = vector.chunks(2);
+        self.values
+            .extend(words.map(|w| half(&w[0]) | w.get(1).map_or(0, half) << 16));
+    }
+
+    /// How many columns, the sky's not counted.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.columns.len().saturating_sub(1)
+    }
+
+    /// The senders of column `c` and their values.
+    pub fn column(&self, c: usize) -> impl Iterator<Item = (u32, f32)> {
+        let column = self.columns[c];
+        let words = &self.values[column.value as usize..];
+        let members = &self.members[column.member as usize..][..column.count as usize];
+        members.iter().enumerate().map(move |(k, &j)| {
+            let bits = words[k / 2] >> (16 * (k % 2));
+            (j, column.scale * f16::from_bits(bits as u16).to_f32())
+        })
+    }
+
+    /// What each column makes of senders and a sky that all shine 1 W/m².
+    #[must_use]
+    pub fn of_ones(&self) -> Vec<f64> {
+        (0..self.columns.len())
+            .map(|c| self.column(c).map(|(_, v)| f64::from(v)).sum())
+            .collect()
+    }
+
+    /// Bytes of all arrays.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        (16 * self.columns.len() + 4 * (self.members.len() + self.values.len())) as u64
+    }
+}

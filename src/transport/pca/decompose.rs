@@ -1,0 +1,379 @@
+//! Principal components of a set of rows: the orthonormal vectors that the rows are most nearly combinations of ([P14] §3.3, Eq. (7) to (9)). Serves the
+//! bases of direct light and of depth.
+//!
+//! [P14] Eq. (7) decomposes A − M = U Σ Vᵀ, with M the mean row; here A is taken as it is: who wants the mean off subtracts it first, for a basis
+//! of light must not. The right singular vectors are the eigenvectors of AᵀA, or follow from those of AAᵀ, whichever is the
+//! smaller; where both are large, of a small matrix again: rows are combined at random into a few more vectors than are asked for, those span nearly all that
+//! the first components do, and two power iterations make up for singular values that fall slowly ([HMT11] Algorithms 4.4 and 5.1).
+//!
+//! A bake is the same on every machine (design D5): products are sums in fixed order, in double precision, the small eigenproblem is nalgebra's with `libm` for
+//! what is not rounded alike everywhere, the random numbers are counted.
+
+use crate::samples::Random;
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Matrices whose smaller side has no more are decomposed as a whole.
+const WHOLE: usize = 128;
+/// Combinations of rows beyond the components asked for ([HMT11] §4.2: five or ten).
+const MORE: usize = 10;
+/// Power iterations ([HMT11] §4.5).
+const POWERS: usize = 2;
+/// Singular values below this share of the largest are rounding, and their components directions of chance.
+const ROUNDING: f64 = 1e-6;
+/// Steps of the eigenproblem, a row: it needs two or three.
+const STEPS: usize = 64;
+
+/// Principal components, those that hold most first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Components {
+    /// Numbers of a component; those of a row.
+    pub length: usize,
+    /// The components, one behind the other: orthonormal, in each the largest number positive.
+    pub vectors: Vec<f32>,
+    /// Singular values, falling, in the unit of the rows: the squares sum to what the components hold of the rows' squares.
+    pub values: Vec<f32>,
+}
+
+impl Components {
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Component `j`.
+    #[must_use]
+    pub fn vector(&self, j: usize) -> &[f32] {
+        &self.vectors[j * self.length..(j + 1) * self.length]
+    }
+}
+
+/// The first principal components, `most` at most, of `rows`: numbers of any unit, `length` of them a row, row after row. There are fewer where the rows span
+/// less, and none of rows that are zero; numbers that are not finite count as zero.
+#[must_use]
+pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Components {
+    let empty = Components {
+        length,
+        ..Components::default()
+    };
+    if length == 0 || most == 0 {
+        return empty;
+    }
+    let whole: Vec<f32>;
+    let rows = match rows.iter().all(|v| v.is_finite()) {
+        true => rows,
+        false => {
+            whole = (rows.iter())
+                .map(|v| if v.is_finite() { *v } else { 0.0 })
+                .collect();
+            &whole
+        }
+    };
+    let a = Rows { rows, length };
+    let smaller = a.count().min(length);
+    let r = most + MORE;
+    let found = if length <= WHOLE || (length <= a.count() && 2 * r >= length) {
+        // AᵀA = V Σ² Vᵀ.
+        let mut gram = vec![0.0; length * length];
+        for row in a.iter() {
+            for (&v, out) in row.iter().zip(gram.chunks_exact_mut(length)) {
+                if v != 0.0 {
+                    add(out, row, f64::from(v));
+                }
+            }
+        }
+        eigen(&gram, length)
+    } else {
+        // A is combined into fewer rows B with BᵀB = AᵀA, or nearly; with those of BBᵀ = W Σ² Wᵀ, V = BᵀW / Σ.
+        let b = match smaller <= WHOLE || 2 * r >= smaller {
+            true => a.rows.iter().map(|&v| f64::from(v)).collect(),
+            false => a.range(r, seed),
+        };
+        let gram = gram(&b, length);
+        let mut found = eigen(&gram, b.len() / length);
+        for (value, vector) in &mut found {
+            let mut v = vec![0.0; length];
+            for (b, &w) in b.chunks_exact(length).zip(&*vector) {
+                for (v, b) in v.iter_mut().zip(b) {
+                    *v += w * b / *value;
+                }
+            }
+            *vector = v;
+        }
+        found
+    };
+    let mut out = empty;
+    let mut vectors: Vec<Vec<f64>> = Vec::new();
+    for (value, mut vector) in found.into_iter().take(most) {
+        if !straighten(&vectors, &mut vector) {
+            continue;
+        }
+        let largest = vector
+            .iter()
+            .fold(0.0f64, |most, v| match v.abs() > most.abs() {
+                true => *v,
+                false => most,
+            });
+        let sign = 1f64.copysign(largest);
+        out.vectors.extend(vector.iter().map(|v| (sign * v) as f32));
+        out.values.push(value as f32);
+        vectors.push(vector);
+    }
+    out
+}
+
+/// The matrix.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    rows: &'a [f32],
+    length: usize,
+}
+
+impl<'a> Rows<'a> {
+    fn count(self) -> usize {
+        self.rows.len() / self.length
+    }
+
+    fn iter(self) -> impl Iterator<Item = &'a [f32]> {
+        self.rows.chunks_exact(self.length)
+    }
+
+    /// `r` rows QᵀA, with Q an orthonormal basis of nearly all that A makes of anything.
+    fn range(self, r: usize, seed: u64) -> Vec<f64> {
+        let mut random = Random::new(seed, 0x70_63_61, 0);
+        let mut x: Vec<f64> = (0..self.length * r)
+            .map(|_| f64::from(2.0 * random.unit() - 1.0))
+            .collect();
+        for power in 0..=POWERS {
+            if power > 0 {
+                orthonormalise(&mut x, r);
+            }
+            // Y = A X, then X = Aᵀ Q.
+            let mut y = vec![0.0; self.count() * r];
+            for (row, y) in self.iter().zip(y.chunks_exact_mut(r)) {
+                for (&v, x) in row.iter().zip(x.chunks_exact(r)) {
+                    let v = f64::from(v);
+                    y.iter_mut().zip(x).for_each(|(y, x)| *y += v * x);
+                }
+            }
+            orthonormalise(&mut y, r);
+            x.fill(0.0);
+            for (row, y) in self.iter().zip(y.chunks_exact(r)) {
+                for (&v, x) in row.iter().zip(x.chunks_exact_mut(r)) {
+                    let v = f64::from(v);
+                    x.iter_mut().zip(y).for_each(|(x, y)| *x += v * y);
+                }
+            }
+        }
+        // X = AᵀQ, column for column what is asked for.
+        (0..r)
+            .flat_map(|j| x.iter().skip(j).step_by(r).copied())
+            .collect()
+    }
+}
+
+fn add(out: &mut [f64], row: &[f32], factor: f64) {
+    for (out, v) in out.iter_mut().zip(row) {
+        *out += factor * f64::from(*v);
+    }
+}
+
+/// B Bᵀ of the rows `b`.
+fn gram(b: &[f64], length: usize) -> Vec<f64> {
+    let n = b.len() / length;
+    let mut gram = vec![0.0; n * n];
+    for (i, x) in b.chunks_exact(length).enumerate() {
+        for (j, y) in b.chunks_exact(length).enumerate().take(i + 1) {
+            gram[i * n + j] = dot(x, y);
+            gram[j * n + i] = gram[i * n + j];
+        }
+    }
+    gram
+}
+
+/// Four sums side by side, in fixed order.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a, b) = (a.chunks(4), b.chunks(4));
+    for (a, b) in a.zip(b) {
+        for ((s, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *s += a * b;
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+/// Roots of the eigenvalues, falling, with their eigenvectors, of a symmetric matrix with none below zero; without those that are rounding.
+fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
+    let matrix = DMatrix::from_row_slice(n, n, matrix);
+    let Some(eigen) = SymmetricEigen::try_new(matrix, f64::EPSILON, STEPS * n.max(1)) else {
+        return Vec::new();
+    };
+    let mut found: Vec<(f64, Vec<f64>)> = (eigen.eigenvalues.iter().enumerate())
+        .map(|(j, value)| {
+            let vector = eigen.eigenvectors.column(j).iter().copied().collect();
+            (value.max(0.0).sqrt(), vector)
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let least = found.first().map_or(0.0, |f| ROUNDING * f.0);
+    found.retain(|f| f.0 > least);
+    found
+}
+
+/// Makes the columns of `x`, `r` numbers a row, orthonormal; those that depend on others become zero.
+fn orthonormalise(x: &mut [f64], r: usize) {
+    let mut columns: Vec<Vec<f64>> = Vec::with_capacity(r);
+    for j in 0..r {
+        let mut column: Vec<f64> = x.iter().skip(j).step_by(r).copied().collect();
+        if !straighten(&columns, &mut column) {
+            column.fill(0.0);
+        }
+        columns.push(column);
+    }
+    for (j, column) in columns.iter().enumerate() {
+        for (x, c) in x.iter_mut().skip(j).step_by(r).zip(column) {
+            *x = *c;
+        }
+    }
+}
+
+/// Takes off what `vector` has of the orthonormal `others` and gives it the length one. Twice, for the first time leaves roundings; false where nothing is left.
+fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
+    for _ in 0..2 {
+        let before = dot(vector, vector).sqrt();
+        for other in others {
+            let part = dot(other, vector);
+            for (v, o) in vector.iter_mut().zip(other) {
+                *v -= part * o;
+            }
+        }
+        let length = dot(vector, vector).sqrt();
+        if length <= 1e-9 * before || !length.is_normal() {
+            return false;
+        }
+        vector.iter_mut().for_each(|v| *v /= length);
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `count` rows of `length`: combinations of `rank` random vectors, the k-th with the amplitude `fall`^k.
+    fn rows(count: usize, length: usize, rank: usize, fall: f32) -> Vec<f32> {
+        let mut random = Random::new(3, count as u64, length as u64);
+        let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.unit() - 0.5).collect() };
+        let (left, right) = (draw(count * rank), draw(rank * length));
+        let mut out = vec![0.0; count * length];
+        for (row, left) in out.chunks_exact_mut(length).zip(left.chunks_exact(rank)) {
+            let mut amplitude = 1.0;
+            for (l, right) in left.iter().zip(right.chunks_exact(length)) {
+                row.iter_mut()
+                    .zip(right)
+                    .for_each(|(o, r)| *o += amplitude * l * r);
+                amplitude *= fall;
+            }
+        }
+        out
+    }
+
+    /// Share of the rows' squares that is not in the components; and how far those are from orthonormal.
+    fn left_out(rows: &[f32], found: &Components) -> (f64, f64) {
+        let f = |v: &[f32]| -> Vec<f64> { v.iter().map(|&v| f64::from(v)).collect() };
+        let vectors: Vec<Vec<f64>> = (0..found.count()).map(|j| f(found.vector(j))).collect();
+        let (mut left, mut all, mut skew) = (0.0, 0.0, 0.0f64);
+        for row in rows.chunks_exact(found.length) {
+            let mut row = f(row);
+            all += dot(&row, &row);
+            for v in &vectors {
+                let part = dot(&row, v);
+                row.iter_mut().zip(v).for_each(|(r, v)| *r -= part * v);
+            }
+            left += dot(&row, &row);
+        }
+        for (i, a) in vectors.iter().enumerate() {
+            for (j, b) in vectors.iter().enumerate() {
+                let one = if i == j { 1.0 } else { 0.0 };
+                skew = skew.max((dot(a, b) - one).abs());
+            }
+        }
+        (left / all, skew)
+    }
+
+    #[test]
+    fn low_rank_is_found_whole_in_every_shape() {
+        for (count, length) in [
+            (40, 300),
+            (300, 40),
+            (300, 500),
+            (500, 300),
+            (90, 90),
+            (1, 700),
+            (700, 1),
+        ] {
+            let rank = 6.min(count).min(length);
+            let rows = rows(count, length, 6, 0.7);
+            let found = decompose(&rows, length, 20, 1);
+            assert_eq!(found.count(), rank, "{count} × {length}");
+            let (left, skew) = left_out(&rows, &found);
+            assert!(
+                left < 1e-12 && skew < 1e-6,
+                "{count} × {length}: {left} {skew}"
+            );
+            assert!(found.values.is_sorted_by(|a, b| a >= b));
+            let held: f64 = found.values.iter().map(|&v| f64::from(v).powi(2)).sum();
+            let all: f64 = rows.iter().map(|&v| f64::from(v).powi(2)).sum();
+            assert!((held / all - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn few_of_many_are_the_best_that_few_can_be() {
+        // Slowly falling: the whole decomposition says how much eight components must leave out.
+        let all = rows(400, 300, 60, 0.96);
+        let best = decompose(&all, 300, 300, 1);
+        assert_eq!(best.count(), 60);
+        let square = |v: &f32| f64::from(*v).powi(2);
+        let total: f64 = best.values.iter().map(square).sum();
+        let least = best.values[8..].iter().map(square).sum::<f64>() / total;
+        let few = decompose(&all, 300, 8, 1);
+        let (left, skew) = left_out(&all, &few);
+        assert!(skew < 1e-6 && left < 1.02 * least, "{left} is not {least}");
+        assert!(left > 0.999 * least);
+        // Any eight vectors would not do: those of eight rows leave more.
+        let any = decompose(&all[..8 * 300], 300, 8, 1);
+        let (left, _) = left_out(&all, &any);
+        assert!(
+            any.count() == 8 && left > 1.3 * least,
+            "{left} beside {least}"
+        );
+    }
+
+    #[test]
+    fn what_has_no_components_has_none() {
+        assert_eq!(decompose(&[], 5, 3, 0).count(), 0);
+        assert_eq!(decompose(&[0.0; 20], 5, 3, 0).count(), 0);
+        assert_eq!(decompose(&[0.0; 90_000], 300, 3, 0).count(), 0);
+        assert_eq!(decompose(&[1.0; 20], 5, 0, 0).count(), 0);
+        assert_eq!(decompose(&[], 0, 3, 0).count(), 0);
+        let constant = decompose(&vec![2.0; 90_000], 300, 3, 0);
+        assert_eq!(constant.count(), 1);
+        let flat = 1.0 / 300f32.sqrt();
+        assert!(constant.vectors.iter().all(|v| (v - flat).abs() < 1e-6));
+        assert!((constant.values[0] - 600.0).abs() < 1e-3);
+        let odd = decompose(&[f32::NAN, 3.0, f32::INFINITY, 4.0], 2, 2, 0);
+        assert_eq!(
+            (odd.count(), odd.vector(0), odd.values[0]),
+            (1, &[0.0, 1.0][..], 5.0)
+        );
+        // As large and as small as numbers are.
+        for scale in [1e30, 1e-30] {
+            let rows: Vec<f32> = rows(200, 200, 3, 0.5).iter().map(|v| v * scale).collect();
+            let found = decompose(&rows, 200, 8, 0);
+            assert_eq!(found.count(), 3);
+            assert!(left_out(&rows, &found).0 < 1e-12);
+        }
+    }
+}

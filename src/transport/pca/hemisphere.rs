@@ -1,0 +1,186 @@
+//! Directions over a hemisphere as a rectangular map of equal solid angles: what the depths of a point are looked up in ([P14] §4.2, §5).
+//!
+//! \[P14\] spreads its directions evenly and searches the four nearest; here they are the middles of the texels of a map, so that the four nearest of any
+//! direction are a bilinear cell with weights. The map is Shirley and Chiu's concentric one from the square to the disk, and Lambert's
+//! from the disk to the hemisphere: both keep areas, neither has a seam.
+
+use glam::Vec3;
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+
+/// A map of the hemisphere about z.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HemisphereGrid {
+    /// Texels in a row.
+    pub columns: u32,
+    /// Rows.
+    pub rows: u32,
+}
+
+impl Default for HemisphereGrid {
+    /// 2016 directions, as in \[P14\] §6.
+    fn default() -> Self {
+        Self {
+            columns: 48,
+            rows: 42,
+        }
+    }
+}
+
+/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², 1e-5 exact (Abramowitz and Stegun 4.4.47): the same numbers on every device, where `atan` is not.
+const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
+
+impl HemisphereGrid {
+    /// A map of about `directions` texels, as square as 8 to 7.
+    #[must_use]
+    pub fn of(directions: u32) -> Self {
+        let columns = (directions as f32 * (8.0 / 7.0)).sqrt().round().max(1.0) as u32;
+        let rows = (directions as f32 / columns as f32).round().max(1.0) as u32;
+        Self { columns, rows }
+    }
+
+    /// How many directions.
+    #[must_use]
+    pub fn len(self) -> usize {
+        self.columns as usize * self.rows as usize
+    }
+
+    /// True without directions.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// Unit direction of texel `i`, z up.
+    #[must_use]
+    pub fn direction(self, i: usize) -> Vec3 {
+        let at = |k: usize, of: u32| (2 * k + 1) as f32 / of as f32 - 1.0;
+        let columns = self.columns as usize;
+        let (a, b) = (at(i % columns, self.columns), at(i / columns, self.rows));
+        let (r, phi) = if a.abs() > b.abs() {
+            (a, FRAC_PI_4 * (b / a))
+        } else if b == 0.0 {
+            (0.0, 0.0)
+        } else {
+            (b, FRAC_PI_2 - FRAC_PI_4 * (a / b))
+        };
+        let square = r * r;
+        let across = r * (2.0 - square).max(0.0).sqrt();
+        Vec3::new(
+            across * libm::cosf(phi),
+            across * libm::sinf(phi),
+            1.0 - square,
+        )
+    }
+
+    /// The four texels around unit direction `d` (z up; below the horizon: at it), and their weights, which sum to one.
+    #[must_use]
+    #[inline]
+    pub fn lookup(self, d: Vec3) -> ([u32; 4], [f32; 4]) {
+        let r = (1.0 - d.z).clamp(0.0, 1.0).sqrt();
+        let (x, y) = (d.x.abs(), d.y.abs());
+        let (large, small) = (x.max(y), x.min(y));
+        let t = if large > 0.0 { small / large } else { 0.0 };
+        let q = t * t;
+        let arc = t * (ARC[0] + q * (ARC[1] + q * (ARC[2] + q * (ARC[3] + q * ARC[4]))));
+        let other = (r * arc * (1.0 / FRAC_PI_4)).min(r);
+        let (a, b) = if x > y { (r, other) } else { (other, r) };
+        let texel = |v: f32, sign: f32, of: u32| {
+            let at = (0.5 * (1.0 + v.copysign(sign)) * of as f32 - 0.5).clamp(0.0, (of - 1) as f32);
+            let low = (at as u32).min(of.saturating_sub(2));
+            (low, (low + 1).min(of - 1), at - low as f32)
+        };
+        let (left, right, u) = texel(a, d.x, self.columns);
+        let (top, bottom, v) = texel(b, d.y, self.rows);
+        let index = |column: u32, row: u32| row * self.columns + column;
+        (
+            [
+                index(left, top),
+                index(right, top),
+                index(left, bottom),
+                index(right, bottom),
+            ],
+            [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v],
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{Random, uniform_sphere};
+    use glam::Vec2;
+
+    #[test]
+    fn directions_are_spread_evenly() {
+        for (columns, rows) in [(48, 42), (7, 9), (1, 1)] {
+            let grid = HemisphereGrid { columns, rows };
+            let (mut mean, mut square) = (Vec3::ZERO, 0.0);
+            for i in 0..grid.len() {
+                let d = grid.direction(i);
+                assert!((d.length() - 1.0).abs() < 1e-5 && d.z >= 0.0, "{i}: {d}");
+                mean += d / grid.len() as f32;
+                square += d.z * d.z / grid.len() as f32;
+            }
+            if grid.len() > 50 {
+                // The closed forms of the uniform hemisphere; centres of texels are off by a part of a texel.
+                let texel = 1.0 / grid.len() as f32;
+                assert!(mean.truncate().length() < 1e-4, "{mean}");
+                assert!((mean.z - 0.5).abs() < texel, "{mean}");
+                assert!((square - 1.0 / 3.0).abs() < texel, "{square}");
+            }
+        }
+        assert_eq!(HemisphereGrid::of(2016), HemisphereGrid::default());
+        assert_eq!(HemisphereGrid::of(1).len(), 1);
+    }
+
+    #[test]
+    fn look_ups_find_the_nearest_directions() {
+        let grid = HemisphereGrid::default();
+        for i in 0..grid.len() {
+            let (texels, weights) = grid.lookup(grid.direction(i));
+            let own: f32 = texels
+                .iter()
+                .zip(weights)
+                .filter(|(t, _)| **t as usize == i)
+                .map(|(_, w)| w)
+                .sum();
+            assert!(own > 0.998, "{i}: {texels:?} {weights:?}");
+        }
+        let mut random = Random::new(2, 0, 0);
+        for _ in 0..20_000 {
+            let mut d = uniform_sphere(Vec2::new(random.unit(), random.unit()));
+            d.z = d.z.abs();
+            let (texels, weights) = grid.lookup(d);
+            assert!((weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+            let mean: Vec3 = texels
+                .iter()
+                .zip(weights)
+                .map(|(&t, w)| w * grid.direction(t as usize))
+                .sum();
+            // A texel is 0.056 wide; the rim is half of one away.
+            assert!(mean.angle_between(d) < 0.05, "{d} {mean}");
+        }
+    }
+
+    #[test]
+    fn nothing_makes_a_look_up_leave_the_map() {
+        for grid in [
+            HemisphereGrid::default(),
+            HemisphereGrid::of(1),
+            HemisphereGrid::of(3),
+        ] {
+            for d in [
+                Vec3::Z,
+                Vec3::X,
+                -Vec3::Y,
+                -Vec3::Z,
+                Vec3::ZERO,
+                Vec3::NAN,
+                Vec3::splat(f32::INFINITY),
+            ] {
+                let (texels, _) = grid.lookup(d);
+                assert!(texels.iter().all(|&t| (t as usize) < grid.len()), "{d}");
+            }
+        }
+    }
+}

@@ -1,0 +1,459 @@
+//! A basis of direct light for each cluster of senders, and rows of the operator in it ([P14] §4.3).
+//!
+//! Example lamps say what light on a cluster looks like; its first principal components are the basis D_s (§4.3.1). A gathered row F_i is written in it as it is
+//! gathered, S_i,(s,j) = Σ_k F_ik D_s[j,k]: the full matrix is never made (§4.3.2, where basis vectors light the scene one by one in place of that).
+//!
+//! Deviations. The mean over the examples is not taken off (Eq. (10)): transport is linear, twice the light must give twice the light and none none. In its place the first
+//! vector of each basis is constant, and the examples lose their own mean: even light, the energy of any white room, is exact whatever the examples were, and all other
+//! vectors carry no mass. Examples are relative to what comes back of each lamp, so that a lamp beside a wall does not speak for all. Senders carry radiosity
+//! and links geometry (design D1), so that albedo and emission may change; the examples are radiosity too, with the albedo of one colour after the other.
+//!
+//! Entries that say little are left out (§4.4): those that matter least to the examples first, until what they would add, root of the sum of squares,
+//! reaches ε of the light. What an entry would add is a product of what the even and the odd rays say of it, as in [`bounded`](crate::transport::bounded), so
+//! that noise makes no links. Constant vectors' entries stay: nothing darkens or brightens.
+
+use super::{Clusters, decompose};
+use crate::basis::{WeightEntry, Weights};
+use crate::transport::{Gathered, Link};
+use glam::Vec3A;
+use rayon::prelude::*;
+
+/// Share of the square that is asked of a row's tangential parts, which only normal maps see; as refinement has it.
+const TANGENTIAL: f32 = 0.1;
+
+/// Direct light that examples have put on the senders.
+pub struct Examples {
+    /// The senders whose light is their own, that others are means of: what clusters are made of.
+    pub own: Vec<u32>,
+    /// Radiosity of every sender in `own`, lamp after lamp, W/m² or relative.
+    pub light: Vec<f32>,
+}
+
+/// Bases of all clusters.
+#[derive(Debug, Default)]
+pub struct LightBasis {
+    /// Senders, cluster after cluster.
+    members: Vec<u32>,
+    /// Where each cluster starts among them, and the end.
+    starts: Vec<u32>,
+    /// Where each cluster's columns start, and the end.
+    columns: Vec<u32>,
+    /// The vectors, column after column.
+    vectors: Vec<f32>,
+    /// Where each cluster's vectors start.
+    first: Vec<usize>,
+    /// The same sender by sender: for each member all its cluster's values.
+    by_member: Vec<f32>,
+    /// Mean square over the examples of each column's coefficient.
+    squares: Vec<f32>,
+    /// For each sender: its place among `members` and its cluster; of those that are means, none.
+    place: Vec<Option<(u32, u32)>>,
+    /// What those are means of.
+    means: Weights,
+    /// Root of the share of the examples' squares that the bases miss.
+    missed: f64,
+}
+
+/// Room for [`LightBasis::compress`]; one a thread.
+#[derive(Default)]
+pub struct CompressScratch {
+    /// Even and odd sums of each column.
+    sums: Vec<[Vec3A; 2]>,
+    /// Clusters that were met.
+    met: Vec<u32>,
+    marks: Vec<bool>,
+    /// What an entry would add, squared, and its column.
+    order: Vec<(f32, u32)>,
+    kept: Vec<bool>,
+}
+
+impl LightBasis {
+    /// Bases of at most `coefficients` vectors (one at least) for `clusters` of the examples' own senders. `pull` says what the other senders are means of.
+    #[must_use]
+    pub fn new(
+        examples: &Examples,
+        clusters: &Clusters,
+        coefficients: usize,
+        pull: &Weights,
+        seed: u64,
+    ) -> Self {
+        let own = examples.own.len();
+        let lamps = examples.light.len() / own.max(1);
+        let coefficients = coefficients
+            .min((Link::MAX_SENDERS - 1) / clusters.len().max(1))
+            .max(1);
+        let found: Vec<(Vec<f32>, Vec<f32>, [f64; 2])> = (0..clusters.len())
+            .into_par_iter()
+            .map(|s| {
+                let members = clusters.members_of(s);
+                let n = members.len();
+                let mut rows = Vec::with_capacity(lamps * n);
+                // The constant vector's mean square; all squares, and those held.
+                let (mut even, mut all) = (0.0f64, 0.0f64);
+                for light in examples.light.chunks_exact(own.max(1)) {
+                    let at = rows.len();
+                    rows.extend(members.iter().map(|&k| light[k as usize]));
+                    let row = &mut rows[at..];
+                    all += row.iter().map(|v| f64::from(v * v)).sum::<f64>();
+                    let sum: f64 = row.iter().map(|v| f64::from(*v)).sum();
+                    even += sum * sum / n as f64;
+                    let mean = (sum / n as f64) as f32;
+                    row.iter_mut().for_each(|v| *v -= mean);
+                }
+                let rest = decompose(&rows, n, coefficients - 1, seed ^ (s as u64) << 32);
+                let mut vectors = vec![1.0 / (n as f32).sqrt(); n];
+                vectors.extend(&rest.vectors);
+                let share = 1.0 / lamps.max(1) as f64;
+                let mut squares = vec![(even * share) as f32];
+                squares.extend(rest.values.iter().map(|v| v * v * share as f32));
+                let held = even + rest.values.iter().map(|v| f64::from(v * v)).sum::<f64>();
+                (vectors, squares, [all, all - held])
+            })
+            .collect();
+        let mut out = Self {
+            starts: clusters.starts.clone(),
+            members: (clusters.members.iter())
+                .map(|&k| examples.own[k as usize])
+                .collect(),
+            columns: vec![0],
+            ..Self::default()
+        };
+        let (mut all, mut missed) = (0.0, 0.0);
+        for (s, (vectors, squares, [whole, left])) in found.into_iter().enumerate() {
+            let n = clusters.members_of(s).len();
+            out.first.push(out.vectors.len());
+            out.by_member
+                .extend((0..n).flat_map(|k| vectors.iter().skip(k).step_by(n)));
+            out.vectors.extend(vectors);
+            out.squares.extend(squares);
+            out.columns.push(out.squares.len() as u32);
+            (all, missed) = (all + whole, missed + left.max(0.0));
+        }
+        out.missed = match all > 0.0 {
+            true => (missed / all).sqrt(),
+            false => 0.0,
+        };
+        out.place = vec![None; pull.len()];
+        for s in 0..out.clusters() {
+            for at in out.starts[s]..out.starts[s + 1] {
+                out.place[out.members[at as usize] as usize] = Some((at, s as u32));
+            }
+        }
+        out.means = resolve(pull, &out.place);
+        out
+    }
+
+    /// How many clusters.
+    #[must_use]
+    pub fn clusters(&self) -> usize {
+        self.first.len()
+    }
+
+    /// How many columns the operator gets, the sky's not counted.
+    #[must_use]
+    pub fn columns(&self) -> usize {
+        self.squares.len()
+    }
+
+    /// Root of the share of the examples' squares that the bases miss, dimensionless.
+    #[must_use]
+    pub fn missed(&self) -> f64 {
+        self.missed
+    }
+
+    /// The senders of cluster `s`.
+    #[must_use]
+    pub fn members_of(&self, s: usize) -> &[u32] {
+        &self.members[self.starts[s] as usize..self.starts[s + 1] as usize]
+    }
+
+    /// The basis of cluster `s`: orthonormal, the constant vector first.
+    pub fn vectors_of(&self, s: usize) -> impl ExactSizeIterator<Item = &[f32]> {
+        let n = self.members_of(s).len();
+        let count = self.count(s);
+        self.vectors[self.first[s]..][..n * count].chunks_exact(n)
+    }
+
+    fn count(&self, s: usize) -> usize {
+        (self.columns[s + 1] - self.columns[s]) as usize
+    }
+
+    /// The gathered row of a receiver with normal `n` in the bases: columns and their S_i, columns ascending, without what examples say is worth less than
+    /// `epsilon` of the light together. With an ε of 0 they are all there.
+    pub fn compress(
+        &self,
+        gathered: &Gathered,
+        n: Vec3A,
+        epsilon: f32,
+        scratch: &mut CompressScratch,
+    ) -> Vec<(u32, Vec3A)> {
+        let CompressScratch {
+            sums,
+            met,
+            marks,
+            order,
+            kept,
+        } = scratch;
+        sums.resize(self.columns(), [Vec3A::ZERO; 2]);
+        kept.resize(self.columns(), false);
+        marks.resize(self.clusters(), false);
+        met.clear();
+        let mut add = |j: usize, [even, odd]: [Vec3A; 2]| {
+            let Some((at, s)) = self.place[j] else { return };
+            if !std::mem::replace(&mut marks[s as usize], true) {
+                met.push(s);
+            }
+            let (s, count) = (s as usize, self.count(s as usize));
+            let local = at as usize - self.starts[s] as usize;
+            let values = &self.by_member[self.first[s] + local * count..][..count];
+            for (sum, &d) in sums[self.columns[s] as usize..].iter_mut().zip(values) {
+                sum[0] += d * even;
+                sum[1] += d * odd;
+            }
+        };
+        for &j in &gathered.touched {
+            let halves = gathered.sums[j as usize];
+            if self.place[j as usize].is_some() {
+                add(j as usize, halves);
+                continue;
+            }
+            for w in self.means.row(j as usize) {
+                add(w.index as usize, halves.map(|h| w.weight * h));
+            }
+        }
+        met.sort_unstable();
+        order.clear();
+        for &s in &*met {
+            marks[s as usize] = false;
+            let columns = self.columns[s as usize]..self.columns[s as usize + 1];
+            kept[columns.start as usize] = true;
+            for c in columns.skip(1) {
+                let [a, b] = sums[c as usize];
+                let square = (1.0 - TANGENTIAL) * a.dot(n) * b.dot(n) + TANGENTIAL * a.dot(b);
+                order.push((4.0 * square.max(0.0) * self.squares[c as usize], c));
+            }
+        }
+        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let (budget, mut spent) = (epsilon * epsilon, 0.0);
+        for &(square, c) in &*order {
+            spent += square;
+            // What no example lights is worth nothing; without a threshold all stays.
+            kept[c as usize] = epsilon <= 0.0 || (spent > budget && square > 0.0);
+        }
+        let mut links = Vec::new();
+        for &s in &*met {
+            for c in self.columns[s as usize]..self.columns[s as usize + 1] {
+                let [even, odd] = std::mem::replace(&mut sums[c as usize], [Vec3A::ZERO; 2]);
+                let link = even + odd;
+                if std::mem::take(&mut kept[c as usize]) && link != Vec3A::ZERO {
+                    links.push((c, link));
+                }
+            }
+        }
+        links.shrink_to_fit();
+        links
+    }
+}
+
+/// What each sender that is a mean is the mean of, down to senders with light of their own.
+fn resolve(pull: &Weights, place: &[Option<(u32, u32)>]) -> Weights {
+    let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); pull.len()];
+    // Children have higher indices than their parents.
+    for k in (0..pull.len()).rev() {
+        if place[k].is_some() {
+            continue;
+        }
+        let mut row = Vec::new();
+        for w in pull.row(k) {
+            match place[w.index as usize] {
+                Some(_) => row.push(*w),
+                None => row.extend(rows[w.index as usize].iter().map(|v| WeightEntry {
+                    index: v.index,
+                    weight: w.weight * v.weight,
+                })),
+            }
+        }
+        rows[k] = row;
+    }
+    Weights::from_rows(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Random;
+    use crate::transport::pca::Compression;
+
+    /// Two means of the nineteen senders behind them: clusters of one, of eight and of ten.
+    const SENDERS: usize = 21;
+
+    fn pull() -> Weights {
+        let row = |range: std::ops::Range<u32>| -> Vec<WeightEntry> {
+            let weight = 1.0 / range.len() as f32;
+            range.map(|index| WeightEntry { index, weight }).collect()
+        };
+        let none = std::iter::repeat_n(Vec::new(), SENDERS - 2);
+        // The first is the mean of the second and of a sender.
+        Weights::from_rows([row(1..3), row(5..9)].into_iter().chain(none))
+    }
+
+    fn clusters() -> Clusters {
+        let of = |k: u32| u32::from(k > 0) + u32::from(k > 8);
+        Clusters {
+            roots: vec![0, 1, 9],
+            starts: vec![0, 1, 9, 19],
+            members: (0..19).collect(),
+            of_point: (0..19).map(of).collect(),
+        }
+    }
+
+    fn basis(coefficients: usize, lamps: usize, light: impl Fn(usize, usize) -> f32) -> LightBasis {
+        let examples = Examples {
+            own: (2..SENDERS as u32).collect(),
+            light: (0..lamps)
+                .flat_map(|l| (0..19).map(move |k| (l, k)))
+                .map(|(l, k)| light(l, k))
+                .collect(),
+        };
+        LightBasis::new(&examples, &clusters(), coefficients, &pull(), 1)
+    }
+
+    fn noise(l: usize, k: usize) -> f32 {
+        Random::new(4, l as u64, k as u64).unit()
+    }
+
+    fn gathered(seed: u64) -> Gathered {
+        let mut random = Random::new(seed, 0, 0);
+        let mut out = Gathered::new(SENDERS);
+        for j in 0..SENDERS as u32 {
+            let v = Vec3A::new(random.unit(), random.unit(), random.unit()) * 0.03;
+            (0..2).for_each(|half| out.deposit(j, half, v));
+        }
+        out
+    }
+
+    /// What the row says of `light` on the senders with light of their own, and what the gather says.
+    fn both(basis: &LightBasis, row: &[(u32, Vec3A)], of: &Gathered, light: &[f32]) -> [Vec3A; 2] {
+        let mut all = [0.0; SENDERS];
+        all[2..].copy_from_slice(light);
+        for k in [1, 0] {
+            all[k] = pull()
+                .row(k)
+                .iter()
+                .map(|w| w.weight * all[w.index as usize])
+                .sum();
+        }
+        let compression = Compression::new(basis, SENDERS);
+        let said = row
+            .iter()
+            .map(|&(c, f)| {
+                let senders = compression.column(c as usize);
+                f * senders.map(|(j, v)| v * all[j as usize]).sum::<f32>()
+            })
+            .sum();
+        [said, (0..SENDERS).map(|j| of.link(j as u32) * all[j]).sum()]
+    }
+
+    #[test]
+    fn even_light_is_exact_whatever_the_examples_were() {
+        type Light = fn(usize, usize) -> f32;
+        let lights: [(usize, Light); 5] = [
+            (0, |_, _| 0.0),
+            // A sealed room; one lamp; lamps that all do the same; lamps of all sorts.
+            (30, |_, _| 0.0),
+            (1, noise),
+            (30, |l, k| (l + 1) as f32 * noise(0, k)),
+            (30, noise),
+        ];
+        for (lamps, light) in lights {
+            for coefficients in [1, 4, 100] {
+                let basis = basis(coefficients, lamps, light);
+                let row =
+                    basis.compress(&gathered(3), Vec3A::Z, 0.5, &mut CompressScratch::default());
+                assert!(row.is_sorted_by_key(|l| l.0) && row.len() >= 3);
+                for scale in [1.0, 2.0] {
+                    let [said, right] = both(&basis, &row, &gathered(3), &[scale; 19]);
+                    assert!(
+                        (said - right).length() < 1e-3 * right.length(),
+                        "{said} {right}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn light_like_the_examples_comes_through_and_all_vectors_bring_all() {
+        let three = |l: usize, k: usize| {
+            (0..3)
+                .map(|c| noise(l, 100 + c) * noise(50 + c, k))
+                .sum::<f32>()
+        };
+        let mut scratch = CompressScratch::default();
+        for (coefficients, light, most) in [
+            (4, &three as &dyn Fn(usize, usize) -> f32, 2e-3),
+            (10, &noise, 2e-3),
+        ] {
+            let basis = basis(coefficients, 40, light);
+            assert!(basis.missed() < 1e-3, "{}", basis.missed());
+            let new: Vec<f32> = (0..19).map(|k| light(77, k)).collect();
+            let row = basis.compress(&gathered(5), Vec3A::Z, 0.0, &mut scratch);
+            let [said, right] = both(&basis, &row, &gathered(5), &new);
+            assert!(
+                (said - right).length() < most * right.length(),
+                "{said} {right}"
+            );
+        }
+        // Too few vectors miss light, and say how much.
+        let poor = basis(2, 40, noise);
+        assert!(poor.missed() > 0.1);
+        let new: Vec<f32> = (0..19).map(|k| noise(77, k)).collect();
+        let row = poor.compress(&gathered(5), Vec3A::Z, 0.0, &mut scratch);
+        let [said, right] = both(&poor, &row, &gathered(5), &new);
+        assert!(
+            (said - right).length() > 4e-3 * right.length(),
+            "{said} {right}"
+        );
+    }
+
+    #[test]
+    fn bases_are_no_larger_than_what_they_are_of() {
+        // A cluster of one has the constant vector; lamps that all do the same one more; fewer lamps than vectors no more than lamps.
+        let counts = |b: &LightBasis| [0, 1, 2].map(|s| b.vectors_of(s).len());
+        assert_eq!(counts(&basis(100, 40, noise)), [1, 8, 10]);
+        assert_eq!(counts(&basis(100, 3, noise)), [1, 4, 4]);
+        assert_eq!(counts(&basis(100, 0, noise)), [1, 1, 1]);
+        assert_eq!(counts(&basis(100, 40, |_, _| 0.0)), [1, 1, 1]);
+        assert_eq!(counts(&basis(100, 40, |l, _| l as f32)), [1, 1, 1]);
+        assert_eq!(
+            counts(&basis(100, 40, |l, k| l as f32 * noise(0, k))),
+            [1, 2, 2]
+        );
+    }
+
+    #[test]
+    fn what_says_little_is_left_out_within_its_bound() {
+        let basis = basis(10, 200, |l, k| noise(l, k) * 0.3f32.powi((k % 8) as i32));
+        let mut scratch = CompressScratch::default();
+        let mut sizes = Vec::new();
+        for epsilon in [0.0, 0.003, 0.01, 0.03, 1.0] {
+            let row = basis.compress(&gathered(9), Vec3A::Z, epsilon, &mut scratch);
+            let mut square = 0.0;
+            for l in 300..400 {
+                let light: Vec<f32> = (0..19)
+                    .map(|k| noise(l, k) * 0.3f32.powi((k % 8) as i32))
+                    .collect();
+                let [said, right] = both(&basis, &row, &gathered(9), &light);
+                square += (said - right).z.powi(2) / 100.0;
+            }
+            let bound = 1.5 * epsilon + 1e-4;
+            assert!(square.sqrt() < bound, "{epsilon}: {}", square.sqrt());
+            sizes.push(row.len());
+        }
+        assert!(
+            sizes.is_sorted_by(|a, b| a >= b) && sizes[4] == 3,
+            "{sizes:?}"
+        );
+        assert!(sizes[2] < sizes[0], "{sizes:?}");
+    }
+}

@@ -1,0 +1,18 @@
+//! Precomputed light after \[P14\]: the points in clusters, and a basis for each of them by principal component analysis.
+
+mod cluster;
+mod compression;
+mod decompose;
+mod hemisphere;
+mod light;
+mod visibility;
+
+pub use cluster::{Clusters, cluster};
+pub use compression::{Column, Compression};
+pub use decompose::{Components, decompose};
+pub use hemisphere::HemisphereGrid;
+pub use light::{CompressScratch, Examples, LightBasis};
+pub use visibility::{
+    NEAR, Visibility, VisibilityCluster, VisibilitySettings, VisiblePoint, bake_visibility, depths,
+    encode, frame,
+};

@@ -1,0 +1,168 @@
+//! Point clouds in the running plugin: a room as points, from a `.ply` file, beside the same room as meshes, lit directly and indirectly; and what broken files do.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use bevy_meshless_gi::plugin::MeshlessGiPoints;
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::samples::scatter;
+use bevy_meshless_gi::scene::{
+    Material, PlyEncoding, PlyPoints, Quad, TriangleMesh, mesh_of_quads, write_ply,
+};
+use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
+use plugin_support::flip::{Picture, flip};
+use plugin_support::scenes::Room;
+use plugin_support::stage::{keep, spawn_lamp, view};
+use std::path::Path;
+
+const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
+
+fn room_mesh() -> TriangleMesh {
+    let quads: Vec<Quad> = (Room::cornell().0.iter())
+        .map(|q| Quad {
+            corners: [
+                q.corner,
+                q.corner + q.u,
+                q.corner + q.u + q.v,
+                q.corner + q.v,
+            ],
+            material: Material::diffuse(q.colour),
+        })
+        .collect();
+    mesh_of_quads(&quads)
+}
+
+fn write(to: &Path, points: &PlyPoints) {
+    let mut bytes = Vec::new();
+    let none = Vec::new();
+    write_ply(
+        &mut bytes,
+        PlyEncoding::LittleEndian,
+        &points.positions,
+        points.normals.as_ref().unwrap_or(&none),
+        points.albedo.as_ref().unwrap_or(&none),
+    )
+    .unwrap();
+    std::fs::write(to, bytes).unwrap();
+}
+
+fn app_in(folder: &Path) -> App {
+    let mut app = App::new();
+    let plugins = headless_plugins().set(AssetPlugin {
+        file_path: folder.to_string_lossy().into_owned(),
+        ..default()
+    });
+    app.add_plugins((plugins, MeshlessGiPlugin::default()))
+        .insert_resource(GlobalAmbientLight::NONE);
+    ready(&mut app);
+    app
+}
+
+/// The room's picture with a bake of `mesh`, drawn as `spawn` says.
+fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -> Picture {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[0.0, 1.0, 0.6]],
+        ..Recipe::default()
+    };
+    let baked = bake_level(mesh, &recipe, 0, &Progress::default()).expect("the room bakes");
+    let mut app = app_in(folder);
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset::from(baked.scene));
+    let root = app
+        .world_mut()
+        .spawn((
+            MeshlessGi(asset),
+            Transform::IDENTITY,
+            Visibility::Inherited,
+        ))
+        .id();
+    spawn(&mut app, root);
+    let image = target(&mut app);
+    app.world_mut()
+        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+    spawn_lamp(&mut app, LAMP);
+    run(&mut app, 8);
+    picture(&mut app, &image)
+}
+
+#[test]
+fn a_room_of_points_looks_like_the_room() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = room_mesh();
+    let points = scatter(&mesh, 0.03, 3).expect("so many fit");
+    assert!(points.positions.len() > 10_000);
+    write(&folder.path().join("room.ply"), &points);
+    let expected = shown(&mesh, folder.path(), |app, root| {
+        Room::cornell().spawn(app, root);
+    });
+    let loaded = bevy_meshless_gi::scene::load_ply(folder.path().join("room.ply"), None).unwrap();
+    let (cells, _) = loaded.cloud.mesh();
+    let count = loaded.cloud.len();
+    let drawn = shown(&cells, folder.path(), |app, root| {
+        let handle: Handle<MeshlessGiPoints> =
+            app.world().resource::<AssetServer>().load("room.ply");
+        let entity = app
+            .world_mut()
+            .spawn((MeshlessGiPointCloud(handle.clone()), ChildOf(root)))
+            .id();
+        for _ in 0..10_000 {
+            run(app, 1);
+            if app.world().get::<Mesh3d>(entity).is_some() {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        let assets = app.world().resource::<Assets<MeshlessGiPoints>>();
+        let cloud = assets.get(&handle).expect("it has loaded");
+        assert_eq!(cloud.cloud.len(), count);
+        let material = app
+            .world()
+            .get::<MeshMaterial3d<StandardMaterial>>(entity)
+            .expect("drawn with something");
+        assert_eq!(material.0, cloud.material);
+    });
+    keep("points", &expected.beside(&drawn));
+    let (d, nrmse) = (flip(&expected, &drawn), drawn.nrmse(&expected));
+    println!("a room of {count} points: FLIP {d:.4}, NRMSE {nrmse:.4}");
+    assert!(d < 0.04 && nrmse < 0.06, "FLIP {d}, NRMSE {nrmse}");
+    let mut dimmer = drawn.clone();
+    dimmer.pixels.iter_mut().flatten().for_each(|v| *v *= 0.85);
+    assert!(dimmer.nrmse(&expected) > 0.06);
+}
+
+#[test]
+fn broken_points_fail_their_asset_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let files: [(&str, &[u8]); 3] = [
+        ("none.ply", b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n"),
+        ("no.ply", b"what is this"),
+        ("short.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n123"),
+    ];
+    for (name, bytes) in files {
+        std::fs::write(folder.path().join(name), bytes).unwrap();
+    }
+    let mut app = app_in(folder.path());
+    for (name, _) in files {
+        let server = app.world().resource::<AssetServer>().clone();
+        let handle: Handle<MeshlessGiPoints> = server.load(name);
+        let entity = app
+            .world_mut()
+            .spawn(MeshlessGiPointCloud(handle.clone()))
+            .id();
+        let mut failed = false;
+        for _ in 0..10_000 {
+            run(&mut app, 1);
+            failed = server.load_state(&handle).is_failed();
+            if failed {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        assert!(failed, "{name}");
+        assert!(app.world().get::<Mesh3d>(entity).is_none(), "{name}");
+    }
+}

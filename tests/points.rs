@@ -1,0 +1,360 @@
+//! Point clouds as levels: a Cornell box of points against the reference integrator on the same cells and against the box of triangles that the points were
+//! scattered over, and the tool on `.ply` files alone and beside meshes. Comparisons are also made with a wrong input and must fail there.
+#![cfg(feature = "cli")]
+
+use bevy_meshless_gi::accuracy::{
+    Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all,
+};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use bevy_meshless_gi::samples::{Random, scatter};
+use bevy_meshless_gi::scene::{
+    Geometry, Light, PlyEncoding, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box,
+    mesh_of_quads, write_ply,
+};
+use glam::Vec3;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Points are at least this far apart, metres, in a room of two.
+const SPACING: f32 = 0.035;
+const REFLECTIONS: u32 = 4;
+
+fn lamp() -> [Light; 1] {
+    [Light::Rect {
+        center: Vec3::new(0.1, 1.9, 0.0),
+        u: Vec3::X * 0.2,
+        v: Vec3::Z * 0.2,
+        radiance: Vec3::new(30.0, 27.0, 22.0),
+    }]
+}
+
+/// What a camera in front of the open side and one below the ceiling see of the box: places on triangles, with normals.
+fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
+    (0..count)
+        .filter_map(|k| {
+            let mut r = Random::new(4, 4, k);
+            let eye = if k % 2 == 0 {
+                Vec3::new(0.0, 1.2, 2.5)
+            } else {
+                Vec3::new(0.2, 1.7, 0.3)
+            };
+            let to = Vec3::new(2.0 * r.unit() - 1.0, 2.0 * r.unit(), 2.0 * r.unit() - 1.0);
+            let ray = Ray::new(eye, (to - eye).normalize());
+            let surface = mesh.surface(&ray, &mesh.cast(&ray)?);
+            Some((surface.position, surface.normal))
+        })
+        .collect()
+}
+
+/// Two references whose noise is independent.
+type Truth = [Vec<Irradiance>; 2];
+
+fn reference(geometry: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Truth {
+    [1, 2].map(|seed| {
+        let settings = ReferenceSettings {
+            paths: 64,
+            bounces: Some(REFLECTIONS),
+            seed,
+        };
+        irradiance_at_all(geometry, &lamp(), places, &settings)
+    })
+}
+
+fn baked(level: &TriangleMesh, preset: Preset) -> BakedScene {
+    let recipe = Recipe {
+        preset,
+        ..Recipe::default()
+    };
+    bake_level(level, &recipe, 0, &Progress::default())
+        .expect("a bake")
+        .scene
+}
+
+/// Direct and indirect light of a bake at places.
+fn shown(
+    scene: &BakedScene,
+    level: TriangleMesh,
+    places: &[(Vec3, Vec3)],
+) -> (Vec<Vec3>, Vec<Vec3>) {
+    let meshes = [level];
+    let evaluator = Evaluator::new(scene, &meshes, &lamp(), Bounces::Count(REFLECTIONS));
+    let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
+        let e = evaluator.at(*x, *n, k as u64);
+        (e.direct, e.indirect.unwrap_or_default())
+    };
+    places.iter().enumerate().map(at).unzip()
+}
+
+/// ‖values − truth‖ / ‖truth‖. In products of the one reference with the other their noise cancels; taken from a reference's own estimate of its noise, which
+/// knows nothing of its stratified samples, it would hide errors of a few hundredths.
+fn nrmse(values: &[Vec3], truth: &Truth, of: impl Fn(&Irradiance) -> Vec3) -> f64 {
+    let (mut square, mut power) = (0.0f64, 0.0f64);
+    for (i, x) in values.iter().enumerate() {
+        let [a, b] = [0, 1].map(|k| of(&truth[k][i]));
+        square += f64::from((*x - a).dot(*x - b));
+        power += f64::from(a.dot(b));
+    }
+    (square.max(0.0) / power).sqrt()
+}
+
+fn indirect(i: &Irradiance) -> Vec3 {
+    i.indirect
+}
+
+fn direct(i: &Irradiance) -> Vec3 {
+    i.direct
+}
+
+#[test]
+fn a_box_of_points_is_lit_like_the_box() {
+    let solid = mesh_of_quads(&cornell_box());
+    let points = scatter(&solid, SPACING, 1).expect("points");
+    let places = places(&solid, 400);
+    let truth = reference(&solid, &places);
+    let bare = PlyPoints {
+        normals: None,
+        ..points.clone()
+    };
+    for (what, points, bounds) in [
+        ("normals given", points, [0.045, 0.045, 0.04]),
+        ("normals estimated", bare, [0.045, 0.045, 0.04]),
+    ] {
+        let cloud = PointCloud::new(points, None).expect("a cloud");
+        let (cells, _) = cloud.mesh();
+        let own = reference(&cells, &places);
+        let scene = baked(&cells, Preset::Draft);
+        let bytes = std::mem::size_of_val(&scene.bvh.nodes[..])
+            + std::mem::size_of_val(&scene.bvh.triangles[..]);
+        let (points, triangles) = (cloud.len(), cells.len());
+        let (d, i) = shown(&scene, cells, &places);
+        let found = [
+            nrmse(&i, &own, indirect),
+            nrmse(&i, &truth, indirect),
+            nrmse(&d, &truth, direct),
+        ];
+        println!(
+            "{what}: {points} points, {triangles} triangles, {bytes} bytes of shadow tree; NRMSE of indirect light {:.4} on the same cells, {:.4} on the box; \
+             direct {:.4} on the box",
+            found[0], found[1], found[2]
+        );
+        for (found, bound) in found.into_iter().zip(bounds) {
+            assert!(found < bound, "{what}: {found}, at most {bound}");
+        }
+        // The same light on the wrong places is far off.
+        let turned: Vec<Vec3> = i.iter().rev().copied().collect();
+        assert!(nrmse(&turned, &truth, indirect) > 0.2);
+        // Walls bleed: the floor beside the red wall is redder than beside the green one.
+        let tint = |left: bool| {
+            let near = |(x, n): &(Vec3, Vec3)| {
+                n.y > 0.9 && x.y < 0.1 && (if left { -x.x } else { x.x }) > 0.75
+            };
+            let sum: Vec3 = places
+                .iter()
+                .zip(&i)
+                .filter(|(p, _)| near(p))
+                .map(|(_, e)| *e)
+                .sum();
+            sum.x / sum.y
+        };
+        println!(
+            "red over green beside the red wall {:.2}, beside the green wall {:.2}",
+            tint(true),
+            tint(false)
+        );
+        assert!(tint(true) > 1.5 * tint(false));
+    }
+}
+
+/// Runs the tool.
+fn tool(arguments: &[&str], code: i32) -> String {
+    let ran = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
+        .args(arguments)
+        .output()
+        .expect("the tool starts");
+    let told =
+        String::from_utf8_lossy(&ran.stderr).into_owned() + &String::from_utf8_lossy(&ran.stdout);
+    assert_eq!(ran.status.code(), Some(code), "{arguments:?}: {told}");
+    told
+}
+
+#[test]
+fn the_tool_takes_points_like_triangles() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
+    let box_glb = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/data/cornell/cornell.glb"
+    );
+    let (ply, again) = (at("box.ply"), at("again.ply"));
+    let scattered = tool(&["scatter", box_glb, "-o", &ply, "--spacing", "0.15"], 0);
+    assert!(scattered.contains("points"), "{scattered}");
+    tool(&["scatter", box_glb, "-o", &again, "--spacing", "0.15"], 0);
+    assert!(
+        fs::read(&ply).unwrap() == fs::read(&again).unwrap(),
+        "twice the same"
+    );
+    fs::write(at("q.gi.ron"), "(scene: \"box.ply\", preset: Draft, rays: 64, levels: 4, sender_levels: 3, extra_levels: 0, epsilon: 0.03)").unwrap();
+    for (out, threads) in [("one.mgi", "1"), ("two.mgi", "3")] {
+        tool(
+            &[
+                "bake",
+                &at("q.gi.ron"),
+                "-o",
+                &at(out),
+                "--threads",
+                threads,
+                "--stats",
+                &at("s.json"),
+            ],
+            0,
+        );
+    }
+    assert!(
+        fs::read(at("one.mgi")).unwrap() == fs::read(at("two.mgi")).unwrap(),
+        "threads change nothing"
+    );
+    assert!(tool(&["inspect", &at("one.mgi")], 0).contains("links"));
+    tool(&["validate", &at("one.mgi"), "--level", &ply], 0);
+    let spot = r#"{"type":"spot","position":[2.78,5.4,2.795],"direction":[0,-1,0],"intensity":[10,9,7],"inner_deg":45,"outer_deg":65}"#;
+    let sky = r#"{"type":"sky","radiance":[0.1,0.1,0.1]}"#;
+    fs::write(
+        at("s.json"),
+        format!(r#"{{"geometry":[{{"file":"box.ply"}}],"lights":[{spot},{sky}]}}"#),
+    )
+    .unwrap();
+    fs::write(
+        at("p.csv"),
+        "px,py,pz,nx,ny,nz\n2.0,0,4.0,0,1,0\n5.5,3,3,-1,0,0\n",
+    )
+    .unwrap();
+    tool(
+        &[
+            "eval",
+            &at("one.mgi"),
+            "--scene",
+            &at("s.json"),
+            "--points",
+            &at("p.csv"),
+            "-o",
+            &at("o.csv"),
+        ],
+        0,
+    );
+    let rows = fs::read_to_string(at("o.csv")).unwrap();
+    let lit = |line: usize| -> Vec<f32> {
+        rows.lines()
+            .nth(line)
+            .unwrap()
+            .split(',')
+            .map(|v| v.parse().unwrap())
+            .collect()
+    };
+    for row in [lit(1), lit(2)] {
+        assert!(
+            row[6..12].iter().all(|e| *e > 0.0 && e.is_finite()) && row[12] == 1.0,
+            "{row:?}"
+        );
+    }
+    // Points changed: stale. Points beside a mesh: one level.
+    let moved = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
+    let mut bytes = Vec::new();
+    write_ply(&mut bytes, PlyEncoding::Ascii, &moved, &[], &[]).unwrap();
+    fs::write(at("four.ply"), bytes).unwrap();
+    assert!(tool(&["validate", &at("one.mgi"), "--level", &at("four.ply")], 1).contains("stale"));
+    mixed(folder.path(), box_glb);
+    fs::write(at("none.json"), r#"{"geometry":[],"lights":[]}"#).unwrap();
+    assert!(tool(&["bake", &at("none.json"), "-o", &at("n.mgi")], 1).contains("names no file"));
+    let cut = &fs::read(&ply).unwrap()[..5000];
+    fs::write(at("cut.ply"), cut).unwrap();
+    assert!(tool(&["bake", &at("cut.ply"), "-o", &at("n.mgi")], 1).contains("do not fit"));
+}
+
+/// A cloud in a room of triangles: a bake of both, and light from the one on the other.
+fn mixed(folder: &Path, room: &str) {
+    let at = |name: &str| folder.join(name).to_str().expect("text").to_string();
+    // A red ball of points in the middle of the white box.
+    let ball = |i: u64| {
+        let mut r = Random::new(8, 8, i);
+        bevy_meshless_gi::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
+    };
+    let normals: Vec<Vec3> = (0..2000).map(ball).collect();
+    let positions: Vec<Vec3> = normals
+        .iter()
+        .map(|n| Vec3::new(2.0, 2.9, 4.0) + 0.6 * *n)
+        .collect();
+    let mut bytes = Vec::new();
+    write_ply(
+        &mut bytes,
+        PlyEncoding::BigEndian,
+        &positions,
+        &normals,
+        &[Vec3::new(0.9, 0.02, 0.02)].repeat(2000),
+    )
+    .unwrap();
+    fs::write(at("ball.ply"), bytes).unwrap();
+    let room = room.replace('\\', "/");
+    fs::write(at("m.json"), format!(r#"{{"geometry":[{{"file":"{room}"}},{{"file":"ball.ply"}}],"lights":[{{"type":"point","position":[4,4.5,4],"intensity":[9,9,9]}}]}}"#)).unwrap();
+    fs::write(
+        at("r.json"),
+        fs::read_to_string(at("m.json"))
+            .unwrap()
+            .replace(r#",{"file":"ball.ply"}"#, ""),
+    )
+    .unwrap();
+    // The wall in the ball's shadow, the wall above it, the ceiling over the ball's lit side.
+    let asked = "px,py,pz,nx,ny,nz\n0,1.3,4,1,0,0\n0,4.5,4,1,0,0\n2.6,5.48,4,0,-1,0\n";
+    fs::write(at("mp.csv"), asked).unwrap();
+    let light = |scene: &str| -> Vec<Vec<f32>> {
+        let (json, out, csv) = (at(scene), at("m.mgi"), at("mo.csv"));
+        let quick = [
+            "--preset",
+            "draft",
+            "--rays",
+            "256",
+            "--levels",
+            "4",
+            "--sender-levels",
+            "3",
+        ];
+        tool(&[&["bake", &json, "-o", &out][..], &quick].concat(), 0);
+        tool(
+            &[
+                "eval",
+                &out,
+                "--scene",
+                &json,
+                "--points",
+                &at("mp.csv"),
+                "-o",
+                &csv,
+                "--bounces",
+                "1",
+            ],
+            0,
+        );
+        let rows = fs::read_to_string(&csv).unwrap();
+        let numbers = |l: &str| l.split(',').map(|v| v.parse().unwrap()).collect();
+        rows.lines().skip(1).map(numbers).collect()
+    };
+    let (with, without) = (light("m.json"), light("r.json"));
+    assert!(
+        with[0][6] == 0.0 && without[0][6] > 0.0,
+        "the ball shades the wall"
+    );
+    assert!(
+        with[1][6] > 0.0 && with[1][6] == without[1][6],
+        "and not all of it"
+    );
+    let red = |row: &[f32]| row[9] / row[10];
+    println!(
+        "red over green on the ceiling {:.3}, without the ball {:.3}",
+        red(&with[2]),
+        red(&without[2])
+    );
+    assert!(
+        red(&with[2]) > 1.05 * red(&without[2]),
+        "the ball reddens the ceiling"
+    );
+}

@@ -1,0 +1,302 @@
+//! The kernel `gloss` against its twin, on a room with a glossy floor: node by node, bit by bit, pixel by pixel, and with shadows.
+
+use super::compare::HALF;
+use super::depth::depth_texture;
+use super::gloss_support::{Scene, room, virtual_lights};
+use super::{harness, synthetic, wide};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::gloss::Glosses;
+use bevy_meshless_gi::frame::{
+    CompositeParams, GlossNode, GlossSettings, VplParams, composite, project,
+};
+use bevy_meshless_gi::gpu::{
+    Draw, GlossBuffers, GpuFrame, Harness, Kernels, NodeLights, Pass, ReflectiveMaps,
+    SubsplatTargets, ViewBuffers, VplShadows, draw_gloss,
+};
+use bevy_meshless_gi::transport::SenderForm;
+use glam::{Mat4, Vec3};
+use half::f16;
+use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
+
+/// Not a multiple of anything.
+const SIZE: [u32; 2] = [163, 97];
+
+struct OnGpu {
+    nodes: Vec<GlossNode>,
+    surprises: Vec<[u32; 4]>,
+    texels: Vec<[f32; 4]>,
+    /// Added to a grey picture.
+    drawn: Vec<[f32; 4]>,
+}
+
+fn params() -> CompositeParams {
+    CompositeParams {
+        scale: 0.7,
+        ..CompositeParams::default()
+    }
+}
+
+const GREY: f32 = 0.25;
+
+fn on_gpu(
+    harness: &Harness,
+    of: &Scene,
+    settings: &GlossSettings,
+    passes: &[u8],
+    by: Option<&BakedScene>,
+) -> OnGpu {
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let frame = by.map(|scene| GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap());
+    let read = TextureUsages::TEXTURE_BINDING;
+    let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let depth = look(&depth_texture(harness, SIZE, &of.drawn.depth));
+    let format = TextureFormat::Rgba32Uint;
+    let gbuffer = look(&harness.texture(SIZE, format, read, Some(&of.drawn.gbuffer)));
+    let half4 = TextureFormat::Rgba16Float;
+    let usage = read | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
+    let output = harness.texture::<[f16; 4]>(SIZE, half4, usage, None);
+    let target = look(&output);
+    let maps = ReflectiveMaps::new(&harness.device, 1, of.vpls.len() as u32).unwrap();
+    let queue = &harness.queue;
+    queue.write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&of.vpls));
+    let uniform = |bytes: &[u8]| {
+        let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.len() as u64,
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    };
+    let view = uniform(bytemuck::bytes_of(&of.view));
+    let lit = uniform(bytemuck::bytes_of(&of.lit));
+    let lights = NodeLights {
+        maps: &maps,
+        view: &view,
+        lit: &lit,
+        shadows: frame.as_ref().map(|frame| VplShadows {
+            local_from_space: Mat4::from_cols_array_2d(&of.lit.local_from_space),
+            scene: frame.buffers(),
+            dim: 0.0,
+        }),
+    };
+    let (screen, wanted) = of.params(settings);
+    let levels = screen.levels();
+    let mut buffers = GlossBuffers::new(&harness.device, queue, levels).unwrap();
+    let targets = SubsplatTargets {
+        depth: &depth,
+        gbuffer: &gbuffer,
+        output: &target,
+    };
+    // Twice: the second frame starts from what the first one left.
+    for _ in 0..2 {
+        buffers.write(queue, &screen, &wanted);
+        harness
+            .run(|encoder| buffers.record(&kernels, encoder, &targets, &lights))
+            .unwrap();
+    }
+    let counters = buffers.counters();
+    assert_eq!(counters.of(Pass::Gloss), 2 * u64::from(levels.coarsest));
+    assert_eq!(counters.of(Pass::GlossPixels), 2);
+    assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
+    assert_eq!(kernels.created(), 2);
+
+    // Onto a picture.
+    let grey = vec![[f16::from_f32(GREY); 4]; (SIZE[0] * SIZE[1]) as usize];
+    let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
+    let picture = harness.texture(SIZE, half4, usage | read, Some(&grey));
+    let passes = look(&harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes)));
+    let mut splat = ViewBuffers::new(&harness.device);
+    splat.write(queue, &bytemuck::Zeroable::zeroed(), &params());
+    let canvas = look(&picture);
+    harness
+        .run(|encoder| {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &canvas,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            draw_gloss(
+                &kernels,
+                &mut pass,
+                half4,
+                &splat,
+                [&target, &gbuffer, &passes],
+            );
+        })
+        .unwrap();
+    // The same pipeline again.
+    let before = kernels.created();
+    kernels.composite(half4, Draw::Gloss);
+    assert_eq!(kernels.created(), before);
+    OnGpu {
+        nodes: harness
+            .read(buffers.nodes(), levels.starts[0] as usize)
+            .unwrap(),
+        surprises: harness
+            .read(
+                buffers.surprises(),
+                (levels.starts[0] - levels.starts[2]) as usize,
+            )
+            .unwrap(),
+        texels: wide(&harness.read_texture::<[f16; 4]>(&output).unwrap()),
+        drawn: wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap()),
+    }
+}
+
+/// Items that differ by more than halves and sums in another order explain.
+fn differing(gpu: &[Vec<f32>], cpu: &[Vec<f32>]) -> usize {
+    let all = || cpu.iter().flatten();
+    let rms = (all().map(|v| v * v).sum::<f32>() / all().count() as f32).sqrt();
+    let near = |(g, c): (&Vec<f32>, &Vec<f32>)| {
+        let close = |(g, c): (&f32, &f32)| {
+            (g - c).abs() <= 8.0 * HALF * g.abs().max(c.abs()).max(0.1 * rms)
+        };
+        g.iter().zip(c).all(close)
+    };
+    gpu.iter().zip(cpu).filter(|pair| !near(*pair)).count()
+}
+
+fn nodes_of(nodes: &[GlossNode]) -> Vec<Vec<f32>> {
+    let numbers = |node: &GlossNode| match node.light() {
+        Some(light) => [light.straight.to_array(), light.grazing.to_array()].concat(),
+        None => vec![-1.0; 6],
+    };
+    nodes.iter().map(numbers).collect()
+}
+
+fn texels_of(texels: &[[f32; 4]]) -> Vec<Vec<f32>> {
+    texels.iter().map(|t| t.to_vec()).collect()
+}
+
+fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
+    let Some(harness) = harness() else { return };
+    let passes: Vec<u8> = (0..SIZE[0] * SIZE[1])
+        .map(|i| u8::from(i % 11 != 0))
+        .collect();
+    let gpu = on_gpu(&harness, scene, settings, &passes, by);
+    let cpu = scene.run(settings);
+    let count = cpu.texels.len();
+    let glossy = cpu.texels.iter().filter(|t| t[3] == 1.0).count();
+    assert!(glossy * 4 > count);
+    assert!(gpu.texels.iter().flatten().all(|v| v.is_finite()));
+    // A change within rounding of a threshold may fall on either side of it.
+    let apart = |cpu: &Glosses| {
+        [
+            differing(&nodes_of(&gpu.nodes), &nodes_of(&cpu.nodes)),
+            differing(&texels_of(&gpu.texels), &texels_of(&cpu.texels)),
+        ]
+    };
+    let bits = |s: &[[u32; 4]]| -> u32 { s.iter().flatten().map(|w| w.count_ones()).sum() };
+    let flipped: u32 = gpu
+        .surprises
+        .iter()
+        .flatten()
+        .zip(cpu.surprises.iter().flatten())
+        .map(|(g, c)| (g ^ c).count_ones())
+        .sum();
+    let found = apart(&cpu);
+    println!(
+        "{found:?} of {} nodes and {count} pixels differ, {flipped} of {} bits",
+        gpu.nodes.len(),
+        bits(&cpu.surprises)
+    );
+    assert!(bits(&cpu.surprises) > 100);
+    assert!(flipped * 100 <= bits(&cpu.surprises) + 500);
+    assert!(found[0] * 200 <= gpu.nodes.len() && found[1] * 200 <= count);
+
+    // What is drawn of it.
+    let drawn: Vec<Vec<f32>> = (0..count)
+        .map(|i| {
+            let texel = scene.drawn.gbuffer[i];
+            let add =
+                composite::composite_gloss_pixel(&params(), gpu.texels[i], texel, passes[i].into());
+            [add[0] + GREY, add[1] + GREY, add[2] + GREY, GREY].to_vec()
+        })
+        .collect();
+    assert_eq!(differing(&texels_of(&gpu.drawn), &drawn), 0);
+
+    // Spoiled inputs.
+    let again = |change: &dyn Fn(&mut Scene)| {
+        let mut other = Scene::new(SIZE, scene.vpls.clone(), ROUGHNESS);
+        other.lit = scene.lit;
+        other.view = scene.view;
+        other.bvh = scene.bvh.clone();
+        change(&mut other);
+        apart(&other.run(settings))
+    };
+    assert_eq!(again(&|_| ()), found);
+    let noticed = again(&|s| (s.vpls[5..15].iter_mut()).for_each(|v| v.flux[1] *= 0.5));
+    assert!(noticed[1] > 10 * found[1] + 50, "lights: {noticed:?}");
+    let noticed = again(&|s| s.view.space_from_clip[3][1] += 0.05);
+    assert!(noticed[1] * 4 > glossy, "places: {noticed:?}");
+    let noticed = again(&|s| {
+        for texel in &mut s.drawn.gbuffer {
+            texel[0] ^= 8 << 24;
+        }
+    });
+    assert!(noticed[1] * 4 > glossy, "roughness: {noticed:?}");
+}
+
+const ROUGHNESS: f32 = 0.25;
+
+#[test]
+fn gloss_of_each_light() {
+    let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
+    compare(&scene, &GlossSettings::default(), None);
+}
+
+/// Among the shadows of a baked scene, which is moved into the room.
+#[test]
+fn gloss_among_shadows() {
+    let by = synthetic::scene(SenderForm::Averages);
+    let mut scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
+    let open = scene.full();
+    scene.bvh = by.bvh.clone();
+    let nodes = by.bvh.nodes.len() as u32;
+    let shift = Mat4::from_translation(Vec3::new(-2.0, 0.0, -1.5));
+    scene.lit = VplParams::shadowed(40, shift, nodes, project::extent(&by), 0.0);
+    let full = scene.full();
+    let hidden = open
+        .iter()
+        .zip(&full)
+        .filter(|(a, b)| a[1] > 1.1 * b[1] + 1e-3);
+    let hidden = hidden.count();
+    assert!(hidden > 500, "{hidden}");
+    compare(&scene, &GlossSettings::default(), Some(&by));
+}
+
+/// More lights than bits.
+#[test]
+fn gloss_of_groups_of_lights() {
+    let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 200), ROUGHNESS);
+    compare(
+        &scene,
+        &GlossSettings {
+            coarsest: 5,
+            finest: 2,
+            light: 0.05,
+            roughest: 0.5,
+            together: false,
+        },
+        None,
+    );
+}
+
+#[test]
+fn gloss_of_all_lights_together() {
+    let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 24), ROUGHNESS);
+    let settings = GlossSettings {
+        together: true,
+        ..GlossSettings::default()
+    };
+    compare(&scene, &settings, None);
+}

@@ -1,0 +1,95 @@
+//! The kernel `soft`, and `flatten` behind it, against their twins, on a small baked box with a rectangle, a sphere and a point.
+
+use super::compare::{Scale, differing};
+use super::harness;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use bevy_meshless_gi::frame::project::extent;
+use bevy_meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
+use bevy_meshless_gi::gpu::{Kernels, Pass, SceneBuffers, SoftBuffers};
+use bevy_meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
+use glam::Vec3;
+
+#[test]
+fn soft() {
+    let Some(harness) = harness() else { return };
+    let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        levels: Some(4),
+        sender_levels: Some(3),
+        rays: Some(64),
+        soft_shadows: Some(SoftShadows {
+            directions: 252,
+            coefficients: 21,
+            cluster_points: 60,
+        }),
+        ..Recipe::default()
+    };
+    let scene = bake_level(&mesh, &recipe, 2, &Progress::default())
+        .unwrap()
+        .scene;
+    let visibility = scene.visibility.as_ref().unwrap();
+    let lights = [
+        SoftLight::rectangle(
+            Vec3::new(0.1, 1.9, 0.0),
+            Vec3::X * 0.3,
+            Vec3::Z * 0.2,
+            Vec3::new(5.0, 4.0, 3.0),
+            25,
+        ),
+        SoftLight::sphere(Vec3::new(-0.5, 1.2, 0.5), 0.15, Vec3::ONE, 5.0, 9),
+        SoftLight::sphere(Vec3::new(0.6, 0.9, 0.7), 0.0, Vec3::X, f32::INFINITY, 1),
+        SoftLight::default(),
+    ];
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let buffers = SceneBuffers::new(&harness.device, &harness.queue, &scene, 1).unwrap();
+    let mut soft_buffers =
+        SoftBuffers::new(&harness.device, &harness.queue, &buffers, visibility, 1).unwrap();
+    harness
+        .run(|encoder| {
+            soft_buffers
+                .record(&kernels, &harness.queue, encoder, &buffers, &lights)
+                .unwrap();
+        })
+        .unwrap();
+    assert_eq!(soft_buffers.counters().of(Pass::Soft), 1);
+    let gpu: Vec<VectorIrradiance> = harness
+        .read(soft_buffers.deficits(), scene.points.len())
+        .unwrap();
+    let cpu = soft::deficits(&scene, &lights);
+    // Thresholds magnify the last bits of a depth, which is a sum of twenty products.
+    let tolerance = 2e-3;
+    let found = differing(&gpu, &cpu, 12, tolerance, Scale::Rms);
+    assert!(
+        found.is_empty(),
+        "{} of {} differ, the first {:?} {:?}",
+        found.len(),
+        cpu.len(),
+        gpu[found[0]],
+        cpu[found[0]]
+    );
+    // Must fail: a light two centimetres off, no second light, a cluster's mean, a coefficient that is left out, and no `flatten` behind the kernel.
+    let noticed = |what: &str, wrong: &[VectorIrradiance]| {
+        let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
+        assert!(!found.is_empty(), "{what} goes unnoticed");
+    };
+    let mut others = lights;
+    others[0].center[0] += 0.02;
+    noticed("another place", &soft::deficits(&scene, &others));
+    let mut others = lights;
+    others[1] = SoftLight::default();
+    noticed("a light less", &soft::deficits(&scene, &others));
+    let mut spoiled = scene.clone();
+    spoiled.visibility.as_mut().unwrap().scales[0] *= 1.1;
+    noticed("another mean", &soft::deficits(&spoiled, &lights));
+    let mut spoiled = scene.clone();
+    for point in &mut spoiled.visibility.as_mut().unwrap().points {
+        point.mask[0] &= !1;
+    }
+    noticed("coefficients of others", &soft::deficits(&spoiled, &lights));
+    let mut unspread = cpu.clone();
+    unspread[scene.senders()..].fill(VectorIrradiance::default());
+    noticed("no parents' mean", &unspread);
+    let params = SoftParams::new(visibility, extent(&scene), lights.len());
+    assert!(params.points > 0 && params.lights == 4);
+}

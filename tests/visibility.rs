@@ -1,0 +1,382 @@
+//! Visibility by principal components, and soft shadows from it: against rays, in hard cases, through the file, and from damaged ones.
+
+use bevy_meshless_gi::asset::{BakedScene, Limits};
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, RecipeError, SoftShadows, bake_level};
+use bevy_meshless_gi::frame::project::extent;
+use bevy_meshless_gi::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
+use bevy_meshless_gi::samples::Random;
+use bevy_meshless_gi::scene::{Geometry, Material, TriangleMesh, cornell_box, mesh_of_quads};
+use bevy_meshless_gi::transport::pca::{
+    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+};
+use glam::Vec3;
+
+const SOFT: SoftShadows = SoftShadows {
+    directions: 504,
+    coefficients: 40,
+    cluster_points: 100,
+};
+
+fn level() -> TriangleMesh {
+    mesh_of_quads(&cornell_box())
+}
+
+fn baked(threads: usize) -> BakedScene {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        levels: Some(4),
+        sender_levels: Some(3),
+        extra_levels: Some(0),
+        rays: Some(16),
+        soft_shadows: Some(SOFT),
+        ..Recipe::default()
+    };
+    bake_level(&level(), &recipe, threads, &Progress::default())
+        .unwrap()
+        .scene
+}
+
+fn panel() -> SoftLight {
+    SoftLight::rectangle(
+        Vec3::new(0.0, 1.98, 0.0),
+        Vec3::X * 0.3,
+        Vec3::Z * 0.3,
+        Vec3::ONE,
+        25,
+    )
+}
+
+/// Visible fractions from memory and by rays, at all points that the light shines on.
+fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<(f32, f32)> {
+    let visibility = scene.visibility.as_ref().unwrap();
+    let params = SoftParams::new(visibility, extent(scene), 1);
+    let points = scene.points[..scene.senders()].iter().enumerate();
+    points
+        .filter(|(_, p)| soft::unshadowed(light, p.x(), p.n(), params.extent) > 1e-3)
+        .map(|(i, p)| {
+            let (x, n) = (p.x(), p.n());
+            let rays = Rays {
+                geometry: mesh,
+                start: x + n * mesh.lift(x),
+            };
+            (
+                soft::fraction(light, x, n, &Eye::new(&params, visibility, i, n)).0,
+                soft::fraction(light, x, n, &rays).0,
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn memory_says_what_rays_say_and_the_file_keeps_it() {
+    let mesh = level();
+    let scene = baked(2);
+    assert_eq!(scene, baked(1), "threads change the bake");
+    let found = fractions(&scene, &mesh, &panel());
+    let (mut square, mut acne, mut leaks, mut full, mut dark) = (0.0, 0.0, 0.0, 0, 0);
+    for &(memory, rays) in &found {
+        square += (memory - rays).powi(2);
+        if rays >= 1.0 {
+            full += 1;
+            acne += 1.0 - memory;
+        } else if rays <= 0.0 {
+            dark += 1;
+            leaks += memory;
+        }
+    }
+    let rms = (square / found.len() as f32).sqrt();
+    let (acne, leaks) = (acne / full as f32, leaks / dark as f32);
+    println!(
+        "{} points: rms {rms}, acne {acne} at {full}, leaks {leaks} at {dark}",
+        found.len()
+    );
+    assert!(full > 200 && dark > 20);
+    assert!(
+        rms < 0.12 && acne < 0.03 && leaks < 0.12,
+        "{rms} {acne} {leaks}"
+    );
+    // Must fail: what others see.
+    let mut swapped = scene.clone();
+    let visibility = swapped.visibility.as_mut().unwrap();
+    visibility.scales.reverse();
+    let wrong = fractions(&swapped, &mesh, &panel());
+    let off: f32 = wrong.iter().map(|(m, r)| (m - r).powi(2)).sum();
+    assert!((off / wrong.len() as f32).sqrt() > 2.0 * rms);
+
+    let bytes = scene.to_bytes().unwrap();
+    assert_eq!(
+        BakedScene::from_bytes(&bytes, &Limits::default()).unwrap(),
+        scene
+    );
+    let without = BakedScene {
+        visibility: None,
+        ..scene.clone()
+    };
+    assert!(without.to_bytes().unwrap().len() < bytes.len());
+    assert!(
+        soft::deficits(&without, &[panel()])
+            .iter()
+            .all(|d| *d == Default::default())
+    );
+    damaged(&scene, &bytes);
+}
+
+/// Each damage is found.
+fn damaged(scene: &BakedScene, bytes: &[u8]) {
+    let spoil = |what: &str, spoil: &dyn Fn(&mut Visibility)| {
+        let mut wrong = scene.clone();
+        spoil(wrong.visibility.as_mut().unwrap());
+        assert!(wrong.validate().is_err(), "{what} goes unnoticed");
+    };
+    spoil("a grid of nothing", &|v| v.grid.columns = 0);
+    spoil("an endless grid", &|v| {
+        v.grid = HemisphereGrid {
+            columns: u32::MAX,
+            rows: u32::MAX,
+        }
+    });
+    spoil("depths relative to NaN", &|v| v.near = f32::NAN);
+    spoil("depths relative to nothing", &|v| v.near = 0.0);
+    spoil("one point less", &|v| v.points.truncate(v.points.len() - 1));
+    spoil("a cluster that is not there", &|v| {
+        v.points[3].cluster = v.clusters.len() as u32
+    });
+    spoil("a mask beyond the components", &|v| {
+        v.points[3].mask[3] |= 1 << 31
+    });
+    spoil("another start", &|v| v.points[3].first += 1);
+    spoil("one coefficient more", &|v| {
+        v.points[3].mask[0] = !v.points[3].mask[0]
+    });
+    spoil("too many components", &|v| {
+        v.clusters[0].components = u32::MAX
+    });
+    spoil("a tangent without length", &|v| {
+        v.clusters[0].tangent = [0.0; 3]
+    });
+    spoil("a tangent that is none", &|v| {
+        v.clusters[0].tangent[1] = f32::NAN
+    });
+    spoil("another basis", &|v| v.clusters[1].basis += 1);
+    spoil("a basis that ends early", &|v| {
+        v.basis.truncate(v.basis.len() - 1)
+    });
+    spoil("scales that end early", &|v| {
+        v.scales.truncate(v.scales.len() - 1)
+    });
+    spoil("coefficients that end early", &|v| {
+        v.coefficients.truncate(v.coefficients.len() - 1)
+    });
+    spoil("an infinite scale", &|v| v.scales[0] = f32::INFINITY);
+    spoil("a scale below zero", &|v| v.scales[1] = -1.0);
+    // Checksums find what is damaged by chance; no damage may panic.
+    let mut random = Random::new(4, 0, 0);
+    for _ in 0..40 {
+        let mut wrong = bytes.to_vec();
+        let at = random.below(wrong.len());
+        wrong[at] ^= 1 << random.below(8);
+        assert!(
+            BakedScene::from_bytes(&wrong, &Limits::default()).is_err(),
+            "byte {at}"
+        );
+    }
+}
+
+fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
+    let settings = VisibilitySettings {
+        grid: HemisphereGrid::of(252),
+        components: 30,
+        cluster_points: 100,
+        ..VisibilitySettings::default()
+    };
+    bake_visibility(geometry, points, &settings, &|_| true)
+        .unwrap()
+        .0
+}
+
+fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &SoftLight) -> f32 {
+    let params = SoftParams::new(visibility, 4.0, 1);
+    let (x, n) = points[i];
+    let f = soft::fraction(light, x, n, &Eye::new(&params, visibility, i, n)).0;
+    assert!((0.0..=1.0).contains(&f), "{f}");
+    let d = soft::deficit(&params, light, x, n, &Eye::new(&params, visibility, i, n));
+    assert!(d.is_finite(), "{d}");
+    f
+}
+
+fn lamp(at: Vec3) -> SoftLight {
+    SoftLight::sphere(at, 0.1, Vec3::ONE, f32::INFINITY, 16)
+}
+
+#[test]
+fn clusters_without_rank_are_seen_right() {
+    // Points at one place have one row, and nothing is left when the mean is taken off.
+    let mesh = level();
+    let place = Vec3::new(-0.5, 0.0, 0.6);
+    let by_rays = |light: &SoftLight| {
+        let start = place + Vec3::Y * mesh.lift(place);
+        let rays = Rays {
+            geometry: &mesh,
+            start,
+        };
+        soft::fraction(light, place, Vec3::Y, &rays).0
+    };
+    for count in [1, 7, 150] {
+        let points = vec![(place, Vec3::Y); count];
+        let visibility = bake(&mesh, &points);
+        assert!(
+            visibility.clusters.iter().all(|c| c.components <= 1),
+            "{count}"
+        );
+        for i in [0, count - 1] {
+            let (inside, above) = (lamp(place + Vec3::Y), lamp(place + Vec3::Y * 6.0));
+            assert!(by_rays(&inside) == 1.0 && seen(&visibility, &points, i, &inside) > 0.99);
+            assert!(by_rays(&above) == 0.0 && seen(&visibility, &points, i, &above) < 0.01);
+        }
+    }
+    // Nothing to meet but the sky.
+    let nothing = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
+    let points = [
+        (Vec3::ZERO, Vec3::Y),
+        (Vec3::X, Vec3::Y),
+        (Vec3::Z, -Vec3::Y),
+    ];
+    let visibility = bake(&nothing, &points);
+    for (i, p) in points.iter().enumerate() {
+        for distance in [1e-3, 1.0, 1e4] {
+            assert!(
+                seen(&visibility, &points, i, &lamp(p.0 + p.1 * distance)) > 0.95,
+                "{i} {distance}"
+            );
+        }
+    }
+    assert!(bake_visibility(&nothing, &[], &VisibilitySettings::default(), &|_| true).is_some());
+    assert!(
+        bake_visibility(&nothing, &points, &VisibilitySettings::default(), &|_| {
+            false
+        })
+        .is_none()
+    );
+}
+
+#[test]
+fn lamps_in_odd_places_make_numbers() {
+    let mesh = level();
+    let points = [
+        (Vec3::new(0.0, 0.0, 0.0), Vec3::Y),
+        (Vec3::new(0.5, 0.0, 0.8), Vec3::Y),
+        // Within a wall, and looking out of the level.
+        (Vec3::new(0.0, -0.01, 0.0), Vec3::Y),
+        (Vec3::new(0.3, 0.3, 0.9), Vec3::Z),
+    ];
+    let visibility = bake(&mesh, &points);
+    for i in 0..points.len() {
+        let (x, n) = points[i];
+        let aside = n.any_orthonormal_vector();
+        for at in [
+            x,
+            x + n * 1e-6,
+            x + aside,
+            x + aside * 1e-3,
+            x - n,
+            x + n * 1e-30,
+            Vec3::splat(1e9),
+        ] {
+            for radius in [0.0, 0.1, 100.0] {
+                let ball = SoftLight::sphere(at, radius, Vec3::ONE, 10.0, 16);
+                let _ = seen(&visibility, &points, i, &ball);
+            }
+            for size in [1e-6, 0.3, 50.0] {
+                let panel =
+                    SoftLight::rectangle(at, aside * size, n.cross(aside) * size, Vec3::ONE, 9);
+                let _ = seen(&visibility, &points, i, &panel);
+                let edge = SoftLight::rectangle(at, n * size, aside * size, Vec3::ONE, 9);
+                let _ = seen(&visibility, &points, i, &edge);
+            }
+        }
+        // Nearer than the first thing, in plain sight.
+        assert!(
+            seen(
+                &visibility,
+                &points[..],
+                1,
+                &lamp(points[1].0 + Vec3::Y * 0.05)
+            ) > 0.95
+        );
+    }
+    let none = SoftLight::default();
+    assert_eq!(lamp(Vec3::NAN), none);
+    assert_eq!(
+        SoftLight::sphere(Vec3::ZERO, f32::INFINITY, Vec3::ONE, 1.0, 4),
+        none
+    );
+    assert_eq!(
+        SoftLight::rectangle(Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ONE, 4),
+        none
+    );
+    assert_eq!(
+        SoftLight::rectangle(Vec3::ZERO, Vec3::X, Vec3::NAN, Vec3::ONE, 4),
+        none
+    );
+    assert_eq!(
+        SoftLight::rectangle(Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::NAN, 4),
+        none
+    );
+    assert_eq!(soft::unshadowed(&none, Vec3::ZERO, Vec3::Y, 1.0), 0.0);
+}
+
+#[test]
+fn a_panel_without_shadows_is_lamberts_polygon() {
+    use bevy_meshless_gi::accuracy::closed_form::polygon;
+    let (u, v) = (Vec3::X * 0.4, Vec3::Z * 0.7);
+    let center = Vec3::new(0.2, 1.5, -0.3);
+    // u × v points down.
+    let light = SoftLight::rectangle(center, u, v, Vec3::ONE, 4);
+    let corners = [-u - v, u - v, u + v, v - u].map(|c| (center + c).as_dvec3());
+    for (x, n) in [
+        (Vec3::ZERO, Vec3::Y),
+        (Vec3::new(1.0, 0.2, 0.4), Vec3::new(-0.6, 0.8, 0.0)),
+    ] {
+        let right = polygon(x.as_dvec3(), n.as_dvec3(), &corners, 1.0);
+        let got = f64::from(soft::unshadowed(&light, x, n, 4.0));
+        assert!((got / right - 1.0).abs() < 1e-4, "{got} {right}");
+    }
+    // Half below the horizon: the sum of its small parts above it.
+    let (x, n) = (Vec3::new(0.3, 0.4, -0.1), Vec3::X);
+    let mut sum = 0.0f64;
+    const N: i32 = 400;
+    let at = |i: i32| (2 * i + 1) as f32 / N as f32 - 1.0;
+    for i in 0..N * N {
+        let to = center + u * at(i % N) + v * at(i / N) - x;
+        let area = 4.0 * u.length() * v.length() / (N * N) as f32;
+        let square = to.length_squared();
+        sum += f64::from(area * to.dot(n).max(0.0) * to.y / (square * square));
+    }
+    let got = f64::from(soft::unshadowed(&light, x, n, 4.0));
+    assert!((got / sum - 1.0).abs() < 2e-3, "{got} {sum}");
+    // From behind there is nothing.
+    assert_eq!(
+        soft::unshadowed(&light, Vec3::new(0.0, 3.0, 0.0), -Vec3::Y, 4.0),
+        0.0
+    );
+}
+
+#[test]
+fn recipes_say_what_they_may() {
+    let recipe = Recipe::from_ron("(soft_shadows: (coefficients: 30))").unwrap();
+    let soft = recipe.soft_shadows.unwrap();
+    assert_eq!((soft.coefficients, soft.directions), (30, 2016));
+    assert_eq!(Recipe::from_ron("()").unwrap().soft_shadows, None);
+    for wrong in [
+        "coefficients: 0",
+        "coefficients: 129",
+        "directions: 3",
+        "cluster_points: 1",
+    ] {
+        let found = Recipe::from_ron(&format!("(soft_shadows: ({wrong}))"));
+        assert!(
+            matches!(found, Err(RecipeError::OutOfRange { .. })),
+            "{wrong}"
+        );
+    }
+}
