@@ -81,6 +81,10 @@ pub enum Pass {
     Splat,
     /// `splat`, a further scene of a view.
     SplatOver,
+    /// `probe`, the subsplats of a list.
+    ProbeNodes,
+    /// `probe`, at every pixel.
+    ProbeOver,
     /// `rsm`, the lit texels of one map.
     RsmTexels,
     /// `rsm`, shadows of one baked scene on a light's texels.
@@ -123,7 +127,7 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 34;
+    pub const COUNT: usize = 36;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -142,6 +146,8 @@ impl Pass {
         Self::Soft,
         Self::Splat,
         Self::SplatOver,
+        Self::ProbeNodes,
+        Self::ProbeOver,
         Self::RsmTexels,
         Self::RsmShadow,
         Self::RsmChoose,
@@ -268,7 +274,7 @@ const VECTOR: usize = size_of::<VectorIrradiance>();
 pub const COMPOSITE_ENTRIES: [&str; 3] = ["whole_screen", "composite", "composite_gloss"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 19] = [
+pub const KERNELS: [Kernel; 20] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -419,7 +425,7 @@ pub const KERNELS: [Kernel; 19] = [
     Kernel {
         name: "splat",
         source: shader!(
-            "splat", "grid", "weight", "gbuffer", "screen", "list", "node"
+            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
         ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
@@ -448,6 +454,41 @@ pub const KERNELS: [Kernel; 19] = [
             tile(
                 Pass::SplatOver,
                 "splat_over",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            ),
+        ],
+    },
+    Kernel {
+        name: "probe",
+        source: shader!(
+            "probe", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
+        ),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SplatParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "points", Read(POINT)),
+            bind(4, "planes", Read(VEC4)),
+            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(6, "grid_entries", Read(4)),
+            bind(7, "values", Read(VECTOR)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+            bind(10, "screen", SCREEN),
+            bind(11, "span", Span),
+            bind(12, "nodes", Write(NODE)),
+            bind(13, "lists", Read(4)),
+            bind(14, "counted", Read(4)),
+        ],
+        entries: &[
+            each(
+                Pass::ProbeNodes,
+                "probe_nodes",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
+            ),
+            tile(
+                Pass::ProbeOver,
+                "probe_over",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
         ],

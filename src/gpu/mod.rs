@@ -26,6 +26,7 @@ mod harness;
 mod kernels;
 mod links;
 mod pipelines;
+mod probes;
 mod rsm;
 mod scene_buffers;
 mod soft;

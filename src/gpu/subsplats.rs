@@ -364,6 +364,22 @@ impl Recorder<'_> {
                 &Groups::From(count),
             );
         }
+        // What moves, where none of them covers a node.
+        for (scene, view) in scenes {
+            let (Some(probes), Some(params)) = (&scene.probes, &view.probes) else {
+                continue;
+            };
+            let mut resources = probes.resources(params, self.targets.depth, self.targets.gbuffer);
+            resources.extend([
+                (10, b.params.as_entire_binding()),
+                (11, b.span()),
+                (12, b.nodes.as_entire_binding()),
+                (13, b.lists.as_entire_binding()),
+                (14, count.as_entire_binding()),
+            ]);
+            let from = Groups::From(count);
+            self.run(Pass::ProbeNodes, &resources, Some(k), &from);
+        }
         if let Some(lights) = lights {
             let [nodes, triangles] = lights.maps.tree(lights.shadows.as_ref());
             self.run(
