@@ -1,6 +1,7 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
-use super::kernels::{KERNELS, Pass};
+use super::Pass;
+use super::kernels::KERNELS;
 use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuError, kernels};

@@ -1,7 +1,7 @@
 //! A baked scene on the device: its arrays uploaded once, and the arrays that a solve fills.
 
 use super::GpuError;
-use super::kernels::Pass;
+use super::Pass;
 use super::links::{LinkPart, cut};
 use super::probes::ProbeBuffers;
 use crate::asset::BakedScene;

@@ -1,8 +1,8 @@
 //! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and `upsample`, in the order of [`crate::frame::subsplats`]. Which cells are
 //! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing is read back.
 
+use super::Pass;
 use super::frame::{MOST_GROUPS, compute};
-use super::kernels::Pass;
 use super::pipelines::Kernels;
 use super::rsm::{ReflectiveMaps, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};

@@ -162,7 +162,7 @@ fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{cornell_box, mesh_of_quads};
+    use crate::scene::{Bounds, cornell_box, mesh_of_quads};
 
     fn settings(spacing: f32) -> FreeSpaceSettings {
         FreeSpaceSettings {
@@ -180,9 +180,11 @@ mod tests {
         let found = fill_free_space(&mesh, &eye, &settings(0.25));
         assert!(!found.truncated);
         // The box is open to one side, where free space goes on for a little.
-        let bounds = mesh.bounds();
-        let inside =
-            |x: Vec3| bounds.min.cmple(x).all() && x.cmple(bounds.max + 0.5 * Vec3::Z).all();
+        let Bounds { min, max } = mesh.bounds();
+        let inside = |x: Vec3| {
+            let within = |m: f32| (min - m).cmple(x).all() && x.cmple(max + m).all();
+            within(0.0) || x.z > max.z && within(0.5)
+        };
         assert!(found.probes.iter().all(|&x| inside(x)));
         for (i, &a) in found.probes.iter().enumerate() {
             for &b in &found.probes[..i] {

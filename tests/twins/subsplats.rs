@@ -390,7 +390,7 @@ fn probe_nodes() {
     let lit = |texels: &[[f32; 4]]| texels.iter().filter(|t| t[3] == 1.0).count();
     let ball = lit(&cpu.texels) - lit(&dark);
     println!("{ball} pixels are lit by probes");
-    assert!(ball > 800, "{ball}");
+    assert!(ball > 500, "{ball}");
     for (what, spoil) in [
         (
             "places",
@@ -495,8 +495,10 @@ fn probe() {
     // A place within rounding of a clip plane may lie on either side of it.
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
     let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
-    assert!(lit.count() > 800);
-    assert!(differing(&gpu, &expected(&moved, &probing)) > 20);
+    assert!(lit.count() > 500);
+    let mut moved = values.clone();
+    moved.rotate_left(3);
+    assert!(differing(&gpu, &expected(&moved, &probing)) > 200);
     let brighter = SplatParams {
         scale: 1.01 * SCALE,
         ..probing
