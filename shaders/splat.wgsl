@@ -18,18 +18,6 @@
 @group(0) @binding(13) var<storage, read> lists: array<u32>;
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
-// Place and normal of a pixel in the bake's local space.
-struct Place {
-    x: vec3f,
-    n: vec3f,
-}
-
-fn place(pixel: vec2u, depth: f32, texel: vec4u) -> Place {
-    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
-    let h = params.local_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
-    return Place(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
-}
-
 // Vector irradiance, and whether any function covers the place.
 struct Covered {
     e: VectorIrradiance,
@@ -65,11 +53,6 @@ fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, 1.0, found.covered));
 }
 
-// One axis of the world, of vectors in the bake's local space.
-fn world_axis(e: VectorIrradiance, column: vec3f) -> vec4f {
-    return params.scale * (column.x * e.x + column.y * e.y + column.z * e.z);
-}
-
 fn splat_node(pixel: vec2u, node: Node) -> Node {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     let depth = textureLoad(depths, pixel, 0);
@@ -82,12 +65,7 @@ fn splat_node(pixel: vec2u, node: Node) -> Node {
     if !found.covered {
         return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
     }
-    let e = VectorIrradiance(
-        world_axis(found.e, params.local_from_world[0]),
-        world_axis(found.e, params.local_from_world[1]),
-        world_axis(found.e, params.local_from_world[2]),
-    );
-    return node_new(e, node_foretold(node), EVALUATED | KNOWN | COVERED);
+    return node_new(to_world(found.e), node_foretold(node), EVALUATED | KNOWN | COVERED);
 }
 
 fn splat_pixel(pixel: vec2u) -> vec4f {

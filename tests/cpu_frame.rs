@@ -57,6 +57,7 @@ fn furnace(to_sky: bool) -> BakedScene {
             compression: None,
         },
         visibility: None,
+        probes: None,
         bounces: None,
         display: Display {
             radius: 0.9,

@@ -7,7 +7,7 @@
 
 use super::GlowLight;
 use crate::asset::BakedScene;
-use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, project, splat};
+use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe, project, splat};
 use crate::scene::{Light, TriangleMesh};
 use glam::Vec3;
 
@@ -32,15 +32,37 @@ pub enum Bounces {
 pub struct Evaluated {
     /// Irradiance that comes straight from lamps, sky and emissive surfaces, W/m².
     pub direct: Vec3,
-    /// Irradiance that was diffusely reflected at least once, W/m²; none where no basis function reaches.
+    /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis function nor a probe reaches.
     pub indirect: Option<Vec3>,
+}
+
+/// What a solve leaves: values at the points, and at the probes where there are any.
+struct Solved {
+    points: Vec<VectorIrradiance>,
+    probes: Vec<VectorIrradiance>,
+}
+
+impl Solved {
+    fn of(frame: &CpuFrame) -> Self {
+        Self {
+            points: frame.values().to_vec(),
+            probes: frame.probes().to_vec(),
+        }
+    }
+
+    fn add(&mut self, weight: f32, more: &Self) {
+        let points = self.points.iter_mut().zip(&more.points);
+        for (value, more) in points.chain(self.probes.iter_mut().zip(&more.probes)) {
+            value.add_scaled(weight, more);
+        }
+    }
 }
 
 /// A baked scene under lights.
 pub struct Evaluator<'a> {
     scene: &'a BakedScene,
-    /// Vector irradiance at the points, reflected light only.
-    values: Vec<VectorIrradiance>,
+    /// Reflected light only.
+    solved: Solved,
     lamps: Vec<FrameLight>,
     glow: GlowLight<'a>,
     /// Reflections that were simulated one by one; none where the bake's own were used, or all at once.
@@ -81,14 +103,14 @@ impl<'a> Evaluator<'a> {
                 _ => None,
             })
             .sum();
-        let (mut values, used) = solve(scene, &expand(PATCHES), sky, bounces, tier);
+        let (mut solved, used) = solve(scene, &expand(PATCHES), sky, bounces, tier);
         let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
             let once_more = match bounces {
                 Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
                 Bounces::All => Bounces::All,
             };
-            add(&mut values, 1.0, &solve_emission(scene, once_more, tier));
+            solved.add(1.0, &solve_emission(scene, once_more, tier));
         }
         if emits || sky != Vec3::ZERO {
             let mut black = scene.clone();
@@ -101,11 +123,11 @@ impl<'a> Evaluator<'a> {
                 ..settings(sky, 1, tier)
             };
             unreflected.solve(&black, &both);
-            add(&mut values, -1.0, unreflected.values());
+            solved.add(-1.0, &Solved::of(&unreflected));
         }
         Self {
             scene,
-            values,
+            solved,
             lamps: expand(FINE_PATCHES),
             glow: GlowLight::new(meshes, sky),
             bounces: used,
@@ -126,11 +148,21 @@ impl<'a> Evaluator<'a> {
                     * project::project_at(&scene.bvh, extent, light, above, n)
             })
             .sum();
-        let indirect = splat::splat(&scene.points, &scene.display, &self.values, x, n);
+        let values = &self.solved.points;
+        let indirect = splat::splat(&scene.points, &scene.display, values, x, n)
+            .or_else(|| self.in_space(x, n));
         Evaluated {
             direct: finite(lamps + self.glow.irradiance(x, n, stream)),
             indirect: indirect.map(finite),
         }
+    }
+
+    /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none reaches.
+    #[must_use]
+    pub fn in_space(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
+        let probes = self.scene.probes.as_ref()?;
+        let light = probe::probe(probes, &self.solved.probes, x)?;
+        Some(finite(light.irradiance(n)))
     }
 
     /// Reflections that were simulated one by one; none where the bake's own further bounces were used, or all of them at once.
@@ -158,7 +190,7 @@ fn solve(
     sky: Vec3,
     bounces: Bounces,
     tier: u32,
-) -> (Vec<VectorIrradiance>, Option<u32>) {
+) -> (Solved, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lamps);
     if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
@@ -167,21 +199,21 @@ fn solve(
             ..settings(sky, scene.info.bounces, tier)
         };
         frame.solve(scene, &baked);
-        return (frame.values().to_vec(), None);
+        return (Solved::of(&frame), None);
     }
     let count = sweep(scene, &mut frame, &settings(sky, 1, tier), bounces);
-    (frame.values().to_vec(), count)
+    (Solved::of(&frame), count)
 }
 
 /// The light of emissive surfaces, the first step through links counted as a reflection.
-fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Vec<VectorIrradiance> {
+fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
     let mut frame = CpuFrame::new(scene);
     let alone = FrameSettings {
         emission: 1.0,
         ..settings(Vec3::ZERO, 1, tier)
     };
     sweep(scene, &mut frame, &alone, bounces);
-    frame.values().to_vec()
+    Solved::of(&frame)
 }
 
 /// Solves with so many reflections and returns how many those were; none for all at once.
@@ -202,12 +234,6 @@ fn sweep(
     };
     frame.solve(scene, &settings);
     Some(sweeps + 1)
-}
-
-fn add(values: &mut [VectorIrradiance], weight: f32, more: &[VectorIrradiance]) {
-    for (value, more) in values.iter_mut().zip(more) {
-        value.add_scaled(weight, more);
-    }
 }
 
 /// Light too bright for a number becomes the largest number.

@@ -3,6 +3,7 @@
 //! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the first
 //! `sender_levels` levels are the senders: sender j is point j.
 
+use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::{HashedGrid, LitPlace, Point};
 use crate::scene::Bvh;
@@ -80,6 +81,8 @@ pub struct BakedScene {
     pub bounces: Option<BounceOperator>,
     /// What the senders' points see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
+    /// The light in free space, where the recipe asked for it.
+    pub probes: Option<Probes>,
     /// The display basis.
     pub display: Display,
     /// What casts shadows.

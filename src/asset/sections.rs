@@ -8,7 +8,7 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::info::BakeInfo;
-use super::visibility;
+use super::{probes, visibility};
 use crate::basis::{WeightEntry, Weights, support_bounds};
 use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
@@ -47,8 +47,8 @@ pub(super) const COUNT: Layout = Layout::columns(&[Field::word(0)]);
 const INDEX: Layout = Layout::columns(&[Field::word(0).delta()]);
 const WEIGHT: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
 /// `start` follows from tiers and counts.
-const ROW: Layout = Layout::columns(&[Field::word(1), Field::word(2), Field::low(3)]);
-const LINK: Layout = Layout::columns(&[
+pub(super) const ROW: Layout = Layout::columns(&[Field::word(1), Field::word(2), Field::low(3)]);
+pub(super) const LINK: Layout = Layout::columns(&[
     Field::low(0),
     Field::high(0),
     Field::low(1),
@@ -68,7 +68,7 @@ const BOUNCE: Layout = Layout::columns(&[
     Field::word(2),
     Field::word(3).delta(),
 ]);
-const PLANE: Layout = Layout::rows(&[
+pub(super) const PLANE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
     Field::word(2),
@@ -125,7 +125,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 28] = [
+static KINDS: [Kind; 33] = [
     Kind {
         code: 1,
         name: "info",
@@ -184,7 +184,15 @@ static KINDS: [Kind; 28] = [
     VISIBLE[3],
     VISIBLE[4],
     VISIBLE[5],
+    PROBES[0],
+    PROBES[1],
+    PROBES[2],
+    PROBES[3],
+    PROBES[4],
 ];
+const PROBES: [Kind; 5] = probes::KINDS;
+/// Where those of the probes start.
+const FIRST_PROBES: usize = 28;
 const VISIBLE: [Kind; 6] = visibility::KINDS;
 /// Where those of the visibility start.
 const FIRST_VISIBLE: usize = 22;
@@ -278,7 +286,10 @@ impl BakedScene {
             sections.push(section(VALUES, VALUE, &c.values));
         }
         if let Some(v) = &self.visibility {
-            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..]));
+            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..FIRST_PROBES]));
+        }
+        if let Some(p) = &self.probes {
+            sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..]));
         }
         Ok(assemble(&sections))
     }
@@ -325,13 +336,9 @@ impl BakedScene {
         let grid = match grid_stored {
             0 => {
                 let left = limits.max_bytes - file.memory;
-                let needed = || AssetError::Limit {
-                    what: "the display's grid",
-                    needed: limits.max_bytes.saturating_add(1),
-                    allowed: limits.max_bytes,
-                };
                 absent(&file, [SLOTS, ENTRIES])?;
-                rebuild_grid(&points, cell_size, left).ok_or_else(needed)?
+                rebuild_grid(&points, cell_size, left)
+                    .ok_or_else(|| limit("the display's grid", limits))?
             }
             1 => HashedGrid {
                 cell_size,
@@ -370,7 +377,8 @@ impl BakedScene {
                 links: items(&file, LINKS, LINK)?,
             },
             bounces,
-            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..])?,
+            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_PROBES])?,
+            probes: probes::read(&file, &KINDS[FIRST_PROBES..], limits)?,
             display: Display {
                 radius: f32::from_bits(radius),
                 planes: items(&file, PLANES, PLANE)?,
@@ -475,9 +483,22 @@ fn info(file: &Container<'_>) -> Result<BakeInfo, AssetError> {
     ron::from_str(text).map_err(|e| broken(INFO, e))
 }
 
-/// The display's grid from its points, as the bake builds it; None where that would take more than `most_bytes`, or where cells are
+/// Where a grid takes more memory than is left.
+pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
+    AssetError::Limit {
+        what,
+        needed: limits.max_bytes.saturating_add(1),
+        allowed: limits.max_bytes,
+    }
+}
+
+/// A basis' grid from its points, as the bake builds it; None where that would take more than `most_bytes`, or where cells are
 /// so small beside the functions that no bake made them.
-fn rebuild_grid(points: &[Point], cell_size: f32, most_bytes: u64) -> Option<HashedGrid> {
+pub(super) fn rebuild_grid(
+    points: &[Point],
+    cell_size: f32,
+    most_bytes: u64,
+) -> Option<HashedGrid> {
     if !(cell_size.is_finite() && cell_size > 0.0) {
         return HashedGrid::build_within(0, 1.0, |_| crate::scene::Bounds::EMPTY, most_bytes)
             .map(|g| HashedGrid { cell_size, ..g });

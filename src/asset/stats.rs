@@ -1,6 +1,7 @@
 //! What a valid baked scene consists of, counted: what `inspect` and `validate` show.
 
 use super::baked::BakedScene;
+use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
 use crate::transport::pca::Compression;
@@ -48,6 +49,10 @@ pub struct BakedStats {
     pub visibility_coefficients: u64,
     /// Bytes of visibility.
     pub visibility_bytes: u64,
+    /// Probes in free space; 0 without.
+    pub probes: u64,
+    /// Links of their rows.
+    pub probe_links: u64,
     /// Bytes of all arrays.
     pub memory: u64,
 }
@@ -61,7 +66,10 @@ impl BakedScene {
         let bounces = self.bounces.as_ref();
         let columns = self.operator.compression.as_ref();
         let seen = self.visibility.as_ref();
+        let probes = self.probes.as_ref();
         BakedStats {
+            probes: probes.map_or(0, |p| p.points.len() as u64),
+            probe_links: probes.map_or(0, |p| p.links.len() as u64),
             visibility_clusters: seen.map_or(0, |v| v.clusters.len() as u64),
             visibility_coefficients: seen
                 .map_or(0, |v| v.points.iter().map(|p| u64::from(p.count())).sum()),
@@ -102,6 +110,7 @@ impl BakedScene {
             column_values: columns
                 .map_or(0, |c| c.columns.iter().map(|c| u64::from(c.count)).sum()),
             memory: seen.map_or(0, |v| v.bytes() as u64)
+                + probes.map_or(0, Probes::bytes)
                 + bytes(self.points.len(), 32 + 48 + 16)
                 + bytes(self.operator.links.len(), 8)
                 + columns.map_or(0, Compression::bytes)

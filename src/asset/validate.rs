@@ -20,7 +20,7 @@ const BRIGHTEST: f32 = 1e20;
 /// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
 pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
-const LARGEST_LINK: f32 = 16.0;
+pub(super) const LARGEST_LINK: f32 = 16.0;
 
 /// One thing that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,6 +98,7 @@ impl BakedScene {
             self.check_operator(&mut check);
             self.check_grid(&mut check);
             self.check_visibility(&mut check);
+            self.check_probes(&mut check);
         }
         let depth = self.check_bvh(&mut check);
         if check.0.is_empty() {

@@ -10,6 +10,7 @@ mod energy_components;
 mod estimate;
 mod examples;
 mod level;
+mod probes;
 mod progress;
 mod recipe;
 mod signals;
@@ -20,6 +21,7 @@ mod stats;
 use care::Care;
 pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
+pub use probes::FreeSpaceLight;
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
 pub use soft_shadows::SoftShadows;
@@ -234,6 +236,7 @@ fn bake_once(
     };
     let told = |done| progress.set(Stage::Transport, done);
     let mut compression = None;
+    let mut free_space = None;
     let (refined, form) = match settings.rule {
         Rule::Bounded | Rule::Pca => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
@@ -290,6 +293,19 @@ fn bake_once(
                 basis.as_ref(),
                 &told,
             );
+            if let (Some(light), Some(_)) = (&settings.probes, &refined) {
+                let mut room = probes::Room {
+                    gathering: &gathering,
+                    hierarchy: &hierarchy,
+                    viewpoints: &viewpoints,
+                    tree: &tree,
+                    training: &training,
+                    epsilon: settings.epsilon,
+                    drop_first,
+                    stats: &mut stats,
+                };
+                free_space = Some(probes::bake(light, &mut room, progress)?);
+            }
             if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
                 pull = handed.pull(&tree, &shown);
             }
@@ -336,7 +352,8 @@ fn bake_once(
         stats,
         progress,
     )?;
-    let baked = see(source, &settings, baked, progress)?;
+    let mut baked = see(source, &settings, baked, progress)?;
+    baked.scene.probes = free_space;
     finish(source, recipe, baked, began, progress)
 }
 
@@ -506,6 +523,7 @@ fn assemble(
         operator: packed.operator,
         bounces: None,
         visibility: None,
+        probes: None,
         display: Display {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,

@@ -11,6 +11,8 @@ pub enum Stage {
     Points,
     /// Gathering and refining the operator.
     Transport,
+    /// Gathering light in free space.
+    Probes,
     /// Baking later bounces.
     Bounces,
     /// Remembering what points see.
@@ -20,10 +22,11 @@ pub enum Stage {
 }
 
 impl Stage {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::Bvh,
         Self::Points,
         Self::Transport,
+        Self::Probes,
         Self::Bounces,
         Self::Visibility,
         Self::Estimate,
@@ -36,6 +39,7 @@ impl Stage {
             Self::Bvh => "building the BVH",
             Self::Points => "scattering points",
             Self::Transport => "gathering light",
+            Self::Probes => "gathering light in free space",
             Self::Bounces => "baking bounces",
             Self::Visibility => "baking visibility",
             Self::Estimate => "measuring the error",

@@ -2,6 +2,7 @@
 //! scene's size.
 
 use super::care::Care;
+use super::probes::FreeSpaceLight;
 use super::soft_shadows::SoftShadows;
 use crate::asset::Places;
 use crate::scene::Geometry;
@@ -88,6 +89,8 @@ pub struct Recipe {
     pub lamps: Option<u32>,
     /// Bakes what the senders' points see, for lights with soft shadows; left out: such lights cast none.
     pub soft_shadows: Option<SoftShadows>,
+    /// Light in free space, for what moves (rule `Bounded`).
+    pub probes: Option<FreeSpaceLight>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
@@ -153,6 +156,9 @@ pub struct Settings {
     /// See [`Recipe::soft_shadows`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub soft_shadows: Option<SoftShadows>,
+    /// See [`Recipe::probes`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probes: Option<FreeSpaceLight>,
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
@@ -224,6 +230,16 @@ impl Recipe {
         within("rays", self.rays, 16, 65_536, "16 to 65536")?;
         if let Some(soft) = &self.soft_shadows {
             soft.check()?;
+        }
+        if let Some(probes) = &self.probes {
+            probes.check()?;
+            if self.rule != Rule::Bounded {
+                return Err(RecipeError::OutOfRange {
+                    field: "probes",
+                    value: format!("there with rule {:?}", self.rule),
+                    allowed: "there with rule Bounded only",
+                });
+            }
         }
         within("places", self.places, 1, Places::MOST, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
@@ -331,6 +347,7 @@ impl Recipe {
             seed: self.seed,
             walls: self.walls.unwrap_or(true),
             soft_shadows: self.soft_shadows,
+            probes: self.probes,
         })
     }
 }

@@ -22,6 +22,9 @@ pub struct StageSeconds {
     /// What points see, for soft shadows.
     #[serde(default)]
     pub visibility: f64,
+    /// Light in free space.
+    #[serde(default)]
+    pub probes: f64,
     /// Measuring the error.
     pub estimate: f64,
     /// Writing the file.
@@ -75,6 +78,15 @@ pub struct BakeStats {
     pub energy: EnergyInfo,
     /// See [`crate::asset::BakeInfo::link_error`].
     pub link_error: f64,
+    /// Probes in free space; 0 where none were asked for.
+    #[serde(default)]
+    pub probes: u64,
+    /// Links of their rows.
+    #[serde(default)]
+    pub probe_links: u64,
+    /// Part of the directions from probes that met a surface which no sender covers, or the back of one.
+    #[serde(default)]
+    pub probes_lost: f64,
     /// Bytes of visibility in memory and on the device; 0 without soft shadows.
     #[serde(default)]
     pub visibility_bytes: u64,

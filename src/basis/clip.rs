@@ -33,6 +33,55 @@ const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
 /// Blocked weight, out of a function's own 1, that is worth a plane.
 const WORTH: f32 = 1e-5;
 
+/// A place in a function's support.
+pub(super) struct Place {
+    /// Metres.
+    pub x: Vec3,
+    /// What the function weighs there, dimensionless.
+    pub weight: f32,
+    /// Whether the function's centre cannot see it.
+    pub blocked: bool,
+}
+
+/// Of the `candidates` (n, d) the planes that cut off most blocked weight of `places` and no more visible weight than that is worth; one that cuts off the
+/// centre is none. Places that are cut off leave the list. `radius` is that of the support, metres.
+pub(super) fn choose_planes(
+    places: &mut Vec<Place>,
+    candidates: &[Vec4],
+    center: Vec3,
+    radius: f32,
+) -> Vec<[f32; 4]> {
+    let mut kept: Vec<[f32; 4]> = Vec::new();
+    // A hair's breadth, so that the wall's own foot is on neither side by rounding.
+    let slack = 1e-3 * radius;
+    while kept.len() < MOST_PLANES {
+        let mut best: Option<(f32, Vec4)> = None;
+        for &plane in candidates {
+            // The function's own place stays, however near the wall it is.
+            if plane.dot(center.extend(1.0)) <= 0.0 {
+                continue;
+            }
+            let mut gain = 0.0;
+            for place in &*places {
+                if plane.dot(place.x.extend(1.0)) < -slack {
+                    gain += if place.blocked {
+                        place.weight
+                    } else {
+                        -place.weight / LOSS
+                    };
+                }
+            }
+            if gain > best.map_or(WORTH, |(g, _)| g) {
+                best = Some((gain, plane));
+            }
+        }
+        let Some((_, plane)) = best else { break };
+        kept.push(plane.to_array());
+        places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
+    }
+    kept
+}
+
 /// The clip planes of one function: `around` are surface places (x, n) in and near its support. Returns planes (n, d) with n·x + d ≥ 0
 /// on the function's side, and adds the rays cast to `rays`.
 pub fn clip_planes(
@@ -41,11 +90,6 @@ pub fn clip_planes(
     around: impl Iterator<Item = (Vec3, Vec3)>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
-    struct Place {
-        x: Vec3,
-        weight: f32,
-        blocked: bool,
-    }
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let lift = (EYE * radius).max(geometry.lift(x_j));
     // The eye must not pass a near ceiling: stop half-way to whatever is above.
@@ -82,35 +126,7 @@ pub fn clip_planes(
             blocked: hit.is_some(),
         });
     }
-    let mut kept: Vec<[f32; 4]> = Vec::new();
-    // A hair's breadth, so that the wall's own foot is on neither side by rounding.
-    let slack = 1e-3 * radius;
-    while kept.len() < MOST_PLANES {
-        let mut best: Option<(f32, Vec4)> = None;
-        for &plane in &candidates {
-            // The function's own place stays, however near the wall it is.
-            if plane.dot(x_j.extend(1.0)) <= 0.0 {
-                continue;
-            }
-            let mut gain = 0.0;
-            for place in &places {
-                if plane.dot(place.x.extend(1.0)) < -slack {
-                    gain += if place.blocked {
-                        place.weight
-                    } else {
-                        -place.weight / LOSS
-                    };
-                }
-            }
-            if gain > best.map_or(WORTH, |(g, _)| g) {
-                best = Some((gain, plane));
-            }
-        }
-        let Some((_, plane)) = best else { break };
-        kept.push(plane.to_array());
-        places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
-    }
-    kept
+    choose_planes(&mut places, &candidates, x_j, radius)
 }
 
 /// Surface places within a function's support behind whatever stands on its tangent plane, as seen from `eye`.

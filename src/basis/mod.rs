@@ -6,6 +6,7 @@ mod flat;
 mod hierarchy;
 mod kernel;
 mod places;
+mod probes;
 mod rival;
 mod shepard;
 mod weights;
@@ -14,6 +15,7 @@ pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{kernel, weight};
 pub use places::find_places;
+pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
 pub use rival::{
     GaussianBasis, MultilevelBasis, PointBasis, PointBasisError, PointSample, ShepardBasis,
     SurfaceField, check_samples, site_distance,

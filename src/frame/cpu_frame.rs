@@ -3,8 +3,8 @@
 
 use super::anderson::Anderson;
 use super::{
-    FrameLight, FrameSettings, SceneShape, SolveParams, Steps, VectorIrradiance, apply, bounce,
-    compress, flatten, project, pull, push, radiosity, splat,
+    FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
+    bounce, compress, flatten, probe, project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
 use glam::Vec3;
@@ -38,9 +38,11 @@ pub struct CpuFrame {
     components: Vec<[f32; 4]>,
     applied: Vec<VectorIrradiance>,
     values: Vec<VectorIrradiance>,
+    /// Three a probe.
+    probes: Vec<VectorIrradiance>,
     solved: Option<FrameSettings>,
-    /// Points, senders and columns of the scene that the arrays were made for.
-    made_for: (usize, usize, usize),
+    /// Points, senders, columns and rows of probes of the scene that the arrays were made for.
+    made_for: [usize; 4],
     counters: FrameCounters,
 }
 
@@ -57,7 +59,8 @@ impl CpuFrame {
             components: vec![[0.0; 4]; columns(scene)],
             applied: vec![VectorIrradiance::default(); points],
             values: vec![VectorIrradiance::default(); points],
-            made_for: (points, senders, columns(scene)),
+            probes: vec![VectorIrradiance::default(); probe_rows(scene)],
+            made_for: size(scene),
             ..Self::default()
         }
     }
@@ -133,6 +136,7 @@ impl CpuFrame {
             self.sweep(scene, &params, &steps);
         }
         self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
+        self.light_space(scene, &params);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
@@ -197,6 +201,7 @@ impl CpuFrame {
             }
         }
         self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
+        self.light_space(scene, &params);
         // No plain solve is like this one.
         self.solved = None;
         self.counters.sweeps += u64::from(sweeps - 1);
@@ -282,6 +287,27 @@ impl CpuFrame {
         }
     }
 
+    /// The senders' light at the probes.
+    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams) {
+        if let Some(probes) = &scene.probes {
+            let all = 0..probes.rows.len();
+            let (rows, links) = (&probes.rows, &probes.links);
+            apply::apply(params, rows, links, all, &self.senders, &mut self.probes);
+        }
+    }
+
+    /// What arrives at `x` in free space; None where no probe reaches, or the scene has none.
+    #[must_use]
+    pub fn in_space(&self, scene: &BakedScene, x: Vec3) -> Option<SpaceLight> {
+        probe::probe(scene.probes.as_ref()?, &self.probes, x)
+    }
+
+    /// The probes' values, three each, W/m².
+    #[must_use]
+    pub fn probes(&self) -> &[VectorIrradiance] {
+        &self.probes
+    }
+
     /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the sky and emissive surfaces send is in it.
     #[must_use]
     pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
@@ -309,7 +335,7 @@ impl CpuFrame {
     /// Irradiance of the senders from the light of `slot` with colour one.
     #[must_use]
     pub fn projected(&self, slot: usize) -> &[f32] {
-        let senders = self.made_for.1;
+        let senders = self.made_for[1];
         &self.projected[slot * senders..(slot + 1) * senders]
     }
 
@@ -369,10 +395,24 @@ impl CpuFrame {
 
     /// Starts anew where the scene has another size.
     fn check(&mut self, scene: &BakedScene) {
-        if self.made_for != (scene.points.len(), scene.senders(), columns(scene)) {
+        if self.made_for != size(scene) {
             *self = Self::new(scene);
         }
     }
+}
+
+/// What the arrays' lengths follow from.
+fn size(scene: &BakedScene) -> [usize; 4] {
+    [
+        scene.points.len(),
+        scene.senders(),
+        columns(scene),
+        probe_rows(scene),
+    ]
+}
+
+fn probe_rows(scene: &BakedScene) -> usize {
+    scene.probes.as_ref().map_or(0, |p| p.rows.len())
 }
 
 /// Columns of an operator of components, the sky's among them.

@@ -129,6 +129,16 @@ pub struct SplatParams {
 }
 
 impl SplatParams {
+    /// The same view, of functions in another grid.
+    #[must_use]
+    pub fn with_grid(&self, grid: GridShape) -> Self {
+        Self {
+            slot_mask: grid.slot_mask,
+            cell_size: grid.cell_size,
+            ..*self
+        }
+    }
+
     /// Parameters for a view.
     ///
     /// `world_from_clip` and `local_from_world` are the camera's and the baked scene's (inverse) transforms, `viewport` and `size` in texels.

@@ -15,6 +15,7 @@
 //! | [`pyramid`] | depth and normals → where the picture is not continuous |
 //! | [`refine`] | → which of its cells are divided, and the subsplats to evaluate |
 //! | [`splat`] | → irradiance of a subsplat, a pixel, or at any place |
+//! | [`probe`] | → light in free space, for what moves |
 //! | [`vpl`] | → irradiance from the virtual lights, added to that |
 //! | [`upsample`] | → between the subsplats, and at every pixel |
 //! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
@@ -39,6 +40,7 @@ pub mod gbuffer;
 pub mod gloss;
 pub mod layout;
 mod light;
+pub mod probe;
 pub mod project;
 pub mod pull;
 pub mod push;
@@ -59,6 +61,7 @@ pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
+pub use probe::SpaceLight;
 pub use reflective::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };

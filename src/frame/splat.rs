@@ -120,7 +120,7 @@ pub fn splat_node(
 }
 
 /// Vector irradiance of the bake's local space in the axes of the world, times the view's scale.
-fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrradiance {
+pub(super) fn to_world(params: &SplatParams, e: &VectorIrradiance) -> VectorIrradiance {
     let axis = |column: [f32; 4]| {
         let mut out = Vec4::ZERO;
         for (part, weight) in [e.x, e.y, e.z].into_iter().zip(column) {

@@ -1,7 +1,7 @@
 //! The fast multipole method on a device: `fmm_up` and `fmm_down` over the buffers of one [`Fmm`]. Tree and lists come from the CPU, as in \[G08\] §3.
 
+use super::Pass;
 use super::frame::{MOST_GROUPS, compute};
-use super::kernels::Pass;
 use super::pipelines::Kernels;
 use super::{GpuCounters, GpuError};
 use crate::frame::Span;

@@ -1,6 +1,7 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
-use super::kernels::{KERNELS, Pass};
+use super::Pass;
+use super::kernels::KERNELS;
 use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuError, kernels};
@@ -240,6 +241,7 @@ impl GpuFrame {
             recorder.pull(&mut pass, 0..steps.pull.len());
         }
         recorder.transport(&mut pass, &steps, params.tier, false);
+        recorder.light_space(&mut pass);
         self.counters.solves += 1;
     }
 
@@ -302,6 +304,11 @@ impl GpuFrame {
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
         self.counters.dispatches[which as usize] += 1;
+    }
+
+    /// One more dispatch of `pass`.
+    pub(super) fn count(&mut self, pass: Pass) {
+        self.counters.dispatches[pass as usize] += 1;
     }
 
     /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass` has one target, of `format`. Once a view, after the `splat` of its last scene.
@@ -512,6 +519,26 @@ impl Recorder<'_> {
                 steps.levels.len()
             };
             self.spans(pass, Pass::Averages, &bind, &b.levels, 0..count);
+        }
+    }
+
+    /// The senders' light at the probes.
+    fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+        let b = self.b;
+        let Some(probes) = &b.probes else { return };
+        for (part, links) in probes.links.iter().enumerate() {
+            let bind = self.kernels.bind(
+                Pass::Apply,
+                &[
+                    (1, self.span()),
+                    (2, probes.rows.as_entire_binding()),
+                    (3, links.as_entire_binding()),
+                    (4, b.senders.as_entire_binding()),
+                    (5, probes.values.as_entire_binding()),
+                    (6, probes.order.as_entire_binding()),
+                ],
+            );
+            self.spans(pass, Pass::Apply, &bind, &probes.parts, part..part + 1);
         }
     }
 

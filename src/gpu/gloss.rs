@@ -1,8 +1,8 @@
 //! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by level, and its pixels, in the order of
 //! [`GlossView::run`](crate::frame::gloss::GlossView::run). Which lights are evaluated where is decided on the device; nothing is read back.
 
+use super::Pass;
 use super::frame::compute;
-use super::kernels::Pass;
 use super::pipelines::Kernels;
 use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};

@@ -1,6 +1,7 @@
 //! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
 //! table with what the shaders declare.
 
+use super::Pass;
 use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
@@ -46,133 +47,6 @@ pub struct Binding {
     pub name: &'static str,
     /// What it is.
     pub kind: Kind,
-}
-
-/// A compute entry point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Pass {
-    /// `project`.
-    Project,
-    /// `radiosity`.
-    Radiosity,
-    /// `pull`.
-    Pull,
-    /// `push`.
-    Push,
-    /// `compress`.
-    Compress,
-    /// `apply`.
-    Apply,
-    /// `bounce`, one live Jacobi step.
-    Sweep,
-    /// `bounce`, baked, the coarsest points.
-    Gather,
-    /// `bounce`, baked, one finer level.
-    Spread,
-    /// `bounce`, baked, the sum.
-    Add,
-    /// `flatten`, one level of averages.
-    Averages,
-    /// `flatten`, differences.
-    Differences,
-    /// `soft`.
-    Soft,
-    /// `splat`, the first scene of a view.
-    Splat,
-    /// `splat`, a further scene of a view.
-    SplatOver,
-    /// `rsm`, the lit texels of one map.
-    RsmTexels,
-    /// `rsm`, shadows of one baked scene on a light's texels.
-    RsmShadow,
-    /// `rsm`, the virtual point lights of one light.
-    RsmChoose,
-    /// `vpl`, where a view has no light yet.
-    Vpl,
-    /// `vpl`, over what baked scenes gave.
-    VplOver,
-    /// `vpl`, the subsplats of a list.
-    VplNodes,
-    /// `splat`, the subsplats of a list.
-    SplatNodes,
-    /// `pyramid`, pixels to level 1.
-    PyramidBase,
-    /// `pyramid`, a level from the one below.
-    PyramidReduce,
-    /// `refine`, the cells of the coarsest level.
-    RefineStart,
-    /// `refine`, the children of one level's.
-    Refine,
-    /// `upsample`, a level from the next coarser one.
-    Upsample,
-    /// `upsample`, the pixels.
-    Resolve,
-    /// `upsample`, the pixels that were evaluated by themselves.
-    Fill,
-    /// `gloss`, the nodes of a level.
-    Gloss,
-    /// `gloss`, the pixels.
-    GlossPixels,
-    /// `fmm_up`, a level.
-    FmmUp,
-    /// `fmm_down`, a level.
-    FmmReceive,
-    /// `fmm_down`, the points.
-    FmmEvaluate,
-}
-
-impl Pass {
-    /// How many there are.
-    pub const COUNT: usize = 34;
-
-    /// All, in the order of the table.
-    pub const ALL: [Self; Self::COUNT] = [
-        Self::Project,
-        Self::Radiosity,
-        Self::Pull,
-        Self::Push,
-        Self::Compress,
-        Self::Apply,
-        Self::Sweep,
-        Self::Gather,
-        Self::Spread,
-        Self::Add,
-        Self::Averages,
-        Self::Differences,
-        Self::Soft,
-        Self::Splat,
-        Self::SplatOver,
-        Self::RsmTexels,
-        Self::RsmShadow,
-        Self::RsmChoose,
-        Self::Vpl,
-        Self::VplOver,
-        Self::VplNodes,
-        Self::SplatNodes,
-        Self::PyramidBase,
-        Self::PyramidReduce,
-        Self::RefineStart,
-        Self::Refine,
-        Self::Upsample,
-        Self::Resolve,
-        Self::Fill,
-        Self::Gloss,
-        Self::GlossPixels,
-        Self::FmmUp,
-        Self::FmmReceive,
-        Self::FmmEvaluate,
-    ];
-
-    /// Its kernel, and its entry point there.
-    #[must_use]
-    pub fn entry(self) -> (usize, &'static Entry) {
-        for (at, kernel) in KERNELS.iter().enumerate() {
-            if let Some(entry) = kernel.entries.iter().find(|e| e.pass == self) {
-                return (at, entry);
-            }
-        }
-        unreachable!("every pass has an entry point; a test counts them")
-    }
 }
 
 /// An entry point of a compute shader.
@@ -268,7 +142,7 @@ const VECTOR: usize = size_of::<VectorIrradiance>();
 pub const COMPOSITE_ENTRIES: [&str; 3] = ["whole_screen", "composite", "composite_gloss"];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 19] = [
+pub const KERNELS: [Kernel; 20] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -419,7 +293,7 @@ pub const KERNELS: [Kernel; 19] = [
     Kernel {
         name: "splat",
         source: shader!(
-            "splat", "grid", "weight", "gbuffer", "screen", "list", "node"
+            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
         ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
@@ -448,6 +322,41 @@ pub const KERNELS: [Kernel; 19] = [
             tile(
                 Pass::SplatOver,
                 "splat_over",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            ),
+        ],
+    },
+    Kernel {
+        name: "probe",
+        source: shader!(
+            "probe", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
+        ),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SplatParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "points", Read(POINT)),
+            bind(4, "planes", Read(VEC4)),
+            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(6, "grid_entries", Read(4)),
+            bind(7, "values", Read(VECTOR)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+            bind(10, "screen", SCREEN),
+            bind(11, "span", Span),
+            bind(12, "nodes", Write(NODE)),
+            bind(13, "lists", Read(4)),
+            bind(14, "counted", Read(4)),
+        ],
+        entries: &[
+            each(
+                Pass::ProbeNodes,
+                "probe_nodes",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14],
+            ),
+            tile(
+                Pass::ProbeOver,
+                "probe_over",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
         ],

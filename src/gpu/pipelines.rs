@@ -1,7 +1,8 @@
 //! Pipelines, made when they are first asked for: an effect that no scene calls for has none (design D9).
 
 use super::GpuError;
-use super::kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
+use super::Pass;
+use super::kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, KERNELS, Kernel, Kind};
 use crate::frame::Span;
 use crate::frame::fmm_layout::MOST_FMM_TERMS;
 use std::num::NonZeroU64;

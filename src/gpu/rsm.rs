@@ -1,8 +1,8 @@
 //! Records what moving objects reflect: the maps of a light become virtual point lights (`rsm`), and those light a view (`vpl`). There is one of these for all
 //! lights that ask for it, and none where no light does.
 
+use super::Pass;
 use super::frame::{MOST_GROUPS, SplatTargets, compute};
-use super::kernels::Pass;
 use super::pipelines::Kernels;
 use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};

@@ -1,8 +1,9 @@
 //! A baked scene on the device: its arrays uploaded once, and the arrays that a solve fills.
 
 use super::GpuError;
-use super::kernels::Pass;
+use super::Pass;
 use super::links::{LinkPart, cut};
+use super::probes::ProbeBuffers;
 use crate::asset::BakedScene;
 use crate::frame::{
     CompositeParams, FrameLight, GridShape, SceneShape, SolveParams, Span, SplatParams,
@@ -79,19 +80,21 @@ pub struct SceneBuffers {
     /// Where the operator is in the form of components.
     pub(super) components: Option<ComponentBuffers>,
     pub(super) values: wgpu::Buffer,
+    /// Where the bake knows light in free space.
+    pub(super) probes: Option<ProbeBuffers>,
     pub(super) slots: u32,
 }
 
 /// What a device binds at most, and the means to make buffers within it.
-struct Maker<'a> {
+pub(super) struct Maker<'a> {
     device: &'a wgpu::Device,
     queue: &'a wgpu::Queue,
-    limit: u64,
+    pub limit: u64,
 }
 
 impl Maker<'_> {
     /// A storage buffer with `data`, never empty.
-    fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
+    pub fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
         let buffer = self.empty::<T>(what, data.len() as u64)?;
         if !data.is_empty() {
             self.queue
@@ -101,7 +104,7 @@ impl Maker<'_> {
     }
 
     /// A storage buffer for `count` elements (one at least), zero.
-    fn empty<T>(&self, what: &'static str, count: u64) -> Result<wgpu::Buffer, GpuError> {
+    pub fn empty<T>(&self, what: &'static str, count: u64) -> Result<wgpu::Buffer, GpuError> {
         let bytes = (size_of::<T>() as u64).saturating_mul(count.max(1));
         if bytes > self.limit {
             return Err(GpuError::TooLarge {
@@ -207,6 +210,9 @@ impl SceneBuffers {
             .copied()
             .collect();
 
+        let probes = (scene.probes.as_ref())
+            .map(|probes| ProbeBuffers::new(&make, &mut table, probes))
+            .transpose()?;
         let coefficients = |what| make.empty::<[f32; 4]>(what, senders + 1);
         let bounces = match &scene.bounces {
             Some(b) => Some(BounceBuffers {
@@ -264,6 +270,7 @@ impl SceneBuffers {
             differences,
             components,
             values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
+            probes,
             slots,
             shape,
         })
@@ -358,6 +365,7 @@ impl SceneBuffers {
                 .map_or(Some(&self.values), |d| Some(&d[1])),
             Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
             Pass::Averages | Pass::Differences => Some(&self.values),
+            Pass::ProbeNodes | Pass::ProbeOver => self.probes.as_ref().map(|p| &p.values),
             // What is on the screen, or seen from a light, is not a scene's.
             _ => None,
         }
@@ -413,6 +421,7 @@ impl SceneBuffers {
             .chain(self.direct.iter().map(|b| ("direct senders", b)))
             .chain(differences)
             .chain(components)
+            .chain(self.probes.iter().flat_map(ProbeBuffers::named))
     }
 }
 
@@ -421,6 +430,8 @@ impl SceneBuffers {
 pub struct ViewBuffers {
     pub(super) splat: wgpu::Buffer,
     pub(super) composite: wgpu::Buffer,
+    /// The parameters of `probe`, where the scene has probes.
+    pub(super) probes: Option<wgpu::Buffer>,
     pub(super) size: [u32; 2],
 }
 
@@ -431,6 +442,7 @@ impl ViewBuffers {
         Self {
             splat: uniform(device, "splat", size_of::<SplatParams>() as u64),
             composite: uniform(device, "composite", size_of::<CompositeParams>() as u64),
+            probes: None,
             size: [0; 2],
         }
     }
@@ -440,6 +452,35 @@ impl ViewBuffers {
         queue.write_buffer(&self.splat, 0, bytemuck::bytes_of(splat));
         queue.write_buffer(&self.composite, 0, bytemuck::bytes_of(composite));
         self.size = splat.size;
+    }
+
+    /// Sets the parameters of `probe` ([`GpuFrame::probe_params`](super::GpuFrame::probe_params)) for the frame that is submitted next; none for a scene without probes.
+    pub fn write_probes(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        params: Option<&SplatParams>,
+    ) {
+        let Some(params) = params else {
+            self.probes = None;
+            return;
+        };
+        let size = size_of::<SplatParams>() as u64;
+        let buffer = (self.probes).get_or_insert_with(|| uniform(device, "probe", size));
+        queue.write_buffer(buffer, 0, bytemuck::bytes_of(params));
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let all = [&self.splat, &self.composite].into_iter();
+        all.chain(&self.probes).map(wgpu::Buffer::size).sum()
+    }
+
+    /// How many buffers.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        2 + u32::from(self.probes.is_some())
     }
 }
 
@@ -463,7 +504,7 @@ fn span(range: Range<usize>) -> Span {
 }
 
 /// The rows of a part that are among the first `most`.
-fn part_span(part: &LinkPart, most: u32) -> Span {
+pub(super) fn part_span(part: &LinkPart, most: u32) -> Span {
     Span {
         first: part.rows.start,
         count: part.rows.end.min(most).saturating_sub(part.rows.start),
@@ -473,7 +514,7 @@ fn part_span(part: &LinkPart, most: u32) -> Span {
 }
 
 /// Spans on their way to a uniform buffer, each at an offset that may be bound.
-struct SpanTable<'a> {
+pub(super) struct SpanTable<'a> {
     device: &'a wgpu::Device,
     stride: usize,
     bytes: Vec<u8>,
@@ -489,7 +530,7 @@ impl<'a> SpanTable<'a> {
         }
     }
 
-    fn list(&mut self, spans: impl IntoIterator<Item = Span>) -> SpanList {
+    pub fn list(&mut self, spans: impl IntoIterator<Item = Span>) -> SpanList {
         let at = spans.into_iter().map(|s| {
             let offset = self.bytes.len();
             self.bytes.extend_from_slice(bytemuck::bytes_of(&s));

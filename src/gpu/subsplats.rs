@@ -1,8 +1,8 @@
 //! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and `upsample`, in the order of [`crate::frame::subsplats`]. Which cells are
 //! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing is read back.
 
+use super::Pass;
 use super::frame::{MOST_GROUPS, compute};
-use super::kernels::Pass;
 use super::pipelines::Kernels;
 use super::rsm::{ReflectiveMaps, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
@@ -363,6 +363,22 @@ impl Recorder<'_> {
                 Some(k),
                 &Groups::From(count),
             );
+        }
+        // What moves, where none of them covers a node.
+        for (scene, view) in scenes {
+            let (Some(probes), Some(params)) = (&scene.probes, &view.probes) else {
+                continue;
+            };
+            let mut resources = probes.resources(params, self.targets.depth, self.targets.gbuffer);
+            resources.extend([
+                (10, b.params.as_entire_binding()),
+                (11, b.span()),
+                (12, b.nodes.as_entire_binding()),
+                (13, b.lists.as_entire_binding()),
+                (14, count.as_entire_binding()),
+            ]);
+            let from = Groups::From(count);
+            self.run(Pass::ProbeNodes, &resources, Some(k), &from);
         }
         if let Some(lights) = lights {
             let [nodes, triangles] = lights.maps.tree(lights.shadows.as_ref());

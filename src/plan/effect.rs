@@ -47,6 +47,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: transport,
     },
     Effect {
+        name: "free_space",
+        summary: "carries the light on to the probes of bakes that have them, for what moves",
+        schedule: free_space,
+    },
+    Effect {
         name: "bounce_from_dynamic",
         summary: "draws what moves from the lights that ask for it, and makes virtual point lights of it",
         schedule: bounce_from_dynamic,
@@ -279,6 +284,14 @@ fn transport(state: &FrameState, plan: &mut Plan) {
     }
 }
 
+fn free_space(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state).filter(|s| s.probes) {
+        if let Some(reason) = plan.find(Stage::Apply, scene.id).map(|p| p.reason.clone()) {
+            plan.push("free_space", Stage::Probe, scene.id, reason);
+        }
+    }
+}
+
 fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
     for light in &state.bounces {
         match state.maps_of(light) {
@@ -306,6 +319,10 @@ fn display(state: &FrameState, plan: &mut Plan) {
             } else {
                 plan.push("display", Stage::Splat, scene.id, Reason::InView)
                     .view = Some(view.id);
+                if scene.probes {
+                    plan.push("free_space", Stage::Probe, scene.id, Reason::InView)
+                        .view = Some(view.id);
+                }
                 first = first.or(Some(scene.id));
             }
         }
@@ -396,6 +413,22 @@ mod tests {
         assert_eq!(
             stages(&plan),
             [Project, PullPush, Apply, Flatten, Splat, Composite]
+        );
+    }
+
+    #[test]
+    fn light_in_free_space_runs_where_the_bake_has_it() {
+        let mut state = at_rest();
+        assert_eq!(Plan::new(&state).count(Stage::Probe), 0);
+        state.scenes[0].probes = true;
+        use Stage::*;
+        assert_eq!(stages(&Plan::new(&state)), [Splat, Probe, Composite]);
+        state.scenes[0].slots[5] = SlotChange::Geometry;
+        assert_eq!(
+            stages(&Plan::new(&state)),
+            [
+                Project, PullPush, Apply, Flatten, Probe, Splat, Probe, Composite
+            ]
         );
     }
 

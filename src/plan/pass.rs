@@ -16,6 +16,8 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
+    /// Light in free space: the operator's rows of the probes, and the probes over what a view shows off the surfaces.
+    Probe,
     /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
     Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
@@ -32,12 +34,13 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
+        Self::Probe,
         Self::Rsm,
         Self::Splat,
         Self::Vpl,
@@ -55,6 +58,7 @@ impl Stage {
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
             Self::Flatten => "flatten",
+            Self::Probe => "probe",
             Self::Rsm => "rsm",
             Self::Splat => "splat",
             Self::Vpl => "vpl",

@@ -70,6 +70,8 @@ pub struct SceneState {
     pub idle_frames: u32,
     /// Somebody wants the coefficients back on the CPU (the gizmos).
     pub read_back: bool,
+    /// The bake knows light in free space.
+    pub probes: bool,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<Picked>,
 }
@@ -89,6 +91,7 @@ impl SceneState {
             stale: false,
             idle_frames: 0,
             read_back: false,
+            probes: false,
             tier: None,
         }
     }

@@ -8,7 +8,7 @@ use super::extract::ExtractedGi;
 use super::gloss::{GlossView, ViewGloss};
 use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
 use crate::gpu::{
-    SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite, draw_gloss,
+    GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite, draw_gloss,
 };
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
@@ -45,10 +45,11 @@ impl ViewRuntime {
         }
     }
 
-    /// Two parameter buffers a scene, and those of subsplats.
+    /// Parameter buffers of each scene, and those of subsplats.
     pub fn buffer_count(&self) -> u32 {
         let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().0);
-        2 * self.buffers.len() as u32 + self.subsplats.as_ref().map_or(0, |s| s.size().0) + gloss
+        let own: u32 = self.buffers.values().map(ViewBuffers::count).sum();
+        own + self.subsplats.as_ref().map_or(0, |s| s.size().0) + gloss
     }
 
     /// What subsplats the view has, if it is shown by them.
@@ -62,10 +63,10 @@ impl ViewRuntime {
             * u64::from(self.size[0])
             * u64::from(self.size[1])
             * 8;
-        let parameters = size_of::<SplatParams>() + size_of::<CompositeParams>();
+        let parameters: u64 = self.buffers.values().map(ViewBuffers::bytes).sum();
         let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().1);
         let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().1);
-        textures + (self.buffers.len() * parameters) as u64 + subsplats + gloss
+        textures + parameters + subsplats + gloss
     }
 
     fn irradiance(&mut self, which: usize, device: &wgpu::Device) -> wgpu::TextureView {
@@ -217,6 +218,8 @@ pub(crate) fn composite(
             .entry(scene)
             .or_insert_with(|| ViewBuffers::new(device.wgpu_device()));
         buffers.write(&queue, &params, &composite);
+        let probes = frame.probe_params(&params);
+        buffers.write_probes(device.wgpu_device(), &queue, probes.as_ref());
         shown.push(scene);
     }
     if shown.is_empty() && on_view.is_some() {
@@ -323,8 +326,14 @@ pub(crate) fn composite(
             Some(first)
         }
         None => {
-            // Scenes and virtual lights take turns: each reads what was before it.
-            let passes = shown.len() + usize::from(on_view.is_some());
+            // Scenes, what their probes light, and virtual lights take turns: each reads what was before it.
+            let probing: Vec<SceneId> = (shown.iter().copied())
+                .filter(|id| {
+                    let frame = render.scenes.get(id).and_then(|s| s.frame.as_ref());
+                    frame.is_some_and(GpuFrame::has_probes)
+                })
+                .collect();
+            let passes = shown.len() + probing.len() + usize::from(on_view.is_some());
             let second = (passes > 1).then(|| runtime.irradiance(1, device.wgpu_device()));
             if second.is_none() {
                 runtime.irradiance[1] = None;
@@ -349,9 +358,16 @@ pub(crate) fn composite(
                     frame.splat(kernels, ctx.command_encoder(), buffers, &targets);
                 }
             }
+            for (turn, id) in (shown.len()..).zip(&probing) {
+                if let (Some(targets), Some(buffers)) = (targets(turn), runtime.buffers.get(id))
+                    && let Some(frame) = render.scenes.get_mut(id).and_then(|s| s.frame.as_mut())
+                {
+                    frame.probe(kernels, ctx.command_encoder(), buffers, &targets);
+                }
+            }
             if bounced
                 && let Some(reflections) = &mut render.reflections
-                && let Some(targets) = targets(shown.len())
+                && let Some(targets) = targets(shown.len() + probing.len())
             {
                 let bake = bakes(&world, &render.scenes)
                     .find(|(id, ..)| scenes.contains(id))

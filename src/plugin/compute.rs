@@ -136,6 +136,7 @@ impl GiRender {
             loaded: scene.bake.is_some(),
             shown: scene.shown && scene.placement.is_some(),
             read_back,
+            probes: scene.bake.as_ref().is_some_and(|b| b.probes.is_some()),
             tier: scene.tier.clone(),
             ..SceneState::new(scene.id)
         };
@@ -309,6 +310,7 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Upsample
         | Pass::Resolve
         | Pass::Fill => Stage::Splat,
+        Pass::ProbeNodes | Pass::ProbeOver => Stage::Probe,
         Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
         // Light between points is not recorded by the plugin yet; where it is, it stands in for the operator.
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,

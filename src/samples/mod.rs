@@ -2,6 +2,7 @@
 
 mod direction;
 mod distance;
+mod free_space;
 mod grid;
 mod morton;
 mod openness;
@@ -15,6 +16,7 @@ mod viewpoints;
 
 pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
 pub use distance::{F_SQUASH, dist, dist_squared, distance_5d};
+pub use free_space::{FreeSpace, FreeSpaceSettings, fill_free_space};
 pub use grid::{GridSlot, HashedGrid};
 pub use morton::{morton, order};
 pub use openness::{OPENNESS_RAYS, openness};

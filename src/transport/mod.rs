@@ -10,6 +10,7 @@ mod neumann;
 mod operator;
 mod pack;
 pub mod pca;
+mod probes;
 mod refine;
 mod tiers;
 mod training;
@@ -22,6 +23,7 @@ pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
 };
 pub use pack::{Packed, pack};
+pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
 pub use refine::{BoundedSettings, RawRow, Receivers, Refined, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};
 pub use training::{SIGNALS, Signals, Training, coarse_rows, mean_squares};

@@ -257,6 +257,7 @@ pub fn build(make: &Make) -> BakedScene {
     };
     BakedScene {
         visibility: None,
+        probes: None,
         bvh: Bvh {
             nodes: chain(triangles.len()),
             triangles,

@@ -333,6 +333,10 @@ pub fn cpu_indirect_textured(
         let surface = textured(&seen.0[hit.primitive as usize], seen.surface(&ray, &hit));
         let e = frame
             .irradiance(bake, surface.position, surface.normal)
+            .or_else(|| {
+                let light = frame.in_space(bake, surface.position)?;
+                Some(light.irradiance(surface.normal))
+            })
             .unwrap_or(Vec3::ZERO);
         (exposure() * surface.albedo * e / std::f32::consts::PI).to_array()
     };

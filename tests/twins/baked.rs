@@ -8,6 +8,25 @@ use glam::Vec3;
 
 /// A quick bake.
 pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {
+    bake_box(&recipe(rule, bounce_mode))
+}
+
+/// What makes a bake quick.
+pub fn recipe(rule: Rule, bounce_mode: BounceMode) -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        rays: Some(32),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        bounces: Some(3),
+        rule,
+        bounce_mode,
+        ..Recipe::default()
+    }
+}
+
+pub fn bake_box(recipe: &Recipe) -> BakedScene {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/tests/data/cornell/cornell.glb"
@@ -19,18 +38,7 @@ pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {
         primitives: level.mesh.len() as u64,
         content_hash: level.mesh.content_hash(),
     };
-    let recipe = Recipe {
-        preset: Preset::Draft,
-        rays: Some(32),
-        levels: Some(3),
-        sender_levels: Some(2),
-        extra_levels: Some(0),
-        bounces: Some(3),
-        rule,
-        bounce_mode,
-        ..Recipe::default()
-    };
-    bake(&source, &recipe, &Progress::default()).unwrap().scene
+    bake(&source, recipe, &Progress::default()).unwrap().scene
 }
 
 /// The box's lamp, one beside it, and a bright window.

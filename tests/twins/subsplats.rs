@@ -5,19 +5,20 @@ use super::depth::depth_texture;
 use super::{baked, cpu, harness, settings, solved, wide};
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{BounceMode, Rule};
+use bevy_meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
 use bevy_meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
 use bevy_meshless_gi::frame::{
     CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
-    SubsplatSettings, Subsplats, splat, subsplats,
+    SubsplatSettings, Subsplats, VectorIrradiance, probe, splat, subsplats,
 };
 use bevy_meshless_gi::gpu::{
-    GpuFrame, Harness, Kernels, Pass, SubsplatBuffers, SubsplatTargets, ViewBuffers,
+    GpuFrame, Harness, Kernels, Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
-use bevy_meshless_gi::scene::load_gltf;
+use bevy_meshless_gi::scene::{Material, TriangleMesh, load_gltf};
 use glam::{Mat4, Vec3};
 use half::f16;
 use std::collections::BTreeSet;
+use std::f32::consts::{PI, TAU};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// Not a multiple of anything.
@@ -33,20 +34,63 @@ struct Scene {
     view_from_clip: Mat4,
 }
 
+/// The box without anything that moves.
+fn box_mesh() -> TriangleMesh {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/data/cornell/cornell.glb"
+    );
+    load_gltf(path).unwrap().mesh
+}
+
+/// A ball of flat faces.
+fn ball(center: Vec3, radius: f32) -> TriangleMesh {
+    let at = |i: u32, j: u32| {
+        let (a, b) = (TAU * i as f32 / 24.0, PI * j as f32 / 12.0);
+        center + radius * Vec3::new(b.sin() * a.cos(), b.cos(), b.sin() * a.sin())
+    };
+    let faces = (0..24).flat_map(|i| (0..12).map(move |j| (i, j)));
+    let triangles: Vec<_> = faces
+        .flat_map(|(i, j)| {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    let count = triangles.len();
+    TriangleMesh::new(
+        triangles,
+        vec![0; count],
+        vec![Material::diffuse(Vec3::ONE)],
+    )
+}
+
 impl Scene {
     fn new() -> Self {
-        let path = concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/data/cornell/cornell.glb"
-        );
-        let mesh = load_gltf(path).unwrap().mesh;
-        let scene = baked::cornell(Rule::Bounded, BounceMode::Live);
+        Self::of(baked::cornell(Rule::Bounded, BounceMode::Live), &box_mesh())
+    }
+
+    /// With a ball in the air that the bake knows nothing of, and light for it.
+    fn with_ball() -> Self {
+        let scene = baked::bake_box(&Recipe {
+            probes: Some(FreeSpaceLight {
+                spacing: Some(0.8),
+                rays: None,
+            }),
+            ..baked::recipe(Rule::Bounded, BounceMode::Live)
+        });
+        let probes = scene.probes.as_ref().unwrap();
+        assert!(probes.points.len() > 100 && !probes.planes.is_empty());
+        let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
+        Self::of(scene, &drawn)
+    }
+
+    fn of(scene: BakedScene, drawn: &TriangleMesh) -> Self {
         let twin = cpu(&scene, &baked::lights(), &settings(2, false));
         let aspect = SIZE[0] as f32 / SIZE[1] as f32;
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(0.9, aspect, 0.1);
         let view_from_world =
             Mat4::look_at_rh(Vec3::new(3.4, 2.9, -6.5), Vec3::new(2.6, 2.4, 2.8), Vec3::Y);
-        let mut view = DrawnView::new(&mesh, clip_from_view * view_from_world, SIZE);
+        let mut view = DrawnView::new(drawn, clip_from_view * view_from_world, SIZE);
         // A hole in the picture, and a patch that no light applies to.
         for y in 50..60 {
             for x in 40..70 {
@@ -97,15 +141,13 @@ impl Scene {
         subsplats(&self.params(settings), &self.picture(), &|pixel, node| {
             let i = (pixel[1] * SIZE[0] + pixel[0]) as usize;
             let (depth, texel) = (self.view.depth[i], self.view.gbuffer[i]);
-            splat::splat_node(
-                &params,
-                scene,
-                self.twin.values(),
-                pixel,
-                depth,
-                texel,
-                node,
-            );
+            let values = self.twin.values();
+            splat::splat_node(&params, scene, values, pixel, depth, texel, node);
+            if let Some(probes) = &scene.probes {
+                let params = params.with_grid((&probes.grid).into());
+                let values = self.twin.probes();
+                probe::probe_node(&params, probes, values, pixel, depth, texel, node);
+            }
         })
     }
 }
@@ -158,6 +200,8 @@ fn on_gpu(harness: &Harness, of: &Scene, settings: &SubsplatSettings) -> OnGpu {
         &of.splat_params(),
         &CompositeParams::default(),
     );
+    let probing = frame.probe_params(&of.splat_params());
+    splat.write_probes(&harness.device, &harness.queue, probing.as_ref());
     // Twice: the second frame starts from what the first one left.
     for _ in 0..2 {
         buffers.write(&harness.queue, &params);
@@ -180,6 +224,8 @@ fn on_gpu(harness: &Harness, of: &Scene, settings: &SubsplatSettings) -> OnGpu {
     let counters = buffers.counters();
     assert_eq!(counters.of(Pass::PyramidBase), 2);
     assert_eq!(counters.of(Pass::Fill), 2);
+    let nodes = [Pass::SplatNodes, Pass::ProbeNodes].map(|p| counters.of(p));
+    assert_eq!(nodes[1], if frame.has_probes() { nodes[0] } else { 0 });
     let all: Vec<u32> = harness
         .read(buffers.lists(), levels.total() as usize)
         .unwrap();
@@ -323,4 +369,139 @@ fn subsplats_of_derivatives_and_curvature() {
         diagonal: false,
         ..SubsplatSettings::default()
     });
+}
+
+#[test]
+fn probe_nodes() {
+    let Some(harness) = harness() else { return };
+    let of = Scene::with_ball();
+    let settings = SubsplatSettings::default();
+    let gpu = on_gpu(&harness, &of, &settings);
+    let cpu = of.on_cpu(&settings, &of.scene);
+    let found = differing(&gpu.texels, &cpu.texels);
+    println!("{found} of {} pixels differ", cpu.texels.len());
+    assert!(found * 500 <= cpu.texels.len(), "{found} pixels differ");
+    // The ball is lit by probes alone, and only by them.
+    let without = BakedScene {
+        probes: None,
+        ..of.scene.clone()
+    };
+    let dark = of.on_cpu(&settings, &without).texels;
+    let lit = |texels: &[[f32; 4]]| texels.iter().filter(|t| t[3] == 1.0).count();
+    let ball = lit(&cpu.texels) - lit(&dark);
+    println!("{ball} pixels are lit by probes");
+    assert!(ball > 500, "{ball}");
+    for (what, spoil) in [
+        (
+            "places",
+            (|p| p.points.iter_mut().for_each(|p| p.position[1] += 0.1)) as Spoil,
+        ),
+        ("radii", |p| {
+            p.points.iter_mut().for_each(|p| p.radius *= 0.9)
+        }),
+    ] {
+        let mut wrong = of.scene.clone();
+        spoil(wrong.probes.as_mut().unwrap());
+        let noticed = differing(&gpu.texels, &of.on_cpu(&settings, &wrong).texels);
+        assert!(noticed * 10 > ball, "{what} go unnoticed: {noticed}");
+    }
+}
+
+type Spoil = fn(&mut bevy_meshless_gi::asset::Probes);
+
+#[test]
+fn probe() {
+    let Some(harness) = harness() else { return };
+    let of = Scene::with_ball();
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let lights = of.twin.lights().len() as u32;
+    let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
+    let mut frame = solved(
+        &harness,
+        &kernels,
+        frame,
+        &of.twin,
+        &super::settings(2, false),
+    );
+
+    // apply over the probes' rows.
+    let probes = of.scene.probes.as_ref().unwrap();
+    let values: Vec<VectorIrradiance> = harness
+        .read(
+            frame.buffers().output(Pass::ProbeOver).unwrap(),
+            probes.rows.len(),
+        )
+        .unwrap();
+    let off = |values: &[VectorIrradiance]| {
+        super::differing(
+            &super::flat(values),
+            &super::flat(of.twin.probes()),
+            12,
+            super::SINGLE,
+            super::Scale::Rms,
+        )
+        .len()
+    };
+    assert_eq!(off(&values), 0);
+    let mut moved = values.clone();
+    moved.swap(3, 4);
+    assert!(off(&moved) > 0, "swapped rows go unnoticed");
+
+    // probe_over, from the very values that the device has.
+    let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
+    let depth = depth_texture(&harness, SIZE, &of.view.depth);
+    let gbuffer = harness.texture(
+        SIZE,
+        TextureFormat::Rgba32Uint,
+        read,
+        Some(&of.view.gbuffer),
+    );
+    let half4 = TextureFormat::Rgba16Float;
+    let [earlier, output] = [0; 2].map(|_| {
+        harness.texture::<[f16; 4]>(SIZE, half4, read | TextureUsages::STORAGE_BINDING, None)
+    });
+    let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let [depth, gbuffer, before, after] = [&depth, &gbuffer, &earlier, &output].map(view_of);
+    let params = of.splat_params();
+    let probing = frame.probe_params(&params).unwrap();
+    let mut view = ViewBuffers::new(&harness.device);
+    view.write(&harness.queue, &params, &CompositeParams::default());
+    view.write_probes(&harness.device, &harness.queue, Some(&probing));
+    harness
+        .run(|encoder| {
+            let targets = |earlier, output| SplatTargets {
+                depth: &depth,
+                gbuffer: &gbuffer,
+                earlier,
+                output,
+            };
+            frame.splat(&kernels, encoder, &view, &targets(None, &before));
+            frame.probe(&kernels, encoder, &view, &targets(Some(&before), &after));
+        })
+        .unwrap();
+    assert_eq!(frame.counters().of(Pass::ProbeOver), 1);
+    let before = wide(&harness.read_texture::<[f16; 4]>(&earlier).unwrap());
+    let gpu = wide(&harness.read_texture::<[f16; 4]>(&output).unwrap());
+    let expected = |values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {
+        (0..gpu.len())
+            .map(|i| {
+                let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
+                let (depth, texel) = (of.view.depth[i], of.view.gbuffer[i]);
+                probe::probe_pixel(params, probes, values, pixel, depth, texel, before[i])
+            })
+            .collect()
+    };
+    let twin = expected(&values, &probing);
+    // A place within rounding of a clip plane may lie on either side of it.
+    assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
+    let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
+    assert!(lit.count() > 500);
+    let mut moved = values.clone();
+    moved.rotate_left(3);
+    assert!(differing(&gpu, &expected(&moved, &probing)) > 200);
+    let brighter = SplatParams {
+        scale: 1.01 * SCALE,
+        ..probing
+    };
+    assert!(differing(&gpu, &expected(&values, &brighter)) > 400);
 }

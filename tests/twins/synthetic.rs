@@ -189,6 +189,7 @@ pub fn scene(form: SenderForm) -> BakedScene {
             ..operator(form, rows, &links)
         },
         visibility: None,
+        probes: None,
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,

@@ -82,6 +82,17 @@ struct Options {
     /// Bake again, finer, until the estimated error (NRMSE, 0.05 for 5 %) is at most this.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     max_error: Option<f32>,
+    /// Bake light in free space, for what moves.
+    #[arg(long)]
+    probes: bool,
+    /// Light in free space: distance between its probes, metres [about 2000 in the box around the level].
+    #[arg(
+        long,
+        value_name = "M",
+        requires = "probes",
+        allow_hyphen_values = true
+    )]
+    probe_spacing: Option<f32>,
     /// Bake what points see, for lights with soft shadows.
     #[arg(long)]
     soft_shadows: bool,
@@ -157,6 +168,10 @@ impl Options {
         over(&mut recipe.coarse_radius, self.coarse_radius);
         over(&mut recipe.levels, self.levels);
         over(&mut recipe.sender_levels, self.sender_levels);
+        if self.probes {
+            let probes = recipe.probes.get_or_insert_default();
+            over(&mut probes.spacing, self.probe_spacing);
+        }
         if self.soft_shadows {
             let soft = recipe.soft_shadows.get_or_insert_default();
             soft.directions = self.visibility_directions.unwrap_or(soft.directions);

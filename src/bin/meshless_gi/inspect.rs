@@ -135,6 +135,19 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             },
         )
         .row(
+            "free space",
+            match &scene.probes {
+                None => "none: what moves takes what its place on the level gets".into(),
+                Some(probes) => format!(
+                    "{} probes, {} links, {} clip planes, {}",
+                    output::count(stats.probes),
+                    output::count(stats.probe_links),
+                    output::count(probes.planes.len() as u64),
+                    output::bytes(probes.bytes())
+                ),
+            },
+        )
+        .row(
             "visibility",
             match &scene.visibility {
                 None => "none: lights cast no soft shadows".into(),

@@ -1,0 +1,150 @@
+// probe: light in free space, for what moves: where no function on a surface covers a pixel or a node. Twin: src/frame/probe.rs; the weight's:
+// src/basis/probes.rs. `params` has the probes' grid.
+
+@group(0) @binding(0) var<uniform> params: SplatParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var<storage, read> points: array<Point>;
+@group(0) @binding(4) var<storage, read> planes: array<vec4f>;
+@group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;
+@group(0) @binding(6) var<storage, read> grid_entries: array<u32>;
+// Three a probe.
+@group(0) @binding(7) var<storage, read> values: array<VectorIrradiance>;
+@group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(9) var earlier: texture_2d<f32>;
+
+@group(0) @binding(10) var<uniform> screen: SubsplatParams;
+@group(0) @binding(11) var<uniform> span: Span;
+@group(0) @binding(12) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(13) var<storage, read> lists: array<u32>;
+@group(0) @binding(14) var<storage, read> counted: array<u32>;
+
+const PROBE_ROWS: u32 = 3u;
+
+// E(n) = c + d·n + n·Q n: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
+struct SpaceLight {
+    linear: VectorIrradiance,
+    even: VectorIrradiance,
+    mixed: VectorIrradiance,
+    reached: bool,
+}
+
+fn weight_in_space(probe: Point, x: vec3f) -> f32 {
+    let r = distance(x, probe.position);
+    if r >= probe.radius {
+        return 0.0;
+    }
+    let first = probe.planes & 0x00ffffffu;
+    let end = first + (probe.planes >> 24u);
+    for (var i = first; i < end; i++) {
+        if dot(planes[i], vec4f(x, 1.0)) < 0.0 {
+            return 0.0;
+        }
+    }
+    return kernel(r / probe.radius);
+}
+
+fn probe(x: vec3f) -> SpaceLight {
+    let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var sums = array<VectorIrradiance, 3>(nothing, nothing, nothing);
+    var cover = 0.0;
+    var all_weights = 0.0;
+    let near = grid_near(x, params.cell_size, params.slot_mask);
+    for (var at = near.x; at < near.x + near.y; at++) {
+        let j = grid_entries[at];
+        let w = weight_in_space(points[j], x);
+        if w > 0.0 {
+            cover += w;
+            all_weights += w * w;
+            for (var k = 0u; k < PROBE_ROWS; k++) {
+                let value = values[PROBE_ROWS * j + k];
+                sums[k].x += (w * w) * value.x;
+                sums[k].y += (w * w) * value.y;
+                sums[k].z += (w * w) * value.z;
+            }
+        }
+    }
+    if cover <= NO_COVER {
+        return SpaceLight(nothing, nothing, nothing, false);
+    }
+    for (var k = 0u; k < PROBE_ROWS; k++) {
+        sums[k].x /= all_weights;
+        sums[k].y /= all_weights;
+        sums[k].z /= all_weights;
+    }
+    return SpaceLight(sums[0], sums[1], sums[2], true);
+}
+
+// E(n), not below zero.
+fn space_irradiance(light: SpaceLight, n: vec3f) -> vec3f {
+    let square = n * n;
+    let e = light.even.x
+        + light.even.y * (square.x - square.z)
+        + light.even.z * (square.y - square.z)
+        + 2.0 * (light.mixed.x * (n.x * n.y) + light.mixed.y * (n.x * n.z) + light.mixed.z * (n.y * n.z));
+    return max(e.xyz + irradiance_dot(light.linear, n), vec3f(0.0));
+}
+
+// The vector irradiance that gives E(n) at n and changes beside it as E does.
+fn around(light: SpaceLight, n: vec3f) -> VectorIrradiance {
+    // Half the gradient of n·Q n is Q n.
+    let a = light.even;
+    let m = light.mixed;
+    let gx = light.linear.x + 2.0 * (a.y * n.x + m.x * n.y + m.y * n.z);
+    let gy = light.linear.y + 2.0 * (m.x * n.x + a.z * n.y + m.z * n.z);
+    let gz = light.linear.z + 2.0 * (m.y * n.x + m.z * n.y - (a.y + a.z) * n.z);
+    let e = vec4f(space_irradiance(light, n), 0.0) - (gx * n.x + gy * n.y + gz * n.z);
+    return VectorIrradiance(gx + e * n.x, gy + e * n.y, gz + e * n.z);
+}
+
+@compute @workgroup_size(8, 8)
+fn probe_over(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= params.size) {
+        return;
+    }
+    var texel = textureLoad(earlier, id.xy, 0);
+    let depth = textureLoad(depths, id.xy, 0);
+    let surface = textureLoad(gbuffer, id.xy, 0);
+    if texel.a == 0.0 && depth > 0.0 && !gbuffer_is_unlit(surface) {
+        let at = place(id.xy, depth, surface);
+        let light = probe(at.x);
+        if light.reached {
+            let e = space_irradiance(light, at.n) * params.scale;
+            texel = vec4f(min(e, vec3f(LARGEST_HALF)), 1.0);
+        }
+    }
+    textureStore(output, id.xy, texel);
+}
+
+@compute @workgroup_size(64)
+fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let k = span.first;
+    let count = min(counted[3], span.count);
+    for (var i = id.x; i < count; i += groups.x * ITEMS) {
+        let cell = unpack_cell(lists[level_start(k) + i]);
+        var at = level_start(0u) + i;
+        if k > 0u {
+            // The node of an even cell is that of the level above.
+            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
+                continue;
+            }
+            at = cell_index(k, cell);
+        }
+        let node = nodes[at];
+        // Covered by a surface's functions, or nothing is there to be lit.
+        if node_is(node, COVERED) || !node_is(node, KNOWN) {
+            continue;
+        }
+        let pixel = cell << vec2u(k);
+        let surface = textureLoad(gbuffer, pixel, 0);
+        let there = place(pixel, textureLoad(depths, pixel, 0), surface);
+        let light = probe(there.x);
+        if light.reached {
+            nodes[at] = node_new(
+                to_world(around(light, there.n)),
+                node_foretold(node),
+                EVALUATED | KNOWN | COVERED,
+            );
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Places in free space of a baked scene whose light the operator's senders know: in memory, in the file, and whether a frame can run on them. Five sections that are there
+//! together or not at all; where rows start and the grid follow from the rest, and are not stored.
+
+use super::baked::BakedScene;
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::{AssetError, Limits};
+use super::sections::{COUNT, LINK, PLANE, ROW, broken, items, limit, rebuild_grid, section};
+use super::validate::{Check, LARGEST_LINK, TOLERANCE};
+use crate::samples::{HashedGrid, Point};
+use crate::transport::{Link, PROBE_ROWS, Row, place_links};
+use glam::{Vec3, Vec4};
+
+/// The probes of a baked scene: the light in free space, for what moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probes {
+    /// Places, with the radii and clip planes of their functions. They have no normal: it is zero.
+    pub points: Vec<Point>,
+    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes` points here.
+    pub planes: Vec<[f32; 4]>,
+    /// Which functions may cover a place.
+    pub grid: HashedGrid,
+    /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics (`transport::probe_rows`). All of tier 1.
+    pub rows: Vec<Row>,
+    /// Links to the operator's senders and the sky, row after row.
+    pub links: Vec<Link>,
+}
+
+impl Probes {
+    /// Most probes of a scene.
+    pub const MOST: usize = 1 << 20;
+
+    /// Bytes of all arrays in memory and on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let bytes = |length: usize, size: u64| length as u64 * size;
+        bytes(self.points.len(), 32)
+            + bytes(self.planes.len(), 16)
+            + bytes(self.grid.slots.len(), 16)
+            + bytes(self.grid.entries.len(), 4)
+            + bytes(self.rows.len(), 16)
+            + bytes(self.links.len(), 8)
+    }
+}
+
+/// A probe has no normal.
+const POINT: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(7).delta(),
+]);
+/// Words of the section "probes".
+const SHAPE_WORDS: usize = 1;
+/// Numbers of a direction are at most so large beside its part of the sphere: 15/8 · 2/3.
+const LARGEST: f32 = 2.0;
+
+const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
+    Kind {
+        code,
+        name,
+        version: 1,
+        raw: layout.item_bytes() as u64,
+        memory: size_of::<T>() as u64,
+        most: u32::MAX as u64,
+    }
+}
+
+/// Its kinds of sections, ascending.
+pub(super) const KINDS: [Kind; 5] = [
+    Kind {
+        most: SHAPE_WORDS as u64,
+        ..kind::<u32>(40, "probes", COUNT)
+    },
+    Kind {
+        most: Probes::MOST as u64,
+        ..kind::<Point>(41, "probe points", POINT)
+    },
+    kind::<[f32; 4]>(42, "probe planes", PLANE),
+    Kind {
+        // Their order is found while they are read and checked.
+        memory: size_of::<Row>() as u64 + 4,
+        ..kind::<Row>(43, "probe rows", ROW)
+    },
+    kind::<Link>(44, "probe links", LINK),
+];
+
+/// The sections of `probes`; `kinds` are those of [`KINDS`] in the table.
+pub(super) fn sections(probes: &Probes, kinds: &'static [Kind]) -> Vec<Section> {
+    vec![
+        section(&kinds[0], COUNT, &[probes.grid.cell_size.to_bits()]),
+        section(&kinds[1], POINT, &probes.points),
+        section(&kinds[2], PLANE, &probes.planes),
+        section(&kinds[3], ROW, &probes.rows),
+        section(&kinds[4], LINK, &probes.links),
+    ]
+}
+
+/// The probes of a file, if it has any.
+pub(super) fn read(
+    file: &Container<'_>,
+    kinds: &'static [Kind],
+    limits: &Limits,
+) -> Result<Option<Probes>, AssetError> {
+    if !file.has(&kinds[0]) {
+        return match kinds.iter().find(|k| file.has(k)) {
+            Some(kind) => Err(broken(kind, "is there, but the section `probes` is not")),
+            None => Ok(None),
+        };
+    }
+    let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
+    let &[cell_size] = shape.as_slice() else {
+        return Err(broken(
+            &kinds[0],
+            format!("{} words instead of {SHAPE_WORDS}", shape.len()),
+        ));
+    };
+    let points: Vec<Point> = items(file, &kinds[1], POINT)?;
+    let mut rows: Vec<Row> = items(file, &kinds[3], ROW)?;
+    place_links(&mut rows).ok_or_else(|| broken(&kinds[3], "the counts overflow"))?;
+    let left = limits.max_bytes - file.memory;
+    let grid = rebuild_grid(&points, f32::from_bits(cell_size), left)
+        .ok_or_else(|| limit("the probes' grid", limits))?;
+    Ok(Some(Probes {
+        points,
+        planes: items(file, &kinds[2], PLANE)?,
+        grid,
+        rows,
+        links: items(file, &kinds[4], LINK)?,
+    }))
+}
+
+impl BakedScene {
+    /// Every look-up of the kernel `probe` stays within the arrays, and what it reads is finite.
+    pub(super) fn check_probes(&self, check: &mut Check) {
+        let Some(probes) = &self.probes else { return };
+        let count = probes.points.len();
+        check.whole((1..=Probes::MOST).contains(&count), "probes", || {
+            format!("{count}, but 1 to {}", Probes::MOST)
+        });
+        for (i, p) in probes.points.iter().enumerate() {
+            let sound = p.x().is_finite() && p.radius.is_finite() && p.radius > 0.0;
+            check.item(sound, "probe points", i, || {
+                format!("position {}, radius {} m", p.x(), p.radius)
+            });
+            check.item(p.n() == Vec3::ZERO, "probe points", i, || {
+                format!("a probe with the normal {}", p.n())
+            });
+            let planes = p.plane_range();
+            check.item(planes.end <= probes.planes.len(), "probe points", i, || {
+                format!("clip planes {planes:?} of {}", probes.planes.len())
+            });
+            if check.full() {
+                return;
+            }
+        }
+        for (i, plane) in probes.planes.iter().enumerate() {
+            check.item(
+                Vec4::from_array(*plane).is_finite(),
+                "probe planes",
+                i,
+                || format!("{plane:?}"),
+            );
+        }
+        check.whole(
+            probes.rows.len() == PROBE_ROWS * count,
+            "probe rows",
+            || format!("{} instead of {}", probes.rows.len(), PROBE_ROWS * count),
+        );
+        let mut end = 0u64;
+        for (i, row) in probes.rows.iter().enumerate() {
+            check.item(u64::from(row.start) == end, "probe rows", i, || {
+                format!("starts at link {} instead of {end}", row.start)
+            });
+            end += u64::from(row.count);
+            let sound = row.tier == 1 && (0.0..=LARGEST_LINK).contains(&row.scale);
+            check.item(sound, "probe rows", i, || {
+                format!("tier {}, scale {}", row.tier, row.scale)
+            });
+            if check.full() {
+                return;
+            }
+        }
+        check.whole(end == probes.links.len() as u64, "probe rows", || {
+            format!("have {end} links, but there are {}", probes.links.len())
+        });
+        let senders = self.operator.coefficients(self.senders());
+        for (i, link) in probes.links.iter().enumerate() {
+            let v = link.vector();
+            let sound = v.is_finite() && v.abs().max_element() <= 1.0 + TOLERANCE;
+            check.item(sound, "probe links", i, || format!("vector {v}"));
+            check.item(link.sender() as usize <= senders, "probe links", i, || {
+                format!("sender {} of {senders}", link.sender())
+            });
+            if check.full() {
+                return;
+            }
+        }
+        if !check.0.is_empty() {
+            return;
+        }
+        // What arrives from all around is no more than all senders shine, and the rest of it no larger.
+        for (i, rows) in probes.rows.chunks_exact(PROBE_ROWS).enumerate() {
+            for row in rows {
+                let links = &probes.links[row.start as usize..][..row.count as usize];
+                let sum: Vec3 = links.iter().map(|l| l.vector().abs()).sum::<Vec3>() * row.scale;
+                check.item(
+                    sum.max_element() <= LARGEST + TOLERANCE,
+                    "probe rows",
+                    i,
+                    || format!("links sum to {sum}: more light than there is"),
+                );
+            }
+        }
+        let again = rebuild_grid(&probes.points, probes.grid.cell_size, u64::MAX);
+        check.whole(again.as_ref() == Some(&probes.grid), "probes", || {
+            "the grid is not that of the points".into()
+        });
+    }
+}

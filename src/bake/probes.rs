@@ -1,0 +1,151 @@
+//! What a recipe says of free space: whether light is known there, and how densely.
+
+use super::recipe::RecipeError;
+use super::{BakeError, BakeStats, Progress, Stage};
+use crate::asset::Probes;
+use crate::basis::{Hierarchy, probe_basis};
+use crate::samples::{FreeSpaceSettings as PlaceSettings, fill_free_space};
+use crate::scene::Bounds;
+use crate::transport::{Gathering, SenderForm, SenderTree, Training, pack, probe_rows};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Light in free space, for what moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FreeSpaceLight {
+    /// Distance that probes keep from those they see, metres; where left out, so that about 2048 fill the box around the level.
+    pub spacing: Option<f32>,
+    /// Rays a probe, 64 to 65536; where left out, twice those of a surface point.
+    pub rays: Option<u32>,
+}
+
+/// What the spacing is chosen for where a recipe has none.
+pub const PROBES: f32 = 2048.0;
+
+/// [`FreeSpaceLight`] with everything filled in.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FreeSpaceSettings {
+    /// See [`FreeSpaceLight::spacing`].
+    pub spacing: f32,
+    /// See [`FreeSpaceLight::rays`].
+    pub rays: u32,
+}
+
+impl FreeSpaceLight {
+    /// Checks every value.
+    pub(super) fn check(&self) -> Result<(), RecipeError> {
+        let wrong = |field, value: String, allowed| {
+            Err(RecipeError::OutOfRange {
+                field,
+                value,
+                allowed,
+            })
+        };
+        match (self.spacing, self.rays) {
+            (Some(s), _) if !(s >= 1e-9 && s <= 1e9) => wrong(
+                "probes.spacing",
+                s.to_string(),
+                "a length from 1e-9 to 1e9 metres",
+            ),
+            (_, Some(rays)) if !(64..=65_536).contains(&rays) => {
+                wrong("probes.rays", rays.to_string(), "64 to 65536")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Fills in what is left out, for a level in `bounds` whose surface points take `rays`.
+    #[must_use]
+    pub fn settings(&self, bounds: &Bounds, rays: u32) -> FreeSpaceSettings {
+        // A flat level has a box without volume: space is as high as a tenth of it is wide.
+        let size = bounds.size();
+        let size = size.max(Vec3::splat(0.1 * size.max_element()));
+        let usual = (size.x * size.y * size.z / PROBES).cbrt();
+        FreeSpaceSettings {
+            spacing: self.spacing.unwrap_or(usual).max(f32::MIN_POSITIVE),
+            rays: self.rays.unwrap_or(rays.saturating_mul(2)).max(64),
+        }
+    }
+}
+
+/// What the bake of probes needs of the bake that it is part of.
+pub(super) struct Room<'a> {
+    pub gathering: &'a Gathering<'a>,
+    pub hierarchy: &'a Hierarchy,
+    pub viewpoints: &'a [Vec3],
+    pub tree: &'a SenderTree,
+    pub training: &'a Training,
+    pub epsilon: f32,
+    pub drop_first: bool,
+    pub stats: &'a mut BakeStats,
+}
+
+/// Spreads probes over free space and gathers their rows.
+pub(super) fn bake(
+    light: &FreeSpaceLight,
+    room: &mut Room<'_>,
+    progress: &Progress,
+) -> Result<Probes, BakeError> {
+    let began = Instant::now();
+    let geometry = room.gathering.geometry;
+    let settings = light.settings(&geometry.bounds(), room.gathering.rays);
+    if !progress.set(Stage::Probes, 0.0) {
+        return Err(BakeError::Cancelled);
+    }
+    let space = fill_free_space(
+        geometry,
+        room.viewpoints,
+        &PlaceSettings {
+            spacing: settings.spacing,
+            most: Probes::MOST,
+            seed: room.gathering.seed,
+            drop_first: room.drop_first,
+        },
+    );
+    if space.truncated {
+        room.stats.warnings.push(format!(
+            "probes {} m apart would be more than {}: free space is not filled. Make `probes.spacing` larger",
+            settings.spacing,
+            Probes::MOST
+        ));
+    }
+    let (basis, rays) = probe_basis(geometry, &space.probes, &space.crossed, settings.spacing);
+    let gathering = Gathering {
+        rays: settings.rays,
+        ..*room.gathering
+    };
+    let told = |done| progress.set(Stage::Probes, done);
+    let gathered = probe_rows(
+        &gathering.scene(room.hierarchy),
+        &space.probes,
+        room.tree,
+        room.training,
+        room.epsilon,
+        &told,
+    )
+    .ok_or(BakeError::Cancelled)?;
+    let tiers = vec![1; gathered.rows.len()];
+    let senders = room.tree.parent.len();
+    let packed = pack(
+        &gathered.rows,
+        &tiers,
+        &gathered.sky,
+        senders,
+        SenderForm::Averages,
+    );
+    let stats = &mut *room.stats;
+    stats.rays += space.rays + rays + gathered.rays;
+    stats.probes = basis.points.len() as u64;
+    stats.probe_links = packed.operator.links.len() as u64;
+    stats.probes_lost = gathered.lost;
+    stats.seconds.probes = began.elapsed().as_secs_f64();
+    Ok(Probes {
+        points: basis.points,
+        planes: basis.planes,
+        grid: basis.grid,
+        rows: packed.operator.rows,
+        links: packed.operator.links,
+    })
+}

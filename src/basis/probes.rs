@@ -1,0 +1,191 @@
+//! The basis in free space: functions around the probes, on one level, for every direction of a normal. From the places of `samples` to what
+//! `frame::probe` looks up.
+//!
+//! The weights are those of [L08] Eqs. (8)-(9) without what concerns normals: probes have none, which a normal of zero says ([L08] Eq. (10) is then the plain
+//! distance). Clip planes stop a function at walls as they stop those on surfaces (design D7): the places looked at are other places in free space.
+
+use super::LevelBasis;
+use super::clip::{Place, choose_planes};
+use super::kernel::{kernel, weight_inside};
+use crate::samples::{HashedGrid, Point, lattice, uniform_sphere};
+use crate::scene::{Bounds, Geometry, Ray};
+use glam::{Vec2, Vec3, Vec4};
+use rayon::prelude::*;
+
+/// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing sees always has several.
+pub const PROBE_OVERLAP: f32 = 1.75;
+/// Places at most that a probe looks at.
+const MOST_LOOKS: usize = 192;
+/// Directions in which it looks for walls.
+const WALLS: u32 = 48;
+
+/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes.
+#[must_use]
+#[inline]
+pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3) -> f32 {
+    let squared = (x - probe.x()).length_squared();
+    if squared < probe.radius * probe.radius {
+        weight_inside(probe, planes, x, 1.0, squared)
+    } else {
+        0.0
+    }
+}
+
+/// Probes at `places`, `spacing` metres apart, with clip planes by what they see of the places in `crossed`. Also says how many rays it took.
+#[must_use]
+pub fn probe_basis(
+    geometry: &dyn Geometry,
+    places: &[Vec3],
+    crossed: &[Vec3],
+    spacing: f32,
+) -> (LevelBasis, u64) {
+    let radius = PROBE_OVERLAP * spacing;
+    let around = HashedGrid::build(crossed.len(), radius, |i| Bounds {
+        min: crossed[i],
+        max: crossed[i],
+    });
+    let found: Vec<(Vec<[f32; 4]>, u64)> = places
+        .par_iter()
+        .map_init(Vec::new, |near, &x| {
+            near.clear();
+            let bounds = Bounds {
+                min: x - radius,
+                max: x + radius,
+            };
+            around.for_each_in(bounds, |i| {
+                if crossed[i as usize].distance_squared(x) < radius * radius {
+                    near.push(i);
+                }
+            });
+            near.sort_unstable();
+            near.dedup();
+            let stride = near.len().div_ceil(MOST_LOOKS).max(1);
+            let looked = near.iter().step_by(stride).map(|&i| crossed[i as usize]);
+            planes_of(geometry, x, radius, looked)
+        })
+        .collect();
+    let mut planes: Vec<[f32; 4]> = Vec::new();
+    let mut rays = 0;
+    let points = places
+        .iter()
+        .zip(found)
+        .map(|(&x, (own, cast))| {
+            let mut point = Point::new(x, Vec3::ZERO, radius);
+            point.planes = planes.len() as u32 | (own.len() as u32) << 24;
+            planes.extend(own);
+            rays += cast;
+            point
+        })
+        .collect();
+    (LevelBasis::new(points, planes), rays)
+}
+
+/// The clip planes of a probe at `x`, and how many rays it took.
+fn planes_of(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    radius: f32,
+    around: impl Iterator<Item = Vec3>,
+) -> (Vec<[f32; 4]>, u64) {
+    let mut candidates: Vec<Vec4> = Vec::new();
+    let mut rays = 0;
+    let mut look = |way: Vec3, length: f32, candidates: &mut Vec<Vec4>| {
+        let ray = Ray::segment(x, way, length);
+        rays += 1;
+        let hit = geometry.cast(&ray);
+        if let Some(hit) = hit {
+            let surface = geometry.surface(&ray, &hit);
+            let n = surface.normal;
+            candidates.push(n.extend(-n.dot(surface.position)));
+        }
+        hit.is_some()
+    };
+    let mut places = Vec::new();
+    for y in around {
+        let way = y - x;
+        let length = way.length();
+        if length < 1e-3 * radius {
+            continue;
+        }
+        places.push(Place {
+            x: y,
+            weight: kernel(length / radius),
+            blocked: look(way / length, length, &mut candidates),
+        });
+    }
+    for k in 0..WALLS {
+        let way = uniform_sphere(lattice(k, WALLS, Vec2::ZERO)).normalize_or(Vec3::Y);
+        look(way, radius, &mut candidates);
+    }
+    (choose_planes(&mut places, &candidates, x, radius), rays)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{FreeSpaceSettings, Random, fill_free_space};
+    use crate::scene::{Material, Quad, mesh_of_quads};
+
+    /// The six walls of a room, seen from within.
+    fn room(low: Vec3, high: Vec3) -> Vec<Quad> {
+        let size = high - low;
+        (0..6)
+            .map(|k| {
+                let axis = [Vec3::X, Vec3::Y, Vec3::Z][k / 2];
+                let (u, v) = (
+                    [Vec3::Y, Vec3::Z, Vec3::X][k / 2],
+                    [Vec3::Z, Vec3::X, Vec3::Y][k / 2],
+                );
+                let (u, v) = (u * size, v * size);
+                let (origin, u, v) = match k % 2 {
+                    0 => (low, u, v),
+                    _ => (low + axis * size, v, u),
+                };
+                Quad {
+                    corners: [origin, origin + u, origin + u + v, origin + v],
+                    material: Material::diffuse(Vec3::splat(0.5)),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn functions_stop_at_a_wall_without_thickness() {
+        let mut quads = room(Vec3::ZERO, Vec3::splat(2.0));
+        quads.extend(room(Vec3::X * 2.0, Vec3::new(4.0, 2.0, 2.0)));
+        let mesh = mesh_of_quads(&quads);
+        let eyes = [Vec3::ONE, Vec3::new(3.0, 1.0, 1.0)];
+        let settings = FreeSpaceSettings {
+            spacing: 0.4,
+            most: 4096,
+            seed: 1,
+            drop_first: true,
+        };
+        let space = fill_free_space(&mesh, &eyes, &settings);
+        let (basis, _) = probe_basis(&mesh, &space.probes, &space.crossed, 0.4);
+        let reaching = |x: Vec3, planes: bool| {
+            let own = |p: &Point| match planes {
+                true => *p,
+                false => Point { planes: 0, ..*p },
+            };
+            let all = basis.points.iter().map(own);
+            all.filter(|p| weight_in_space(p, &basis.planes, x) > 0.0)
+                .map(|p| p.x())
+                .collect::<Vec<_>>()
+        };
+        let mut random = Random::new(1, 2, 3);
+        for _ in 0..2000 {
+            let mut unit = || 0.02 + 0.96 * random.unit();
+            let x = Vec3::new(4.0 * unit(), 2.0 * unit(), 2.0 * unit());
+            let found = reaching(x, true);
+            assert!(!found.is_empty(), "no probe reaches {x}");
+            assert!(
+                found.iter().all(|p| (p.x < 2.0) == (x.x < 2.0)),
+                "{x}: {found:?}"
+            );
+        }
+        // Without planes they would not.
+        let found = reaching(Vec3::new(1.95, 1.0, 1.0), false);
+        assert!(found.iter().any(|p| p.x > 2.0));
+    }
+}

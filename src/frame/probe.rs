@@ -1,0 +1,172 @@
+//! Kernel `probe`: the light at a place in free space and for any normal, from the probes around it (\[L08\] Eq. (3) in space): what lights things that
+//! move. `apply` has filled the probes' values: three vectors of RGB each, which are the nine numbers of `transport::probe_rows`.
+//!
+//! Weights are squared, as `splat` squares them: a probe nearby says more than several behind it.
+
+use super::gbuffer;
+use super::layout::{SplatParams, VectorIrradiance};
+use super::splat::{LARGEST_HALF, place, to_world};
+use super::subsplat::{Node, state};
+use crate::asset::Probes;
+use crate::basis::{NO_COVER, weight_in_space};
+use crate::transport::PROBE_ROWS;
+use glam::{Vec3, Vec4};
+
+/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m²: what arrives at a place in free space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpaceLight {
+    /// d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
+    pub parts: [VectorIrradiance; PROBE_ROWS],
+}
+
+impl SpaceLight {
+    /// E(n), W/m². The second degree rings a little: what would be below zero is zero.
+    #[must_use]
+    pub fn irradiance(&self, n: Vec3) -> Vec3 {
+        let [linear, even, mixed] = &self.parts;
+        let v = Vec4::from_array;
+        // Q_zz = −Q_xx − Q_yy.
+        let square = n * n;
+        let e = v(even.x)
+            + v(even.y) * (square.x - square.z)
+            + v(even.z) * (square.y - square.z)
+            + 2.0
+                * (v(mixed.x) * (n.x * n.y) + v(mixed.y) * (n.x * n.z) + v(mixed.z) * (n.y * n.z));
+        (e.truncate() + linear.dot(n)).max(Vec3::ZERO)
+    }
+
+    /// The vector irradiance that gives E(n) at n and changes beside it as E does: what a node of subsplats keeps.
+    #[must_use]
+    pub fn around(&self, n: Vec3) -> VectorIrradiance {
+        let [linear, a, m] = &self.parts;
+        let v = Vec4::from_array;
+        // The gradient of d·n + n·Q n.
+        let x = v(linear.x) + 2.0 * (v(a.y) * n.x + v(m.x) * n.y + v(m.y) * n.z);
+        let y = v(linear.y) + 2.0 * (v(m.x) * n.x + v(a.z) * n.y + v(m.z) * n.z);
+        let z = v(linear.z) + 2.0 * (v(m.y) * n.x + v(m.z) * n.y - (v(a.y) + v(a.z)) * n.z);
+        let along = self.irradiance(n).extend(0.0) - (x * n.x + y * n.y + z * n.z);
+        VectorIrradiance {
+            x: (x + along * n.x).to_array(),
+            y: (y + along * n.y).to_array(),
+            z: (z + along * n.z).to_array(),
+        }
+    }
+
+    /// Adds `weight` times `other`.
+    pub fn add_scaled(&mut self, weight: f32, other: &[VectorIrradiance]) {
+        for (part, other) in self.parts.iter_mut().zip(other) {
+            part.add_scaled(weight, other);
+        }
+    }
+}
+
+/// The light at `x`; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
+#[must_use]
+pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3) -> Option<SpaceLight> {
+    if !x.is_finite() {
+        return None;
+    }
+    let mut sum = SpaceLight::default();
+    let (mut cover, mut all) = (0.0, 0.0);
+    for &j in probes.grid.near(x) {
+        let w = weight_in_space(&probes.points[j as usize], &probes.planes, x);
+        if w > 0.0 {
+            cover += w;
+            all += w * w;
+            sum.add_scaled(w * w, &values[PROBE_ROWS * j as usize..][..PROBE_ROWS]);
+        }
+    }
+    if cover <= NO_COVER {
+        return None;
+    }
+    let mut out = SpaceLight::default();
+    out.add_scaled(1.0 / all, &sum.parts);
+    Some(out)
+}
+
+/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there, which stays where any covers it. `params` has the probes' grid.
+#[must_use]
+pub fn probe_pixel(
+    params: &SplatParams,
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+    earlier: [f32; 4],
+) -> [f32; 4] {
+    if earlier[3] != 0.0 || depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return earlier;
+    }
+    let (x, n) = place(params, pixel, depth, texel);
+    match probe(probes, values, x) {
+        Some(light) => (light.irradiance(n) * params.scale)
+            .min(Vec3::splat(LARGEST_HALF))
+            .extend(1.0)
+            .to_array(),
+        None => earlier,
+    }
+}
+
+/// Entry point `probe_nodes`, for one node of a list: its light, where something is there that no function on a surface covers, in the axes of the world.
+pub fn probe_node(
+    params: &SplatParams,
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+    node: &mut Node,
+) {
+    if node.is(state::COVERED) || !node.is(state::KNOWN) {
+        return;
+    }
+    let (x, n) = place(params, pixel, depth, texel);
+    if let Some(light) = probe(probes, values, x) {
+        *node = Node::new(
+            &to_world(params, &light.around(n)),
+            node.foretold(),
+            state::EVALUATED | state::KNOWN | state::COVERED,
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Random;
+
+    #[test]
+    fn a_node_keeps_the_light_and_how_it_changes() {
+        let mut random = Random::new(1, 2, 3);
+        let mut vector = || {
+            let mut four = || [random.unit() - 0.5, random.unit() - 0.5, random.unit(), 0.0];
+            VectorIrradiance {
+                x: four(),
+                y: four(),
+                z: four(),
+            }
+        };
+        let mut light = SpaceLight {
+            parts: [vector(), vector(), vector()],
+        };
+        // Bright enough that nothing is cut at zero.
+        light.parts[1].x = [4.0, 5.0, 6.0, 0.0];
+        for k in 0..30u32 {
+            let n =
+                crate::samples::uniform_sphere(crate::samples::lattice(k, 30, glam::Vec2::ZERO))
+                    .normalize();
+            let e = light.around(n);
+            assert!((e.dot(n) - light.irradiance(n)).length() < 1e-5);
+            let (t, b) = crate::samples::tangents(n);
+            for beside in [t, b] {
+                let m = (n + 0.01 * beside).normalize();
+                let (kept, right) = (
+                    e.dot(m) - e.dot(n),
+                    light.irradiance(m) - light.irradiance(n),
+                );
+                assert!((kept - right).length() < 1e-3, "{kept} {right}");
+            }
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Light in free space on the device: the probes of a baked scene, `apply` over their rows, and `probe` over what a view shows. A scene without probes makes no such buffers.
+
+use super::frame::{SplatTargets, compute};
+use super::links::cut;
+use super::pipelines::Kernels;
+use super::scene_buffers::{Maker, SpanList, SpanTable, ViewBuffers, part_span};
+use super::{GpuError, GpuFrame, Pass};
+use crate::asset::Probes;
+use crate::frame::{GridShape, SplatParams, VectorIrradiance};
+
+/// The probes of a baked scene.
+#[derive(Debug)]
+pub(super) struct ProbeBuffers {
+    pub grid: GridShape,
+    /// For each part of the links its rows.
+    pub parts: SpanList,
+    pub links: Vec<wgpu::Buffer>,
+    pub rows: wgpu::Buffer,
+    pub order: wgpu::Buffer,
+    pub points: wgpu::Buffer,
+    pub planes: wgpu::Buffer,
+    pub grid_slots: wgpu::Buffer,
+    pub grid_entries: wgpu::Buffer,
+    pub values: wgpu::Buffer,
+}
+
+impl ProbeBuffers {
+    pub fn new(
+        make: &Maker<'_>,
+        table: &mut SpanTable<'_>,
+        probes: &Probes,
+    ) -> Result<Self, GpuError> {
+        let parts = cut(&probes.rows, make.limit)?;
+        let links = parts
+            .iter()
+            .map(|p| {
+                let links = p.links.start as usize..p.links.end as usize;
+                make.upload("probe links", &probes.links[links])
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let rows = probes.rows.len() as u32;
+        let order: Vec<u32> = (0..rows).collect();
+        Ok(Self {
+            grid: (&probes.grid).into(),
+            parts: table.list(parts.iter().map(|p| part_span(p, rows))),
+            links,
+            rows: make.upload("probe rows", &probes.rows)?,
+            order: make.upload("probe row order", &order)?,
+            points: make.upload("probes", &probes.points)?,
+            planes: make.upload("probe planes", &probes.planes)?,
+            grid_slots: make.upload("probe grid slots", &probes.grid.slots)?,
+            grid_entries: make.upload("probe grid entries", &probes.grid.entries)?,
+            values: make.empty::<VectorIrradiance>("probe values", u64::from(rows))?,
+        })
+    }
+
+    /// Every buffer with its name.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+        [
+            ("probe rows", &self.rows),
+            ("probe row order", &self.order),
+            ("probes", &self.points),
+            ("probe planes", &self.planes),
+            ("probe grid slots", &self.grid_slots),
+            ("probe grid entries", &self.grid_entries),
+            ("probe values", &self.values),
+        ]
+        .into_iter()
+        .chain(self.links.iter().map(|b| ("probe links", b)))
+    }
+
+    /// What both entry points of `probe` bind, with the view's parameters for the probes' grid and its depths and G-buffer.
+    pub fn resources<'a>(
+        &'a self,
+        params: &'a wgpu::Buffer,
+        depth: &'a wgpu::TextureView,
+        gbuffer: &'a wgpu::TextureView,
+    ) -> Vec<(u32, wgpu::BindingResource<'a>)> {
+        let texture = wgpu::BindingResource::TextureView;
+        vec![
+            (0, params.as_entire_binding()),
+            (1, texture(depth)),
+            (2, texture(gbuffer)),
+            (3, self.points.as_entire_binding()),
+            (4, self.planes.as_entire_binding()),
+            (5, self.grid_slots.as_entire_binding()),
+            (6, self.grid_entries.as_entire_binding()),
+            (7, self.values.as_entire_binding()),
+        ]
+    }
+}
+
+impl GpuFrame {
+    /// Whether the scene has light in free space.
+    #[must_use]
+    pub fn has_probes(&self) -> bool {
+        self.buffers().probes.is_some()
+    }
+
+    /// What a view's [`SplatParams`] are for the probes' grid; none where the scene has no probes.
+    #[must_use]
+    pub fn probe_params(&self, view: &SplatParams) -> Option<SplatParams> {
+        let probes = self.buffers().probes.as_ref()?;
+        Some(view.with_grid(probes.grid))
+    }
+
+    /// Writes the irradiance of the pixels that no function on a surface covers: after the `splat` of the view's last scene, whose output is `earlier`. Nothing
+    /// for a scene without probes, or a view whose parameters for them were not set ([`ViewBuffers::write_probes`]).
+    pub fn probe(
+        &mut self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        view: &ViewBuffers,
+        targets: &SplatTargets<'_>,
+    ) {
+        let [width, height] = view.size;
+        let (Some(probes), Some(params), Some(earlier)) =
+            (&self.buffers().probes, &view.probes, targets.earlier)
+        else {
+            return;
+        };
+        if width == 0 || height == 0 {
+            return;
+        }
+        let mut resources = probes.resources(params, targets.depth, targets.gbuffer);
+        resources.push((8, wgpu::BindingResource::TextureView(targets.output)));
+        resources.push((9, wgpu::BindingResource::TextureView(earlier)));
+        let bind = kernels.bind(Pass::ProbeOver, &resources);
+        let mut pass = compute(encoder, "meshless_gi probe");
+        pass.set_pipeline(&kernels.pass(Pass::ProbeOver).pipeline);
+        pass.set_bind_group(0, &bind, &[]);
+        pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
+        drop(pass);
+        self.count(Pass::ProbeOver);
+    }
+}

@@ -1,0 +1,219 @@
+//! Where light is known off the surfaces: places in free space, where what moves may come. From geometry to the centres of the probes' basis.
+//!
+//! Free space is what paths of light cross. Importance particles ([L08] §2.3) and short ways up from the surfaces that they reach give candidates; none
+//! can lie inside of solid things. A candidate becomes a probe where no probe within the spacing *sees* it: both sides of a thin wall get their own, and
+//! what lies round a corner too. Those with the most room around them are asked first.
+
+use super::{Random, cosine_hemisphere, lattice, tangents, trace_particles, uniform_sphere};
+use crate::scene::{Geometry, Ray};
+use glam::{IVec3, Vec2, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// Particles of a round.
+const PATHS: u64 = 2_048;
+/// Rounds at most.
+const ROUNDS: u64 = 24;
+/// A round that finds fewer new probes than this part of those there are is the last.
+const ENOUGH: f64 = 0.004;
+/// Directions in which the room around a candidate is felt.
+const FEELERS: u32 = 14;
+/// Candidates of a round at most.
+const MOST_CANDIDATES: usize = 1 << 15;
+
+/// How densely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeSpaceSettings {
+    /// Distance that no two probes which see each other are below, metres; above zero.
+    pub spacing: f32,
+    /// Most probes.
+    pub most: usize,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Whether particles drop their first bounces.
+    pub drop_first: bool,
+}
+
+/// What was found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FreeSpace {
+    /// The probes' places, metres.
+    pub probes: Vec<Vec3>,
+    /// Other places in free space, metres.
+    pub crossed: Vec<Vec3>,
+    /// Whether there would have been more than the most.
+    pub truncated: bool,
+    /// Rays that it took.
+    pub rays: u64,
+}
+
+/// Spreads probes over the free space of `geometry` that can be reached from `viewpoints`. The same for any number of threads.
+#[must_use]
+pub fn fill_free_space(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    settings: &FreeSpaceSettings,
+) -> FreeSpace {
+    let mut out = FreeSpace::default();
+    let spacing = settings.spacing;
+    let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
+    let cell = |x: Vec3| (x / spacing).floor().as_ivec3();
+    for round in 0..ROUNDS {
+        let (mut candidates, rays) = candidates(geometry, viewpoints, settings, round);
+        out.rays += rays;
+        candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let before = out.probes.len();
+        for &(_, x) in &candidates {
+            let center = cell(x);
+            let near = (0..27).flat_map(|k| {
+                let beside = center + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+                cells.get(&beside).into_iter().flatten()
+            });
+            let mut known = false;
+            for &i in near {
+                let way = out.probes[i as usize] - x;
+                let square = way.length_squared();
+                if square >= spacing * spacing {
+                    continue;
+                }
+                let length = square.sqrt();
+                out.rays += 1;
+                known = length < 1e-3 * spacing || !geometry.occluded(x, out.probes[i as usize]);
+                if known {
+                    break;
+                }
+            }
+            if known {
+                continue;
+            }
+            if out.probes.len() >= settings.most {
+                out.truncated = true;
+                break;
+            }
+            cells
+                .entry(center)
+                .or_default()
+                .push(out.probes.len() as u32);
+            out.probes.push(x);
+        }
+        out.crossed.extend(candidates.iter().map(|c| c.1));
+        let new = out.probes.len() - before;
+        if out.truncated || candidates.is_empty() || (new as f64) < ENOUGH * out.probes.len() as f64
+        {
+            break;
+        }
+    }
+    out
+}
+
+/// Candidates with the room that each has around it, up to half the spacing, metres.
+fn candidates(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    settings: &FreeSpaceSettings,
+    round: u64,
+) -> (Vec<(f32, Vec3)>, u64) {
+    let seed = settings.seed ^ 0x6672_6565_0000 ^ round;
+    let traced = trace_particles(
+        geometry,
+        viewpoints,
+        round * PATHS..(round + 1) * PATHS,
+        seed,
+        settings.drop_first,
+    );
+    let stride = traced.candidates.len().div_ceil(MOST_CANDIDATES / 2).max(1);
+    let few: Vec<_> = traced.candidates.iter().step_by(stride).collect();
+    let reach = 0.5 * settings.spacing;
+    let found: Vec<[(f32, Vec3); 2]> = few
+        .par_iter()
+        .enumerate()
+        .map(|(i, c)| {
+            let mut random = Random::new(seed, 0x73_70, i as u64);
+            // Anywhere along the way to the surface …
+            let start = 2.0 * c.free - c.surface.position;
+            let along = start.lerp(c.surface.position, 0.02 + 0.96 * random.unit());
+            // … and above it, where things stand.
+            let (x, n) = (c.surface.position, c.surface.normal);
+            let (t, b) = tangents(n);
+            let d = cosine_hemisphere(Vec2::new(random.unit(), random.unit()));
+            let way = (t * d.x + b * d.y + n * d.z).normalize_or(n);
+            let up = Ray::segment(x + n * geometry.lift(x), way, 2.0 * settings.spacing);
+            let room = geometry
+                .cast(&up)
+                .map_or(2.0 * settings.spacing, |hit| hit.t);
+            let above = up.at(room * (0.02 + 0.96 * random.unit()));
+            [along, above].map(|x| (room_around(geometry, x, reach), x))
+        })
+        .collect();
+    let rays = traced.rays + found.len() as u64 * u64::from(1 + 2 * FEELERS);
+    let sound = |c: &(f32, Vec3)| c.1.is_finite() && c.0 > 0.0;
+    (found.into_iter().flatten().filter(sound).collect(), rays)
+}
+
+/// Distance to what is nearest, felt in a few directions, at most `reach`.
+fn room_around(geometry: &dyn Geometry, x: Vec3, reach: f32) -> f32 {
+    (0..FEELERS).fold(reach, |least, k| {
+        let way = uniform_sphere(lattice(k, FEELERS, Vec2::ZERO)).normalize_or(Vec3::Y);
+        let ray = Ray::segment(x, way, least);
+        geometry.cast(&ray).map_or(least, |hit| hit.t.min(least))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Bounds, cornell_box, mesh_of_quads};
+
+    fn settings(spacing: f32) -> FreeSpaceSettings {
+        FreeSpaceSettings {
+            spacing,
+            most: 1 << 16,
+            seed: 3,
+            drop_first: true,
+        }
+    }
+
+    #[test]
+    fn probes_fill_free_space_and_nothing_else() {
+        let mesh = mesh_of_quads(&cornell_box());
+        let eye = [Vec3::new(0.0, 1.0, 0.9)];
+        let found = fill_free_space(&mesh, &eye, &settings(0.25));
+        assert!(!found.truncated);
+        // The box is open to one side, where free space goes on for a little.
+        let Bounds { min, max } = mesh.bounds();
+        let inside = |x: Vec3| {
+            let within = |m: f32| (min - m).cmple(x).all() && x.cmple(max + m).all();
+            within(0.0) || x.z > max.z && within(0.5)
+        };
+        assert!(found.probes.iter().all(|&x| inside(x)));
+        for (i, &a) in found.probes.iter().enumerate() {
+            for &b in &found.probes[..i] {
+                assert!(a.distance(b) >= 0.25 || mesh.occluded(a, b), "{a} {b}");
+            }
+        }
+        // Wherever light comes a probe is in sight within the spacing and a little.
+        let eight = |k: i32| Vec3::new((k % 2) as f32, (k / 2 % 2) as f32, (k / 4) as f32);
+        let far = (0..8).filter(|&k| {
+            let x = Vec3::new(-0.95, 0.05, -0.95) + eight(k) * 1.9;
+            let seen = |&p: &Vec3| p.distance(x) < 0.33 && !mesh.occluded(x, p);
+            !found.probes.iter().any(seen)
+        });
+        assert_eq!(far.count(), 0);
+        assert_eq!(found, fill_free_space(&mesh, &eye, &settings(0.25)));
+        // Half as far apart: about eight times as many.
+        let twice = fill_free_space(&mesh, &eye, &settings(0.125)).probes.len();
+        let ratio = twice as f64 / found.probes.len() as f64;
+        assert!((4.0..12.0).contains(&ratio), "{ratio}");
+        let few = FreeSpaceSettings {
+            most: 5,
+            ..settings(0.25)
+        };
+        let few = fill_free_space(&mesh, &eye, &few);
+        assert!(few.truncated && few.probes.len() == 5);
+        assert!(
+            fill_free_space(&mesh, &[], &settings(0.25))
+                .probes
+                .is_empty()
+        );
+    }
+}

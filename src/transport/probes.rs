@@ -1,0 +1,185 @@
+//! Rows of places in free space: from the senders' radiosity to the light that arrives at a probe from all around, in spherical harmonics up to the
+//! second degree. After the operator's own rows, before packing; the operator is the same, and so are its senders.
+//!
+//! A surface of normal n held at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the convolution theorem of \[RH01\] (Eqs. (7)-(9): the cosine
+//! keeps π, 2π/3 and π/4 of the degrees 0, 1 and 2, and 99 % of its energy lies there) that is E(n) = c + d·n + n·Q n with
+//!
+//! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω, symmetric and without trace: nine numbers.
+//!
+//! With the radiosity b = π L of what a direction meets a link holds (1/π) times these integrals over the sender's function, as links of surfaces do (design D1).
+//! Nine numbers are three vectors, and a probe three rows of the usual kind: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel `apply` knows nothing of it.
+//!
+//! The cut through the senders' tree is that of [`super::bounded`], by what it does to c, for the three rows together.
+
+use super::bounded::{CutMeasure, CutScratch, cut_row};
+use super::gather::{GatherScene, Gathered};
+use super::{RawRow, SenderTree, Training};
+use crate::basis::WeightEntry;
+use crate::samples::{Random, lattice, uniform_sphere};
+use crate::scene::Ray;
+use glam::{Vec2, Vec3, Vec3A};
+use rayon::prelude::*;
+
+/// Rows a probe has.
+pub const PROBE_ROWS: usize = 3;
+
+/// The rows of all probes.
+#[derive(Debug, Default)]
+pub struct ProbeGather {
+    /// [`PROBE_ROWS`] a probe.
+    pub rows: Vec<RawRow>,
+    /// What the sky gives to each row: the same numbers of the directions that meet nothing.
+    pub sky: Vec<Vec3>,
+    /// Part of the directions that met a surface which no sender covers, or the back of one, in the mean over all probes.
+    pub lost: f64,
+    /// Rays that it took.
+    pub rays: u64,
+}
+
+/// The nine numbers of a direction, of weight 1/N each: they integrate to (1/π) times c, d and Q of a radiosity of one.
+fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
+    let square = way * way - 1.0 / 3.0;
+    let q = 1.875 * weight;
+    [
+        Vec3A::from(way) * (2.0 * weight),
+        Vec3A::new(weight, q * square.x, q * square.y),
+        Vec3A::new(way.x * way.y, way.x * way.z, way.y * way.z) * q,
+    ]
+}
+
+/// Gathers and cuts the rows of the probes at `places`. None where `told`, which hears how much is done, says stop. The same for any number of threads.
+pub fn probe_rows(
+    scene: &GatherScene<'_>,
+    places: &[Vec3],
+    tree: &SenderTree,
+    training: &Training,
+    epsilon: f32,
+    told: &(dyn Fn(f32) -> bool + Sync),
+) -> Option<ProbeGather> {
+    let senders = tree.parent.len();
+    let measure = CutMeasure { training, epsilon };
+    let mut out = ProbeGather::default();
+    let mut lost = 0.0;
+    const AT_ONCE: usize = 256;
+    for (chunk, some) in places.chunks(AT_ONCE).enumerate() {
+        let found: Vec<Probe> = some
+            .par_iter()
+            .enumerate()
+            .map_init(
+                || Room::new(senders),
+                |room, (k, &x)| one(scene, chunk * AT_ONCE + k, x, tree, &measure, room),
+            )
+            .collect();
+        for probe in found {
+            out.rows.extend(probe.rows);
+            out.sky.extend(probe.sky.map(Vec3::from));
+            lost += f64::from(probe.lost);
+        }
+        out.rays += some.len() as u64 * u64::from(scene.rays);
+        if !told((chunk * AT_ONCE + some.len()) as f32 / places.len() as f32) {
+            return None;
+        }
+    }
+    out.lost = lost / places.len().max(1) as f64;
+    Some(out)
+}
+
+struct Probe {
+    rows: [RawRow; PROBE_ROWS],
+    sky: [Vec3A; PROBE_ROWS],
+    lost: f32,
+}
+
+/// Room for one probe; one a thread.
+struct Room {
+    gathered: Gathered,
+    cut: CutScratch,
+    found: Vec<WeightEntry>,
+    /// Senders that directions met, with what they met of them.
+    met: Vec<(u32, f32, Vec3)>,
+    /// Where in the row a sender's link is.
+    place: Vec<u32>,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Room {
+    fn new(senders: usize) -> Self {
+        Self {
+            gathered: Gathered::new(senders),
+            cut: CutScratch::default(),
+            found: Vec::new(),
+            met: Vec::new(),
+            place: vec![NONE; senders],
+        }
+    }
+}
+
+fn one(
+    scene: &GatherScene<'_>,
+    i: usize,
+    x: Vec3,
+    tree: &SenderTree,
+    measure: &CutMeasure<'_>,
+    room: &mut Room,
+) -> Probe {
+    let mut random = Random::new(scene.seed, 0x7072_6f62, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    let weight = 1.0 / scene.rays as f32;
+    let mut out = Probe {
+        rows: Default::default(),
+        sky: [Vec3A::ZERO; PROBE_ROWS],
+        lost: 0.0,
+    };
+    room.gathered.reset();
+    room.met.clear();
+    for k in 0..scene.rays {
+        let way = uniform_sphere(lattice(k, scene.rays, shift)).normalize_or(Vec3::Y);
+        let ray = Ray::new(x, way);
+        let Some(hit) = scene.geometry.cast(&ray) else {
+            let parts = harmonics(way, weight);
+            out.sky.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
+            continue;
+        };
+        let site = scene.geometry.site(&ray, &hit);
+        let covering = (0..scene.sender_levels).rev().find(|&l| {
+            scene.hierarchy.senders[l].weights(site.position, site.normal, &mut room.found)
+        });
+        let Some(l) = covering else {
+            out.lost += weight;
+            continue;
+        };
+        let first = scene.hierarchy.level_starts[l];
+        for entry in &room.found {
+            let (j, w) = (first + entry.index, entry.weight * weight);
+            // The cut sees what each sender gives to c.
+            room.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
+            room.met.push((j, w, way));
+        }
+    }
+    let cut = cut_row(&mut room.gathered, tree, Vec3A::Z, measure, &mut room.cut);
+    for (at, &(j, _)) in cut.iter().enumerate() {
+        room.place[j as usize] = at as u32;
+    }
+    let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
+    for &(j, w, way) in &room.met {
+        // Who was handed up is with the first ancestor that stayed.
+        let mut k = j;
+        while room.place[k as usize] == NONE && tree.parent[k as usize] != k {
+            k = tree.parent[k as usize];
+        }
+        if let Some(link) = links.get_mut(room.place[k as usize] as usize) {
+            let parts = harmonics(way, w);
+            link.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
+        }
+    }
+    for (&(j, _), link) in cut.iter().zip(&links) {
+        room.place[j as usize] = NONE;
+        for (row, part) in out.rows.iter_mut().zip(link) {
+            row.active = true;
+            row.links.push((j, *part));
+        }
+    }
+    out.rows.iter_mut().for_each(|row| row.active = true);
+    out
+}

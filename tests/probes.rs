@@ -1,0 +1,392 @@
+//! Light in free space: a ball that moves through a level, beside the reference integrator; sealed rooms; closed forms; the file.
+#![cfg(feature = "cli")]
+
+use bevy_meshless_gi::accuracy::{
+    BOUNCES, Bounces, Errors, Evaluator, ReferenceSettings, errors, irradiance_at_all,
+};
+use bevy_meshless_gi::asset::{BakedScene, Limits, Probes};
+use bevy_meshless_gi::bake::{
+    FreeSpaceLight, Preset, Progress, Recipe, RecipeError, Rule, bake_level,
+};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::samples::{Random, lattice, uniform_sphere};
+use bevy_meshless_gi::scene::{
+    Light, Material, Quad, SceneDescription, TriangleMesh, cornell_box, load_gltf, mesh_of_quads,
+};
+use glam::{Vec2, Vec3};
+use std::path::Path;
+
+fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
+    bake_level(mesh, &recipe, 0, &Progress::default())
+        .unwrap()
+        .scene
+}
+
+fn draft() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        probes: Some(FreeSpaceLight::default()),
+        ..Recipe::default()
+    }
+}
+
+/// Places on balls of `radius` around `centers`, with their outward normals.
+fn balls(centers: &[Vec3], radius: f32, each: u32) -> Vec<(Vec3, Vec3)> {
+    centers
+        .iter()
+        .enumerate()
+        .flat_map(|(i, &c)| {
+            (0..each).map(move |k| {
+                let shift = Vec2::new(i as f32 * 0.618, i as f32 * 0.755).fract();
+                let n = uniform_sphere(lattice(k, each, shift)).normalize();
+                (c + radius * n, n)
+            })
+        })
+        .collect()
+}
+
+/// Indirect light of `lights` at `places`: ours, beside the reference's after four reflections.
+fn compare(
+    scene: &BakedScene,
+    mesh: &TriangleMesh,
+    lights: &[Light],
+    places: &[(Vec3, Vec3)],
+) -> (Errors, usize) {
+    let meshes = std::slice::from_ref(mesh);
+    let ours = Evaluator::new(scene, meshes, lights, Bounces::Count(4));
+    let settings = ReferenceSettings {
+        paths: 8192,
+        bounces: BOUNCES[2],
+        seed: 17,
+    };
+    assert_eq!(settings.bounces, Some(4));
+    let right = irradiance_at_all(mesh, lights, places, &settings);
+    let found: Vec<Option<Vec3>> = places.iter().map(|&(x, n)| ours.in_space(x, n)).collect();
+    let missing = found.iter().filter(|e| e.is_none()).count();
+    let values: Vec<Vec3> = found.iter().map(|e| e.unwrap_or(Vec3::ZERO)).collect();
+    let (right, noise): (Vec<Vec3>, Vec<Vec3>) =
+        right.iter().map(|e| (e.indirect, e.indirect_error)).unzip();
+    (errors(&values, &right, &noise), missing)
+}
+
+#[test]
+fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rooms_open");
+    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let scene = baked(&mesh, draft());
+    // From the far corner of one room through the door, up and down, to the other's.
+    let centers: Vec<Vec3> = (0..100)
+        .map(|k| {
+            let t = k as f32 / 99.0;
+            let door = (-((t - 0.5) * 9.0).powi(2)).exp();
+            let z = 0.5 + 3.0 * (0.5 + 0.5 * (t * 21.0).sin());
+            let y = 0.4 + 1.8 * (0.5 + 0.5 * (t * 33.0).sin());
+            Vec3::new(0.4 + 7.2 * t, y + door * (1.0 - y), z + door * (1.95 - z))
+        })
+        .collect();
+    let places = balls(&centers, 0.15, 8);
+    let (found, missing) = compare(&scene, &mesh, &description.lights, &places);
+    let probes = scene.probes.as_ref().unwrap();
+    println!(
+        "{} probes, {} links, {} kB: {found:?}",
+        probes.points.len(),
+        probes.links.len(),
+        probes.bytes() / 1024
+    );
+    assert_eq!(missing, 0);
+    assert!(found.nrmse <= 0.10, "{found:?}");
+    // Must fail: light from another place.
+    let moved: Vec<Light> = description
+        .lights
+        .iter()
+        .map(|light| match *light {
+            Light::Point {
+                position,
+                intensity,
+                range,
+            } => Light::Point {
+                position: position + Vec3::X,
+                intensity,
+                range,
+            },
+            ref other => other.clone(),
+        })
+        .collect();
+    let meshes = std::slice::from_ref(&mesh);
+    let wrong = Evaluator::new(&scene, meshes, &moved, Bounces::Count(4));
+    let right = Evaluator::new(&scene, meshes, &description.lights, Bounces::Count(4));
+    let value = |e: &Evaluator<'_>| -> Vec<Vec3> {
+        let at = |&(x, n): &(Vec3, Vec3)| e.in_space(x, n).unwrap();
+        places.iter().map(at).collect()
+    };
+    let none = vec![Vec3::ZERO; places.len()];
+    assert!(errors(&value(&wrong), &value(&right), &none).nrmse > 0.15);
+}
+
+/// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and reflects nothing.
+fn room(low: Vec3, high: Vec3, albedo: f32, shines: impl Fn(usize) -> bool) -> Vec<Quad> {
+    let size = high - low;
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+    (0..6)
+        .map(|k| {
+            let along = k / 2;
+            let (u, v) = (axes[(along + 1) % 3] * size, axes[(along + 2) % 3] * size);
+            let (origin, u, v) = match k % 2 {
+                0 => (low, u, v),
+                _ => (low + axes[along] * size, v, u),
+            };
+            let mut material = Material::diffuse(Vec3::splat(albedo));
+            if shines(k) {
+                material = Material::diffuse(Vec3::ZERO);
+                material.emissive = Vec3::ONE;
+            }
+            Quad {
+                corners: [origin, origin + u, origin + u + v, origin + v],
+                material,
+            }
+        })
+        .collect()
+}
+
+/// The frame of `scene` under `lights`, with a sky of 1 W/(m² sr) and emission where `glow` says so.
+fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> CpuFrame {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, lights);
+    let settings = FrameSettings {
+        sky: Vec3::splat(sky),
+        emission: 1.0,
+        ..FrameSettings::bounces(sweeps)
+    };
+    frame.solve(scene, &settings);
+    frame
+}
+
+#[test]
+fn nothing_comes_through_a_wall_of_any_thickness() {
+    for gap in [0.02, 0.0] {
+        let mut quads = room(Vec3::ZERO, Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false);
+        let low = Vec3::new(3.0 + gap, 0.0, 0.0);
+        quads.extend(room(low, low + Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false));
+        let mesh = mesh_of_quads(&quads);
+        let scene = baked(&mesh, draft());
+        let lamp = Light::Point {
+            position: Vec3::new(1.5, 2.0, 1.5),
+            intensity: Vec3::ONE,
+            range: f32::INFINITY,
+        };
+        let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+        let mut random = Random::new(1, 0, 0);
+        let (mut lit, mut dark) = (0.0f32, 0.0f32);
+        for _ in 0..2000 {
+            let mut unit = || 0.01 + 0.98 * random.unit();
+            let place = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
+            let at = |x| {
+                let light = frame.in_space(&scene, x).expect("a probe reaches");
+                light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
+            };
+            lit += at(place);
+            dark = dark.max(at(place + Vec3::X * (3.0 + gap)));
+        }
+        lit /= 2000.0;
+        println!(
+            "wall of {gap} m: largest of the dark room over the lit one's mean: {}",
+            dark / lit
+        );
+        assert!(lit > 0.1 && dark <= 1e-4 * lit, "{gap}: {dark} of {lit}");
+    }
+}
+
+#[test]
+fn closed_forms() {
+    // A sky over a single quad, from above: half of all directions. E(n) of the upper hemisphere is (1 + n.y) / 2 of all.
+    let floor = Quad {
+        corners: [[-9.0, -9.0], [-9.0, 9.0], [9.0, 9.0], [9.0, -9.0]]
+            .map(|[x, z]| Vec3::new(x, 0.0, z)),
+        material: Material::diffuse(Vec3::ZERO),
+    };
+    let recipe = Recipe {
+        probes: Some(FreeSpaceLight {
+            spacing: Some(1.0),
+            rays: Some(4096),
+        }),
+        viewpoints: vec![[0.0, 2.0, 0.0]],
+        ..draft()
+    };
+    let open = mesh_of_quads(&[floor]);
+    let scene = baked(&open, recipe.clone());
+    let frame = solved(&scene, &[], 1.0, 1);
+    for k in 0..40 {
+        let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
+        let x = Vec3::new(0.3, 0.05, -0.2);
+        let light = frame.in_space(&scene, x).expect("a probe reaches");
+        let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
+        let found = light.irradiance(n).x;
+        // What the floor hides at the probes' heights, and the part of a step that two degrees leave.
+        assert!(
+            (found - right).abs() < 0.06 * std::f32::consts::PI,
+            "{n}: {found} {right}"
+        );
+    }
+    // A closed room that shines: E is π L for every normal and everywhere. With one wall only, what that wall's solid angle says.
+    for shines in [[true; 6], [false, false, true, false, false, false]] {
+        let quads = room(Vec3::ZERO, Vec3::splat(2.0), 0.0, |k| shines[k]);
+        let mesh = mesh_of_quads(&quads);
+        let scene = baked(
+            &mesh,
+            Recipe {
+                viewpoints: Vec::new(),
+                ..recipe.clone()
+            },
+        );
+        let frame = solved(&scene, &[], 0.0, 1);
+        let mut random = Random::new(5, 0, 0);
+        for k in 0..40 {
+            let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
+            let x = 0.3 + 1.4 * Vec3::new(random.unit(), random.unit(), random.unit());
+            let found = frame
+                .in_space(&scene, x)
+                .expect("a probe reaches")
+                .irradiance(n);
+            if shines[0] {
+                let off = (found / std::f32::consts::PI - 1.0).abs().max_element();
+                assert!(off < 0.01, "{n}: {found}");
+            }
+        }
+        if !shines[0] {
+            // In the middle a wall is a sixth of all directions, and the floor's light comes from below: d.
+            let light = frame.in_space(&scene, Vec3::ONE).expect("a probe reaches");
+            let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
+            // Form factor of a square of edge 2 to a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
+            let s = std::f32::consts::FRAC_1_SQRT_2;
+            let right = 4.0 * s * s.atan();
+            assert!(
+                (down - right).abs() < 0.05 && up < 0.05,
+                "{down} {up} beside {right}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_file_keeps_them_and_finds_what_is_damaged() {
+    let mesh = mesh_of_quads(&cornell_box());
+    let recipe = Recipe {
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        rays: Some(32),
+        probes: Some(FreeSpaceLight {
+            spacing: Some(0.3),
+            rays: None,
+        }),
+        ..draft()
+    };
+    let scene = baked(&mesh, recipe.clone());
+    let again = bake_level(&mesh, &recipe, 1, &Progress::default()).unwrap();
+    assert_eq!(scene, again.scene, "threads change the bake");
+    let probes = scene.probes.as_ref().unwrap();
+    assert_eq!(again.stats.probes, probes.points.len() as u64);
+    assert!(probes.points.len() > 100 && !probes.planes.is_empty());
+    let bytes = scene.to_bytes().unwrap();
+    assert_eq!(
+        BakedScene::from_bytes(&bytes, &Limits::default()).unwrap(),
+        scene
+    );
+    let without = BakedScene {
+        probes: None,
+        ..scene.clone()
+    };
+    assert!(without.to_bytes().unwrap().len() < bytes.len());
+    assert!(
+        CpuFrame::new(&without)
+            .in_space(&without, Vec3::Y)
+            .is_none()
+    );
+    // Whoever does not ask for them has the same bake.
+    let plain = baked(
+        &mesh,
+        Recipe {
+            probes: None,
+            ..recipe.clone()
+        },
+    );
+    assert_eq!(
+        (plain.operator, plain.display),
+        (without.operator, without.display)
+    );
+
+    let spoil = |what: &str, spoil: &dyn Fn(&mut Probes)| {
+        let mut wrong = scene.clone();
+        spoil(wrong.probes.as_mut().unwrap());
+        assert!(wrong.validate().is_err(), "{what} goes unnoticed");
+    };
+    spoil("no probe", &|p| {
+        p.points.clear();
+        p.rows.clear();
+        p.links.clear();
+    });
+    spoil("one probe less", &|p| p.points.truncate(p.points.len() - 1));
+    spoil("a place that is none", &|p| {
+        p.points[3].position[1] = f32::NAN
+    });
+    spoil("a radius of nothing", &|p| p.points[3].radius = 0.0);
+    spoil("a normal", &|p| p.points[3].normal = [0.0, 1.0, 0.0]);
+    spoil("planes beyond the end", &|p| {
+        p.points[3].planes |= 200 << 24
+    });
+    spoil("a plane that is none", &|p| p.planes[0][3] = f32::INFINITY);
+    spoil("another grid", &|p| p.grid.cell_size *= 2.0);
+    spoil("a grid that names none", &|p| {
+        *p.grid.entries.last_mut().unwrap() = u32::MAX
+    });
+    spoil("one row less", &|p| p.rows.truncate(p.rows.len() - 1));
+    spoil("another start", &|p| p.rows[4].start += 1);
+    spoil("a row of no tier", &|p| p.rows[4].tier = 0);
+    spoil("a scale without a number", &|p| p.rows[4].scale = f32::NAN);
+    spoil("more light than there is", &|p| p.rows[4].scale *= 10.0);
+    spoil("one link less", &|p| p.links.truncate(p.links.len() - 1));
+    spoil("a sender that is not there", &|p| {
+        p.links[7].z_sender |= 0xffff << 16
+    });
+    let mut random = Random::new(4, 0, 0);
+    for _ in 0..40 {
+        let mut wrong = bytes.to_vec();
+        let at = random.below(wrong.len());
+        wrong[at] ^= 1 << random.below(8);
+        let read = BakedScene::from_bytes(&wrong, &Limits::default());
+        assert!(read.is_err(), "byte {at}");
+    }
+
+    for (probes, rule) in [
+        (
+            FreeSpaceLight {
+                spacing: Some(0.0),
+                rays: None,
+            },
+            Rule::Bounded,
+        ),
+        (
+            FreeSpaceLight {
+                spacing: Some(f32::NAN),
+                rays: None,
+            },
+            Rule::Bounded,
+        ),
+        (
+            FreeSpaceLight {
+                spacing: None,
+                rays: Some(3),
+            },
+            Rule::Bounded,
+        ),
+        (FreeSpaceLight::default(), Rule::L08),
+    ] {
+        let wrong = Recipe {
+            probes: Some(probes),
+            rule,
+            ..Recipe::default()
+        };
+        assert!(matches!(wrong.check(), Err(RecipeError::OutOfRange { .. })));
+    }
+}
