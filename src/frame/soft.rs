@@ -22,7 +22,7 @@ use crate::samples::{Point, tangents};
 use crate::scene::{Geometry, Light};
 use crate::transport::pca::{Visibility, VisibilityCluster, frame};
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 
@@ -40,7 +40,7 @@ pub struct SoftLight {
     pub radius: f32,
     /// The other half edge of a rectangle, metres.
     pub v: [f32; 3],
-    /// 1 / range², 1/m²; 0 for no range.
+    /// 1 / range², 1/m², from the middle; 0 for no range.
     pub inverse_square_range: f32,
     /// Sphere: intensity, W/sr. Rectangle: radiance, W/(m² sr).
     pub color: [f32; 3],
@@ -71,16 +71,12 @@ impl SoftLight {
             center: center.to_array(),
             kind: Self::SPHERE,
             radius: radius.max(0.0),
-            inverse_square_range: match range.is_finite() {
-                true => 1.0 / (range * range).max(1e-30),
-                false => 0.0,
-            },
             color: intensity.to_array(),
             columns: one,
             rows: one,
             ..Self::default()
         }
-        .or_none()
+        .within(range)
     }
 
     /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, or has no
@@ -126,6 +122,45 @@ impl SoftLight {
         }
     }
 
+    /// The light with a range, metres: Bevy lets lights fade out there. Infinite for none.
+    #[must_use]
+    pub fn within(self, range: f32) -> Self {
+        Self {
+            inverse_square_range: match range.is_finite() {
+                true => 1.0 / (range * range).max(1e-30),
+                false => 0.0,
+            },
+            ..self
+        }
+        .or_none()
+    }
+
+    /// The light in a bake's local space, where `local_from_world` turns, moves and scales uniformly: as [`FrameLight::to_local`](super::FrameLight::to_local), so
+    /// that irradiance is the same in both spaces. A transform that mirrors turns u and v, and the side that shines stays.
+    #[must_use]
+    pub fn to_local(&self, local_from_world: &Mat4) -> Self {
+        let determinant = local_from_world.determinant();
+        let length = determinant.abs().cbrt();
+        let turned = |v: [f32; 3]| local_from_world.transform_vector3(v.into()).to_array();
+        let mut out = *self;
+        out.center = local_from_world
+            .transform_point3(self.center.into())
+            .to_array();
+        (out.u, out.v) = match determinant < 0.0 {
+            true => (turned(self.v), turned(self.u)),
+            false => (turned(self.u), turned(self.v)),
+        };
+        if determinant < 0.0 {
+            (out.columns, out.rows) = (self.rows, self.columns);
+        }
+        out.radius = self.radius * length;
+        out.inverse_square_range = self.inverse_square_range / (length * length);
+        if self.kind == Self::SPHERE {
+            out.color = (Vec3::from_array(self.color) * length * length).to_array();
+        }
+        out.or_none()
+    }
+
     fn or_none(self) -> Self {
         let numbers = [self.center, self.u, self.v, self.color];
         let finite = numbers.iter().flatten().all(|v| v.is_finite())
@@ -151,19 +186,20 @@ fn side(samples: u32) -> u32 {
 }
 
 /// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum over the edges of what is above the
-/// horizon (\[L60\]), a sphere as a point, which is exact for one that is wholly above it, and what Bevy draws.
+/// horizon (\[L60\]), a sphere as a point, which is exact for one that is wholly above it; both fade towards their range, as Bevy draws them.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
+    let square = to.dot(to);
+    let factor = square * light.inverse_square_range;
+    let fade = (1.0 - factor * factor).clamp(0.0, 1.0);
+    let window = fade * fade;
     if light.kind == SoftLight::SPHERE {
-        let square = to.dot(to);
         if square <= 0.0 {
             return 0.0;
         }
         let cosine = n.dot(to / square.sqrt()).max(0.0);
-        let factor = square * light.inverse_square_range;
-        let window = (1.0 - factor * factor).clamp(0.0, 1.0);
-        return cosine / square.max(nearest_square(extent)) * window * window;
+        return cosine / square.max(nearest_square(extent)) * window;
     }
     if light.kind != SoftLight::RECTANGLE || light.normal().dot(to) >= 0.0 {
         return 0.0;
@@ -197,7 +233,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     if any {
         sum += arc(last, first, n);
     }
-    0.5 * sum.abs()
+    0.5 * sum.abs() * window
 }
 
 /// Angle under which an edge is seen, times the cosine between n and the normal of its plane.
@@ -465,7 +501,7 @@ pub fn deficit(
     (n + lean) * ((1.0 - f) * e)
 }
 
-/// The deficit of all `lights` at one point that has visibility, W/m².
+/// The deficit of all `lights` at one point that has visibility, W/m²; in the fourth floats of the three axes red, green and blue of the irradiance that all of them would give without shadows.
 #[must_use]
 pub fn soft_at(
     params: &SoftParams,
@@ -479,13 +515,14 @@ pub fn soft_at(
     let mut sum = VectorIrradiance::default();
     for light in lights {
         let d = deficit(params, light, x, n, &eye);
+        let e = unshadowed(light, x, n, params.extent);
         let [r, g, b] = light.color;
         sum.add_scaled(
             1.0,
             &VectorIrradiance {
-                x: [d.x * r, d.x * g, d.x * b, 0.0],
-                y: [d.y * r, d.y * g, d.y * b, 0.0],
-                z: [d.z * r, d.z * g, d.z * b, 0.0],
+                x: [d.x * r, d.x * g, d.x * b, e * r],
+                y: [d.y * r, d.y * g, d.y * b, e * g],
+                z: [d.z * r, d.z * g, d.z * b, e * b],
             },
         );
     }

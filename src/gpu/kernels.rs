@@ -8,8 +8,8 @@ use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
-    RsmShadowParams, RsmTexel, SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams,
-    VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+    RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, SplatParams,
+    SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -113,6 +113,10 @@ pub enum Pass {
     Gloss,
     /// `gloss`, the pixels.
     GlossPixels,
+    /// `shade`, the first scene of a view.
+    Shade,
+    /// `shade`, a further scene of a view.
+    ShadeOver,
     /// `fmm_up`, a level.
     FmmUp,
     /// `fmm_down`, a level.
@@ -123,7 +127,7 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 34;
+    pub const COUNT: usize = 36;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -158,6 +162,8 @@ impl Pass {
         Self::Fill,
         Self::Gloss,
         Self::GlossPixels,
+        Self::Shade,
+        Self::ShadeOver,
         Self::FmmUp,
         Self::FmmReceive,
         Self::FmmEvaluate,
@@ -264,11 +270,16 @@ const LIGHT: usize = size_of::<FrameLight>();
 const WEIGHT: usize = size_of::<WeightEntry>();
 const VECTOR: usize = size_of::<VectorIrradiance>();
 
-/// Entry points of `composite`: vertex, and the fragments of irradiance and of gloss.
-pub const COMPOSITE_ENTRIES: [&str; 3] = ["whole_screen", "composite", "composite_gloss"];
+/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
+pub const COMPOSITE_ENTRIES: [&str; 4] = [
+    "whole_screen",
+    "composite",
+    "composite_gloss",
+    "composite_shade",
+];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 19] = [
+pub const KERNELS: [Kernel; 20] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -402,7 +413,7 @@ pub const KERNELS: [Kernel; 19] = [
     },
     Kernel {
         name: "soft",
-        source: shader!("soft"),
+        source: shader!("soft", "soft"),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SoftParams>())),
             bind(1, "lights", Read(size_of::<SoftLight>())),
@@ -419,7 +430,7 @@ pub const KERNELS: [Kernel; 19] = [
     Kernel {
         name: "splat",
         source: shader!(
-            "splat", "grid", "weight", "gbuffer", "screen", "list", "node"
+            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
         ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
@@ -611,6 +622,32 @@ pub const KERNELS: [Kernel; 19] = [
                 Pass::GlossPixels,
                 "gloss_pixels",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
+            ),
+        ],
+    },
+    Kernel {
+        name: "shade",
+        source: shader!("shade", "grid", "weight", "gbuffer", "place", "soft"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SplatParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "points", Read(POINT)),
+            bind(4, "planes", Read(VEC4)),
+            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(6, "grid_entries", Read(4)),
+            bind(7, "deficits", Read(VECTOR)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+            bind(10, "wanted", Uniform(size_of::<ShadeParams>())),
+            bind(11, "lights", Read(size_of::<SoftLight>())),
+        ],
+        entries: &[
+            tile(Pass::Shade, "shade", &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11]),
+            tile(
+                Pass::ShadeOver,
+                "shade_over",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
             ),
         ],
     },

@@ -35,7 +35,10 @@ pub enum Draw {
     Replace,
     /// Gloss, added to the picture.
     Gloss,
+    /// Light that does not get there, taken from the picture.
+    Shade,
 }
+
 /// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
 const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 16;
 
@@ -191,15 +194,19 @@ impl Kernels {
         );
         let pipeline_layout = self.pipeline_layout(label, &layout);
         let module = self.module(COMPOSITE);
-        let [vertex, irradiance, gloss] = COMPOSITE_ENTRIES;
+        let [vertex, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
         let fragment = match draw {
             Draw::Add | Draw::Replace => irradiance,
             Draw::Gloss => gloss,
+            Draw::Shade => shade,
         };
         let add = wgpu::BlendComponent {
             src_factor: wgpu::BlendFactor::One,
             dst_factor: wgpu::BlendFactor::One,
-            operation: wgpu::BlendOperation::Add,
+            operation: match draw {
+                Draw::Shade => wgpu::BlendOperation::ReverseSubtract,
+                _ => wgpu::BlendOperation::Add,
+            },
         };
         let pipeline = self
             .device
