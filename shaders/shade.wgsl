@@ -13,6 +13,7 @@
 @group(0) @binding(9) var earlier: texture_2d<f32>;
 @group(0) @binding(10) var<uniform> wanted: ShadeParams;
 @group(0) @binding(11) var<storage, read> lights: array<SoftLight>;
+@group(0) @binding(12) var tables: texture_2d_array<f32>;
 
 const FRAC_1_PI: f32 = 0.318309886;
 // Part of what is missing that is taken away.
@@ -73,19 +74,76 @@ fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
     return (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv));
 }
 
-// Irradiance that the lamps were drawn with, times what its BRDF has over a white Lambert surface's.
-fn drawn_at(x: vec3f, n: vec3f, v: vec3f, roughness: f32) -> vec3f {
+// A pixel's surface, as lamps light it.
+struct Surface {
+    n: vec3f,
+    // Toward the eye.
+    v: vec3f,
+    diffuse: vec3f,
+    // Perceptual.
+    roughness: f32,
+}
+
+// How a surface mirrors: what turns its lobe into a cosine, and what it mirrors of what comes from there.
+struct Lobe {
+    rows: mat3x3f,
+    weight: vec3f,
+}
+
+// A table at a place between its texels, from 0 to 1 between the middles of the first and the last.
+fn table(layer: u32, uv: vec2f) -> vec4f {
+    let last = textureDimensions(tables) - 1u;
+    let at = clamp(uv, vec2f(0.0), vec2f(1.0)) * vec2f(last);
+    let low = vec2u(at);
+    let high = min(low + 1u, last);
+    let f = at - vec2f(low);
+    let a = mix(textureLoad(tables, low, layer, 0), textureLoad(tables, vec2u(high.x, low.y), layer, 0), f.x);
+    let b = mix(textureLoad(tables, vec2u(low.x, high.y), layer, 0), textureLoad(tables, high, layer, 0), f.x);
+    return mix(a, b, f.y);
+}
+
+fn lobe_of(surface: Surface, straight: vec3f) -> Lobe {
+    let nv = clamp(dot(surface.n, surface.v), SLANTED, 1.0);
+    let uv = vec2f(surface.roughness, sqrt(1.0 - nv));
+    let m = table(0u, uv);
+    let f = table(1u, uv);
+    let across = surface.v - surface.n * dot(surface.v, surface.n);
+    let t = across / max(sqrt(dot(across, across)), TINY);
+    let b = cross(t, surface.n);
+    let rows = mat3x3f(m.x * t + m.z * surface.n, b, m.y * t + m.w * surface.n);
+    return Lobe(rows, straight * f.x + (1.0 - straight) * f.y);
+}
+
+// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
+    // Row vectors: the dot products with the rows.
+    let c = to * lobe.rows;
+    let u = light.u * lobe.rows;
+    let v = light.v * lobe.rows;
+    return FRAC_1_PI * lambert(array<vec3f, 4>(c - u - v, c + u - v, c + u + v, c - u + v), vec3f(0.0, 0.0, 1.0));
+}
+
+// Radiance that the lamps were drawn with.
+fn drawn_at(x: vec3f, surface: Surface, straight: vec3f) -> vec3f {
+    var lobe: Lobe;
+    if wanted.gloss != 0u {
+        lobe = lobe_of(surface, straight);
+    }
     var sum = vec3f(0.0);
     for (var k = 0u; k < wanted.lights; k++) {
         let light = lights[k];
-        var e = unshadowed(light, x, n, wanted.extent);
-        if e <= 0.0 {
+        let to = light.center - x;
+        let e = unshadowed(light, x, surface.n, wanted.extent);
+        if light.kind == SOFT_SPHERE {
+            if e > 0.0 {
+                sum += (FRAC_1_PI * e * burley(surface.n, surface.v, normalize(to), surface.roughness)) * surface.diffuse * light.color;
+            }
             continue;
         }
-        if light.kind == SOFT_SPHERE {
-            e *= burley(n, v, normalize(light.center - x), roughness);
+        sum += FRAC_1_PI * e * surface.diffuse * light.color;
+        if wanted.gloss != 0u && light.kind == SOFT_RECTANGLE && dot(normal_of(light), to) < 0.0 {
+            sum += mirrored(lobe, light, to) * window_of(light, dot(to, to)) * lobe.weight * light.color;
         }
-        sum += e * light.color;
     }
     return sum;
 }
@@ -105,8 +163,9 @@ fn shade_pixel(pixel: vec2u) -> vec4f {
     if all(missing.share == vec3f(0.0)) {
         return vec4f(vec3f(0.0), 1.0);
     }
-    let drawn = drawn_at(at.x, at.n, eye_from(pixel, at.x), gbuffer_roughness(texel));
-    let radiance = TAKEN * FRAC_1_PI * params.scale * missing.share * gbuffer_diffuse(texel) * drawn;
+    let surface = Surface(at.n, eye_from(pixel, at.x), gbuffer_diffuse(texel), gbuffer_roughness(texel));
+    let drawn = drawn_at(at.x, surface, gbuffer_straight(texel));
+    let radiance = TAKEN * params.scale * missing.share * drawn;
     return vec4f(min(radiance, vec3f(LARGEST_HALF)), 1.0);
 }
 

@@ -124,7 +124,11 @@ fn layouts() -> Vec<Layout> {
             far,
             width
         }),
-        layout!(ShadeParams { lights, extent }),
+        layout!(ShadeParams {
+            lights,
+            extent,
+            gloss
+        }),
         layout!(VisibilityCluster {
             tangent,
             components,
@@ -263,9 +267,9 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 15] = [
+const SHADER_ONLY: [&str; 17] = [
     "Cell", "Place", "Shear", "Covered", "Seen", "Between", "Near", "Facet", "Shine", "Receiver",
-    "Glossy", "Around", "Foretold", "Spectrum", "Missing",
+    "Glossy", "Around", "Foretold", "Spectrum", "Missing", "Surface", "Lobe",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -442,6 +446,18 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 Some(Kind::Read(*stride as usize))
             }
         }
+        (
+            _,
+            naga::TypeInner::Image {
+                class:
+                    naga::ImageClass::Sampled {
+                        kind: naga::ScalarKind::Float,
+                        multi: false,
+                    },
+                arrayed: true,
+                dim: naga::ImageDimension::D2,
+            },
+        ) => Some(Kind::Layers),
         (
             _,
             naga::TypeInner::Image {

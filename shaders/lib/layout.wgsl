@@ -243,8 +243,8 @@ struct SoftParams {
 struct ShadeParams {
     lights: u32,
     extent: f32,
+    gloss: u32,
     pad0: u32,
-    pad1: u32,
 }
 
 struct VisibilityCluster {

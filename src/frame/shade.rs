@@ -5,12 +5,13 @@
 //! quotient is the missing share, and the share times what was drawn at the pixel is taken away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full shadow nothing is left, in
 //! full light nothing is taken, and colours, normals and the falloff are those of the picture. With several lamps the share is that of their sum.
 //!
-//! What was drawn is Bevy 0.19's diffuse light: a rectangle's Lambert, a point lamp's Burley (\[RG18\] §4.5), each over the closed form of [`unshadowed`]. Its specular light is not taken.
+//! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's (\[RG18\] §4.5) over
+//! [`unshadowed`], whose specular light is not taken.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
-use super::soft::{SoftLight, unshadowed};
+use super::soft::{SoftLight, corners, lambert, unshadowed, window};
 use super::splat::{LARGEST_HALF, place};
 use crate::asset::BakedScene;
 use crate::basis::{NO_COVER, weight};
@@ -30,8 +31,10 @@ pub struct ShadeParams {
     pub lights: u32,
     /// Largest edge of the level's box, metres.
     pub extent: f32,
+    /// 1 where rectangles were drawn with gloss too, by [`Tables`]; 0 for diffuse light alone.
+    pub gloss: u32,
     /// Not used.
-    pub pad: [u32; 2],
+    pub pad: u32,
 }
 
 impl ShadeParams {
@@ -41,7 +44,7 @@ impl ShadeParams {
         Self {
             lights: lights as u32,
             extent: extent(scene),
-            pad: [0; 2],
+            ..Self::default()
         }
     }
 }
@@ -85,31 +88,127 @@ pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
 }
 
-/// Irradiance that `lights` were drawn with at (x, n), W/m², times what the BRDF has over a white Lambert surface's.
+/// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tables {
+    /// Texels along an edge.
+    pub size: u32,
+    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two channels what a lobe mirrors, over f₀ and over 1 − f₀. Row by row.
+    pub layers: [Vec<[f32; 4]>; 2],
+}
+
+impl Tables {
+    /// Layer `layer` at a place between its texels, both coordinates from 0 to 1.
+    fn at(&self, layer: usize, u: f32, v: f32) -> Vec4 {
+        let last = self.size - 1;
+        let place = |v: f32| {
+            let at = v.clamp(0.0, 1.0) * last as f32;
+            (
+                at as u32,
+                (at as u32 + 1).min(last),
+                at - (at as u32) as f32,
+            )
+        };
+        let (left, right, x) = place(u);
+        let (top, bottom, y) = place(v);
+        let texel =
+            |i: u32, j: u32| Vec4::from_array(self.layers[layer][(j * self.size + i) as usize]);
+        let a = texel(left, top).lerp(texel(right, top), x);
+        let b = texel(left, bottom).lerp(texel(right, bottom), x);
+        a.lerp(b, y)
+    }
+}
+
+/// A pixel's surface, as lamps light it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shading {
+    /// Unit normal.
+    pub n: Vec3,
+    /// Unit, toward the eye.
+    pub v: Vec3,
+    /// Diffuse reflectance.
+    pub diffuse: Vec3,
+    /// Specular reflectance where one looks straight at it.
+    pub straight: Vec3,
+    /// Perceptual roughness.
+    pub roughness: f32,
+}
+
+impl Shading {
+    /// The surface of a G-buffer's texel, with a normal in the space that `v` is in.
+    #[must_use]
+    pub fn of(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
+        Self {
+            n,
+            v,
+            diffuse: gbuffer::diffuse(texel),
+            straight: gbuffer::straight(texel),
+            roughness: gbuffer::roughness(texel),
+        }
+    }
+}
+
+/// How a surface mirrors: the rows of what turns its lobe into a cosine, and what it mirrors of what comes from there.
+struct Lobe {
+    rows: [Vec3; 3],
+    weight: Vec3,
+}
+
+impl Lobe {
+    fn new(tables: &Tables, surface: &Shading) -> Self {
+        let (n, v) = (surface.n, surface.v);
+        let nv = n.dot(v).clamp(SLANTED, 1.0);
+        let slant = (1.0 - nv).sqrt();
+        let m = tables.at(0, surface.roughness, slant);
+        let f = tables.at(1, surface.roughness, slant);
+        let across = v - n * v.dot(n);
+        let t = across / across.length().max(f32::MIN_POSITIVE);
+        Self {
+            rows: [m.x * t + m.z * n, t.cross(n), m.y * t + m.w * n],
+            weight: surface.straight * f.x + (Vec3::ONE - surface.straight) * f.y,
+        }
+    }
+
+    /// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+    fn mirrored(&self, light: &SoftLight, to: Vec3) -> f32 {
+        let turned = |p: Vec3| Vec3::from_array(self.rows.map(|row| row.dot(p)));
+        let quad = corners(light, to).map(turned);
+        FRAC_1_PI * lambert(quad, Vec3::Z)
+    }
+}
+
+/// Radiance that `lights` were drawn with at x on `surface`, W/(m² sr); without tables, diffuse light alone.
 #[must_use]
 pub fn drawn(
     params: &ShadeParams,
+    tables: Option<&Tables>,
     lights: &[SoftLight],
     x: Vec3,
-    n: Vec3,
-    v: Vec3,
-    roughness: f32,
+    surface: &Shading,
 ) -> Vec3 {
+    let lobe = tables.map(|tables| Lobe::new(tables, surface));
     let mut sum = Vec3::ZERO;
     for light in &lights[..params.lights as usize] {
-        let mut e = unshadowed(light, x, n, params.extent);
-        if e <= 0.0 {
+        let to = Vec3::from_array(light.center) - x;
+        let colour = Vec3::from_array(light.color);
+        let e = FRAC_1_PI * unshadowed(light, x, surface.n, params.extent);
+        if light.kind == SoftLight::SPHERE {
+            if e > 0.0 {
+                let l = to.normalize();
+                sum += e
+                    * burley(surface.n, surface.v, l, surface.roughness)
+                    * surface.diffuse
+                    * colour;
+            }
             continue;
         }
-        if light.kind == SoftLight::SPHERE {
-            e *= burley(
-                n,
-                v,
-                (Vec3::from_array(light.center) - x).normalize(),
-                roughness,
-            );
+        sum += e * surface.diffuse * colour;
+        if let Some(lobe) = &lobe
+            && light.kind == SoftLight::RECTANGLE
+            && light.normal().dot(to) < 0.0
+        {
+            sum += lobe.mirrored(light, to) * window(light, to.dot(to)) * lobe.weight * colour;
         }
-        sum += e * Vec3::from_array(light.color);
     }
     sum
 }
@@ -120,7 +219,7 @@ pub fn shade_pixel(
     (params, view): (&ShadeParams, &SplatParams),
     scene: &BakedScene,
     deficits: &[VectorIrradiance],
-    lights: &[SoftLight],
+    (lights, tables): (&[SoftLight], Option<&Tables>),
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
@@ -135,9 +234,9 @@ pub fn shade_pixel(
     if share == Vec3::ZERO {
         return [0.0, 0.0, 0.0, 1.0];
     }
-    let v = eye_from(view, pixel, x);
-    let drawn = drawn(params, lights, x, n, v, gbuffer::roughness(texel));
-    let radiance = TAKEN * FRAC_1_PI * view.scale * share * gbuffer::diffuse(texel) * drawn;
+    let surface = Shading::of(texel, n, eye_from(view, pixel, x));
+    let drawn = drawn(params, tables, lights, x, &surface);
+    let radiance = TAKEN * view.scale * share * drawn;
     radiance
         .min(Vec3::splat(LARGEST_HALF))
         .extend(1.0)
@@ -159,6 +258,55 @@ fn eye_from(view: &SplatParams, pixel: [u32; 2], x: Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// With a table that turns nothing, a white mirror is a white Lambert surface.
+    #[test]
+    fn a_lobe_that_is_a_cosine_mirrors_what_a_matte_surface_reflects() {
+        let tables = Tables {
+            size: 2,
+            layers: [vec![[1.0, 0.0, 0.0, 1.0]; 4], vec![[1.0, 0.0, 0.0, 0.0]; 4]],
+        };
+        let params = ShadeParams {
+            lights: 1,
+            extent: 4.0,
+            gloss: 1,
+            pad: 0,
+        };
+        let panel = SoftLight::rectangle(
+            Vec3::new(0.3, 2.0, -0.2),
+            Vec3::new(0.5, 0.2, 0.0),
+            Vec3::new(0.0, 0.1, 0.7),
+            Vec3::new(3.0, 2.0, 1.0),
+            16,
+        )
+        .within(5.0);
+        let n = Vec3::new(0.2, 0.9, 0.1).normalize();
+        let surface = Shading {
+            n,
+            v: Vec3::new(0.5, 0.6, -0.3).normalize(),
+            diffuse: Vec3::ONE,
+            straight: Vec3::ZERO,
+            roughness: 0.5,
+        };
+        let mirror = Shading {
+            diffuse: Vec3::ZERO,
+            straight: Vec3::ONE,
+            ..surface
+        };
+        let [matte, mirrored] =
+            [surface, mirror].map(|s| drawn(&params, Some(&tables), &[panel], Vec3::ZERO, &s));
+        assert!(matte.x > 0.05);
+        assert!(
+            (matte - mirrored).abs().max_element() < 1e-5 * matte.x,
+            "{matte} {mirrored}"
+        );
+        // From behind, neither.
+        let behind = Vec3::new(0.3, 4.0, -0.2);
+        assert_eq!(
+            drawn(&params, Some(&tables), &[panel], behind, &mirror),
+            Vec3::ZERO
+        );
+    }
 
     /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both sides.
     #[test]

@@ -169,8 +169,9 @@ impl SoftLight {
         if finite { self } else { Self::default() }
     }
 
-    /// Normal of a rectangle.
-    fn normal(&self) -> Vec3 {
+    /// Normal of a rectangle, unit; zero for what has none.
+    #[must_use]
+    pub fn normal(&self) -> Vec3 {
         Vec3::from_array(self.u)
             .cross(self.v.into())
             .normalize_or_zero()
@@ -185,27 +186,42 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MOST_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum over the edges of what is above the
-/// horizon (\[L60\]), a sphere as a point, which is exact for one that is wholly above it; both fade towards their range, as Bevy draws them.
+/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade towards their range, as Bevy draws them.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
     let square = to.dot(to);
-    let factor = square * light.inverse_square_range;
-    let fade = (1.0 - factor * factor).clamp(0.0, 1.0);
-    let window = fade * fade;
     if light.kind == SoftLight::SPHERE {
         if square <= 0.0 {
             return 0.0;
         }
         let cosine = n.dot(to / square.sqrt()).max(0.0);
-        return cosine / square.max(nearest_square(extent)) * window;
+        return cosine / square.max(nearest_square(extent)) * window(light, square);
     }
     if light.kind != SoftLight::RECTANGLE || light.normal().dot(to) >= 0.0 {
         return 0.0;
     }
+    lambert(corners(light, to), n) * window(light, square)
+}
+
+/// How a light fades towards its range, at the square of a distance, m².
+#[must_use]
+pub fn window(light: &SoftLight, square: f32) -> f32 {
+    let factor = square * light.inverse_square_range;
+    let fade = (1.0 - factor * factor).clamp(0.0, 1.0);
+    fade * fade
+}
+
+/// Corners of a rectangle whose middle is at `to`.
+#[must_use]
+pub fn corners(light: &SoftLight, to: Vec3) -> [Vec3; 4] {
     let (u, v) = (Vec3::from_array(light.u), Vec3::from_array(light.v));
-    let corners = [to - u - v, to + u - v, to + u + v, to - u + v];
+    [to - u - v, to + u - v, to + u + v, to - u + v]
+}
+
+/// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n (\[L60\]): π times its form factor.
+#[must_use]
+pub fn lambert(corners: [Vec3; 4], n: Vec3) -> f32 {
     // What is below the horizon goes: at most five corners are left.
     let mut sum = 0.0;
     let mut first = Vec3::ZERO;
@@ -233,7 +249,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     if any {
         sum += arc(last, first, n);
     }
-    0.5 * sum.abs() * window
+    0.5 * sum.abs()
 }
 
 /// Angle under which an edge is seen, times the cosine between n and the normal of its plane.

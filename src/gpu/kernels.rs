@@ -1,7 +1,7 @@
 //! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
 //! table with what the shaders declare.
 
-use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
+use super::kernels::Kind::{Depth, Float, Layers, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
@@ -33,6 +33,8 @@ pub enum Kind {
     Uint,
     /// A texture of floats, not filtered.
     Float,
+    /// An array of such textures.
+    Layers,
     /// An `Rgba16Float` storage texture that is written.
     Output,
 }
@@ -621,7 +623,7 @@ pub const KERNELS: [Kernel; 20] = [
             tile(
                 Pass::GlossPixels,
                 "gloss_pixels",
-                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
             ),
         ],
     },
@@ -641,13 +643,18 @@ pub const KERNELS: [Kernel; 20] = [
             bind(9, "earlier", Float),
             bind(10, "wanted", Uniform(size_of::<ShadeParams>())),
             bind(11, "lights", Read(size_of::<SoftLight>())),
+            bind(12, "tables", Layers),
         ],
         entries: &[
-            tile(Pass::Shade, "shade", &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11]),
+            tile(
+                Pass::Shade,
+                "shade",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
+            ),
             tile(
                 Pass::ShadeOver,
                 "shade_over",
-                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
             ),
         ],
     },

@@ -289,11 +289,13 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         has_dynamic_offset,
         min_binding_size: NonZeroU64::new(size as u64),
     };
-    let texture = |sample_type| wgpu::BindingType::Texture {
+    let plane = wgpu::TextureViewDimension::D2;
+    let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
         sample_type,
-        view_dimension: wgpu::TextureViewDimension::D2,
+        view_dimension,
         multisampled: false,
     };
+    let float = wgpu::TextureSampleType::Float { filterable: false };
     match kind {
         Kind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
         Kind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
@@ -307,9 +309,10 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
             false,
             size,
         ),
-        Kind::Depth => texture(wgpu::TextureSampleType::Depth),
-        Kind::Uint => texture(wgpu::TextureSampleType::Uint),
-        Kind::Float => texture(wgpu::TextureSampleType::Float { filterable: false }),
+        Kind::Depth => texture(wgpu::TextureSampleType::Depth, plane),
+        Kind::Uint => texture(wgpu::TextureSampleType::Uint, plane),
+        Kind::Float => texture(float, plane),
+        Kind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
         Kind::Output => wgpu::BindingType::StorageTexture {
             access: wgpu::StorageTextureAccess::WriteOnly,
             format: wgpu::TextureFormat::Rgba16Float,

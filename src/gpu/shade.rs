@@ -14,6 +14,8 @@ pub struct ShadeBuffers {
     params: wgpu::Buffer,
     lights: wgpu::Buffer,
     room: usize,
+    /// Bound where there are no tables.
+    blank: wgpu::TextureView,
     counters: GpuCounters,
 }
 
@@ -36,6 +38,28 @@ fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuErro
     }))
 }
 
+/// Two layers of one texel.
+fn blank(device: &wgpu::Device) -> wgpu::TextureView {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("no tables"),
+        size: wgpu::Extent3d {
+            width: 1,
+            height: 1,
+            depth_or_array_layers: 2,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..wgpu::TextureViewDescriptor::default()
+    })
+}
+
 impl ShadeBuffers {
     /// Room for `lights` lamps.
     ///
@@ -46,12 +70,13 @@ impl ShadeBuffers {
             params: uniform(device, "shade", size_of::<ShadeParams>() as u64),
             lights: room_for(device, lights)?,
             room: lights.max(1),
+            blank: blank(device),
             counters: GpuCounters::default(),
         })
     }
 
     /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that is submitted next. What is missing of them comes from
-    /// [`SoftBuffers::record`].
+    /// [`SoftBuffers::record`]. `gloss` where rectangles were drawn with it: [`ShadeBuffers::record`] gets the tables then.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
@@ -61,6 +86,7 @@ impl ShadeBuffers {
         queue: &wgpu::Queue,
         scene: &SceneBuffers,
         lights: &[SoftLight],
+        gloss: bool,
     ) -> Result<(), GpuError> {
         if lights.len() > self.room {
             self.lights = room_for(kernels.device(), lights.len())?;
@@ -72,13 +98,18 @@ impl ShadeBuffers {
         let params = ShadeParams {
             lights: lights.len() as u32,
             extent: scene.shape().extent,
+            gloss: u32::from(gloss),
             ..ShadeParams::default()
         };
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade).
+    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade). `tables` are two layers, see [`Tables`](crate::frame::shade::Tables).
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a scene in a view, and what it is recorded with"
+    )]
     pub fn record(
         &mut self,
         kernels: &Kernels,
@@ -87,6 +118,7 @@ impl ShadeBuffers {
         soft: &SoftBuffers,
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,
+        tables: Option<&wgpu::TextureView>,
     ) {
         let which = match targets.earlier {
             Some(_) => Pass::ShadeOver,
@@ -109,6 +141,7 @@ impl ShadeBuffers {
             (8, texture(targets.output)),
             (10, self.params.as_entire_binding()),
             (11, self.lights.as_entire_binding()),
+            (12, texture(tables.unwrap_or(&self.blank))),
         ];
         if let Some(earlier) = targets.earlier {
             resources.push((9, texture(earlier)));

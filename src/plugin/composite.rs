@@ -6,7 +6,7 @@ use super::compute::GiRender;
 use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::ExtractedGi;
 use super::gloss::{GlossView, ViewGloss};
-use super::soft::{Shaded, ViewShade};
+use super::soft::{ExtractedSoft, Shaded, ViewShade};
 use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
 use crate::gpu::{
     SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite, draw_gloss,
@@ -119,6 +119,7 @@ type View = (
 pub(crate) fn composite(
     view: ViewQuery<View>,
     world: Res<ExtractedGi>,
+    soft: Res<ExtractedSoft>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -398,6 +399,7 @@ pub(crate) fn composite(
         (depth, gbuffer),
         size,
         layers,
+        &soft,
         &shaded,
     );
     match recorded {

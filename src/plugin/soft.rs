@@ -1,7 +1,7 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps as the render world needs them, and what scenes and views hold of them on the device. The kernels are
 //! [`soft`](crate::frame::soft) and [`shade`](crate::frame::shade).
 //!
-//! Bevy draws such a lamp without shadows. What of its diffuse light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
+//! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
 use super::asset::MeshlessGiAsset;
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
@@ -31,7 +31,7 @@ use std::collections::BTreeMap;
 /// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is a sphere
 /// of its `radius`. The bake must remember what its points see (recipe field `soft_shadows`).
 ///
-/// Taken away is the diffuse light that Bevy draws and that does not get there. Highlights stay, as Bevy draws rectangle lights without shadows; what moves, and what no basis
+/// Taken away is the light that Bevy draws and that does not get there: of a rectangle all of it, of a point light what is diffuse; its highlights stay. What moves, and what no basis
 /// function reaches, keeps Bevy's light and casts no such shadow. Indirect light has its own shadows, with or without this.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
@@ -57,12 +57,19 @@ pub(crate) struct ExtractedSoftLight {
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedSoft {
     lights: Vec<ExtractedSoftLight>,
+    /// The tables by which Bevy draws rectangles.
+    tables: Option<wgpu::TextureView>,
 }
 
-/// Whether Bevy draws rectangle lights at all: without its feature `area_light_luts` it holds a placeholder.
-fn draws_rectangles(luts: Option<&AreaLightLuts>, images: Option<&RenderAssets<GpuImage>>) -> bool {
-    let image = luts.zip(images).and_then(|(l, i)| i.get(&l.image));
-    image.is_some_and(|image| image.texture_descriptor.size.width > 1)
+/// The tables by which Bevy draws rectangle lights; none where it draws no such light, for without its feature `area_light_luts` it holds a placeholder.
+fn tables_of(
+    luts: Option<&AreaLightLuts>,
+    images: Option<&RenderAssets<GpuImage>>,
+) -> Option<wgpu::TextureView> {
+    let (luts, images) = luts.zip(images)?;
+    let image = images.get(&luts.image)?;
+    let there = image.texture_descriptor.size.width > 1;
+    there.then(|| wgpu::TextureView::clone(&image.texture_view))
 }
 
 /// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract).
@@ -75,6 +82,11 @@ pub(crate) fn extract_soft(
     images: Option<Res<RenderAssets<GpuImage>>>,
 ) {
     out.lights.clear();
+    out.tables = match rects.is_empty() {
+        true => None,
+        false => tables_of(luts.as_deref(), images.as_deref()),
+    };
+    let drawn = out.tables.is_some();
     let mut push = |parts: &LightPartsItem, kind, light| {
         out.lights.push(ExtractedSoftLight {
             key: (parts.entity.to_bits(), kind),
@@ -90,7 +102,7 @@ pub(crate) fn extract_soft(
     }
     // Of more than these Bevy draws some, and nobody can tell which.
     let few = all_rects.iter().filter(|v| v.get()).count() <= MAX_RECT_LIGHTS;
-    if few && !rects.is_empty() && draws_rectangles(luts.as_deref(), images.as_deref()) {
+    if few && drawn {
         for (parts, light, soft) in &rects {
             if let (true, Some(core)) = (parts.shines(), parts.rect_times(light, 1.0)) {
                 let light = rectangle(&core, light.range, soft);
@@ -248,6 +260,7 @@ impl ViewShade {
         (depth, gbuffer): (&wgpu::TextureView, &wgpu::TextureView),
         size: [u32; 2],
         layers: &RenderLayers,
+        world: &ExtractedSoft,
         scenes: &[Shaded<'_>],
     ) -> Result<GpuCounters, GpuError> {
         let mut recorded = GpuCounters::default();
@@ -289,7 +302,8 @@ impl ViewShade {
                     free.insert(ShadeBuffers::new(device, lights.len())?)
                 }
             };
-            buffers.write(kernels, queue, shaded.scene, &lights)?;
+            let gloss = world.tables.is_some();
+            buffers.write(kernels, queue, shaded.scene, &lights, gloss)?;
             let [first, second] = [&view.radiance[turn % 2], &view.radiance[1 - turn % 2]];
             let Some(output) = first else { continue };
             let before = buffers.counters();
@@ -305,6 +319,7 @@ impl ViewShade {
                     earlier: second.as_ref().filter(|_| turn > 0),
                     output,
                 },
+                world.tables.as_ref(),
             );
             recorded.add(&buffers.counters().since(&before));
             view.last = turn % 2;

@@ -6,7 +6,7 @@ use super::soft::{baked, lights};
 use super::{harness, pixels_differing, wide};
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::shade::{self, ShadeParams};
+use bevy_meshless_gi::frame::shade::{self, ShadeParams, Tables};
 use bevy_meshless_gi::frame::{
     CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
 };
@@ -30,6 +30,25 @@ struct Shaded {
     view: SplatParams,
     deficits: Vec<VectorIrradiance>,
     lights: Vec<SoftLight>,
+    tables: Tables,
+}
+
+/// Tables of five texels along an edge, smooth and made up: the lobes of no surface.
+fn made_up() -> Tables {
+    let size = 5;
+    let texel = |i: u32, k: f32| {
+        let (x, y) = ((i % size) as f32 / 4.0, (i / size) as f32 / 4.0);
+        [
+            1.2 - 0.5 * x + k * y,
+            0.3 * y + 0.2 * k,
+            -0.2 * x * y,
+            0.8 + 0.3 * k * x,
+        ]
+    };
+    Tables {
+        size,
+        layers: [0.0, 1.0].map(|k| (0..size * size).map(|i| texel(i, k)).collect()),
+    }
 }
 
 impl Shaded {
@@ -67,18 +86,20 @@ impl Shaded {
             scene,
             drawn,
             lights,
+            tables: made_up(),
         }
     }
 
     /// By the twins: `shade`, and `shade_over` the earlier scene.
-    fn run(&self) -> [Vec<[f32; 4]>; 2] {
+    fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
         let params = ShadeParams::new(&self.scene, self.lights.len());
+        let tables = gloss.then_some(&self.tables);
         let pixel = |i: u32| {
             shade::shade_pixel(
                 (&params, &self.view),
                 &self.scene,
                 &self.deficits,
-                &self.lights,
+                (&self.lights, tables),
                 [i % SIZE[0], i / SIZE[0]],
                 self.drawn.depth[i as usize],
                 self.drawn.gbuffer[i as usize],
@@ -100,7 +121,7 @@ fn earlier(i: usize) -> [f32; 4] {
 }
 
 /// What the device makes of it: `shade`, `shade_over`, and the picture after the draw of the first.
-fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8]) -> [Vec<[f32; 4]>; 3] {
+fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Vec<[f32; 4]>; 3] {
     let Shaded { scene, drawn, .. } = shaded;
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = Kernels::new(device).unwrap();
@@ -118,10 +139,11 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8]) -> [Vec<[f32; 4]>; 
     // Room for fewer: it grows.
     let mut buffers = ShadeBuffers::new(device, 1).unwrap();
     buffers
-        .write(&kernels, queue, &scene_buffers, &shaded.lights)
+        .write(&kernels, queue, &scene_buffers, &shaded.lights, gloss)
         .unwrap();
     assert_eq!(buffers.bytes(), 16 + 80 * shaded.lights.len() as u64);
 
+    let tables = gloss.then(|| layers_of(harness, &shaded.tables));
     let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
     let half4 = TextureFormat::Rgba16Float;
     let halves = |v: [f32; 4]| v.map(f16::from_f32);
@@ -155,6 +177,7 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8]) -> [Vec<[f32; 4]>; 
                     &soft_buffers,
                     &view,
                     &targets,
+                    tables.as_ref(),
                 );
             }
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -181,6 +204,39 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8]) -> [Vec<[f32; 4]>; 
     [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))
 }
 
+/// Tables on the device.
+fn layers_of(harness: &Harness, tables: &Tables) -> wgpu::TextureView {
+    let size = wgpu::Extent3d {
+        width: tables.size,
+        height: tables.size,
+        depth_or_array_layers: 2,
+    };
+    let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("tables"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: TextureFormat::Rgba32Float,
+        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    harness.queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&tables.layers.concat()),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(16 * tables.size),
+            rows_per_image: Some(tables.size),
+        },
+        size,
+    );
+    texture.create_view(&TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..TextureViewDescriptor::default()
+    })
+}
+
 /// Pixels that differ by more than halves and sums in another order explain, or whose coverage does.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     pixels_differing(gpu, cpu).len()
@@ -188,12 +244,21 @@ fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
 
 #[test]
 fn shade() {
+    compare(false);
+}
+
+#[test]
+fn shade_of_mirror_images() {
+    compare(true);
+}
+
+fn compare(gloss: bool) {
     let Some(harness) = harness() else { return };
     let mut shaded = Shaded::new();
     let count = shaded.drawn.depth.len();
     let passes: Vec<u8> = (0..count).map(|i| u8::from(i % 11 != 0)).collect();
-    let [alone, over, picture] = on_gpu(&harness, &shaded, &passes);
-    let [own, behind] = shaded.run();
+    let [alone, over, picture] = on_gpu(&harness, &shaded, &passes, gloss);
+    let [own, behind] = shaded.run(gloss);
     let covered = own.iter().filter(|t| t[3] == 1.0).count();
     let dark = own.iter().filter(|t| t[0] > 1e-3).count();
     assert!(
@@ -237,6 +302,20 @@ fn shade() {
         }),
         ("exposure", |s| s.view.scale *= 1.01),
     ];
+    if gloss {
+        let noticed = apart(&alone, &shaded.run(false)[0]);
+        assert!(
+            noticed > count / 10,
+            "no mirror image goes unnoticed: {noticed}"
+        );
+        for layer in 0..2 {
+            shaded.tables.layers[layer][7][layer] *= 1.2;
+            let noticed = apart(&alone, &shaded.run(true)[0]);
+            println!("table {layer}: {noticed}");
+            assert!(noticed > found[0] + 20, "table {layer} goes unnoticed");
+            shaded.tables = made_up();
+        }
+    }
     for (what, spoil) in spoils {
         let (lights, drawn, scene) = (
             shaded.lights.clone(),
@@ -245,7 +324,7 @@ fn shade() {
         );
         let (deficits, scale) = (shaded.deficits.clone(), shaded.view.scale);
         spoil(&mut shaded);
-        let noticed = apart(&alone, &shaded.run()[0]);
+        let noticed = apart(&alone, &shaded.run(gloss)[0]);
         println!("{what}: {noticed}");
         assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
         (shaded.lights, shaded.drawn.gbuffer, shaded.scene.points) = (lights, drawn, scene);
