@@ -589,3 +589,46 @@ pub fn spread(scene: &BakedScene, values: &mut [VectorIrradiance]) {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Quat;
+
+    /// Whether a root moves, turns, scales or mirrors a level: its lamps light it as before.
+    #[test]
+    fn irradiance_is_the_same_in_both_spaces() {
+        let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
+        let moved = Vec3::new(2.0, -1.0, 5.0);
+        let panel = SoftLight::rectangle(
+            Vec3::new(0.2, 3.0, 0.1),
+            Vec3::X * 0.6,
+            Vec3::new(0.0, 0.1, 0.3),
+            Vec3::ONE,
+            20,
+        );
+        let bulb = SoftLight::sphere(Vec3::new(0.2, 3.0, 0.1), 0.2, Vec3::ONE, 9.0, 20);
+        let (x, n) = (
+            Vec3::new(-0.4, 0.0, 0.3),
+            Vec3::new(0.2, 0.9, 0.1).normalize(),
+        );
+        for light in [panel.within(7.0), bulb] {
+            for scale in [Vec3::splat(2.5), Vec3::new(-0.5, 0.5, 0.5)] {
+                let root = Mat4::from_scale_rotation_translation(scale, turn, moved);
+                let inverse = root.inverse();
+                let local = light.to_local(&inverse);
+                let direction = inverse.transform_vector3(n).normalize();
+                // A level so small that no distance is near.
+                let there = unshadowed(&local, inverse.transform_point3(x), direction, 1e-3);
+                let here = unshadowed(&light, x, n, 1e-3);
+                let (here, there) = (light.color[0] * here, local.color[0] * there);
+                assert!(
+                    here > 0.01 && (here - there).abs() < 1e-4 * here,
+                    "{here} {there}"
+                );
+                let apart = (light.radius - local.radius * scale.y).abs();
+                assert!(apart < 1e-6 && light.columns * light.rows == local.columns * local.rows);
+            }
+        }
+    }
+}
