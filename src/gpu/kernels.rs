@@ -623,7 +623,7 @@ pub const KERNELS: [Kernel; 20] = [
             tile(
                 Pass::GlossPixels,
                 "gloss_pixels",
-                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
             ),
         ],
     },

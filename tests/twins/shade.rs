@@ -79,7 +79,7 @@ impl Shaded {
                 root.inverse(),
                 [0.0, 0.0, width, height],
                 SIZE,
-                0.3,
+                2.0,
                 (&scene.display.grid).into(),
             ),
             deficits: soft::deficits(&scene, &lights),
