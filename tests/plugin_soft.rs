@@ -203,16 +203,16 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
         whole += luminance(of.pixels[i]);
         count += 1;
     }
-    assert!(count > 50 && whole > 0.0, "{count} pixels");
+    assert!(count > 30 && whole > 0.0, "{count} pixels");
     sum / whole
 }
 
-/// Pixels where all neighbours within two pixels see as much of the lamp as `wanted` says.
+/// Pixels whose neighbours see as much of the lamp as `wanted` says.
 fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {
-        (-2..=2).all(|dy| {
-            (-2..=2).all(|dx| {
+        (-1..=1).all(|dy| {
+            (-1..=1).all(|dx| {
                 let (x, y) = ((i % w + dx).clamp(0, w - 1), (i / w + dy).clamp(0, h - 1));
                 wanted(seen[(y * w + x) as usize])
             })
@@ -249,16 +249,18 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
         "{name}: in full light {in_light}"
     );
     assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
-    assert!(twins < 0.01, "{name}: not what the twins say, {twins}");
-    assert!(rays < 0.06, "{name}: not what rays say, {rays}");
-    // The test can fail: without shadows it does, and with shadows that are elsewhere.
+    assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
+    // The room is bright, shadows are small: what is left of the error that a picture without them has.
+    let most = 0.3 * without;
     assert!(
-        without > 0.2,
-        "{name}: no shadow is not told apart, {without}"
+        without > 0.02,
+        "{name}: shadows do not matter here, {without}"
     );
+    assert!(rays < most, "{name}: not what rays say, {rays}");
+    // The test can fail: for shadows that are elsewhere.
     let mut moved = shaded.clone();
     moved.pixels.rotate_right(3);
-    assert!(moved.nrmse(&by_twins) > 0.01 && moved.nrmse(&by_rays) > 0.06);
+    assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > most);
 }
 
 /// Inserts or removes the component.
