@@ -26,6 +26,7 @@ mod gloss;
 mod harness;
 mod kernels;
 mod links;
+mod pass;
 mod pipelines;
 mod rsm;
 mod scene_buffers;

@@ -7,7 +7,7 @@
 
 use super::{
     BounceState, FrameState, LightId, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange,
-    Stage, ViewId, ViewState,
+    Stage, ViewId,
 };
 use std::fmt;
 
@@ -49,7 +49,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "soft_shadows",
         summary: "finds what lamps with soft shadows do not reach, where one of them changed",
-        schedule: soft_shadows,
+        schedule: super::soft::soft_shadows,
     },
     Effect {
         name: "bounce_from_dynamic",
@@ -69,7 +69,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "penumbrae",
         summary: "takes the light that does not get there from the picture of each view",
-        schedule: penumbrae,
+        schedule: super::soft::penumbrae,
     },
     Effect {
         name: "inspection",
@@ -156,7 +156,8 @@ impl Plan {
         ids
     }
 
-    fn push(
+    /// Adds a pass of an effect, for all views.
+    pub(super) fn push(
         &mut self,
         effect: &'static str,
         stage: Stage,
@@ -229,7 +230,7 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
 }
 
 /// The active scenes; without a note about the others.
-fn active_scenes(state: &FrameState) -> impl Iterator<Item = &SceneState> {
+pub(super) fn active_scenes(state: &FrameState) -> impl Iterator<Item = &SceneState> {
     state.scenes.iter().filter(|s| active(state, s).is_ok())
 }
 
@@ -285,54 +286,6 @@ fn transport(state: &FrameState, plan: &mut Plan) {
         };
         for stage in [Stage::PullPush, Stage::Apply, Stage::Flatten] {
             plan.push("transport", stage, scene.id, reason.clone());
-        }
-    }
-}
-
-/// Whether soft shadows can fall in a scene that has such lamps; or why not.
-fn falls(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
-    if !scene.soft.remembers {
-        Err(Skip::NoVisibility)
-    } else if scene.soft.largest_buffer > state.largest_binding {
-        Err(Skip::TooLarge {
-            needs: scene.soft.largest_buffer,
-            has: state.largest_binding,
-        })
-    } else {
-        Ok(())
-    }
-}
-
-fn soft_shadows(state: &FrameState, plan: &mut Plan) {
-    for scene in active_scenes(state).filter(|s| s.soft.lights > 0) {
-        let shown =
-            |v: &ViewState| v.lit && v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
-        match falls(state, scene) {
-            Err(why) => plan.skipped.push((scene.id, None, why)),
-            Ok(()) if !state.views.iter().any(shown) => {}
-            Ok(()) if !scene.resident => {
-                plan.push("soft_shadows", Stage::Soft, scene.id, Reason::NewBake);
-            }
-            Ok(()) if !scene.soft.held => {
-                let reason = Reason::SoftLightsChanged(scene.soft.lights);
-                plan.push("soft_shadows", Stage::Soft, scene.id, reason);
-            }
-            Ok(()) => {}
-        }
-    }
-}
-
-fn penumbrae(state: &FrameState, plan: &mut Plan) {
-    for view in state.views.iter().filter(|view| view.lit) {
-        for scene in active_scenes(state).filter(|s| s.soft.lights > 0) {
-            let splatted = plan
-                .passes
-                .iter()
-                .any(|p| p.stage == Stage::Splat && p.scene == scene.id && p.view == Some(view.id));
-            if splatted && falls(state, scene).is_ok() {
-                plan.push("penumbrae", Stage::Shade, scene.id, Reason::InView)
-                    .view = Some(view.id);
-            }
         }
     }
 }
@@ -404,7 +357,7 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::SoftState;
+    use crate::plan::ViewState;
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);
@@ -611,70 +564,6 @@ mod tests {
         assert_eq!(plan.passes[3].view, Some(ViewId(7)));
         state.bounces.clear();
         assert!(Plan::new(&state).is_empty());
-    }
-
-    #[test]
-    fn soft_shadows_run_where_a_lamp_casts_them_and_once() {
-        let mut state = at_rest();
-        // A bake that could, and no lamp that asks.
-        state.scenes[0].soft.remembers = true;
-        let none = Plan::new(&state);
-        assert_eq!(none.count(Stage::Soft) + none.count(Stage::Shade), 0);
-        // A lamp that asks, and has moved.
-        state.scenes[0].soft.lights = 2;
-        let plan = Plan::new(&state);
-        use Stage::*;
-        assert_eq!(stages(&plan), [Soft, Splat, Composite, Shade]);
-        assert_eq!(plan.passes[0].reason, Reason::SoftLightsChanged(2));
-        assert_eq!(plan.passes[3].view, Some(ViewId(7)));
-        // At rest: what is missing is held, and taken from every view that shows the picture.
-        state.scenes[0].soft.held = true;
-        state.views.push(view(8, &[A]));
-        state.views.push(ViewState {
-            lit: false,
-            ..view(9, &[A])
-        });
-        let plan = Plan::new(&state);
-        assert_eq!([Soft, Splat, Shade].map(|s| plan.count(s)), [0, 3, 2]);
-        // A bake that comes back has nothing of it.
-        state.scenes[0].resident = false;
-        assert_eq!(
-            Plan::new(&state).find(Soft, A).unwrap().reason,
-            Reason::NewBake
-        );
-    }
-
-    #[test]
-    fn soft_shadows_that_cannot_fall_say_why() {
-        type Change = fn(&mut FrameState);
-        let asked = SoftState {
-            lights: 1,
-            remembers: true,
-            ..SoftState::default()
-        };
-        let cases: [(Change, Option<Skip>); 3] = [
-            (
-                |s| s.scenes[0].soft.remembers = false,
-                Some(Skip::NoVisibility),
-            ),
-            (
-                |s| s.scenes[0].soft.largest_buffer = 1 << 40,
-                Some(Skip::TooLarge {
-                    needs: 1 << 40,
-                    has: 128 << 20,
-                }),
-            ),
-            (|s| s.views[0].lit = false, None),
-        ];
-        for (change, why) in cases {
-            let mut state = at_rest();
-            state.scenes[0].soft = asked;
-            change(&mut state);
-            let plan = Plan::new(&state);
-            assert_eq!(stages(&plan), [Stage::Splat, Stage::Composite], "{plan}");
-            let said = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
-            assert!(said, "{plan}");
-        }
     }
 
     #[test]

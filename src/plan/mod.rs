@@ -27,6 +27,7 @@ mod lights;
 mod maps;
 mod pass;
 mod quality;
+mod soft;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};

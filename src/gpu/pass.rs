@@ -1,0 +1,136 @@
+//! The compute entry points by name: what is dispatched, and counted.
+
+use super::kernels::{Entry, KERNELS};
+
+/// A compute entry point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Pass {
+    /// `project`.
+    Project,
+    /// `radiosity`.
+    Radiosity,
+    /// `pull`.
+    Pull,
+    /// `push`.
+    Push,
+    /// `compress`.
+    Compress,
+    /// `apply`.
+    Apply,
+    /// `bounce`, one live Jacobi step.
+    Sweep,
+    /// `bounce`, baked, the coarsest points.
+    Gather,
+    /// `bounce`, baked, one finer level.
+    Spread,
+    /// `bounce`, baked, the sum.
+    Add,
+    /// `flatten`, one level of averages.
+    Averages,
+    /// `flatten`, differences.
+    Differences,
+    /// `soft`.
+    Soft,
+    /// `splat`, the first scene of a view.
+    Splat,
+    /// `splat`, a further scene of a view.
+    SplatOver,
+    /// `rsm`, the lit texels of one map.
+    RsmTexels,
+    /// `rsm`, shadows of one baked scene on a light's texels.
+    RsmShadow,
+    /// `rsm`, the virtual point lights of one light.
+    RsmChoose,
+    /// `vpl`, where a view has no light yet.
+    Vpl,
+    /// `vpl`, over what baked scenes gave.
+    VplOver,
+    /// `vpl`, the subsplats of a list.
+    VplNodes,
+    /// `splat`, the subsplats of a list.
+    SplatNodes,
+    /// `pyramid`, pixels to level 1.
+    PyramidBase,
+    /// `pyramid`, a level from the one below.
+    PyramidReduce,
+    /// `refine`, the cells of the coarsest level.
+    RefineStart,
+    /// `refine`, the children of one level's.
+    Refine,
+    /// `upsample`, a level from the next coarser one.
+    Upsample,
+    /// `upsample`, the pixels.
+    Resolve,
+    /// `upsample`, the pixels that were evaluated by themselves.
+    Fill,
+    /// `gloss`, the nodes of a level.
+    Gloss,
+    /// `gloss`, the pixels.
+    GlossPixels,
+    /// `shade`, the first scene of a view.
+    Shade,
+    /// `shade`, a further scene of a view.
+    ShadeOver,
+    /// `fmm_up`, a level.
+    FmmUp,
+    /// `fmm_down`, a level.
+    FmmReceive,
+    /// `fmm_down`, the points.
+    FmmEvaluate,
+}
+
+impl Pass {
+    /// How many there are.
+    pub const COUNT: usize = 36;
+
+    /// All, in the order of the table.
+    pub const ALL: [Self; Self::COUNT] = [
+        Self::Project,
+        Self::Radiosity,
+        Self::Pull,
+        Self::Push,
+        Self::Compress,
+        Self::Apply,
+        Self::Sweep,
+        Self::Gather,
+        Self::Spread,
+        Self::Add,
+        Self::Averages,
+        Self::Differences,
+        Self::Soft,
+        Self::Splat,
+        Self::SplatOver,
+        Self::RsmTexels,
+        Self::RsmShadow,
+        Self::RsmChoose,
+        Self::Vpl,
+        Self::VplOver,
+        Self::VplNodes,
+        Self::SplatNodes,
+        Self::PyramidBase,
+        Self::PyramidReduce,
+        Self::RefineStart,
+        Self::Refine,
+        Self::Upsample,
+        Self::Resolve,
+        Self::Fill,
+        Self::Gloss,
+        Self::GlossPixels,
+        Self::Shade,
+        Self::ShadeOver,
+        Self::FmmUp,
+        Self::FmmReceive,
+        Self::FmmEvaluate,
+    ];
+
+    /// Its kernel, and its entry point there.
+    #[must_use]
+    pub fn entry(self) -> (usize, &'static Entry) {
+        for (at, kernel) in KERNELS.iter().enumerate() {
+            if let Some(entry) = kernel.entries.iter().find(|e| e.pass == self) {
+                return (at, entry);
+            }
+        }
+        unreachable!("every pass has an entry point; a test counts them")
+    }
+}
