@@ -469,7 +469,7 @@ mod tests {
         let changes: [(Change, bool); 7] = [
             (|l| l.center[1] += 5e-5, true),
             (|l| l.center[1] += 5e-4, false),
-            (|l| l.u[0] *= 1.1, false),
+            (|l| l.u[0] += 0.1, false),
             (|l| l.radius += 0.1, false),
             (|l| l.color[0] *= 1.000_005, true),
             (|l| l.color[0] *= 1.01, false),
