@@ -18,6 +18,8 @@
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //!
+//! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow map; the ball, which no bake knows, casts none and reflects none of its light.
+//!
 //! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture of the window and ends (with M first, the ball stays where it starts).
 
 mod common;
@@ -25,7 +27,7 @@ mod common;
 use bevy::camera::Viewport;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Recipe};
+use bevy_meshless_gi::bake::{Preset, Recipe, SoftShadows};
 use bevy_meshless_gi::plugin::{
     MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiStatus, MeshlessGiView,
 };
@@ -36,6 +38,9 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let before = arguments.len();
+    arguments.retain(|a| a != "--soft");
+    let soft = arguments.len() < before;
     let capture = match Capture::take_from(&mut arguments) {
         Ok(capture) if arguments.is_empty() => capture,
         Ok(_) => return usage(&format!("what is {}?", arguments.join(" "))),
@@ -45,6 +50,7 @@ fn main() -> ExitCode {
     app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
         .insert_resource(GlobalAmbientLight::NONE)
         .init_resource::<SideBySide>()
+        .insert_resource(Soft(soft))
         .add_systems(Startup, setup)
         .init_resource::<Rolling>()
         .add_systems(
@@ -62,7 +68,7 @@ fn main() -> ExitCode {
 
 fn usage(why: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: cornell [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }
@@ -97,17 +103,23 @@ struct DirectOnly;
 #[derive(Component)]
 struct Help;
 
+/// The lamp is a panel with soft shadows, and no bulb with a shadow map.
+#[derive(Resource)]
+struct Soft(bool);
+
 #[derive(Resource, Default)]
 struct SideBySide(bool);
 
 fn setup(
     mut commands: Commands,
+    soft: Res<Soft>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     let quads = cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
+        soft_shadows: soft.0.then(SoftShadows::default),
         ..default()
     };
     let mut root = commands.spawn((
@@ -122,23 +134,41 @@ fn setup(
         emissive: LinearRgba::rgb(4.0, 3.8, 3.4),
         ..default()
     });
-    commands.spawn((
-        Lamp,
-        PointLight {
-            color: Color::linear_rgb(1.0, 0.95, 0.85),
-            intensity: 60_000.0,
-            shadow_maps_enabled: true,
-            // The lamp may come close to a wall; what is nearer than this would cast no shadow.
-            shadow_map_near_z: 0.01,
-            ..default()
-        },
-        // What moves bounces its light.
-        MeshlessGiReflective::default(),
-        Transform::from_xyz(0.0, 1.6, 0.0),
-        Mesh3d(meshes.add(Sphere::new(0.03))),
-        MeshMaterial3d(bulb),
-        bevy::light::NotShadowCaster,
-    ));
+    if soft.0 {
+        commands.spawn((
+            Lamp,
+            RectLight {
+                color: Color::linear_rgb(1.0, 0.95, 0.85),
+                intensity: 20_000.0,
+                width: PANEL.x,
+                height: PANEL.y,
+                ..default()
+            },
+            MeshlessGiSoftShadow::default(),
+            Transform::from_xyz(0.0, 1.9, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
+            // It shines along -Z.
+            Mesh3d(meshes.add(Cuboid::new(PANEL.x, PANEL.y, 0.005))),
+            MeshMaterial3d(bulb),
+        ));
+    } else {
+        commands.spawn((
+            Lamp,
+            PointLight {
+                color: Color::linear_rgb(1.0, 0.95, 0.85),
+                intensity: 60_000.0,
+                shadow_maps_enabled: true,
+                // The lamp may come close to a wall; what is nearer than this would cast no shadow.
+                shadow_map_near_z: 0.01,
+                ..default()
+            },
+            // What moves bounces its light.
+            MeshlessGiReflective::default(),
+            Transform::from_xyz(0.0, 1.6, 0.0),
+            Mesh3d(meshes.add(Sphere::new(0.03))),
+            MeshMaterial3d(bulb),
+            bevy::light::NotShadowCaster,
+        ));
+    }
     let blue = materials.add(StandardMaterial {
         base_color: Color::linear_rgb(0.05, 0.3, 0.95),
         perceptual_roughness: 1.0,
@@ -182,6 +212,9 @@ fn setup(
         BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
     ));
 }
+
+/// Edges of the panel, metres.
+const PANEL: Vec2 = Vec2::new(0.6, 0.4);
 
 /// Where the lamp may be: inside the box.
 const REACH: (Vec3, Vec3) = (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5));

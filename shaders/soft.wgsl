@@ -16,8 +16,6 @@ const TURN: f32 = 6.283185307179586;
 const MOST_COMPONENTS: u32 = 128u;
 // Vectors lean so far at most that their length is ten times their part along the normal.
 const LEAST_ALONG: f32 = 0.1;
-// The smallest normal number: nothing is divided by less.
-const TINY: f32 = 1.17549435e-38;
 
 // The point of this thread: axes, cluster, decoded coefficients.
 var<private> axis_x: vec3f;
@@ -161,13 +159,6 @@ fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     return light.center + (t * cos(angle) + cross(to, t) * sin(angle)) * radius;
 }
 
-fn normal_of(light: SoftLight) -> vec3f {
-    if light.kind != SOFT_RECTANGLE {
-        return vec3f(0.0);
-    }
-    return normalize(cross(light.u, light.v));
-}
-
 // Direction of a sample in xyz, its weight in w; 0 where it does not shine there.
 fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     let square = dot(to, to);
@@ -203,75 +194,8 @@ fn sees(direction: vec3f, distance: f32, normal: vec3f, least: f32) -> f32 {
     return seen;
 }
 
-fn arc_of(a: vec3f, b: vec3f, n: vec3f) -> f32 {
-    let across = cross(a, b);
-    let sine = sqrt(dot(across, across));
-    if sine <= 0.0 {
-        return 0.0;
-    }
-    return atan2(sine, dot(a, b)) * dot(n, across) / sine;
-}
-
-// Irradiance without shadows from a light of colour one.
-fn unshadowed(light: SoftLight, x: vec3f, n: vec3f) -> f32 {
-    let to = light.center - x;
-    if light.kind == SOFT_SPHERE {
-        let square = dot(to, to);
-        if square <= 0.0 {
-            return 0.0;
-        }
-        let cosine = max(dot(n, to / sqrt(square)), 0.0);
-        let factor = square * light.inverse_square_range;
-        let window = clamp(1.0 - factor * factor, 0.0, 1.0);
-        let nearest = clamp(2.5e-5 * params.extent * params.extent, TINY, 1e-4);
-        return cosine / max(square, nearest) * window * window;
-    }
-    if light.kind != SOFT_RECTANGLE || dot(normal_of(light), to) >= 0.0 {
-        return 0.0;
-    }
-    var corners = array<vec3f, 4>(
-        to - light.u - light.v,
-        to + light.u - light.v,
-        to + light.u + light.v,
-        to - light.u + light.v,
-    );
-    var sum = 0.0;
-    var first = vec3f(0.0);
-    var last = vec3f(0.0);
-    var any = false;
-    for (var k = 0u; k < 4u; k++) {
-        let a = corners[k];
-        let b = corners[(k + 1u) % 4u];
-        let ha = dot(n, a);
-        let hb = dot(n, b);
-        if ha >= 0.0 {
-            if any {
-                sum += arc_of(last, a, n);
-            } else {
-                first = a;
-                any = true;
-            }
-            last = a;
-        }
-        if (ha < 0.0) != (hb < 0.0) {
-            let p = a + (b - a) * (ha / (ha - hb));
-            if any {
-                sum += arc_of(last, p, n);
-            } else {
-                first = p;
-                any = true;
-            }
-            last = p;
-        }
-    }
-    if any {
-        sum += arc_of(last, first, n);
-    }
-    return 0.5 * abs(sum);
-}
-
-fn deficit(light: SoftLight, x: vec3f, n: vec3f) -> vec3f {
-    let e = unshadowed(light, x, n);
+// What is missing of e, the irradiance without shadows from the light with colour one.
+fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     if e <= 0.0 {
         return vec3f(0.0);
     }
@@ -325,11 +249,13 @@ fn soft(
     open_eye(i, n);
     var out = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     for (var l = 0u; l < params.lights; l++) {
-        let d = deficit(lights[l], x, n);
-        let colour = vec4f(lights[l].color, 0.0);
-        out.x += d.x * colour;
-        out.y += d.y * colour;
-        out.z += d.z * colour;
+        let e = unshadowed(lights[l], x, n, params.extent);
+        let d = deficit(lights[l], x, n, e);
+        // In the fourth floats: what would arrive without shadows.
+        let colour = lights[l].color;
+        out.x += vec4f(d.x * colour, e * colour.r);
+        out.y += vec4f(d.y * colour, e * colour.g);
+        out.z += vec4f(d.z * colour, e * colour.b);
     }
     deficits[i] = out;
 }

@@ -12,9 +12,9 @@ use bevy_meshless_gi::frame::pyramid::{self, CellRange};
 use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
-    RsmShadowParams, RsmTexel, SoftLight, SoftParams, SolveParams, Span, SplatParams,
+    RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span, SplatParams,
     SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, apply, brdf, compress,
-    gbuffer, gloss, project, refine, rsm, soft, splat, upsample, vpl,
+    gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -123,6 +123,11 @@ fn layouts() -> Vec<Layout> {
             close,
             far,
             width
+        }),
+        layout!(ShadeParams {
+            lights,
+            extent,
+            gloss
         }),
         layout!(VisibilityCluster {
             tangent,
@@ -262,9 +267,9 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 14] = [
+const SHADER_ONLY: [&str; 17] = [
     "Cell", "Place", "Shear", "Covered", "Seen", "Between", "Near", "Facet", "Shine", "Receiver",
-    "Glossy", "Around", "Foretold", "Spectrum",
+    "Glossy", "Around", "Foretold", "Spectrum", "Missing", "Surface", "Lobe",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -287,6 +292,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             Some(f64::from(Visibility::MOST_COMPONENTS)),
         ),
         ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
+        ("TAKEN", Some(f64::from(shade::TAKEN))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
@@ -440,6 +446,18 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 Some(Kind::Read(*stride as usize))
             }
         }
+        (
+            _,
+            naga::TypeInner::Image {
+                class:
+                    naga::ImageClass::Sampled {
+                        kind: naga::ScalarKind::Float,
+                        multi: false,
+                    },
+                arrayed: true,
+                dim: naga::ImageDimension::D2,
+            },
+        ) => Some(Kind::Layers),
         (
             _,
             naga::TypeInner::Image {

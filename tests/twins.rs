@@ -19,6 +19,9 @@ mod reflective;
 #[path = "twins/screen.rs"]
 mod screen;
 #[cfg(feature = "gltf")]
+#[path = "twins/shade.rs"]
+mod shade;
+#[cfg(feature = "gltf")]
 #[path = "twins/soft.rs"]
 mod soft;
 #[cfg(feature = "gltf")]

@@ -1,6 +1,9 @@
 // Structs that kernels share with Rust, byte for byte; `tests/shader_layout.rs` compares them with the types of the same names.
 // SI units: metres, W/m², W/sr.
 
+// A half holds no more; what is brighter must not become infinite.
+const LARGEST_HALF: f32 = 65504.0;
+
 struct Point {
     position: vec3f,
     radius: f32,
@@ -235,6 +238,13 @@ struct SoftParams {
     pad0: u32,
     pad1: u32,
     pad2: u32,
+}
+
+struct ShadeParams {
+    lights: u32,
+    extent: f32,
+    gloss: u32,
+    pad0: u32,
 }
 
 struct VisibilityCluster {

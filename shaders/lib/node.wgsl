@@ -3,8 +3,6 @@
 const KNOWN: u32 = 1u;
 const COVERED: u32 = 2u;
 const EVALUATED: u32 = 4u;
-// A half holds no more; what is brighter must not become infinite.
-const LARGEST_HALF: f32 = 65504.0;
 
 fn pack_halves(a: f32, b: f32) -> u32 {
     return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));

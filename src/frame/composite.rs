@@ -1,4 +1,4 @@
-//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion, and what its gloss adds. Blended additively over the lit
+//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion, what its gloss adds, and what soft shadows take. Blended additively (the last by subtraction) over the lit
 //! picture, before transparency and tonemapping.
 
 use super::gbuffer;
@@ -37,4 +37,11 @@ pub fn composite_gloss_pixel(
     }
     let l = Vec3::new(radiance[0], radiance[1], radiance[2]);
     (params.scale * gbuffer::occlusion(texel) * l).to_array()
+}
+
+/// What the shader's third entry, `composite_shade`, takes from a pixel: `radiance` is the texel that `shade` wrote.
+#[must_use]
+pub fn composite_shade_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
+    let [r, g, b, _] = radiance;
+    if pass == 0 { [0.0; 3] } else { [r, g, b] }
 }

@@ -7,7 +7,7 @@ use glam::{Mat4, Vec3, Vec4};
 
 /// The vector irradiance E⃗ of the three colour channels, W/m². 48 bytes.
 ///
-/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the fourth float of each is not used. The irradiance for a
+/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the fourth float of each is not used (but by [`soft`](super::soft), for what three more numbers say). The irradiance for a
 /// normal n is then x·n.x + y·n.y + z·n.z, all channels at once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

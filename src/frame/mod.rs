@@ -19,7 +19,9 @@
 //! | [`vpl`] | → irradiance from the virtual lights, added to that |
 //! | [`upsample`] | → between the subsplats, and at every pixel |
 //! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
-//! | [`composite`] | → what a pixel's colour gains |
+//! | [`soft`] | what lamps with soft shadows do not reach, at the points that remember what they see |
+//! | [`shade`] | → what was drawn of it at every pixel |
+//! | [`composite`] | → what a pixel's colour gains, and loses |
 //! | [`fmm_up`] | light between points: radiosity → expansions of an octree's nodes, no part of a frame yet |
 //! | [`fmm_down`] | → irradiance at the points |
 //!
@@ -50,6 +52,7 @@ pub mod refine;
 pub mod reflective;
 pub mod rsm;
 mod settings;
+pub mod shade;
 pub mod soft;
 pub mod splat;
 pub mod subsplat;
@@ -66,6 +69,7 @@ pub use reflective::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 pub use settings::{FrameSettings, SceneShape, Steps};
+pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};

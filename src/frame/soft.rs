@@ -22,7 +22,7 @@ use crate::samples::{Point, tangents};
 use crate::scene::{Geometry, Light};
 use crate::transport::pca::{Visibility, VisibilityCluster, frame};
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 
@@ -40,7 +40,7 @@ pub struct SoftLight {
     pub radius: f32,
     /// The other half edge of a rectangle, metres.
     pub v: [f32; 3],
-    /// 1 / range², 1/m²; 0 for no range.
+    /// 1 / range², 1/m², from the middle; 0 for no range.
     pub inverse_square_range: f32,
     /// Sphere: intensity, W/sr. Rectangle: radiance, W/(m² sr).
     pub color: [f32; 3],
@@ -71,16 +71,12 @@ impl SoftLight {
             center: center.to_array(),
             kind: Self::SPHERE,
             radius: radius.max(0.0),
-            inverse_square_range: match range.is_finite() {
-                true => 1.0 / (range * range).max(1e-30),
-                false => 0.0,
-            },
             color: intensity.to_array(),
             columns: one,
             rows: one,
             ..Self::default()
         }
-        .or_none()
+        .within(range)
     }
 
     /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, or has no
@@ -126,6 +122,45 @@ impl SoftLight {
         }
     }
 
+    /// The light with a range, metres: Bevy lets lights fade out there. Infinite for none.
+    #[must_use]
+    pub fn within(self, range: f32) -> Self {
+        Self {
+            inverse_square_range: match range.is_finite() {
+                true => 1.0 / (range * range).max(1e-30),
+                false => 0.0,
+            },
+            ..self
+        }
+        .or_none()
+    }
+
+    /// The light in a bake's local space, where `local_from_world` turns, moves and scales uniformly: as [`FrameLight::to_local`](super::FrameLight::to_local), so
+    /// that irradiance is the same in both spaces. A transform that mirrors turns u and v, and the side that shines stays.
+    #[must_use]
+    pub fn to_local(&self, local_from_world: &Mat4) -> Self {
+        let determinant = local_from_world.determinant();
+        let length = determinant.abs().cbrt();
+        let turned = |v: [f32; 3]| local_from_world.transform_vector3(v.into()).to_array();
+        let mut out = *self;
+        out.center = local_from_world
+            .transform_point3(self.center.into())
+            .to_array();
+        (out.u, out.v) = match determinant < 0.0 {
+            true => (turned(self.v), turned(self.u)),
+            false => (turned(self.u), turned(self.v)),
+        };
+        if determinant < 0.0 {
+            (out.columns, out.rows) = (self.rows, self.columns);
+        }
+        out.radius = self.radius * length;
+        out.inverse_square_range = self.inverse_square_range / (length * length);
+        if self.kind == Self::SPHERE {
+            out.color = (Vec3::from_array(self.color) * length * length).to_array();
+        }
+        out.or_none()
+    }
+
     fn or_none(self) -> Self {
         let numbers = [self.center, self.u, self.v, self.color];
         let finite = numbers.iter().flatten().all(|v| v.is_finite())
@@ -134,8 +169,9 @@ impl SoftLight {
         if finite { self } else { Self::default() }
     }
 
-    /// Normal of a rectangle.
-    fn normal(&self) -> Vec3 {
+    /// Normal of a rectangle, unit; zero for what has none.
+    #[must_use]
+    pub fn normal(&self) -> Vec3 {
         Vec3::from_array(self.u)
             .cross(self.v.into())
             .normalize_or_zero()
@@ -150,26 +186,42 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MOST_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum over the edges of what is above the
-/// horizon (\[L60\]), a sphere as a point, which is exact for one that is wholly above it, and what Bevy draws.
+/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade towards their range, as Bevy draws them.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
+    let square = to.dot(to);
     if light.kind == SoftLight::SPHERE {
-        let square = to.dot(to);
         if square <= 0.0 {
             return 0.0;
         }
         let cosine = n.dot(to / square.sqrt()).max(0.0);
-        let factor = square * light.inverse_square_range;
-        let window = (1.0 - factor * factor).clamp(0.0, 1.0);
-        return cosine / square.max(nearest_square(extent)) * window * window;
+        return cosine / square.max(nearest_square(extent)) * window(light, square);
     }
     if light.kind != SoftLight::RECTANGLE || light.normal().dot(to) >= 0.0 {
         return 0.0;
     }
+    lambert(corners(light, to), n) * window(light, square)
+}
+
+/// How a light fades towards its range, at the square of a distance, m².
+#[must_use]
+pub fn window(light: &SoftLight, square: f32) -> f32 {
+    let factor = square * light.inverse_square_range;
+    let fade = (1.0 - factor * factor).clamp(0.0, 1.0);
+    fade * fade
+}
+
+/// Corners of a rectangle whose middle is at `to`.
+#[must_use]
+pub fn corners(light: &SoftLight, to: Vec3) -> [Vec3; 4] {
     let (u, v) = (Vec3::from_array(light.u), Vec3::from_array(light.v));
-    let corners = [to - u - v, to + u - v, to + u + v, to - u + v];
+    [to - u - v, to + u - v, to + u + v, to - u + v]
+}
+
+/// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n (\[L60\]): π times its form factor.
+#[must_use]
+pub fn lambert(corners: [Vec3; 4], n: Vec3) -> f32 {
     // What is below the horizon goes: at most five corners are left.
     let mut sum = 0.0;
     let mut first = Vec3::ZERO;
@@ -465,7 +517,7 @@ pub fn deficit(
     (n + lean) * ((1.0 - f) * e)
 }
 
-/// The deficit of all `lights` at one point that has visibility, W/m².
+/// The deficit of all `lights` at one point that has visibility, W/m²; in the fourth floats of the three axes red, green and blue of the irradiance that all of them would give without shadows.
 #[must_use]
 pub fn soft_at(
     params: &SoftParams,
@@ -479,13 +531,14 @@ pub fn soft_at(
     let mut sum = VectorIrradiance::default();
     for light in lights {
         let d = deficit(params, light, x, n, &eye);
+        let e = unshadowed(light, x, n, params.extent);
         let [r, g, b] = light.color;
         sum.add_scaled(
             1.0,
             &VectorIrradiance {
-                x: [d.x * r, d.x * g, d.x * b, 0.0],
-                y: [d.y * r, d.y * g, d.y * b, 0.0],
-                z: [d.z * r, d.z * g, d.z * b, 0.0],
+                x: [d.x * r, d.x * g, d.x * b, e * r],
+                y: [d.y * r, d.y * g, d.y * b, e * g],
+                z: [d.z * r, d.z * g, d.z * b, e * b],
             },
         );
     }
@@ -534,5 +587,48 @@ pub fn spread(scene: &BakedScene, values: &mut [VectorIrradiance]) {
             scene.level(l),
             values,
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Quat;
+
+    /// Whether a root moves, turns, scales or mirrors a level: its lamps light it as before.
+    #[test]
+    fn irradiance_is_the_same_in_both_spaces() {
+        let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
+        let moved = Vec3::new(2.0, -1.0, 5.0);
+        let panel = SoftLight::rectangle(
+            Vec3::new(0.2, 3.0, 0.1),
+            Vec3::X * 0.6,
+            Vec3::new(0.0, 0.1, 0.3),
+            Vec3::ONE,
+            20,
+        );
+        let bulb = SoftLight::sphere(Vec3::new(0.2, 3.0, 0.1), 0.2, Vec3::ONE, 9.0, 20);
+        let (x, n) = (
+            Vec3::new(-0.4, 0.0, 0.3),
+            Vec3::new(0.2, 0.9, 0.1).normalize(),
+        );
+        for light in [panel.within(7.0), bulb] {
+            for scale in [Vec3::splat(2.5), Vec3::new(-0.5, 0.5, 0.5)] {
+                let root = Mat4::from_scale_rotation_translation(scale, turn, moved);
+                let inverse = root.inverse();
+                let local = light.to_local(&inverse);
+                let direction = inverse.transform_vector3(n).normalize();
+                // A level so small that no distance is near.
+                let there = unshadowed(&local, inverse.transform_point3(x), direction, 1e-3);
+                let here = unshadowed(&light, x, n, 1e-3);
+                let (here, there) = (light.color[0] * here, local.color[0] * there);
+                assert!(
+                    here > 0.01 && (here - there).abs() < 1e-4 * here,
+                    "{here} {there}"
+                );
+                let apart = (light.radius - local.radius * scale.y).abs();
+                assert!(apart < 1e-6 && light.columns * light.rows == local.columns * local.rows);
+            }
+        }
     }
 }

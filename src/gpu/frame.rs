@@ -358,6 +358,18 @@ pub fn draw_gloss(
     draw(kernels, pass, format, Draw::Gloss, view, textures);
 }
 
+/// Takes from a view's picture the light of lamps with soft shadows that does not get there. `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote,
+/// G-buffer and lighting passes.
+pub fn draw_shade(
+    kernels: &Kernels,
+    pass: &mut wgpu::RenderPass<'_>,
+    format: wgpu::TextureFormat,
+    view: &ViewBuffers,
+    textures: [&wgpu::TextureView; 3],
+) {
+    draw(kernels, pass, format, Draw::Shade, view, textures);
+}
+
 fn draw(
     kernels: &Kernels,
     pass: &mut wgpu::RenderPass<'_>,

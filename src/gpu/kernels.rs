@@ -2,15 +2,15 @@
 //! table with what the shaders declare.
 
 use super::Pass;
-use super::kernels::Kind::{Depth, Float, Output, Read, Span, Uint, Uniform, Write};
+use super::kernels::Kind::{Depth, Float, Layers, Output, Read, Span, Uint, Uniform, Write};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
-    RsmShadowParams, RsmTexel, SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams,
-    VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+    RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, SplatParams,
+    SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -34,6 +34,8 @@ pub enum Kind {
     Uint,
     /// A texture of floats, not filtered.
     Float,
+    /// An array of such textures.
+    Layers,
     /// An `Rgba16Float` storage texture that is written.
     Output,
 }
@@ -138,11 +140,16 @@ const LIGHT: usize = size_of::<FrameLight>();
 const WEIGHT: usize = size_of::<WeightEntry>();
 const VECTOR: usize = size_of::<VectorIrradiance>();
 
-/// Entry points of `composite`: vertex, and the fragments of irradiance and of gloss.
-pub const COMPOSITE_ENTRIES: [&str; 3] = ["whole_screen", "composite", "composite_gloss"];
+/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
+pub const COMPOSITE_ENTRIES: [&str; 4] = [
+    "whole_screen",
+    "composite",
+    "composite_gloss",
+    "composite_shade",
+];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 20] = [
+pub const KERNELS: [Kernel; 21] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -276,7 +283,7 @@ pub const KERNELS: [Kernel; 20] = [
     },
     Kernel {
         name: "soft",
-        source: shader!("soft"),
+        source: shader!("soft", "soft"),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SoftParams>())),
             bind(1, "lights", Read(size_of::<SoftLight>())),
@@ -520,6 +527,37 @@ pub const KERNELS: [Kernel; 20] = [
                 Pass::GlossPixels,
                 "gloss_pixels",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
+            ),
+        ],
+    },
+    Kernel {
+        name: "shade",
+        source: shader!("shade", "grid", "weight", "gbuffer", "place", "soft"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<SplatParams>())),
+            bind(1, "depths", Depth),
+            bind(2, "gbuffer", Uint),
+            bind(3, "points", Read(POINT)),
+            bind(4, "planes", Read(VEC4)),
+            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(6, "grid_entries", Read(4)),
+            bind(7, "deficits", Read(VECTOR)),
+            bind(8, "output", Output),
+            bind(9, "earlier", Float),
+            bind(10, "wanted", Uniform(size_of::<ShadeParams>())),
+            bind(11, "lights", Read(size_of::<SoftLight>())),
+            bind(12, "tables", Layers),
+        ],
+        entries: &[
+            tile(
+                Pass::Shade,
+                "shade",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
+            ),
+            tile(
+                Pass::ShadeOver,
+                "shade_over",
+                &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
             ),
         ],
     },

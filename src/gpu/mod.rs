@@ -12,6 +12,7 @@
 //! | [`GlossBuffers`] | records what a view's glossy surfaces show of virtual lights |
 //! | [`ReflectiveMaps`] | records `rsm` and `vpl`: what moving objects reflect |
 //! | [`SoftBuffers`] | records `soft`: what lamps with soft shadows do not reach |
+//! | [`ShadeBuffers`] | records `shade`: what a view loses by that |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`Harness`] | a device without a window |
 //!
@@ -30,12 +31,13 @@ mod pipelines;
 mod probes;
 mod rsm;
 mod scene_buffers;
+mod shade;
 mod soft;
 mod subsplats;
 
 pub use error::GpuError;
 pub use fmm::GpuFmm;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite, draw_gloss};
+pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite, draw_gloss, draw_shade};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind};
@@ -43,5 +45,6 @@ pub use pass::Pass;
 pub use pipelines::{ComputeKernel, Draw, Kernels, RenderKernel};
 pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
+pub use shade::ShadeBuffers;
 pub use soft::SoftBuffers;
 pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};

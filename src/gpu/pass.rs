@@ -1,4 +1,4 @@
-//! The compute entry points of all kernels, by name.
+//! The compute entry points by name: what is dispatched, and counted.
 
 use super::kernels::{Entry, KERNELS};
 
@@ -71,6 +71,10 @@ pub enum Pass {
     Gloss,
     /// `gloss`, the pixels.
     GlossPixels,
+    /// `shade`, the first scene of a view.
+    Shade,
+    /// `shade`, a further scene of a view.
+    ShadeOver,
     /// `fmm_up`, a level.
     FmmUp,
     /// `fmm_down`, a level.
@@ -81,7 +85,7 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 36;
+    pub const COUNT: usize = 38;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -118,6 +122,8 @@ impl Pass {
         Self::Fill,
         Self::Gloss,
         Self::GlossPixels,
+        Self::Shade,
+        Self::ShadeOver,
         Self::FmmUp,
         Self::FmmReceive,
         Self::FmmEvaluate,

@@ -36,7 +36,10 @@ pub enum Draw {
     Replace,
     /// Gloss, added to the picture.
     Gloss,
+    /// Light that does not get there, taken from the picture.
+    Shade,
 }
+
 /// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
 const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 16;
 
@@ -192,15 +195,19 @@ impl Kernels {
         );
         let pipeline_layout = self.pipeline_layout(label, &layout);
         let module = self.module(COMPOSITE);
-        let [vertex, irradiance, gloss] = COMPOSITE_ENTRIES;
+        let [vertex, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
         let fragment = match draw {
             Draw::Add | Draw::Replace => irradiance,
             Draw::Gloss => gloss,
+            Draw::Shade => shade,
         };
         let add = wgpu::BlendComponent {
             src_factor: wgpu::BlendFactor::One,
             dst_factor: wgpu::BlendFactor::One,
-            operation: wgpu::BlendOperation::Add,
+            operation: match draw {
+                Draw::Shade => wgpu::BlendOperation::ReverseSubtract,
+                _ => wgpu::BlendOperation::Add,
+            },
         };
         let pipeline = self
             .device
@@ -283,11 +290,13 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         has_dynamic_offset,
         min_binding_size: NonZeroU64::new(size as u64),
     };
-    let texture = |sample_type| wgpu::BindingType::Texture {
+    let plane = wgpu::TextureViewDimension::D2;
+    let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
         sample_type,
-        view_dimension: wgpu::TextureViewDimension::D2,
+        view_dimension,
         multisampled: false,
     };
+    let float = wgpu::TextureSampleType::Float { filterable: false };
     match kind {
         Kind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
         Kind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
@@ -301,9 +310,10 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
             false,
             size,
         ),
-        Kind::Depth => texture(wgpu::TextureSampleType::Depth),
-        Kind::Uint => texture(wgpu::TextureSampleType::Uint),
-        Kind::Float => texture(wgpu::TextureSampleType::Float { filterable: false }),
+        Kind::Depth => texture(wgpu::TextureSampleType::Depth, plane),
+        Kind::Uint => texture(wgpu::TextureSampleType::Uint, plane),
+        Kind::Float => texture(float, plane),
+        Kind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
         Kind::Output => wgpu::BindingType::StorageTexture {
             access: wgpu::StorageTextureAccess::WriteOnly,
             format: wgpu::TextureFormat::Rgba16Float,

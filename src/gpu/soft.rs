@@ -225,10 +225,38 @@ impl SoftBuffers {
         self.counters.dispatches[kernel as usize] += 1;
     }
 
-    /// What is missing at every point, W/m²: `splat` reads it as it reads the values of a solve.
+    /// What is missing at every point, and what there would be, W/m²: `shade` reads it.
     #[must_use]
     pub fn deficits(&self) -> &wgpu::Buffer {
         &self.deficits
+    }
+
+    /// Its buffers.
+    fn all(&self) -> [&wgpu::Buffer; 10] {
+        [
+            &self.params,
+            &self.solve,
+            &self.spans,
+            &self.lights,
+            &self.clusters,
+            &self.visible,
+            &self.basis,
+            &self.scales,
+            &self.coefficients,
+            &self.deficits,
+        ]
+    }
+
+    /// How many buffers.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.all().len() as u32
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.all().into_iter().map(wgpu::Buffer::size).sum()
     }
 
     /// Dispatches so far.

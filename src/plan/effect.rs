@@ -52,6 +52,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: free_space,
     },
     Effect {
+        name: "soft_shadows",
+        summary: "finds what lamps with soft shadows do not reach, where one of them changed",
+        schedule: super::soft::soft_shadows,
+    },
+    Effect {
         name: "bounce_from_dynamic",
         summary: "draws what moves from the lights that ask for it, and makes virtual point lights of it",
         schedule: bounce_from_dynamic,
@@ -65,6 +70,11 @@ pub const EFFECTS: &[Effect] = &[
         name: "gloss_from_dynamic",
         summary: "shows what moves in glossy surfaces, in the views that ask for it",
         schedule: gloss_from_dynamic,
+    },
+    Effect {
+        name: "penumbrae",
+        summary: "takes the light that does not get there from the picture of each view",
+        schedule: super::soft::penumbrae,
     },
     Effect {
         name: "inspection",
@@ -151,7 +161,8 @@ impl Plan {
         ids
     }
 
-    fn push(
+    /// Adds a pass of an effect, for all views.
+    pub(super) fn push(
         &mut self,
         effect: &'static str,
         stage: Stage,
@@ -224,7 +235,7 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
 }
 
 /// The active scenes; without a note about the others.
-fn active_scenes(state: &FrameState) -> impl Iterator<Item = &SceneState> {
+pub(super) fn active_scenes(state: &FrameState) -> impl Iterator<Item = &SceneState> {
     state.scenes.iter().filter(|s| active(state, s).is_ok())
 }
 
@@ -372,6 +383,7 @@ mod tests {
         ViewState {
             id: ViewId(id),
             gloss: false,
+            lit: true,
             enabled: true,
             has_gbuffer: true,
             sees: sees.to_vec(),

@@ -6,7 +6,7 @@
 //! counts, and frames in which the scene was out of view are caught up by themselves.
 
 use super::SlotChange;
-use crate::frame::FrameLight;
+use crate::frame::{FrameLight, SoftLight};
 use crate::scene::Bounds;
 use glam::Vec3;
 use std::collections::BTreeMap;
@@ -39,6 +39,36 @@ pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter()
         .zip(b)
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
+}
+
+/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same order, lengths alike within `tolerance` metres, colours as in [`shines_alike`].
+#[must_use]
+pub fn softly_alike(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
+    let near = |p: [f32; 3], q: [f32; 3]| {
+        let apart = (Vec3::from_array(p) - Vec3::from_array(q)).abs();
+        apart.max_element() <= tolerance
+    };
+    let range = |x: f32, y: f32| x == y || (x.powf(-0.5) - y.powf(-0.5)).abs() <= tolerance;
+    let alike = |(a, b): (&SoftLight, &SoftLight)| {
+        (a.kind, a.columns, a.rows) == (b.kind, b.columns, b.rows)
+            && near(a.center, b.center)
+            && near(a.u, b.u)
+            && near(a.v, b.v)
+            && (a.radius - b.radius).abs() <= tolerance
+            && range(a.inverse_square_range, b.inverse_square_range)
+            && shines_alike(a.color, b.color)
+    };
+    a.len() == b.len() && a.iter().zip(b).all(alike)
+}
+
+/// False when no light of `light` can arrive in the box: it is black, or ends before.
+#[must_use]
+pub fn reaches_softly(light: &SoftLight, bounds: Bounds) -> bool {
+    let center = Vec3::from_array(light.center);
+    let nearest = center.max(bounds.min).min(bounds.max);
+    light.kind != SoftLight::NONE
+        && light.color != [0.0; 3]
+        && nearest.distance_squared(center) * light.inverse_square_range < 1.0
 }
 
 /// False when no light of `light` can arrive in the box: it ends before.
@@ -426,6 +456,38 @@ mod tests {
             &spot(Vec3::X, 0.2, 5.001),
             1e-4
         ));
+    }
+
+    #[test]
+    fn lamps_with_soft_shadows_that_changed_are_noticed() {
+        let panel = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ONE, 16).within(20.0);
+        let bulb = SoftLight::sphere(Vec3::Y, 0.1, Vec3::X, 5.0, 16);
+        let both = [panel, bulb];
+        assert!(softly_alike(&both, &both, 1e-4));
+        assert!(!softly_alike(&both, &both[..1], 1e-4), "one went");
+        type Change = fn(&mut SoftLight);
+        let changes: [(Change, bool); 7] = [
+            (|l| l.center[1] += 5e-5, true),
+            (|l| l.center[1] += 5e-4, false),
+            (|l| l.u[0] += 0.1, false),
+            (|l| l.radius += 0.1, false),
+            (|l| l.color[0] *= 1.000_005, true),
+            (|l| l.color[0] *= 1.01, false),
+            (|l| *l = l.within(6.0), false),
+        ];
+        for (k, (change, alike)) in changes.into_iter().enumerate() {
+            for at in 0..2 {
+                let mut other = both;
+                change(&mut other[at]);
+                assert_eq!(softly_alike(&both, &other, 1e-4), alike, "{k} {at}");
+            }
+        }
+        assert!(reaches_softly(&panel, BOX) && reaches_softly(&bulb, BOX));
+        let black = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ZERO, 16);
+        let far = SoftLight::sphere(Vec3::NEG_X * 9.0, 0.1, Vec3::ONE, 5.0, 16);
+        for light in [black, far, SoftLight::default()] {
+            assert!(!reaches_softly(&light, BOX));
+        }
     }
 
     #[test]

@@ -14,6 +14,8 @@
 //! | all lights at rest | display alone |
 //! | a scene has been out of view for a while | its buffers go |
 //! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
+//! | a lamp casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
+//! | no lamp does, or the bake does not remember | nothing: no visibility on the device, no pass |
 //! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
@@ -25,13 +27,16 @@ mod lights;
 mod maps;
 mod pass;
 mod quality;
+mod soft;
 mod state;
 
 pub use effect::{EFFECTS, Effect, Plan};
-pub use lights::{SlotTable, Slots, projects_alike, reaches, shines_alike};
+pub use lights::{
+    SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
+};
 pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, ViewId, ViewState,
+    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, SoftState, ViewId, ViewState,
 };

@@ -18,6 +18,8 @@ pub enum Stage {
     Flatten,
     /// Light in free space: the operator's rows of the probes, and the probes over what a view shows off the surfaces.
     Probe,
+    /// What lamps with soft shadows do not reach, at the points that remember what they see.
+    Soft,
     /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
     Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
@@ -28,24 +30,28 @@ pub enum Stage {
     Composite,
     /// What glossy surfaces of a view show of the virtual point lights.
     Gloss,
+    /// Light of lamps with soft shadows that does not get there, taken from the picture of a view.
+    Shade,
     /// Coefficients back to the CPU.
     ReadBack,
 }
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
         Self::Probe,
+        Self::Soft,
         Self::Rsm,
         Self::Splat,
         Self::Vpl,
         Self::Composite,
         Self::Gloss,
+        Self::Shade,
         Self::ReadBack,
     ];
 
@@ -59,11 +65,13 @@ impl Stage {
             Self::Apply => "apply",
             Self::Flatten => "flatten",
             Self::Probe => "probe",
+            Self::Soft => "soft",
             Self::Rsm => "rsm",
             Self::Splat => "splat",
             Self::Vpl => "vpl",
             Self::Composite => "composite",
             Self::Gloss => "gloss",
+            Self::Shade => "shade",
             Self::ReadBack => "read_back",
         }
     }
@@ -89,6 +97,8 @@ pub enum Reason {
     Asked,
     /// Something that moves is in the light's reach, in so many maps.
     Moving(u32),
+    /// Lamps with soft shadows came, went, moved or changed colour; there are so many now.
+    SoftLightsChanged(usize),
 }
 
 impl fmt::Display for Reason {
@@ -101,6 +111,7 @@ impl fmt::Display for Reason {
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),
+            Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
             Self::Moving(maps) => write!(f, "what moves is in reach, {maps} map(s) show it"),
         }
     }
@@ -139,6 +150,8 @@ pub enum Skip {
     LightDark,
     /// This kind of light casts no reflective shadow maps.
     NoMaps,
+    /// A light casts soft shadows, and the points of this bake do not remember what they see.
+    NoVisibility,
 }
 
 impl fmt::Display for Skip {
@@ -160,6 +173,9 @@ impl fmt::Display for Skip {
             Self::NothingMoves => f.write_str("nothing moves"),
             Self::OutOfReach => f.write_str("nothing that moves is in reach"),
             Self::LightDark => f.write_str("the light is off"),
+            Self::NoVisibility => {
+                f.write_str("a light casts soft shadows, and the bake holds no visibility")
+            }
             Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }
     }

@@ -47,6 +47,19 @@ pub enum SlotChange {
     Geometry,
 }
 
+/// What lamps with soft shadows ask of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SoftState {
+    /// How many lamps cast them there.
+    pub lights: usize,
+    /// The bake's points remember what they see.
+    pub remembers: bool,
+    /// The device holds what these lamps do not reach, where they are now.
+    pub held: bool,
+    /// Bytes of the largest buffer that this needs on the device, where it is known not to fit.
+    pub largest_buffer: u64,
+}
+
 /// One baked scene in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
@@ -72,6 +85,8 @@ pub struct SceneState {
     pub read_back: bool,
     /// The bake knows light in free space.
     pub probes: bool,
+    /// What lamps with soft shadows ask of it.
+    pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<Picked>,
 }
@@ -92,6 +107,7 @@ impl SceneState {
             idle_frames: 0,
             read_back: false,
             probes: false,
+            soft: SoftState::default(),
             tier: None,
         }
     }
@@ -108,6 +124,8 @@ pub struct ViewState {
     pub has_gbuffer: bool,
     /// It shows the gloss of virtual lights.
     pub gloss: bool,
+    /// It shows the picture, direct light and all: what soft shadows are taken from.
+    pub lit: bool,
     /// The scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }

@@ -40,6 +40,14 @@ pub enum MeshlessGiFinding {
     ForwardMaterial,
     /// A mesh has a material that lets light through: it is drawn over the picture that indirect light is in, and gets none itself.
     TransparentMaterial,
+    /// A lamp casts soft shadows, and a bake does not remember what its points see.
+    NoVisibility,
+    /// [`MeshlessGiSoftShadow`](super::MeshlessGiSoftShadow) is on something that casts no soft shadows.
+    SoftShadowKind,
+    /// A point light has both a shadow map and [`MeshlessGiSoftShadow`](super::MeshlessGiSoftShadow).
+    SoftShadowTwice,
+    /// There are more rectangle lights than Bevy draws.
+    SoftShadowCount,
 }
 
 impl MeshlessGiFinding {
@@ -83,6 +91,22 @@ impl MeshlessGiFinding {
                 "A mesh's material is transparent (`AlphaMode` other than `Opaque`, `Mask` and `AlphaToCoverage`, or `specular_transmission`): it is drawn \
                  after indirect light was added, over the surfaces behind it, and gets none itself. `AlphaMode::Mask` gets it; give glass some `emissive`, \
                  or make it `unlit`."
+            }
+            Self::NoVisibility => {
+                "A light has `MeshlessGiSoftShadow`, and a bake holds no visibility: it casts no soft shadows there, and Bevy's light stays as it is. \
+                 Bake the level with `soft_shadows: ()` in its recipe, or with `--soft-shadows`."
+            }
+            Self::SoftShadowKind => {
+                "`MeshlessGiSoftShadow` is on what is neither a `RectLight` nor a `PointLight`: nothing is done. Spot and directional lights have Bevy's \
+                 shadow maps."
+            }
+            Self::SoftShadowTwice => {
+                "A `PointLight` has both `shadow_maps_enabled` and `MeshlessGiSoftShadow`: only its shadow map is used. Set `shadow_maps_enabled` to false \
+                 for soft shadows."
+            }
+            Self::SoftShadowCount => {
+                "There are more than eight `RectLight`s, of which Bevy draws eight: which ones is not known, so none of them casts soft shadows. Hide those \
+                 that are far away."
             }
         }
     }
@@ -176,7 +200,8 @@ pub(crate) fn check(
     tell(found, &mut findings);
 }
 
-fn tell(found: Vec<MeshlessGiFinding>, findings: &mut MeshlessGiFindings) {
+/// Keeps and tells what was not found before.
+pub(super) fn tell(found: Vec<MeshlessGiFinding>, findings: &mut MeshlessGiFindings) {
     for finding in found {
         if !findings.0.contains(&finding) {
             warn!("{}", finding.advice());

@@ -6,11 +6,13 @@ use super::compute::GiRender;
 use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::ExtractedGi;
 use super::gloss::{GlossView, ViewGloss};
+use super::soft::{ExtractedSoft, Shaded, ViewShade};
 use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
 use crate::gpu::{
     GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers, draw_composite, draw_gloss,
+    draw_shade,
 };
-use crate::plan::{SceneId, Stage, ViewId};
+use crate::plan::{Pass, SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
 use bevy::log::warn_once;
@@ -29,6 +31,7 @@ pub(crate) struct ViewRuntime {
     buffers: BTreeMap<SceneId, ViewBuffers>,
     subsplats: Option<ViewSubsplats>,
     gloss: Option<ViewGloss>,
+    shade: Option<ViewShade>,
     /// The device has no room for subsplats of this size.
     too_large: bool,
 }
@@ -41,6 +44,7 @@ impl ViewRuntime {
             buffers: BTreeMap::new(),
             subsplats: None,
             gloss: None,
+            shade: None,
             too_large: false,
         }
     }
@@ -49,7 +53,9 @@ impl ViewRuntime {
     pub fn buffer_count(&self) -> u32 {
         let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().0);
         let own: u32 = self.buffers.values().map(ViewBuffers::count).sum();
-        own + self.subsplats.as_ref().map_or(0, |s| s.size().0) + gloss
+        let shade = self.shade.as_ref().map_or(0, |s| s.size().0);
+        let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().0);
+        own + subsplats + gloss + shade
     }
 
     /// What subsplats the view has, if it is shown by them.
@@ -66,7 +72,8 @@ impl ViewRuntime {
         let parameters: u64 = self.buffers.values().map(ViewBuffers::bytes).sum();
         let subsplats = self.subsplats.as_ref().map_or(0, |s| s.size().1);
         let gloss = self.gloss.as_ref().map_or(0, |g| g.footprint().1);
-        textures + parameters + subsplats + gloss
+        let shade = self.shade.as_ref().map_or(0, |s| s.size().1);
+        textures + parameters + subsplats + gloss + shade
     }
 
     fn irradiance(&mut self, which: usize, device: &wgpu::Device) -> wgpu::TextureView {
@@ -113,6 +120,7 @@ type View = (
 pub(crate) fn composite(
     view: ViewQuery<View>,
     world: Res<ExtractedGi>,
+    soft: Res<ExtractedSoft>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -129,7 +137,8 @@ pub(crate) fn composite(
         .map(|p| p.scene)
         .collect();
     let shown_by = world.views.iter().find(|v| v.id == id);
-    let Some((settings, display)) = shown_by.map(|v| (&v.settings, &v.display)) else {
+    let Some((settings, display, layers)) = shown_by.map(|v| (&v.settings, &v.display, &v.layers))
+    else {
         return;
     };
     let bounced = lights_view(&render.plan, id);
@@ -382,6 +391,40 @@ pub(crate) fn composite(
             }
         }
     };
+    let shaded: Vec<Shaded> = (shown.iter())
+        .filter(|scene| {
+            let takes =
+                |p: &Pass| p.stage == Stage::Shade && p.view == Some(id) && p.scene == **scene;
+            render.plan.passes.iter().any(takes)
+        })
+        .filter_map(|scene| {
+            let instance = render.scenes.get(scene)?;
+            Some(Shaded {
+                id: *scene,
+                soft: &instance.soft,
+                scene: instance.frame.as_ref()?.buffers(),
+                view: runtime.buffers.get(scene)?,
+            })
+        })
+        .collect();
+    let recorded = ViewShade::record(
+        &mut runtime.shade,
+        kernels,
+        &queue,
+        ctx.command_encoder(),
+        (depth, gbuffer),
+        size,
+        layers,
+        &soft,
+        &shaded,
+    );
+    match recorded {
+        Ok(recorded) => render.retired.add(&recorded),
+        Err(why) => {
+            warn_once!("a view shows no soft shadows: {why}");
+            runtime.shade = None;
+        }
+    }
     let lead = shown.first().copied().unwrap_or(SceneId::WORLD);
     (runtime.buffers).retain(|id, _| shown.contains(id) || *id == lead);
     if let Some(irradiance) = irradiance
@@ -413,6 +456,10 @@ pub(crate) fn composite(
         if let Some(gloss) = &runtime.gloss {
             let textures = [gloss.radiance(), &**gbuffer, &*passes.texture.default_view];
             draw_gloss(kernels, &mut pass, view.target_format, buffers, textures);
+        }
+        if let Some(missing) = runtime.shade.as_ref().and_then(ViewShade::radiance) {
+            let textures = [missing, &**gbuffer, &*passes.texture.default_view];
+            draw_shade(kernels, &mut pass, view.target_format, buffers, textures);
         }
         render.retired.composites += 1;
     }

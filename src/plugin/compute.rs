@@ -4,11 +4,13 @@
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
 use super::capture::{LightMaps, Reflections};
+use super::components::MeshlessGiView;
 use super::composite::ViewRuntime;
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
+use super::soft::{ExtractedSoft, SceneSoft};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
@@ -29,6 +31,7 @@ pub(crate) struct SceneRuntime {
     pub bake: Arc<BakedScene>,
     pub slots: SlotTable<LightKey>,
     pub frame: Option<GpuFrame>,
+    pub soft: SceneSoft,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
     idle_frames: u32,
@@ -80,6 +83,7 @@ impl GiRender {
     fn observe(
         &mut self,
         world: &ExtractedGi,
+        soft: &ExtractedSoft,
         maps: &LightMaps,
         largest_binding: u64,
         coefficients: &MeshlessGiCoefficients,
@@ -104,6 +108,7 @@ impl GiRender {
             state.views.push(ViewState {
                 id: view.id,
                 gloss: view.gloss.is_some(),
+                lit: view.settings.view == MeshlessGiView::Lit,
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 sees: view.sees.clone(),
@@ -116,9 +121,13 @@ impl GiRender {
                     .views
                     .iter()
                     .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
-            state
-                .scenes
-                .push(self.observe_scene(scene, &world.lights, seen, world.read_back));
+            state.scenes.push(self.observe_scene(
+                scene,
+                &world.lights,
+                soft,
+                seen,
+                world.read_back,
+            ));
         }
         state.bounces_held =
             (self.reflections.as_ref()).is_some_and(|r| r.hold(&state, maps, world, &self.scenes));
@@ -129,6 +138,7 @@ impl GiRender {
         &mut self,
         scene: &ExtractedScene,
         lights: &[ExtractedGiLight],
+        soft: &ExtractedSoft,
         seen: bool,
         read_back: bool,
     ) -> SceneState {
@@ -156,6 +166,7 @@ impl GiRender {
             bake: bake.clone(),
             slots: SlotTable::new(),
             frame: None,
+            soft: SceneSoft::default(),
             solved: None,
             idle_frames: 0,
             too_large: None,
@@ -185,6 +196,13 @@ impl GiRender {
             let Slots { changes, stale } = runtime.slots.update(&lights, bounds(bake));
             state.slots = changes;
             state.stale = stale;
+            let bounds = bounds(bake);
+            state.soft = (runtime.soft).observe(soft, bake, bounds, &scene.layers, placement);
+            if !runtime.soft.asked()
+                && let Some(counted) = runtime.soft.release()
+            {
+                self.retired.add(&counted);
+            }
         }
         state.resident = runtime.frame.is_some();
         state.settings_changed = runtime.solved != Some(frame_settings(scene));
@@ -204,6 +222,9 @@ impl GiRender {
         };
         if let Some(frame) = runtime.frame.take() {
             self.retired.add(&frame.counters());
+        }
+        if let Some(counted) = runtime.soft.release() {
+            self.retired.add(&counted);
         }
         runtime.slots.forget();
         runtime.solved = None;
@@ -250,6 +271,11 @@ impl GiRender {
                 total.add(&frame.counters());
                 counters.buffers += frame.buffers().count() as u32;
                 counters.bytes += frame.buffers().bytes();
+            }
+            if let Some((counted, buffers, bytes)) = runtime.soft.size() {
+                total.add(&counted);
+                counters.buffers += buffers;
+                counters.bytes += bytes;
             }
             if let Some(read_back) = &runtime.read_back {
                 counters.buffers += 1;
@@ -299,7 +325,8 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Spread
         | Pass::Add => Stage::PullPush,
         Pass::Apply => Stage::Apply,
-        Pass::Averages | Pass::Differences | Pass::Soft => Stage::Flatten,
+        Pass::Averages | Pass::Differences => Stage::Flatten,
+        Pass::Soft => Stage::Soft,
         Pass::Splat
         | Pass::SplatOver
         | Pass::SplatNodes
@@ -316,12 +343,18 @@ fn stage_of(pass: Pass) -> Stage {
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
         Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
+        Pass::Shade | Pass::ShadeOver => Stage::Shade,
     }
 }
 
 /// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
+#[allow(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 pub(crate) fn compute(
     world: Res<ExtractedGi>,
+    soft: Res<ExtractedSoft>,
     maps: Res<LightMaps>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
@@ -342,7 +375,7 @@ pub(crate) fn compute(
     let largest = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
-    let state = render.observe(&world, &maps, largest, &coefficients);
+    let state = render.observe(&world, &soft, &maps, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
         render.release(id);
@@ -452,6 +485,12 @@ impl SceneRuntime {
             span.end(encoder);
             self.slots.mark_applied();
             self.solved = Some(*settings);
+        }
+        if plan.find(Stage::Soft, id).is_some()
+            && let Err(why) =
+                (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake)
+        {
+            warn!("lamps cast no soft shadows on a baked scene: {why}");
         }
         if plan.find(Stage::ReadBack, id).is_some()
             && let Some(values) = frame.buffers().output(Pass::Apply)

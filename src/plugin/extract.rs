@@ -130,7 +130,7 @@ type Cameras<'w, 's> = Query<
 #[derive(QueryData)]
 pub(crate) struct LightParts {
     pub entity: Entity,
-    transform: &'static GlobalTransform,
+    pub transform: &'static GlobalTransform,
     visibility: &'static InheritedVisibility,
     pub layers: Option<&'static RenderLayers>,
     gi: Option<&'static MeshlessGiLight>,
@@ -153,13 +153,45 @@ impl LightPartsItem<'_, '_> {
         }
     }
 
-    /// A point light in the core's terms.
+    /// Whether Bevy draws the light.
+    pub fn shines(&self) -> bool {
+        self.visibility.get()
+    }
+
+    /// A point light in the core's terms, for indirect light.
     pub fn point(&self, light: &PointLight) -> Light {
+        self.point_times(light, self.factor())
+    }
+
+    /// A point light in the core's terms, times a factor.
+    pub fn point_times(&self, light: &PointLight, factor: f32) -> Light {
         Light::Point {
             position: self.transform.translation(),
-            intensity: rgb(light.color) * (self.factor() * light.intensity / (4.0 * PI)),
+            intensity: rgb(light.color) * (factor * light.intensity / (4.0 * PI)),
             range: light.range,
         }
+    }
+
+    /// A rectangle light in the core's terms, for indirect light; none without area.
+    fn rect(&self, light: &RectLight) -> Option<Light> {
+        self.rect_times(light, self.factor())
+    }
+
+    /// A rectangle light in the core's terms, times a factor; none without area.
+    pub fn rect_times(&self, light: &RectLight, factor: f32) -> Option<Light> {
+        let affine = self.transform.affine();
+        // In its plane; it emits along -Z, and X × (-Y) = -Z.
+        let (u, v) = (
+            0.5 * light.width * affine.matrix3.x_axis,
+            -0.5 * light.height * affine.matrix3.y_axis,
+        );
+        let area = 4.0 * u.length() * v.length();
+        (area > 0.0).then(|| Light::Rect {
+            center: self.transform.translation(),
+            u: u.into(),
+            v: v.into(),
+            radiance: rgb(light.color) * (factor * light.intensity / (area * PI)),
+        })
     }
 
     /// A spot light in the core's terms.
@@ -326,24 +358,8 @@ pub(crate) fn extract(
         push(&parts, LightKind::Directional, parts.directional(light));
     }
     for (parts, light) in &rects {
-        let affine = parts.transform.affine();
-        // In its plane; it emits along -Z, and X × (-Y) = -Z.
-        let (u, v) = (
-            0.5 * light.width * affine.matrix3.x_axis,
-            -0.5 * light.height * affine.matrix3.y_axis,
-        );
-        let area = 4.0 * u.length() * v.length();
-        if area > 0.0 {
-            push(
-                &parts,
-                LightKind::Rect,
-                Light::Rect {
-                    center: parts.transform.translation(),
-                    u: u.into(),
-                    v: v.into(),
-                    radiance: rgb(light.color) * (parts.factor() * light.intensity / (area * PI)),
-                },
-            );
+        if let Some(light) = parts.rect(light) {
+            push(&parts, LightKind::Rect, light);
         }
     }
 }

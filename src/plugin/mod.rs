@@ -32,6 +32,7 @@
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
+//! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
@@ -42,7 +43,7 @@
 //!   says so once and stays inert; nothing else of the app changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
 //!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light.
-//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
+//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
@@ -69,6 +70,7 @@ mod quality;
 mod readback;
 mod reflective;
 mod sets;
+mod soft;
 mod transform;
 
 pub use asset::MeshlessGiAsset;
@@ -105,6 +107,7 @@ pub use reflective::{
     CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
 };
 pub use sets::MeshlessGiSystems;
+pub use soft::MeshlessGiSoftShadow;
 pub use transform::Placement;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
@@ -150,6 +153,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
+            .register_type::<MeshlessGiSoftShadow>()
             .register_type::<MeshlessGiView>()
             .init_resource::<MeshlessGiSettings>()
             .init_resource::<MeshlessGiFindings>()
@@ -189,7 +193,12 @@ impl Plugin for MeshlessGiPlugin {
                     .run_if(resource_exists::<Assets<Image>>)
                     .run_if(resource_exists::<Assets<StandardMaterial>>),
             )
-            .add_systems(Last, check::check.in_set(MeshlessGiSystems::Check));
+            .add_systems(
+                Last,
+                (check::check, soft::check_soft)
+                    .chain()
+                    .in_set(MeshlessGiSystems::Check),
+            );
         #[cfg(feature = "gltf")]
         app.register_asset_loader(MeshlessGiRecipeLoader)
             .register_asset_processor(MeshlessGiBakeProcessor)
@@ -219,12 +228,14 @@ impl Plugin for MeshlessGiPlugin {
             .insert_resource(status)
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
+            .init_resource::<soft::ExtractedSoft>()
             .init_resource::<compute::GiRender>()
             .init_resource::<capture::LightMaps>()
             .add_schedule(capture::schedule())
             .add_systems(
                 ExtractSchedule,
-                (extract::extract, capture::extract_maps).in_set(MeshlessGiSystems::Extract),
+                (extract::extract, capture::extract_maps, soft::extract_soft)
+                    .in_set(MeshlessGiSystems::Extract),
             )
             .add_systems(
                 RenderGraph,

@@ -3,5 +3,6 @@
 pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
     MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiPointCloud,
-    MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSystems,
+    MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSoftShadow,
+    MeshlessGiSystems,
 };

@@ -2,6 +2,7 @@
 
 use super::compare::{Scale, differing};
 use super::harness;
+use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
 use bevy_meshless_gi::frame::project::extent;
 use bevy_meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
@@ -9,9 +10,8 @@ use bevy_meshless_gi::gpu::{Kernels, Pass, SceneBuffers, SoftBuffers};
 use bevy_meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
 use glam::Vec3;
 
-#[test]
-fn soft() {
-    let Some(harness) = harness() else { return };
+/// The box, whose senders remember what they see.
+pub fn baked() -> BakedScene {
     let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -25,22 +25,34 @@ fn soft() {
         }),
         ..Recipe::default()
     };
-    let scene = bake_level(&mesh, &recipe, 2, &Progress::default())
+    bake_level(&mesh, &recipe, 2, &Progress::default())
         .unwrap()
-        .scene;
-    let visibility = scene.visibility.as_ref().unwrap();
-    let lights = [
+        .scene
+}
+
+/// A rectangle, a sphere, a point and none.
+pub fn lights() -> [SoftLight; 4] {
+    [
         SoftLight::rectangle(
             Vec3::new(0.1, 1.9, 0.0),
             Vec3::X * 0.3,
             Vec3::Z * 0.2,
             Vec3::new(5.0, 4.0, 3.0),
             25,
-        ),
+        )
+        .within(6.0),
         SoftLight::sphere(Vec3::new(-0.5, 1.2, 0.5), 0.15, Vec3::ONE, 5.0, 9),
         SoftLight::sphere(Vec3::new(0.6, 0.9, 0.7), 0.0, Vec3::X, f32::INFINITY, 1),
         SoftLight::default(),
-    ];
+    ]
+}
+
+#[test]
+fn soft() {
+    let Some(harness) = harness() else { return };
+    let scene = baked();
+    let visibility = scene.visibility.as_ref().unwrap();
+    let lights = lights();
     let kernels = Kernels::new(&harness.device).unwrap();
     let buffers = SceneBuffers::new(&harness.device, &harness.queue, &scene, 1).unwrap();
     let mut soft_buffers =
@@ -53,6 +65,7 @@ fn soft() {
         })
         .unwrap();
     assert_eq!(soft_buffers.counters().of(Pass::Soft), 1);
+    assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
         .read(soft_buffers.deficits(), scene.points.len())
         .unwrap();

@@ -1,0 +1,190 @@
+// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not get there. Twin: src/frame/shade.rs. `shade` starts a view;
+// `shade_over` goes on with another baked scene where an earlier one left pixels uncovered.
+
+@group(0) @binding(0) var<uniform> params: SplatParams;
+@group(0) @binding(1) var depths: texture_depth_2d;
+@group(0) @binding(2) var gbuffer: texture_2d<u32>;
+@group(0) @binding(3) var<storage, read> points: array<Point>;
+@group(0) @binding(4) var<storage, read> planes: array<vec4f>;
+@group(0) @binding(5) var<storage, read> grid_slots: array<GridSlot>;
+@group(0) @binding(6) var<storage, read> grid_entries: array<u32>;
+@group(0) @binding(7) var<storage, read> deficits: array<VectorIrradiance>;
+@group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(9) var earlier: texture_2d<f32>;
+@group(0) @binding(10) var<uniform> wanted: ShadeParams;
+@group(0) @binding(11) var<storage, read> lights: array<SoftLight>;
+@group(0) @binding(12) var tables: texture_2d_array<f32>;
+
+const FRAC_1_PI: f32 = 0.318309886;
+// Part of what is missing that is taken away.
+const TAKEN: f32 = 0.998;
+// Least perceptual roughness, and least cosine between the normal and the direction to the eye.
+const SMOOTHEST: f32 = 0.089;
+const SLANTED: f32 = 1e-4;
+
+// What of the light is missing, and whether any function covers the place.
+struct Missing {
+    share: vec3f,
+    covered: bool,
+}
+
+fn missing_at(x: vec3f, n: vec3f) -> Missing {
+    let near = grid_near(x, params.cell_size, params.slot_mask);
+    var hidden = vec3f(0.0);
+    var whole = vec3f(0.0);
+    var cover = 0.0;
+    for (var at = near.x; at < near.x + near.y; at++) {
+        let j = grid_entries[at];
+        let point = points[j];
+        let w = weight(point, x, n);
+        if w > 0.0 {
+            let v = (w / point.radius) * (w / point.radius);
+            let d = deficits[j];
+            cover += w;
+            hidden += v * max(irradiance_dot(d, point.normal), vec3f(0.0));
+            whole += v * vec3f(d.x.w, d.y.w, d.z.w);
+        }
+    }
+    if cover <= NO_COVER {
+        return Missing(vec3f(0.0), false);
+    }
+    return Missing(min(hidden / max(whole, vec3f(TINY)), vec3f(1.0)), true);
+}
+
+// Unit, from x toward the eye: to where the pixel's ray begins.
+fn eye_from(pixel: vec2u, x: vec3f) -> vec3f {
+    let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
+    let h = params.local_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 1.0, 1.0);
+    return normalize(h.xyz / h.w - x);
+}
+
+fn fifth(v: f32) -> f32 {
+    return v * v * v * v * v;
+}
+
+// Over π, the diffuse BRDF of a white surface for a lamp at `l` (unit).
+fn burley(n: vec3f, v: vec3f, l: vec3f, roughness: f32) -> f32 {
+    let sum = l + v;
+    let size = max(sqrt(dot(sum, sum)), TINY);
+    let lh = clamp(dot(l, sum) / size, 0.0, 1.0);
+    let r = clamp(roughness, SMOOTHEST, 1.0);
+    let more = 2.0 * r * r * lh * lh - 0.5;
+    let nl = clamp(dot(n, l), 0.0, 1.0);
+    let nv = clamp(dot(n, v), SLANTED, 1.0);
+    return (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv));
+}
+
+// A pixel's surface, as lamps light it.
+struct Surface {
+    n: vec3f,
+    // Toward the eye.
+    v: vec3f,
+    diffuse: vec3f,
+    // Perceptual.
+    roughness: f32,
+}
+
+// How a surface mirrors: what turns its lobe into a cosine, and what it mirrors of what comes from there.
+struct Lobe {
+    rows: mat3x3f,
+    weight: vec3f,
+}
+
+// A table at a place between its texels, from 0 to 1 between the middles of the first and the last.
+fn table(layer: u32, uv: vec2f) -> vec4f {
+    let last = textureDimensions(tables) - 1u;
+    let at = clamp(uv, vec2f(0.0), vec2f(1.0)) * vec2f(last);
+    let low = vec2u(at);
+    let high = min(low + 1u, last);
+    let f = at - vec2f(low);
+    let a = mix(textureLoad(tables, low, layer, 0), textureLoad(tables, vec2u(high.x, low.y), layer, 0), f.x);
+    let b = mix(textureLoad(tables, vec2u(low.x, high.y), layer, 0), textureLoad(tables, high, layer, 0), f.x);
+    return mix(a, b, f.y);
+}
+
+fn lobe_of(surface: Surface, straight: vec3f) -> Lobe {
+    let nv = clamp(dot(surface.n, surface.v), SLANTED, 1.0);
+    let uv = vec2f(surface.roughness, sqrt(1.0 - nv));
+    let m = table(0u, uv);
+    let f = table(1u, uv);
+    let across = surface.v - surface.n * dot(surface.v, surface.n);
+    let t = across / max(sqrt(dot(across, across)), TINY);
+    let b = cross(t, surface.n);
+    let rows = mat3x3f(m.x * t + m.z * surface.n, b, m.y * t + m.w * surface.n);
+    return Lobe(rows, straight * f.x + (1.0 - straight) * f.y);
+}
+
+// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+fn mirrored(lobe: Lobe, light: SoftLight, to: vec3f) -> f32 {
+    // Row vectors: the dot products with the rows.
+    let c = to * lobe.rows;
+    let u = light.u * lobe.rows;
+    let v = light.v * lobe.rows;
+    return FRAC_1_PI * lambert(array<vec3f, 4>(c - u - v, c + u - v, c + u + v, c - u + v), vec3f(0.0, 0.0, 1.0));
+}
+
+// Radiance that the lamps were drawn with.
+fn drawn_at(x: vec3f, surface: Surface, straight: vec3f) -> vec3f {
+    var lobe: Lobe;
+    if wanted.gloss != 0u {
+        lobe = lobe_of(surface, straight);
+    }
+    var sum = vec3f(0.0);
+    for (var k = 0u; k < wanted.lights; k++) {
+        let light = lights[k];
+        let to = light.center - x;
+        let e = unshadowed(light, x, surface.n, wanted.extent);
+        if light.kind == SOFT_SPHERE {
+            if e > 0.0 {
+                sum += (FRAC_1_PI * e * burley(surface.n, surface.v, normalize(to), surface.roughness)) * surface.diffuse * light.color;
+            }
+            continue;
+        }
+        sum += FRAC_1_PI * e * surface.diffuse * light.color;
+        if wanted.gloss != 0u && light.kind == SOFT_RECTANGLE && dot(normal_of(light), to) < 0.0 {
+            sum += mirrored(lobe, light, to) * window_of(light, dot(to, to)) * lobe.weight * light.color;
+        }
+    }
+    return sum;
+}
+
+fn shade_pixel(pixel: vec2u) -> vec4f {
+    let depth = textureLoad(depths, pixel, 0);
+    let texel = textureLoad(gbuffer, pixel, 0);
+    // Reversed depth: 0 is infinitely far, where nothing was drawn.
+    if depth <= 0.0 || gbuffer_is_unlit(texel) {
+        return vec4f(0.0);
+    }
+    let at = place(pixel, depth, texel);
+    let missing = missing_at(at.x, at.n);
+    if !missing.covered {
+        return vec4f(0.0);
+    }
+    if all(missing.share == vec3f(0.0)) {
+        return vec4f(vec3f(0.0), 1.0);
+    }
+    let surface = Surface(at.n, eye_from(pixel, at.x), gbuffer_diffuse(texel), gbuffer_roughness(texel));
+    let drawn = drawn_at(at.x, surface, gbuffer_straight(texel));
+    let radiance = TAKEN * params.scale * missing.share * drawn;
+    return vec4f(min(radiance, vec3f(LARGEST_HALF)), 1.0);
+}
+
+@compute @workgroup_size(8, 8)
+fn shade(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= params.size) {
+        return;
+    }
+    textureStore(output, id.xy, shade_pixel(id.xy));
+}
+
+@compute @workgroup_size(8, 8)
+fn shade_over(@builtin(global_invocation_id) id: vec3u) {
+    if any(id.xy >= params.size) {
+        return;
+    }
+    var texel = textureLoad(earlier, id.xy, 0);
+    if texel.a == 0.0 {
+        texel = shade_pixel(id.xy);
+    }
+    textureStore(output, id.xy, texel);
+}

@@ -1,0 +1,339 @@
+//! Kernel `shade`: what a renderer that knows no shadows of a lamp drew at each pixel, and that does not get there because something is before the lamp (\[P14\] §5). The composite takes it
+//! from the picture: the lamp's own light is replaced, and not drawn twice.
+//!
+//! The points know the irradiance D·n that is missing of all lamps and the irradiance E that they would give ([`soft`](super::soft) writes both). Splatted as [`splat`](super::splat) splats, their
+//! quotient is the missing share, and the share times what was drawn at the pixel is taken away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full shadow nothing is left, in
+//! full light nothing is taken, and colours, normals and the falloff are those of the picture. With several lamps the share is that of their sum.
+//!
+//! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's (\[RG18\] §4.5) over
+//! [`unshadowed`], whose specular light is not taken.
+
+use super::gbuffer;
+use super::layout::{SplatParams, VectorIrradiance};
+use super::project::extent;
+use super::soft::{SoftLight, corners, lambert, unshadowed, window};
+use super::splat::{LARGEST_HALF, place};
+use crate::asset::BakedScene;
+use crate::basis::{NO_COVER, weight};
+use crate::frame::brdf::{SLANTED, SMOOTHEST};
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec3, Vec4};
+use std::f32::consts::FRAC_1_PI;
+
+/// Part of what is missing that is taken away: pictures of halves are rounded, and must not fall below nothing.
+pub const TAKEN: f32 = 0.998;
+
+/// The lamps of a scene in a view. 16 bytes, the layout of `ShadeParams` in the shaders.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ShadeParams {
+    /// How many lamps the view was drawn with.
+    pub lights: u32,
+    /// Largest edge of the level's box, metres.
+    pub extent: f32,
+    /// 1 where rectangles were drawn with gloss too, by [`Tables`]; 0 for diffuse light alone.
+    pub gloss: u32,
+    /// Not used.
+    pub pad: u32,
+}
+
+impl ShadeParams {
+    /// For so many lamps in `scene`.
+    #[must_use]
+    pub fn new(scene: &BakedScene, lights: usize) -> Self {
+        Self {
+            lights: lights as u32,
+            extent: extent(scene),
+            ..Self::default()
+        }
+    }
+}
+
+/// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no function covers the place. `deficits` is what [`soft::deficits`](super::soft::deficits) gives.
+#[must_use]
+pub fn missing(
+    scene: &BakedScene,
+    deficits: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<Vec3> {
+    if !x.is_finite() || !n.is_finite() {
+        return None;
+    }
+    let (mut hidden, mut whole, mut cover) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+    for &j in scene.display.grid.near(x) {
+        let point = &scene.points[j as usize];
+        let w = weight(point, &scene.display.planes, x, n);
+        if w > 0.0 {
+            let v = (w / point.radius) * (w / point.radius);
+            let d = &deficits[j as usize];
+            cover += w;
+            hidden += v * d.dot(point.n()).max(Vec3::ZERO);
+            whole += v * Vec3::new(d.x[3], d.y[3], d.z[3]);
+        }
+    }
+    (cover > NO_COVER).then(|| (hidden / whole.max(Vec3::splat(f32::MIN_POSITIVE))).min(Vec3::ONE))
+}
+
+/// The diffuse BRDF of a white surface for light from `l`, seen from `v` (both unit), times π: 1 for Lambert's. \[RG18\] §4.5.
+#[must_use]
+pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
+    let sum = l + v;
+    let lh = (l.dot(sum) / sum.length().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+    let r = roughness.clamp(SMOOTHEST, 1.0);
+    let more = 2.0 * r * r * lh * lh - 0.5;
+    let fifth = |v: f32| v * v * v * v * v;
+    let nl = n.dot(l).clamp(0.0, 1.0);
+    let nv = n.dot(v).clamp(SLANTED, 1.0);
+    (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
+}
+
+/// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tables {
+    /// Texels along an edge.
+    pub size: u32,
+    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two channels what a lobe mirrors, over f₀ and over 1 − f₀. Row by row.
+    pub layers: [Vec<[f32; 4]>; 2],
+}
+
+impl Tables {
+    /// Layer `layer` at a place between its texels, both coordinates from 0 to 1.
+    fn at(&self, layer: usize, u: f32, v: f32) -> Vec4 {
+        let last = self.size - 1;
+        let place = |v: f32| {
+            let at = v.clamp(0.0, 1.0) * last as f32;
+            (
+                at as u32,
+                (at as u32 + 1).min(last),
+                at - (at as u32) as f32,
+            )
+        };
+        let (left, right, x) = place(u);
+        let (top, bottom, y) = place(v);
+        let texel =
+            |i: u32, j: u32| Vec4::from_array(self.layers[layer][(j * self.size + i) as usize]);
+        let a = texel(left, top).lerp(texel(right, top), x);
+        let b = texel(left, bottom).lerp(texel(right, bottom), x);
+        a.lerp(b, y)
+    }
+}
+
+/// A pixel's surface, as lamps light it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shading {
+    /// Unit normal.
+    pub n: Vec3,
+    /// Unit, toward the eye.
+    pub v: Vec3,
+    /// Diffuse reflectance.
+    pub diffuse: Vec3,
+    /// Specular reflectance where one looks straight at it.
+    pub straight: Vec3,
+    /// Perceptual roughness.
+    pub roughness: f32,
+}
+
+impl Shading {
+    /// The surface of a G-buffer's texel, with a normal in the space that `v` is in.
+    #[must_use]
+    pub fn of(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
+        Self {
+            n,
+            v,
+            diffuse: gbuffer::diffuse(texel),
+            straight: gbuffer::straight(texel),
+            roughness: gbuffer::roughness(texel),
+        }
+    }
+}
+
+/// How a surface mirrors: the rows of what turns its lobe into a cosine, and what it mirrors of what comes from there.
+struct Lobe {
+    rows: [Vec3; 3],
+    weight: Vec3,
+}
+
+impl Lobe {
+    fn new(tables: &Tables, surface: &Shading) -> Self {
+        let (n, v) = (surface.n, surface.v);
+        let nv = n.dot(v).clamp(SLANTED, 1.0);
+        let slant = (1.0 - nv).sqrt();
+        let m = tables.at(0, surface.roughness, slant);
+        let f = tables.at(1, surface.roughness, slant);
+        let across = v - n * v.dot(n);
+        let t = across / across.length().max(f32::MIN_POSITIVE);
+        Self {
+            rows: [m.x * t + m.z * n, t.cross(n), m.y * t + m.w * n],
+            weight: surface.straight * f.x + (Vec3::ONE - surface.straight) * f.y,
+        }
+    }
+
+    /// Part of a rectangle's radiance that comes from where the surface mirrors the eye.
+    fn mirrored(&self, light: &SoftLight, to: Vec3) -> f32 {
+        let turned = |p: Vec3| Vec3::from_array(self.rows.map(|row| row.dot(p)));
+        let quad = corners(light, to).map(turned);
+        FRAC_1_PI * lambert(quad, Vec3::Z)
+    }
+}
+
+/// Radiance that `lights` were drawn with at x on `surface`, W/(m² sr); without tables, diffuse light alone.
+#[must_use]
+pub fn drawn(
+    params: &ShadeParams,
+    tables: Option<&Tables>,
+    lights: &[SoftLight],
+    x: Vec3,
+    surface: &Shading,
+) -> Vec3 {
+    let lobe = tables.map(|tables| Lobe::new(tables, surface));
+    let mut sum = Vec3::ZERO;
+    for light in &lights[..params.lights as usize] {
+        let to = Vec3::from_array(light.center) - x;
+        let colour = Vec3::from_array(light.color);
+        let e = FRAC_1_PI * unshadowed(light, x, surface.n, params.extent);
+        if light.kind == SoftLight::SPHERE {
+            if e > 0.0 {
+                let l = to.normalize();
+                sum += e
+                    * burley(surface.n, surface.v, l, surface.roughness)
+                    * surface.diffuse
+                    * colour;
+            }
+            continue;
+        }
+        sum += e * surface.diffuse * colour;
+        if let Some(lobe) = &lobe
+            && light.kind == SoftLight::RECTANGLE
+            && light.normal().dot(to) < 0.0
+        {
+            sum += lobe.mirrored(light, to) * window(light, to.dot(to)) * lobe.weight * colour;
+        }
+    }
+    sum
+}
+
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: radiance × the view's `scale`; alpha: 1 where covered, else all is 0.
+#[must_use]
+pub fn shade_pixel(
+    (params, view): (&ShadeParams, &SplatParams),
+    scene: &BakedScene,
+    deficits: &[VectorIrradiance],
+    (lights, tables): (&[SoftLight], Option<&Tables>),
+    pixel: [u32; 2],
+    depth: f32,
+    texel: [u32; 4],
+) -> [f32; 4] {
+    if depth <= 0.0 || gbuffer::is_unlit(texel) {
+        return [0.0; 4];
+    }
+    let (x, n) = place(view, pixel, depth, texel);
+    let Some(share) = missing(scene, deficits, x, n) else {
+        return [0.0; 4];
+    };
+    if share == Vec3::ZERO {
+        return [0.0, 0.0, 0.0, 1.0];
+    }
+    let surface = Shading::of(texel, n, eye_from(view, pixel, x));
+    let drawn = drawn(params, tables, lights, x, &surface);
+    let radiance = TAKEN * view.scale * share * drawn;
+    radiance
+        .min(Vec3::splat(LARGEST_HALF))
+        .extend(1.0)
+        .to_array()
+}
+
+/// Unit, from x toward the eye: to where the pixel's ray begins.
+fn eye_from(view: &SplatParams, pixel: [u32; 2], x: Vec3) -> Vec3 {
+    let [left, top, width, height] = view.viewport;
+    let (u, v) = (
+        (pixel[0] as f32 + 0.5 - left) / width,
+        (pixel[1] as f32 + 0.5 - top) / height,
+    );
+    let ndc = Vec4::new(u * 2.0 - 1.0, 1.0 - v * 2.0, 1.0, 1.0);
+    let h = Mat4::from_cols_array_2d(&view.local_from_clip) * ndc;
+    (h.truncate() / h.w - x).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With a table that turns nothing, a white mirror is a white Lambert surface.
+    #[test]
+    fn a_lobe_that_is_a_cosine_mirrors_what_a_matte_surface_reflects() {
+        let tables = Tables {
+            size: 2,
+            layers: [vec![[1.0, 0.0, 0.0, 1.0]; 4], vec![[1.0, 0.0, 0.0, 0.0]; 4]],
+        };
+        let params = ShadeParams {
+            lights: 1,
+            extent: 4.0,
+            gloss: 1,
+            pad: 0,
+        };
+        let panel = SoftLight::rectangle(
+            Vec3::new(0.3, 2.0, -0.2),
+            Vec3::new(0.5, 0.2, 0.0),
+            Vec3::new(0.0, 0.1, 0.7),
+            Vec3::new(3.0, 2.0, 1.0),
+            16,
+        )
+        .within(5.0);
+        let n = Vec3::new(0.2, 0.9, 0.1).normalize();
+        let surface = Shading {
+            n,
+            v: Vec3::new(0.5, 0.6, -0.3).normalize(),
+            diffuse: Vec3::ONE,
+            straight: Vec3::ZERO,
+            roughness: 0.5,
+        };
+        let mirror = Shading {
+            diffuse: Vec3::ZERO,
+            straight: Vec3::ONE,
+            ..surface
+        };
+        let [matte, mirrored] =
+            [surface, mirror].map(|s| drawn(&params, Some(&tables), &[panel], Vec3::ZERO, &s));
+        assert!(matte.x > 0.05);
+        assert!(
+            (matte - mirrored).abs().max_element() < 1e-5 * matte.x,
+            "{matte} {mirrored}"
+        );
+        // From behind, neither.
+        let behind = Vec3::new(0.3, 4.0, -0.2);
+        assert_eq!(
+            drawn(&params, Some(&tables), &[panel], behind, &mirror),
+            Vec3::ZERO
+        );
+    }
+
+    /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both sides.
+    #[test]
+    fn burley_is_nearly_lambert() {
+        for roughness in [0.0, 0.3, 0.6, 1.0] {
+            for slant in [0.1f32, 0.6, 1.1] {
+                let v = Vec3::new(slant.sin(), slant.cos(), 0.0);
+                let mut albedo = 0.0;
+                let count = 64 * 64;
+                for i in 0..count {
+                    let (a, b) = ((i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5);
+                    let (sine, phi) = ((a / 64.0).sqrt(), b / 64.0 * std::f32::consts::TAU);
+                    let l = Vec3::new(
+                        sine * phi.cos(),
+                        (1.0 - sine * sine).sqrt(),
+                        sine * phi.sin(),
+                    );
+                    let f = burley(Vec3::Y, v, l, roughness);
+                    assert!((f - burley(Vec3::Y, l, v, roughness)).abs() < 1e-5);
+                    albedo += f / count as f32;
+                }
+                println!("{roughness} {slant}: {albedo:.3}");
+                assert!(
+                    (0.8..1.15).contains(&albedo),
+                    "{roughness} {slant}: {albedo}"
+                );
+            }
+        }
+    }
+}

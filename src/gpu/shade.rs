@@ -1,0 +1,174 @@
+//! Records what soft shadows take from a view: the kernel `shade`, for one baked scene in one view. A view whose lamps cast none makes no such buffers.
+
+use super::error::GpuError;
+use super::frame::{SplatTargets, compute};
+use super::pipelines::Kernels;
+use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
+use super::soft::SoftBuffers;
+use super::{GpuCounters, Pass};
+use crate::frame::{ShadeParams, SoftLight};
+
+/// The lamps that one view shows of one scene.
+#[derive(Debug)]
+pub struct ShadeBuffers {
+    params: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    room: usize,
+    /// Bound where there are no tables.
+    blank: wgpu::TextureView,
+    counters: GpuCounters,
+}
+
+/// A storage buffer for `count` lamps.
+fn room_for(device: &wgpu::Device, count: usize) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = (size_of::<SoftLight>() as u64).saturating_mul(count.max(1) as u64);
+    let limit = binding_limit(device);
+    if bytes > limit {
+        return Err(GpuError::TooLarge {
+            what: "soft lights of a view",
+            bytes,
+            limit,
+        });
+    }
+    Ok(device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("soft lights of a view"),
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    }))
+}
+
+/// Two layers of one texel.
+fn blank(device: &wgpu::Device) -> wgpu::TextureView {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("no tables"),
+        size: wgpu::Extent3d {
+            width: 1,
+            height: 1,
+            depth_or_array_layers: 2,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..wgpu::TextureViewDescriptor::default()
+    })
+}
+
+impl ShadeBuffers {
+    /// Room for `lights` lamps.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] for more than the device binds.
+    pub fn new(device: &wgpu::Device, lights: usize) -> Result<Self, GpuError> {
+        Ok(Self {
+            params: uniform(device, "shade", size_of::<ShadeParams>() as u64),
+            lights: room_for(device, lights)?,
+            room: lights.max(1),
+            blank: blank(device),
+            counters: GpuCounters::default(),
+        })
+    }
+
+    /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that is submitted next. What is missing of them comes from
+    /// [`SoftBuffers::record`]. `gloss` where rectangles were drawn with it: [`ShadeBuffers::record`] gets the tables then.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] for more than the device binds.
+    pub fn write(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        scene: &SceneBuffers,
+        lights: &[SoftLight],
+        gloss: bool,
+    ) -> Result<(), GpuError> {
+        if lights.len() > self.room {
+            self.lights = room_for(kernels.device(), lights.len())?;
+            self.room = lights.len();
+        }
+        if !lights.is_empty() {
+            queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(lights));
+        }
+        let params = ShadeParams {
+            lights: lights.len() as u32,
+            extent: scene.shape().extent,
+            gloss: u32::from(gloss),
+            ..ShadeParams::default()
+        };
+        queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
+        Ok(())
+    }
+
+    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade). `tables` are two layers, see [`Tables`](crate::frame::shade::Tables).
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a scene in a view, and what it is recorded with"
+    )]
+    pub fn record(
+        &mut self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &SceneBuffers,
+        soft: &SoftBuffers,
+        view: &ViewBuffers,
+        targets: &SplatTargets<'_>,
+        tables: Option<&wgpu::TextureView>,
+    ) {
+        let which = match targets.earlier {
+            Some(_) => Pass::ShadeOver,
+            None => Pass::Shade,
+        };
+        let [width, height] = view.size;
+        if width == 0 || height == 0 {
+            return;
+        }
+        let texture = wgpu::BindingResource::TextureView;
+        let mut resources = vec![
+            (0, view.splat.as_entire_binding()),
+            (1, texture(targets.depth)),
+            (2, texture(targets.gbuffer)),
+            (3, scene.points.as_entire_binding()),
+            (4, scene.planes.as_entire_binding()),
+            (5, scene.grid_slots.as_entire_binding()),
+            (6, scene.grid_entries.as_entire_binding()),
+            (7, soft.deficits().as_entire_binding()),
+            (8, texture(targets.output)),
+            (10, self.params.as_entire_binding()),
+            (11, self.lights.as_entire_binding()),
+            (12, texture(tables.unwrap_or(&self.blank))),
+        ];
+        if let Some(earlier) = targets.earlier {
+            resources.push((9, texture(earlier)));
+        }
+        let bind = kernels.bind(which, &resources);
+        let mut pass = compute(encoder, "meshless_gi shade");
+        pass.set_pipeline(&kernels.pass(which).pipeline);
+        pass.set_bind_group(0, &bind, &[]);
+        pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
+        self.counters.dispatches[which as usize] += 1;
+    }
+
+    /// How many buffers.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        2
+    }
+
+    /// Bytes on the device.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.params.size() + self.lights.size()
+    }
+
+    /// What was recorded so far.
+    #[must_use]
+    pub fn counters(&self) -> GpuCounters {
+        self.counters
+    }
+}

@@ -1,0 +1,522 @@
+//! Soft shadows in the running plugin: what is taken from Bevy's picture, where, and when; against shadow rays at every pixel.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::accuracy::DrawnView;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Recipe, SoftShadows};
+use bevy_meshless_gi::frame::project::extent;
+use bevy_meshless_gi::frame::shade::{self, ShadeParams, Shading};
+use bevy_meshless_gi::frame::soft::{self, Rays};
+use bevy_meshless_gi::frame::{SoftLight, SplatParams, gbuffer, splat};
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{
+    MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView,
+};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::Geometry;
+use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
+use plugin_support::bounce::Things;
+use plugin_support::flip::Picture;
+use plugin_support::scenes::{Room, cornell, exposure};
+use plugin_support::stage::{counters, keep, view};
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::sync::{Arc, OnceLock};
+
+/// The room, whose points remember what they see; baked once.
+fn remembering() -> Arc<BakedScene> {
+    static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    let bake = || {
+        Room::cornell().bake_as(&Recipe {
+            viewpoints: vec![[0.0, 1.0, 0.6]],
+            coarse_radius: Some(0.3),
+            levels: Some(4),
+            sender_levels: Some(4),
+            rays: Some(32),
+            seed: 1,
+            soft_shadows: Some(SoftShadows::default()),
+            ..Recipe::default()
+        })
+    };
+    BAKED.get_or_init(bake).clone()
+}
+
+const LUMENS: f32 = 20_000.0;
+const RANGE: f32 = 5.0;
+const HALF: Vec2 = Vec2::new(0.3, 0.2);
+
+fn panel() -> RectLight {
+    RectLight {
+        intensity: LUMENS,
+        color: Color::linear_rgb(1.0, 0.9, 0.6),
+        width: 2.0 * HALF.x,
+        height: 2.0 * HALF.y,
+        range: RANGE,
+    }
+}
+
+/// Below the ceiling, shining down.
+fn hanging(at: Vec3) -> Transform {
+    Transform::from_translation(at).with_rotation(Quat::from_rotation_x(-FRAC_PI_2))
+}
+
+const PLACE: Vec3 = Vec3::new(-0.35, 1.9, 0.1);
+
+/// The panel in the core's terms, in the world.
+fn core_panel(at: Transform, samples: u32) -> SoftLight {
+    let radiance = LUMENS / (PI * 4.0 * HALF.x * HALF.y) * Vec3::new(1.0, 0.9, 0.6);
+    let (u, v) = (
+        at.rotation * Vec3::X * HALF.x,
+        at.rotation * Vec3::NEG_Y * HALF.y,
+    );
+    SoftLight::rectangle(at.translation, u, v, radiance, samples).within(RANGE)
+}
+
+/// The room on `root` with `bake`, and a camera that shows it without indirect light.
+fn direct_room(
+    app: &mut App,
+    bake: Arc<BakedScene>,
+    root: Transform,
+    look: Transform,
+) -> (Entity, Handle<Image>) {
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+    Room::cornell().spawn(app, root);
+    let image = target(app);
+    let none = MeshlessGiCamera {
+        intensity: 0.0,
+        ..default()
+    };
+    let eye = app.world_mut().spawn((camera(&image, look), none)).id();
+    (eye, image)
+}
+
+/// What the CPU says of the room as `look` sees it, in the light of a lamp: the picture without shadows (diffuse light alone), the share of it that the twins take at every pixel, and the part of the lamp that
+/// rays see from there; 0 and 1 where nothing is.
+struct Expected {
+    bright: Picture,
+    taken: Vec<Vec3>,
+    seen: Vec<f32>,
+}
+
+/// The lamp with `few` samples as the plugin has it, and with `many` for the rays, in the world; `root` places the room.
+fn expected(
+    bake: &BakedScene,
+    root: Transform,
+    look: Transform,
+    few: SoftLight,
+    many: SoftLight,
+) -> Expected {
+    let room = Room::cornell();
+    let size = [WIDTH, HEIGHT];
+    let [width, height] = size.map(|v| v as f32);
+    let clip_from_view = Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, width / height, 0.1);
+    // All of it in the bake's own space, where rays are cast.
+    let local_from_world = root.to_matrix().inverse();
+    let clip_from_local = clip_from_view * look.to_matrix().inverse() * root.to_matrix();
+    let things = Things {
+        quads: room.0.clone(),
+        ..Things::default()
+    };
+    let drawn = DrawnView::new(&things, clip_from_local, size);
+    let view = SplatParams::new(
+        clip_from_local.inverse(),
+        Mat4::IDENTITY,
+        [0.0, 0.0, width, height],
+        size,
+        exposure(),
+        (&bake.display.grid).into(),
+    );
+    let lights = [few.to_local(&local_from_world)];
+    let many = many.to_local(&local_from_world);
+    let deficits = soft::deficits(bake, &lights);
+    let params = ShadeParams::new(bake, 1);
+    let eye = local_from_world.transform_point3(look.translation);
+    let mut out = Expected {
+        bright: Picture {
+            width: WIDTH as usize,
+            height: HEIGHT as usize,
+            pixels: Vec::new(),
+        },
+        taken: Vec::new(),
+        seen: Vec::new(),
+    };
+    for i in 0..WIDTH * HEIGHT {
+        // The room's material: rough.
+        let texel = gbuffer::glossy(drawn.gbuffer[i as usize], 1.0, 0.0);
+        let depth = drawn.depth[i as usize];
+        if depth <= 0.0 {
+            out.bright.pixels.push([0.0; 3]);
+            out.taken.push(Vec3::ZERO);
+            out.seen.push(1.0);
+            continue;
+        }
+        let (x, n) = splat::place(&view, [i % WIDTH, i / WIDTH], depth, texel);
+        let surface = Shading::of(texel, n, (eye - x).normalize());
+        let bright = exposure() * shade::drawn(&params, None, &lights, x, &surface);
+        out.bright.pixels.push(bright.to_array());
+        let missing = shade::missing(bake, &deficits, x, n);
+        out.taken.push(shade::TAKEN * missing.unwrap_or_default());
+        let rays = Rays {
+            geometry: &room,
+            start: x + n * room.lift(x),
+        };
+        out.seen
+            .push(match soft::unshadowed(&many, x, n, extent(bake)) > 0.0 {
+                true => soft::fraction(&many, x, n, &rays).0,
+                false => 1.0,
+            });
+    }
+    out
+}
+
+impl Expected {
+    /// Bevy's picture with the shadows of the twins.
+    fn by_twins(&self, plain: &Picture) -> Picture {
+        let mut out = plain.clone();
+        for (pixel, taken) in out.pixels.iter_mut().zip(&self.taken) {
+            *pixel = (Vec3::from_array(*pixel) * (Vec3::ONE - taken)).to_array();
+        }
+        out
+    }
+
+    /// Bevy's picture with the shadows of rays.
+    fn by_rays(&self, plain: &Picture) -> Picture {
+        let mut out = plain.clone();
+        for (pixel, seen) in out.pixels.iter_mut().zip(&self.seen) {
+            *pixel = pixel.map(|v| v * seen);
+        }
+        out
+    }
+}
+
+/// Means of `picture` over `of` at the pixels that `which` picks, where `of` is not dark.
+fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 {
+    let luminance = |p: [f32; 3]| p[0] + p[1] + p[2];
+    let (mut sum, mut whole, mut count) = (0.0, 0.0, 0);
+    for i in (0..of.pixels.len()).filter(|&i| which(i)) {
+        sum += luminance(picture.pixels[i]);
+        whole += luminance(of.pixels[i]);
+        count += 1;
+    }
+    assert!(count > 30 && whole > 0.0, "{count} pixels");
+    sum / whole
+}
+
+/// Pixels whose neighbours see as much of the lamp as `wanted` says.
+fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
+    let (w, h) = (WIDTH as i32, HEIGHT as i32);
+    let at = |i: i32| {
+        (-1..=1).all(|dy| {
+            (-1..=1).all(|dx| {
+                let (x, y) = ((i % w + dx).clamp(0, w - 1), (i / w + dy).clamp(0, h - 1));
+                wanted(seen[(y * w + x) as usize])
+            })
+        })
+    };
+    (0..w * h).map(at).collect()
+}
+
+fn soft_work(c: &MeshlessGiCounters) -> [u32; 2] {
+    [Stage::Soft, Stage::Shade].map(|s| c.dispatches_of(s))
+}
+
+/// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly
+/// as the bake remembers.
+#[track_caller]
+fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
+    let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));
+    keep(&format!("{name}_plain"), &expected.bright.beside(plain));
+    keep(&format!("{name}_twins"), &by_twins.beside(shaded));
+    keep(name, &by_rays.beside(shaded));
+    let least = (shaded.pixels.iter().flatten()).fold(0.0f32, |a, v| a.min(*v));
+    let lit = within(&expected.seen, |f| f > 0.999);
+    let dark = within(&expected.seen, |f| f < 0.001);
+    let in_light = share(shaded, plain, |i| lit[i]);
+    let in_shadow = share(shaded, plain, |i| dark[i]);
+    let (twins, rays) = (shaded.nrmse(&by_twins), shaded.nrmse(&by_rays));
+    let without = plain.nrmse(&by_rays);
+    println!(
+        "{name}: least {least:.1e}; {in_light:.4} of full light, {in_shadow:.4} in the umbra; NRMSE to the twins {twins:.4}, to rays {rays:.4}, without shadows {without:.4}"
+    );
+    assert!(least >= 0.0, "{name}: darker than black, {least}");
+    assert!(
+        (in_light - 1.0).abs() < 0.01,
+        "{name}: in full light {in_light}"
+    );
+    assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
+    assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
+    // The room is bright, shadows are small: what is left of the error that a picture without them has.
+    let most = 0.3 * without;
+    assert!(
+        without > 0.02,
+        "{name}: shadows do not matter here, {without}"
+    );
+    assert!(rays < most, "{name}: not what rays say, {rays}");
+    // The test can fail: for shadows that are elsewhere.
+    let mut moved = shaded.clone();
+    moved.pixels.rotate_right(3);
+    assert!(moved.nrmse(&by_twins) > 0.002 && moved.nrmse(&by_rays) > most);
+}
+
+/// Inserts or removes the component.
+fn cast(app: &mut App, lamp: Entity, soft: Option<MeshlessGiSoftShadow>) {
+    let mut lamp = app.world_mut().entity_mut(lamp);
+    match soft {
+        Some(soft) => lamp.insert(soft),
+        None => lamp.remove::<MeshlessGiSoftShadow>(),
+    };
+}
+
+#[test]
+fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
+    let bake = remembering();
+    let mut app = app();
+    let (_, image) = direct_room(&mut app, bake.clone(), Transform::IDENTITY, view());
+    let lamp = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    run(&mut app, 3);
+    let before = counters(&app);
+    assert_eq!(soft_work(&before), [0, 0], "{}", before.plan);
+    let plain = picture(&mut app, &image);
+
+    let soft = MeshlessGiSoftShadow::default();
+    cast(&mut app, lamp, Some(soft));
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(soft_work(&c), [1, 1], "in the same frame: {}", c.plan);
+    assert!(
+        c.plan.contains("soft shadows changed, 1 light(s)"),
+        "{}",
+        c.plan
+    );
+    assert!(c.buffers > before.buffers && c.pipelines > before.pipelines);
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!(soft_work(&c), [0, 1], "at rest: {}", c.plan);
+    let shaded = picture(&mut app, &image);
+    let at = |at| {
+        let (few, many) = (core_panel(at, 25), core_panel(at, 225));
+        expected(&bake, Transform::IDENTITY, view(), few, many)
+    };
+    let here = at(hanging(PLACE));
+    assert_shadows("panel", &plain, &shaded, &here);
+    let off = plain.nrmse(&here.bright);
+    println!("Bevy's light without shadows is off ours, without gloss, by {off:.4}");
+    assert!(
+        off < 0.03,
+        "what Bevy draws is not what is taken from it: {off}"
+    );
+
+    // It moves: what is missing is found anew, once, and the shadow is elsewhere.
+    let place = hanging(Vec3::new(0.4, 1.9, -0.3));
+    let move_to = |app: &mut App, to| {
+        *app.world_mut().get_mut::<Transform>(lamp).unwrap() = to;
+        run(app, 1);
+    };
+    move_to(&mut app, place);
+    assert_eq!(soft_work(&counters(&app)), [1, 1]);
+    let moved = picture(&mut app, &image);
+    cast(&mut app, lamp, None);
+    let bare = picture(&mut app, &image);
+    assert_shadows("moved_panel", &bare, &moved, &at(place));
+    assert!(
+        moved.nrmse(&here.by_twins(&plain)) > 0.1,
+        "it is where it was"
+    );
+    cast(&mut app, lamp, Some(soft));
+    move_to(&mut app, hanging(PLACE));
+
+    // A view of indirect light alone has no direct light to take from.
+    let mut cameras = app.world_mut().query::<&mut MeshlessGiCamera>();
+    let mut only = |app: &mut App, view| {
+        for mut camera in cameras.iter_mut(app.world_mut()) {
+            camera.view = view;
+        }
+        run(app, 1);
+        soft_work(&counters(app))
+    };
+    assert_eq!(only(&mut app, MeshlessGiView::Indirect), [0, 0]);
+    let indirect = picture(&mut app, &image);
+    assert!(indirect.pixels.iter().flatten().all(|v| *v == 0.0));
+    assert_eq!(only(&mut app, MeshlessGiView::Lit), [0, 1]);
+
+    // Off, or without the component: Bevy's picture, to the bit, and nothing is held.
+    for off in [true, false] {
+        let mut entity = app.world_mut().entity_mut(lamp);
+        if off {
+            entity.insert(Visibility::Hidden);
+        } else {
+            entity
+                .insert(Visibility::Visible)
+                .remove::<MeshlessGiSoftShadow>();
+        }
+        run(&mut app, 2);
+        let c = counters(&app);
+        assert_eq!(soft_work(&c), [0, 0], "{}", c.plan);
+        assert_eq!((c.buffers, c.bytes), (before.buffers, before.bytes));
+    }
+    assert_eq!(picture(&mut app, &image), plain);
+
+    // On surfaces that shine, the mirror image goes too.
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    let all: Vec<_> = materials.ids().collect();
+    for id in all {
+        let mut material = materials.get_mut(id).unwrap();
+        (material.perceptual_roughness, material.metallic) = (0.35, 0.6);
+        material.reflectance = 0.5;
+    }
+    run(&mut app, 2);
+    let plain = picture(&mut app, &image);
+    cast(&mut app, lamp, Some(soft));
+    run(&mut app, 2);
+    let shaded = picture(&mut app, &image);
+    assert!(plain.nrmse(&here.bright) > 0.2, "it shines");
+    assert_shadows("shiny", &plain, &shaded, &here);
+    let findings = &app.world().resource::<MeshlessGiFindings>().0;
+    assert_eq!(findings, &[], "nothing is wrong with any of that");
+}
+
+#[test]
+fn a_lamp_with_a_radius_in_a_room_that_is_moved_turned_and_scaled() {
+    let bake = remembering();
+    let mut app = app();
+    let root = Transform {
+        translation: Vec3::new(20.0, -3.0, 7.0),
+        rotation: Quat::from_euler(EulerRot::XYZ, 0.3, 1.1, -0.7),
+        scale: Vec3::splat(2.0),
+    };
+    let look = Transform::from_matrix(
+        root.with_scale(Vec3::ONE).to_matrix() * {
+            let mut near = view();
+            near.translation *= 2.0;
+            near.to_matrix()
+        },
+    );
+    let (_, image) = direct_room(&mut app, bake.clone(), root, look);
+    let place = root.transform_point(Vec3::new(-0.4, 1.6, 0.3));
+    let bulb = PointLight {
+        intensity: 30_000.0 * 4.0,
+        radius: 0.3,
+        range: 12.0,
+        ..default()
+    };
+    let lamp = app
+        .world_mut()
+        .spawn((bulb, Transform::from_translation(place)))
+        .id();
+    run(&mut app, 3);
+    let plain = picture(&mut app, &image);
+    cast(&mut app, lamp, Some(MeshlessGiSoftShadow { samples: 16 }));
+    run(&mut app, 2);
+    let shaded = picture(&mut app, &image);
+    let candela = Vec3::splat(bulb.intensity / (4.0 * PI));
+    let core = |samples| SoftLight::sphere(place, 0.3, candela, 12.0, samples);
+    let right = expected(&bake, root, look, core(16), core(225));
+    assert_shadows("bulb", &plain, &shaded, &right);
+    let off = plain.nrmse(&right.bright);
+    println!("Bevy's light without shadows is off ours by {off:.4}");
+    assert!(
+        off < 0.01,
+        "what Bevy draws is not what is taken from it: {off}"
+    );
+}
+
+#[test]
+fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
+    let mut app = app();
+    let (_, forgetful) = cornell();
+    let (_, image) = direct_room(&mut app, forgetful, Transform::IDENTITY, view());
+    let lamp = app.world_mut().spawn((panel(), hanging(PLACE))).id();
+    run(&mut app, 3);
+    let before = counters(&app);
+    let plain = picture(&mut app, &image);
+    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    assert_eq!(found(&app), []);
+
+    // A bake that does not remember.
+    cast(&mut app, lamp, Some(MeshlessGiSoftShadow::default()));
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!(soft_work(&c), [0, 0]);
+    assert!(
+        c.plan.contains("the bake holds no visibility"),
+        "{}",
+        c.plan
+    );
+    assert_eq!(
+        (c.buffers, c.bytes, c.pipelines),
+        (before.buffers, before.bytes, before.pipelines)
+    );
+    assert_eq!(picture(&mut app, &image), plain);
+    let mut expected = vec![MeshlessGiFinding::NoVisibility];
+    assert_eq!(found(&app), expected);
+
+    // Lamps of other kinds, and one that has a shadow map.
+    app.world_mut()
+        .spawn((SpotLight::default(), MeshlessGiSoftShadow::default()));
+    run(&mut app, 1);
+    expected.push(MeshlessGiFinding::SoftShadowKind);
+    assert_eq!(found(&app), expected);
+    let mapped = PointLight {
+        shadow_maps_enabled: true,
+        ..default()
+    };
+    app.world_mut()
+        .spawn((mapped, MeshlessGiSoftShadow::default()));
+    run(&mut app, 1);
+    expected.push(MeshlessGiFinding::SoftShadowTwice);
+    assert_eq!(found(&app), expected);
+    // More panels than Bevy draws.
+    for _ in 0..8 {
+        app.world_mut().spawn((panel(), hanging(PLACE)));
+    }
+    run(&mut app, 1);
+    expected.push(MeshlessGiFinding::SoftShadowCount);
+    assert_eq!(found(&app), expected);
+}
+
+#[test]
+fn lamps_without_numbers_and_lamps_in_crowds_are_borne() {
+    let mut app = app();
+    let (_, image) = direct_room(&mut app, remembering(), Transform::IDENTITY, view());
+    let soft = MeshlessGiSoftShadow { samples: u32::MAX };
+    let bad = RectLight {
+        intensity: f32::NAN,
+        ..panel()
+    };
+    app.world_mut().spawn((bad, hanging(PLACE), soft));
+    let flat = RectLight {
+        width: 0.0,
+        ..panel()
+    };
+    app.world_mut().spawn((flat, hanging(PLACE), soft));
+    for i in 0..20 {
+        let bulb = PointLight {
+            intensity: 1000.0,
+            ..default()
+        };
+        let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.5, 0.4);
+        app.world_mut()
+            .spawn((bulb, place, MeshlessGiSoftShadow { samples: 0 }));
+    }
+    run(&mut app, 3);
+    assert_eq!(soft_work(&counters(&app)), [0, 1]);
+    assert!(counters(&app).plan.contains("shade"));
+    // More come: the buffers grow.
+    for i in 0..20 {
+        let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);
+        app.world_mut().spawn((
+            PointLight::default(),
+            place,
+            MeshlessGiSoftShadow::default(),
+        ));
+    }
+    run(&mut app, 1);
+    assert_eq!(soft_work(&counters(&app)), [1, 1]);
+    run(&mut app, 1);
+    let _ = picture(&mut app, &image);
+}

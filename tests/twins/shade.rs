@@ -1,0 +1,333 @@
+//! The kernel `shade` and what is drawn of it against their twins, on the baked box of `soft` as a camera sees it.
+
+use super::depth::depth_texture;
+use super::screen::SIZE;
+use super::soft::{baked, lights};
+use super::{harness, pixels_differing, wide};
+use bevy_meshless_gi::accuracy::DrawnView;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::shade::{self, ShadeParams, Tables};
+use bevy_meshless_gi::frame::{
+    CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
+};
+use bevy_meshless_gi::gpu::{
+    Harness, Kernels, Pass, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets, ViewBuffers,
+    draw_shade,
+};
+use bevy_meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
+use glam::{Mat4, Vec3};
+use half::f16;
+use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
+
+/// What an earlier scene left in every third pixel, and what the picture was.
+const EARLIER: f32 = 0.25;
+const GREY: f32 = 0.5;
+
+/// A box, a picture of it, what its points miss, and lamps.
+struct Shaded {
+    scene: BakedScene,
+    drawn: DrawnView,
+    view: SplatParams,
+    deficits: Vec<VectorIrradiance>,
+    lights: Vec<SoftLight>,
+    tables: Tables,
+}
+
+/// Tables of five texels along an edge, smooth and made up: the lobes of no surface.
+fn made_up() -> Tables {
+    let size = 5;
+    let texel = |i: u32, k: f32| {
+        let (x, y) = ((i % size) as f32 / 4.0, (i / size) as f32 / 4.0);
+        [
+            1.2 - 0.5 * x + k * y,
+            0.3 * y + 0.2 * k,
+            -0.2 * x * y,
+            0.8 + 0.3 * k * x,
+        ]
+    };
+    Tables {
+        size,
+        layers: [0.0, 1.0].map(|k| (0..size * size).map(|i| texel(i, k)).collect()),
+    }
+}
+
+impl Shaded {
+    fn new() -> Self {
+        let scene = baked();
+        let mesh: TriangleMesh = mesh_of_quads(&cornell_box());
+        let [width, height] = SIZE.map(|v| v as f32);
+        // A root that is turned, moved and twice as large.
+        let turn = glam::Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
+        let root =
+            Mat4::from_scale_rotation_translation(Vec3::splat(2.0), turn, Vec3::new(2.0, 1.0, 1.0));
+        let look = Mat4::look_at_rh(Vec3::new(0.3, 1.2, 3.4), Vec3::new(0.0, 0.9, 0.0), Vec3::Y);
+        let clip = Mat4::perspective_infinite_reverse_rh(0.75, width / height, 0.1);
+        let clip_from_local = clip * look;
+        let mut drawn = DrawnView::new(&mesh, clip_from_local, SIZE);
+        let (_, turned, _) = root.to_scale_rotation_translation();
+        for (i, texel) in drawn.gbuffer.iter_mut().enumerate() {
+            // The G-buffer holds the world's normals.
+            let n = turned * gbuffer::normal(*texel);
+            let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
+            let packed = gbuffer::pack(gbuffer::base(*texel), 0.1, 0.7, n, flags);
+            *texel = gbuffer::glossy(packed, (i % 9) as f32 / 8.0, 0.5);
+        }
+        let lights = lights().to_vec();
+        Self {
+            view: SplatParams::new(
+                root * clip_from_local.inverse(),
+                root.inverse(),
+                [0.0, 0.0, width, height],
+                SIZE,
+                2.0,
+                (&scene.display.grid).into(),
+            ),
+            deficits: soft::deficits(&scene, &lights),
+            scene,
+            drawn,
+            lights,
+            tables: made_up(),
+        }
+    }
+
+    /// By the twins: `shade`, and `shade_over` the earlier scene.
+    fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
+        let params = ShadeParams::new(&self.scene, self.lights.len());
+        let tables = gloss.then_some(&self.tables);
+        let pixel = |i: u32| {
+            shade::shade_pixel(
+                (&params, &self.view),
+                &self.scene,
+                &self.deficits,
+                (&self.lights, tables),
+                [i % SIZE[0], i / SIZE[0]],
+                self.drawn.depth[i as usize],
+                self.drawn.gbuffer[i as usize],
+            )
+        };
+        let alone: Vec<[f32; 4]> = (0..SIZE[0] * SIZE[1]).map(pixel).collect();
+        let over = alone.iter().enumerate();
+        let over = over.map(|(i, own)| if i % 3 == 0 { earlier(i) } else { *own });
+        let over = over.collect();
+        [alone, over]
+    }
+}
+
+fn earlier(i: usize) -> [f32; 4] {
+    match i % 3 {
+        0 => [EARLIER, EARLIER, EARLIER, 1.0],
+        _ => [0.0; 4],
+    }
+}
+
+/// What the device makes of it: `shade`, `shade_over`, and the picture after the draw of the first.
+fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Vec<[f32; 4]>; 3] {
+    let Shaded { scene, drawn, .. } = shaded;
+    let (device, queue) = (&harness.device, &harness.queue);
+    let kernels = Kernels::new(device).unwrap();
+    let scene_buffers = SceneBuffers::new(device, queue, scene, 1).unwrap();
+    let visibility = scene.visibility.as_ref().unwrap();
+    let soft_buffers = SoftBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
+    // From the twin's, so that nothing of `soft` reaches the comparison.
+    queue.write_buffer(
+        soft_buffers.deficits(),
+        0,
+        bytemuck::cast_slice(&shaded.deficits),
+    );
+    let mut view = ViewBuffers::new(device);
+    view.write(queue, &shaded.view, &CompositeParams::default());
+    // Room for fewer: it grows.
+    let mut buffers = ShadeBuffers::new(device, 1).unwrap();
+    buffers
+        .write(&kernels, queue, &scene_buffers, &shaded.lights, gloss)
+        .unwrap();
+    assert_eq!(buffers.bytes(), 16 + 80 * shaded.lights.len() as u64);
+
+    let tables = gloss.then(|| layers_of(harness, &shaded.tables));
+    let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
+    let half4 = TextureFormat::Rgba16Float;
+    let halves = |v: [f32; 4]| v.map(f16::from_f32);
+    let before: Vec<[f16; 4]> = (0..drawn.depth.len()).map(|i| halves(earlier(i))).collect();
+    let grey = vec![halves([GREY; 4]); drawn.depth.len()];
+    let depth = depth_texture(harness, SIZE, &drawn.depth);
+    let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&drawn.gbuffer));
+    let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes));
+    let before = harness.texture(SIZE, half4, read, Some(&before));
+    let storage = read | TextureUsages::STORAGE_BINDING;
+    let out = [0; 2].map(|_| harness.texture::<[f16; 4]>(SIZE, half4, storage, None));
+    let canvas = read | TextureUsages::RENDER_ATTACHMENT;
+    let picture = harness.texture(SIZE, half4, canvas, Some(&grey));
+    let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (depth, gbuffer, passes, before) =
+        (look(&depth), look(&gbuffer), look(&passes), look(&before));
+    let (targets, canvas) = (out.each_ref().map(look), look(&picture));
+    harness
+        .run(|encoder| {
+            for (output, earlier) in [(&targets[0], None), (&targets[1], Some(&before))] {
+                let targets = SplatTargets {
+                    depth: &depth,
+                    gbuffer: &gbuffer,
+                    earlier,
+                    output,
+                };
+                buffers.record(
+                    &kernels,
+                    encoder,
+                    &scene_buffers,
+                    &soft_buffers,
+                    &view,
+                    &targets,
+                    tables.as_ref(),
+                );
+            }
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &canvas,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            let textures = [&targets[0], &gbuffer, &passes];
+            draw_shade(&kernels, &mut pass, half4, &view, textures);
+        })
+        .unwrap();
+    let counters = buffers.counters();
+    assert_eq!(
+        [Pass::Shade, Pass::ShadeOver].map(|p| counters.of(p)),
+        [1, 1]
+    );
+    [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))
+}
+
+/// Tables on the device.
+fn layers_of(harness: &Harness, tables: &Tables) -> wgpu::TextureView {
+    let size = wgpu::Extent3d {
+        width: tables.size,
+        height: tables.size,
+        depth_or_array_layers: 2,
+    };
+    let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("tables"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: TextureFormat::Rgba32Float,
+        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    harness.queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&tables.layers.concat()),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(16 * tables.size),
+            rows_per_image: Some(tables.size),
+        },
+        size,
+    );
+    texture.create_view(&TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..TextureViewDescriptor::default()
+    })
+}
+
+/// Pixels that differ by more than halves and sums in another order explain, or whose coverage does.
+fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
+    pixels_differing(gpu, cpu).len()
+}
+
+#[test]
+fn shade() {
+    compare(false);
+}
+
+#[test]
+fn shade_of_mirror_images() {
+    compare(true);
+}
+
+fn compare(gloss: bool) {
+    let Some(harness) = harness() else { return };
+    let mut shaded = Shaded::new();
+    let count = shaded.drawn.depth.len();
+    let passes: Vec<u8> = (0..count).map(|i| u8::from(i % 11 != 0)).collect();
+    let [alone, over, picture] = on_gpu(&harness, &shaded, &passes, gloss);
+    let [own, behind] = shaded.run(gloss);
+    let covered = own.iter().filter(|t| t[3] == 1.0).count();
+    let dark = own.iter().filter(|t| t[0] > 1e-3).count();
+    assert!(
+        covered > count / 2 && covered < count && dark > count / 10,
+        "{covered} {dark} of {count}"
+    );
+    // Places within rounding of a clip plane may lie on either side of it.
+    let found = [apart(&alone, &own), apart(&over, &behind)];
+    println!("{found:?} of {count} pixels differ, {covered} are covered, {dark} miss light");
+    assert!(found[0] <= 4 && found[1] <= 4, "{found:?}");
+    let expected: Vec<[f32; 4]> = alone
+        .iter()
+        .zip(&passes)
+        .map(|(texel, &pass)| {
+            let [r, g, b] = composite::composite_shade_pixel(*texel, pass.into());
+            [GREY - r, GREY - g, GREY - b, GREY]
+        })
+        .collect();
+    assert_eq!(apart(&picture, &expected), 0);
+    assert!(picture.iter().any(|p| p[0] < 0.9 * GREY));
+
+    // Must fail: another lamp, another place, another range, other surfaces, other points, what is missing, and what there would be.
+    type Spoil = fn(&mut Shaded);
+    let spoils: [(&str, Spoil); 8] = [
+        ("colour", |s| s.lights[0].color[1] *= 1.02),
+        ("place", |s| s.lights[0].center[0] += 0.05),
+        ("range", |s| s.lights[1] = s.lights[1].within(4.0)),
+        ("roughness", |s| {
+            for texel in &mut s.drawn.gbuffer {
+                texel[0] ^= 32 << 24;
+            }
+        }),
+        ("radius of points", |s| {
+            s.scene.points.iter_mut().for_each(|p| p.radius *= 0.97);
+        }),
+        ("deficits", |s| {
+            s.deficits.iter_mut().for_each(|d| d.y[0] *= 1.02)
+        }),
+        ("unshadowed", |s| {
+            s.deficits.iter_mut().for_each(|d| d.y[3] *= 1.02)
+        }),
+        ("exposure", |s| s.view.scale *= 1.01),
+    ];
+    if gloss {
+        let noticed = apart(&alone, &shaded.run(false)[0]);
+        assert!(
+            noticed > count / 10,
+            "no mirror image goes unnoticed: {noticed}"
+        );
+        for layer in 0..2 {
+            shaded.tables.layers[layer][7][layer] *= 1.2;
+            let noticed = apart(&alone, &shaded.run(true)[0]);
+            println!("table {layer}: {noticed}");
+            assert!(noticed > found[0] + 20, "table {layer} goes unnoticed");
+            shaded.tables = made_up();
+        }
+    }
+    for (what, spoil) in spoils {
+        let (lights, drawn, scene) = (
+            shaded.lights.clone(),
+            shaded.drawn.gbuffer.clone(),
+            shaded.scene.points.clone(),
+        );
+        let (deficits, scale) = (shaded.deficits.clone(), shaded.view.scale);
+        spoil(&mut shaded);
+        let noticed = apart(&alone, &shaded.run(gloss)[0]);
+        println!("{what}: {noticed}");
+        assert!(noticed > found[0] + 20, "{what} goes unnoticed: {noticed}");
+        (shaded.lights, shaded.drawn.gbuffer, shaded.scene.points) = (lights, drawn, scene);
+        (shaded.deficits, shaded.view.scale) = (deficits, scale);
+    }
+}
