@@ -78,7 +78,7 @@ fn main() -> ExitCode {
             look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
             // Inside the room.
             reach: (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5)),
-            keys: "M: the lamp circles",
+            keys: "M: circle",
         })
         .insert_resource(Level {
             cloud: Some(cloud),

@@ -24,17 +24,19 @@ fn bulb() -> [Light; 1] {
     }]
 }
 
-/// Reflected irradiance at every `step`th point, with the points' areas. All reflections.
+/// Reflected irradiance where each `step`th point is seen from the middle, with the points' areas. All reflections.
 fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)> {
     let (cells, _) = cloud.mesh();
     let scene = baked(&cells, preset);
-    let asked: Vec<usize> = (0..cloud.len()).step_by(step).collect();
-    let places: Vec<(Vec3, Vec3)> = asked
-        .iter()
-        .map(|&i| (cloud.positions[i], cloud.normals[i]))
-        .collect();
+    let (places, areas): (Vec<(Vec3, Vec3)>, Vec<f32>) = (0..cloud.len())
+        .step_by(step)
+        .filter_map(|i| {
+            let ray = Ray::new(Vec3::ZERO, cloud.positions[i].normalize());
+            let seen = cells.surface(&ray, &cells.cast(&ray)?);
+            Some(((seen.position, seen.normal), cloud.areas[i]))
+        })
+        .unzip();
     let (_, indirect) = shown(&scene, cells, &bulb(), &places, Bounces::All);
-    let areas = asked.iter().map(|&i| cloud.areas[i]);
     indirect.iter().map(|e| e.x).zip(areas).collect()
 }
 
@@ -234,7 +236,8 @@ fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2
     found
 }
 
-/// Light from the points alone on the triangles, from the triangles alone on the points, and all of it on both.
+/// Light from the points alone on the triangles, from the triangles alone on the points, and all of it on both. What is left at `Draft` is the recipe's and not the points': the
+/// same statue as triangles is as far off.
 #[test]
 fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
     let lamp = [Light::Rect {
@@ -245,9 +248,9 @@ fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
     }];
     let sum = |light: &[Vec3]| light.iter().sum::<Vec3>();
     for (what, walls, stands, bounds) in [
-        ("the statue reflects", 0.0, 1.0, [0.2, 1.0]),
-        ("the walls reflect", 1.0, 0.0, [1.0, 0.2]),
-        ("all reflects", 1.0, 1.0, [0.1, 0.1]),
+        ("the statue reflects", 0.0, 1.0, [0.165, 0.215]),
+        ("the walls reflect", 1.0, 0.0, [0.045, 0.215]),
+        ("all reflects", 1.0, 1.0, [0.09, 0.215]),
     ] {
         let (level, count) = walls_and_statue(walls, stands);
         let places = seen(&level, count, 900);
@@ -271,6 +274,9 @@ fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
                 sum(&own)
             );
             assert!(error < bound, "{what}, {name}: {error}");
+            // The same light on the wrong places is far off.
+            let turned: Vec<Vec3> = found.iter().rev().copied().collect();
+            assert!(nrmse(&turned, &truth, indirect) > 0.25, "{what}, {name}");
         }
     }
 }
