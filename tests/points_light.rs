@@ -1,4 +1,4 @@
-//! Light among points: closed rooms of points, whose light has a closed form, even and badly sampled; and a statue of points in a room of triangles, each of them lit by the
+//! Light among points: closed rooms of points, whose light has a closed form, evenly sampled and noisy; and a statue of points in a room of triangles, each of them lit by the
 //! other, beside the reference integrator. Comparisons are also made with a wrong input and must fail there.
 #![cfg(feature = "cli")]
 
@@ -126,76 +126,32 @@ fn closed_rooms_of_points_keep_their_light() {
     }
 }
 
-/// Points moved by a random vector of up to `noise`, normals turned by up to about `wobble` radians, and all but every `thin`th point of the left half taken away.
-fn spoilt(points: &PlyPoints, noise: f32, wobble: f32, thin: u64) -> PlyPoints {
-    let normals = points.normals.as_ref().expect("given");
-    let albedo = points.albedo.as_ref().expect("given");
-    let mut out = PlyPoints {
-        normals: Some(Vec::new()),
-        albedo: Some(Vec::new()),
-        ..PlyPoints::default()
-    };
-    for (i, x) in points.positions.iter().enumerate() {
-        let mut r = Random::new(9, 9, i as u64);
-        let mut any = || {
-            let direction = uniform_sphere(Vec2::new(r.unit(), r.unit()));
-            direction * r.unit()
-        };
-        if x.x < 0.0 && !(i as u64).is_multiple_of(thin) {
-            continue;
-        }
-        out.positions.push(*x + noise * any());
-        let turned = (normals[i] + wobble * any()).normalize();
-        out.normals.as_mut().expect("some").push(turned);
-        out.albedo.as_mut().expect("some").push(albedo[i]);
-    }
-    out
-}
-
-/// Scans are noisy, denser here than there, and their normals wobble.
+/// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and slits is what the mean is off.
 #[test]
-fn bad_samples_of_a_closed_room_are_lit_sanely() {
+fn a_noisy_closed_room_keeps_its_light() {
     const SPACING: f32 = 0.04;
-    let even = cube(SPACING, 0.5);
-    let right = {
-        let power = 4.0 * PI * f64::from(INTENSITY);
-        closed_form::enclosure_reflected(power / 24.0, 0.5, None)
-    };
-    for (what, points) in [
-        ("noise", spoilt(&even, 0.5 * SPACING, 0.0, 1)),
-        (
-            "a tenth of the points on one half",
-            spoilt(&even, 0.0, 0.0, 10),
-        ),
-        ("wobbling normals", spoilt(&even, 0.0, 0.35, 1)),
-        ("all of it", spoilt(&even, 0.5 * SPACING, 0.35, 4)),
-        (
-            "noise without normals",
-            PlyPoints {
-                normals: None,
-                ..spoilt(&even, 0.5 * SPACING, 0.0, 1)
-            },
-        ),
-    ] {
-        let cloud = PointCloud::new(points, Some(Vec3::ZERO)).expect("a cloud");
-        let area: f32 = cloud.areas.iter().sum();
-        let found = reflected(&cloud, Preset::Draft, 7);
-        let (mean, spread) = mean_and_spread(&found);
-        let least = found.iter().map(|f| f.0).fold(f32::INFINITY, f32::min);
-        let most = found.iter().map(|f| f.0).fold(0.0, f32::max);
-        println!(
-            "{what}: {} points, area {area:.2}, mean {:+.1} % off, spread {:.1} %, from {:.2} to {:.2} of the mean",
-            cloud.len(),
-            100.0 * (mean / right - 1.0),
-            100.0 * spread,
-            f64::from(least) / mean,
-            f64::from(most) / mean
-        );
-        assert!(
-            found.iter().all(|(e, _)| e.is_finite() && *e >= 0.0),
-            "{what}"
-        );
+    let mut points = cube(SPACING, 0.5);
+    for (i, x) in (0..).zip(&mut points.positions) {
+        let mut r = Random::new(9, 9, i);
+        let direction = uniform_sphere(Vec2::new(r.unit(), r.unit()));
+        *x += 0.5 * SPACING * r.unit() * direction;
     }
+    let cloud = PointCloud::new(points, Some(Vec3::ZERO)).expect("a cloud");
+    let power = 4.0 * PI * f64::from(INTENSITY);
+    let right = closed_form::enclosure_reflected(power / 24.0, 0.5, None);
+    let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
+    println!(
+        "{} noisy points: {:+.1} % off, spread {:.1} %",
+        cloud.len(),
+        100.0 * (mean / right - 1.0),
+        100.0 * spread
+    );
+    assert!(
+        (mean / right - 1.0).abs() < 0.03,
+        "{mean}, {right} is right"
+    );
+    // The lamp is nearer to some walls: without noise it is 0.11.
+    assert!(spread < 0.16, "{spread}");
 }
 
 /// The five walls of the box as triangles and the statue as points, each with what it reflects times a factor.
