@@ -24,16 +24,13 @@
 
 mod common;
 
-use bevy::camera::Viewport;
-use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
 use bevy_meshless_gi::bake::{Preset, Recipe, SoftShadows};
-use bevy_meshless_gi::plugin::{
-    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiStatus, MeshlessGiView,
-};
+use bevy_meshless_gi::plugin::MeshlessGiBake;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 use common::capture::Capture;
+use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -49,14 +46,16 @@ fn main() -> ExitCode {
     let mut app = App::new();
     app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
         .insert_resource(GlobalAmbientLight::NONE)
-        .init_resource::<SideBySide>()
         .insert_resource(Soft(soft))
-        .add_systems(Startup, setup)
+        .add_plugins(Stage {
+            look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
+            // Inside the box.
+            reach: (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5)),
+            keys: "M: ball    B: its bounce    D: display",
+        })
         .init_resource::<Rolling>()
-        .add_systems(
-            Update,
-            (move_lamp, roll, switch, switch_bounce, lay_out, tell).chain(),
-        );
+        .add_systems(Startup, setup)
+        .add_systems(Update, (roll, switch_bounce).chain().before(StageSystems));
     if let Some(capture) = capture {
         app.add_plugins(capture);
     }
@@ -72,9 +71,6 @@ fn usage(why: &str) -> ExitCode {
     );
     ExitCode::from(2)
 }
-
-#[derive(Component)]
-struct Lamp;
 
 /// What moves: the bake does not hold its light.
 #[derive(Component)]
@@ -96,19 +92,12 @@ impl Default for Rolling {
     }
 }
 
-/// The camera of the left half: direct light alone. It sleeps while there is one view.
-#[derive(Component)]
-struct DirectOnly;
-
-#[derive(Component)]
-struct Help;
-
 /// The lamp is a panel with soft shadows, and no bulb with a shadow map.
 #[derive(Resource)]
 struct Soft(bool);
 
-#[derive(Resource, Default)]
-struct SideBySide(bool);
+/// Edges of the panel, metres.
+const PANEL: Vec2 = Vec2::new(0.6, 0.4);
 
 fn setup(
     mut commands: Commands,
@@ -129,12 +118,12 @@ fn setup(
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
 
-    let bulb = materials.add(StandardMaterial {
-        base_color: Color::BLACK,
-        emissive: LinearRgba::rgb(4.0, 3.8, 3.4),
-        ..default()
-    });
     if soft.0 {
+        let panel = materials.add(StandardMaterial {
+            base_color: Color::BLACK,
+            emissive: LinearRgba::rgb(4.0, 3.8, 3.4),
+            ..default()
+        });
         commands.spawn((
             Lamp,
             RectLight {
@@ -148,26 +137,17 @@ fn setup(
             Transform::from_xyz(0.0, 1.9, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
             // It shines along -Z.
             Mesh3d(meshes.add(Cuboid::new(PANEL.x, PANEL.y, 0.005))),
-            MeshMaterial3d(bulb),
+            MeshMaterial3d(panel),
         ));
     } else {
-        commands.spawn((
-            Lamp,
-            PointLight {
-                color: Color::linear_rgb(1.0, 0.95, 0.85),
-                intensity: 60_000.0,
-                shadow_maps_enabled: true,
-                // The lamp may come close to a wall; what is nearer than this would cast no shadow.
-                shadow_map_near_z: 0.01,
-                ..default()
-            },
-            // What moves bounces its light.
-            MeshlessGiReflective::default(),
-            Transform::from_xyz(0.0, 1.6, 0.0),
-            Mesh3d(meshes.add(Sphere::new(0.03))),
-            MeshMaterial3d(bulb),
-            bevy::light::NotShadowCaster,
-        ));
+        spawn_lamp(
+            &mut commands,
+            &mut meshes,
+            &mut materials,
+            Vec3::new(0.0, 1.6, 0.0),
+        )
+        // What moves bounces its light.
+        .insert(MeshlessGiReflective::default());
     }
     let blue = materials.add(StandardMaterial {
         base_color: Color::linear_rgb(0.05, 0.3, 0.95),
@@ -181,81 +161,6 @@ fn setup(
         MeshMaterial3d(blue),
         Transform::from_translation(ball_at(0.0)),
     ));
-    let look = Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
-    commands.spawn((
-        Camera3d::default(),
-        IsDefaultUiCamera,
-        MeshlessGiCamera::default(),
-        look,
-    ));
-    let off = MeshlessGiCamera {
-        enabled: false,
-        ..default()
-    };
-    let asleep = Camera {
-        order: 1,
-        is_active: false,
-        ..default()
-    };
-    commands.spawn((DirectOnly, Camera3d::default(), asleep, off, look));
-    commands.spawn((
-        Help,
-        Text::default(),
-        TextFont::from_font_size(14.0),
-        Node {
-            position_type: PositionType::Absolute,
-            top: px(8),
-            left: px(8),
-            padding: UiRect::all(px(4)),
-            ..default()
-        },
-        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
-    ));
-}
-
-/// Edges of the panel, metres.
-const PANEL: Vec2 = Vec2::new(0.6, 0.4);
-
-/// Where the lamp may be: inside the box.
-const REACH: (Vec3, Vec3) = (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5));
-
-type TheCamera<'w, 's> = Query<
-    'w,
-    's,
-    (&'static Camera, &'static GlobalTransform),
-    (With<MeshlessGiCamera>, Without<DirectOnly>),
->;
-
-fn move_lamp(
-    mut lamp: Single<&mut Transform, With<Lamp>>,
-    keys: Res<ButtonInput<KeyCode>>,
-    buttons: Res<ButtonInput<MouseButton>>,
-    windows: Query<&Window>,
-    camera: TheCamera,
-    time: Res<Time>,
-) {
-    let axis = |plus, minus| {
-        f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
-    };
-    let step = Vec3::new(
-        axis(KeyCode::ArrowRight, KeyCode::ArrowLeft),
-        axis(KeyCode::PageUp, KeyCode::PageDown),
-        axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
-    );
-    let mut place = lamp.translation + step * time.delta_secs();
-    if buttons.pressed(MouseButton::Left)
-        && let Some(cursor) = windows.iter().find_map(Window::cursor_position)
-        && let Ok((camera, at)) = camera.single()
-        && let Ok(ray) = camera.viewport_to_world(at, cursor)
-        && let Some(distance) = ray.intersect_plane(place, InfinitePlane3d::new(Vec3::Z))
-    {
-        place = ray.get_point(distance);
-    }
-    let place = place.clamp(REACH.0, REACH.1);
-    // A lamp at rest must not look changed.
-    if place != lamp.translation {
-        lamp.translation = place;
-    }
 }
 
 /// Radius of the ball, metres.
@@ -306,94 +211,5 @@ fn switch_bounce(
                 MeshlessGiDisplay::Subsplats(_) => MeshlessGiDisplay::Full,
             };
         }
-    }
-}
-
-fn switch(
-    keys: Res<ButtonInput<KeyCode>>,
-    mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
-    mut side_by_side: ResMut<SideBySide>,
-    mut gizmos: ResMut<GizmoConfigStore>,
-) {
-    for mut camera in &mut cameras {
-        if keys.just_pressed(KeyCode::Space) {
-            camera.enabled = !camera.enabled;
-        }
-        if keys.just_pressed(KeyCode::KeyV) {
-            camera.view = match camera.view {
-                MeshlessGiView::Lit => MeshlessGiView::Indirect,
-                MeshlessGiView::Indirect => MeshlessGiView::Irradiance,
-                MeshlessGiView::Irradiance => MeshlessGiView::Lit,
-            };
-        }
-    }
-    if keys.just_pressed(KeyCode::Tab) {
-        side_by_side.0 = !side_by_side.0;
-    }
-    if keys.just_pressed(KeyCode::KeyG) {
-        common::next_gizmos(&mut gizmos);
-    }
-}
-
-/// One view over the window, or two halves.
-fn lay_out(
-    side_by_side: Res<SideBySide>,
-    windows: Query<&Window>,
-    mut both: Single<&mut Camera, (With<MeshlessGiCamera>, Without<DirectOnly>)>,
-    mut direct: Single<&mut Camera, With<DirectOnly>>,
-) {
-    let Some(size) = windows.iter().next().map(Window::physical_size) else {
-        return;
-    };
-    let half = UVec2::new((size.x / 2).max(1), size.y.max(1));
-    let view = |x| Viewport {
-        physical_position: UVec2::new(x, 0),
-        physical_size: half,
-        ..default()
-    };
-    direct.is_active = side_by_side.0;
-    direct.viewport = side_by_side.0.then(|| view(0));
-    both.viewport = side_by_side.0.then(|| view(half.x));
-}
-
-fn tell(
-    mut help: Single<&mut Text, With<Help>>,
-    under_way: Query<&MeshlessGiBake>,
-    failed: Query<&MeshlessGiBakeFailed>,
-    cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
-    status: Res<MeshlessGiStatus>,
-    side_by_side: Res<SideBySide>,
-) {
-    let state = if let Some(bake) = under_way.iter().next() {
-        let (stage, done) = bake.progress();
-        format!("baking: {} {:.0} %", stage.name(), 100.0 * done)
-    } else if let Some(why) = failed.iter().next() {
-        format!("the bake failed: {}", why.0)
-    } else {
-        let counters = status.get();
-        let on = cameras.iter().any(|c| c.enabled);
-        let views = counters.subsplats.values();
-        let (by, of) = views.fold((0, 0), |(by, of), c| (by + c.total(), of + c.pixels));
-        let share = match of {
-            _ if !on => String::new(),
-            0 => ", at every pixel".to_string(),
-            _ => format!(", at {by} of {of} pixels"),
-        };
-        format!(
-            "indirect light {}{share}; {} light(s) projected in this frame",
-            if on { "on" } else { "off" },
-            counters.projected_slots
-        )
-    };
-    let halves = if side_by_side.0 {
-        "\nleft: direct light alone; right: with indirect light"
-    } else {
-        ""
-    };
-    let text = format!(
-        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    M: ball    B: its bounce\nTab: side by side    V: view    D: display    G: points"
-    );
-    if help.0 != text {
-        help.0 = text;
     }
 }

@@ -2,24 +2,23 @@
 //! scattered over, and the tool on `.ply` files alone and beside meshes. Comparisons are also made with a wrong input and must fail there.
 #![cfg(feature = "cli")]
 
-use bevy_meshless_gi::accuracy::{
-    Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all,
-};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+mod points_support;
+
+use bevy_meshless_gi::accuracy::Bounces;
+use bevy_meshless_gi::bake::Preset;
 use bevy_meshless_gi::samples::{Random, scatter};
 use bevy_meshless_gi::scene::{
     Geometry, Light, PlyEncoding, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box,
     mesh_of_quads, write_ply,
 };
 use glam::Vec3;
+use points_support::{REFLECTIONS, baked, direct, indirect, nrmse, reference, shown};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
 /// Points are at least this far apart, metres, in a room of two.
 const SPACING: f32 = 0.035;
-const REFLECTIONS: u32 = 4;
 
 fn lamp() -> [Light; 1] {
     [Light::Rect {
@@ -48,71 +47,12 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Two references whose noise is independent.
-type Truth = [Vec<Irradiance>; 2];
-
-fn reference(geometry: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Truth {
-    [1, 2].map(|seed| {
-        let settings = ReferenceSettings {
-            paths: 64,
-            bounces: Some(REFLECTIONS),
-            seed,
-        };
-        irradiance_at_all(geometry, &lamp(), places, &settings)
-    })
-}
-
-fn baked(level: &TriangleMesh, preset: Preset) -> BakedScene {
-    let recipe = Recipe {
-        preset,
-        ..Recipe::default()
-    };
-    bake_level(level, &recipe, 0, &Progress::default())
-        .expect("a bake")
-        .scene
-}
-
-/// Direct and indirect light of a bake at places.
-fn shown(
-    scene: &BakedScene,
-    level: TriangleMesh,
-    places: &[(Vec3, Vec3)],
-) -> (Vec<Vec3>, Vec<Vec3>) {
-    let meshes = [level];
-    let evaluator = Evaluator::new(scene, &meshes, &lamp(), Bounces::Count(REFLECTIONS));
-    let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
-        let e = evaluator.at(*x, *n, k as u64);
-        (e.direct, e.indirect.unwrap_or_default())
-    };
-    places.iter().enumerate().map(at).unzip()
-}
-
-/// ‖values − truth‖ / ‖truth‖. In products of the one reference with the other their noise cancels; taken from a reference's own estimate of its noise, which
-/// knows nothing of its stratified samples, it would hide errors of a few hundredths.
-fn nrmse(values: &[Vec3], truth: &Truth, of: impl Fn(&Irradiance) -> Vec3) -> f64 {
-    let (mut square, mut power) = (0.0f64, 0.0f64);
-    for (i, x) in values.iter().enumerate() {
-        let [a, b] = [0, 1].map(|k| of(&truth[k][i]));
-        square += f64::from((*x - a).dot(*x - b));
-        power += f64::from(a.dot(b));
-    }
-    (square.max(0.0) / power).sqrt()
-}
-
-fn indirect(i: &Irradiance) -> Vec3 {
-    i.indirect
-}
-
-fn direct(i: &Irradiance) -> Vec3 {
-    i.direct
-}
-
 #[test]
 fn a_box_of_points_is_lit_like_the_box() {
     let solid = mesh_of_quads(&cornell_box());
     let points = scatter(&solid, SPACING, 1).expect("points");
     let places = places(&solid, 400);
-    let truth = reference(&solid, &places);
+    let truth = reference(&solid, &lamp(), &places, 64);
     let bare = PlyPoints {
         normals: None,
         ..points.clone()
@@ -123,12 +63,12 @@ fn a_box_of_points_is_lit_like_the_box() {
     ] {
         let cloud = PointCloud::new(points, None).expect("a cloud");
         let (cells, _) = cloud.mesh();
-        let own = reference(&cells, &places);
+        let own = reference(&cells, &lamp(), &places, 64);
         let scene = baked(&cells, Preset::Draft);
         let bytes = std::mem::size_of_val(&scene.bvh.nodes[..])
             + std::mem::size_of_val(&scene.bvh.triangles[..]);
         let (points, triangles) = (cloud.len(), cells.len());
-        let (d, i) = shown(&scene, cells, &places);
+        let (d, i) = shown(&scene, cells, &lamp(), &places, Bounces::Count(REFLECTIONS));
         let found = [
             nrmse(&i, &own, indirect),
             nrmse(&i, &truth, indirect),

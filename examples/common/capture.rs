@@ -4,7 +4,7 @@
 //! --screenshot FILE.png    writes the window's picture, and ends
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, and of cornell B, D, M, Up, Down, Left, Right
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, M, Up, Down, Left, Right, as far as the example knows them
 //! ```
 //!
 //! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.

@@ -1,7 +1,8 @@
-//! What the examples share: the built-in Cornell box as Bevy's meshes, and what the gizmos' key does.
+//! What the examples share: the built-in Cornell box as Bevy's meshes, what the gizmos' key does, a room to look into, pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;
+pub mod stage;
 
 use bevy::asset::RenderAssetUsages;
 use bevy::gizmos::config::GizmoConfigStore;

@@ -92,10 +92,7 @@ pub fn clip_planes(
 ) -> Vec<[f32; 4]> {
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let lift = (EYE * radius).max(geometry.lift(x_j));
-    // The eye must not pass a near ceiling: stop half-way to whatever is above.
-    let up = Ray::segment(x_j + n_j * geometry.lift(x_j), n_j, 2.0 * lift);
-    *rays += 1;
-    let height = geometry.cast(&up).map_or(lift, |hit| 0.5 * hit.t);
+    let height = eye_height(geometry, x_j, n_j, radius, rays);
     let eye = x_j + n_j * height;
     let mut places: Vec<Place> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
@@ -127,6 +124,22 @@ pub fn clip_planes(
         });
     }
     choose_planes(&mut places, &candidates, x_j, radius)
+}
+
+/// How far above its centre (x, n), metres, a function of this radius has its eye: high enough to see over gravel and round a bend, and no higher than half-way to whatever is
+/// above.
+pub(super) fn eye_height(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    n: Vec3,
+    radius: f32,
+    rays: &mut u64,
+) -> f32 {
+    let lift = geometry.lift(x);
+    let high = (EYE * radius).max(lift);
+    *rays += 1;
+    let up = Ray::segment(x + n * lift, n, 2.0 * high);
+    geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
 }
 
 /// Surface places within a function's support behind whatever stands on its tangent plane, as seen from `eye`.

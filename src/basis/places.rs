@@ -2,10 +2,12 @@
 //!
 //! [L08] §2.1 takes a coefficient from the light at the function's own centre. A lamp's shadow edge then jumps from centre to centre as the lamp moves,
 //! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
-//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out.
+//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out. One looks from a little above, as for
+//! clip planes: from the surface itself the next facet of a bend would hide all behind it.
 //! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise.
 
 use super::LevelBasis;
+use super::clip::eye_height;
 use super::kernel::weight;
 use crate::samples::{LitPlace, Random, lattice, tangents};
 use crate::scene::{Geometry, Ray, Surface};
@@ -71,8 +73,10 @@ fn look_around(
     let mut random = Random::new(seed, 0x70_6c_61_63, i as u64);
     // Within the support along the normal: [L08] Eq. (10).
     let height = 0.25 * point.radius;
-    let lift = geometry.lift(x);
     let mut rays = 0;
+    let lift = geometry.lift(x);
+    let up = eye_height(geometry, x, n, point.radius, &mut rays).max(lift);
+    let eye = x + n * up;
     for _ in 0..LATTICES {
         let turn = Vec2::new(0.0, random.unit());
         for (k, r) in reach.iter().enumerate() {
@@ -92,8 +96,8 @@ fn look_around(
                 continue;
             }
             rays += 1;
-            let above = there.position + there.normal * lift;
-            if !geometry.occluded(x + n * lift, above) {
+            let above = there.position + there.normal * up;
+            if !geometry.occluded(eye, above) {
                 seen.push(there);
             }
         }
@@ -215,13 +219,14 @@ mod tests {
         assert_eq!(surfaces[0].albedo, Vec3::ONE);
     }
 
-    #[test]
-    fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
-        let unit = |seed: u64, i: u64| {
-            let mut r = Random::new(5, seed, i);
-            uniform_sphere(Vec2::new(r.unit(), r.unit()))
-        };
-        let ball: Vec<Vec3> = (0..1500).map(|i| unit(1, i)).collect();
+    fn on_the_sphere(seed: u64, i: u64) -> Vec3 {
+        let mut r = Random::new(5, seed, i);
+        uniform_sphere(Vec2::new(r.unit(), r.unit()))
+    }
+
+    /// A ball of points of radius 1, and functions of radius 0.2 on it.
+    fn ball() -> (TriangleMesh, LevelBasis, Vec<Surface>) {
+        let ball: Vec<Vec3> = (0..1500).map(|i| on_the_sphere(1, i)).collect();
         let points = PlyPoints {
             normals: Some(ball.clone()),
             positions: ball,
@@ -229,19 +234,41 @@ mod tests {
         };
         let (mesh, _) = PointCloud::new(points, None).expect("a cloud").mesh();
         let seen = |i: u64| {
-            let ray = Ray::new(3.0 * unit(2, i), -unit(2, i));
+            let ray = Ray::new(3.0 * on_the_sphere(2, i), -on_the_sphere(2, i));
             Some(mesh.surface(&ray, &mesh.cast(&ray)?))
         };
-        let mut surfaces: Vec<Surface> = (0..300).filter_map(seen).collect();
+        let surfaces: Vec<Surface> = (0..300).filter_map(seen).collect();
         let centers = surfaces.iter();
         let centers = centers.map(|s| Point::new(s.position, s.normal, 0.2));
         let level = LevelBasis::new(centers.collect(), Vec::new());
+        (mesh, level, surfaces)
+    }
+
+    #[test]
+    fn places_on_a_ball_of_points_go_round_the_bend() {
+        let (mesh, level, mut surfaces) = ball();
+        let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        let mut sum = 0.0;
+        for (point, own) in level.points.iter().zip(places.chunks(16)) {
+            let square = |p: &LitPlace| (p.x() - point.x()).length_squared();
+            sum += own.iter().map(square).sum::<f32>() / 16.0;
+        }
+        // As on a plane: the ball is five times as wide as a function.
+        let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.04;
+        let found = sum / level.points.len() as f32;
+        println!("squared distance of places {found}, {right} is even");
+        assert!((found / right - 1.0).abs() < 0.15, "{found} {right}");
+    }
+
+    #[test]
+    fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
+        let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
         // Nothing but the ball is there: a lamp above a place's own and its neighbours' horizon shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LitPlace)| {
                 let (x, n) = (place.x(), place.n());
-                let up = (x.normalize() + 0.9 * unit(3, k as u64)).normalize();
+                let up = (x.normalize() + 0.9 * on_the_sphere(3, k as u64)).normalize();
                 let start = x + n * (2e-5 + (raised - 1.0) * mesh.roughness(x));
                 up.dot(n) > 0.3 && mesh.cast(&Ray::new(start, up)).is_some()
             };

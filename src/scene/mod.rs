@@ -40,5 +40,5 @@ pub use material::{Material, Texture, Wrap};
 pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, write_ply};
 pub use points::{LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes};
-pub use statue::statue_room;
+pub use statue::{statue, statue_room};
 pub use watertight::{TriangleHit, WatertightRay};

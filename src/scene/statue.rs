@@ -1,7 +1,7 @@
 //! The built-in statue: a knot on a pedestal in the Cornell box, without the blocks. A closed shape with thin, curved and hidden parts, for point clouds: the
 //! demo and tests scatter points over it.
 
-use super::{Material, TriangleMesh, cornell_box};
+use super::{Material, TriangleMesh, cornell_box, mesh_of_quads};
 use glam::{DVec2, DVec3, Vec3};
 
 const MARBLE: Vec3 = Vec3::new(0.78, 0.76, 0.72);
@@ -25,23 +25,20 @@ const PROFILE: [[f64; 2]; 8] = [
     [0.0, 0.46],
 ];
 
-/// The Cornell box with a statue in place of its blocks; corners are counter-clockwise as seen from outside of the statue. The floor is at y = 0, its
-/// centre in the origin.
+/// The statue alone, standing on y = 0 over the origin; corners are counter-clockwise as seen from outside. It is open below, where it stands.
+#[must_use]
+pub fn statue() -> TriangleMesh {
+    let (pedestal, knot) = (pedestal(), knot());
+    let material_of = [vec![0; pedestal.len()], vec![1; knot.len()]].concat();
+    let materials = [STONE, MARBLE].map(Material::diffuse).to_vec();
+    TriangleMesh::new([pedestal, knot].concat(), material_of, materials)
+}
+
+/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its centre in the origin.
 #[must_use]
 pub fn statue_room() -> TriangleMesh {
-    let (mut triangles, mut material_of, mut materials) = (Vec::new(), Vec::new(), Vec::new());
-    let mut add = |surface: Vec<[Vec3; 3]>, material: Material| {
-        material_of.extend(std::iter::repeat_n(materials.len() as u32, surface.len()));
-        materials.push(material);
-        triangles.extend(surface);
-    };
-    for wall in cornell_box().into_iter().take(5) {
-        let [a, b, c, d] = wall.corners;
-        add(vec![[a, b, c], [a, c, d]], wall.material);
-    }
-    add(pedestal(), Material::diffuse(STONE));
-    add(knot(), Material::diffuse(MARBLE));
-    TriangleMesh::new(triangles, material_of, materials)
+    let walls = mesh_of_quads(&cornell_box()[..5]);
+    TriangleMesh::joined(vec![walls, statue()])
 }
 
 /// Cosine and sine of so many parts of a turn, the same bits on every machine.

@@ -1,0 +1,244 @@
+//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves of which the left has direct light alone, and a line of help.
+
+use bevy::camera::Viewport;
+use bevy::gizmos::config::GizmoConfigStore;
+use bevy::prelude::*;
+use bevy_meshless_gi::plugin::{
+    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiStatus, MeshlessGiView,
+};
+use bevy_meshless_gi::prelude::*;
+
+/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`]; Space, Tab, V and G switch what is shown.
+#[derive(Resource, Clone)]
+pub struct Stage {
+    /// The eye.
+    pub look: Transform,
+    /// Where the lamp may be, metres.
+    pub reach: (Vec3, Vec3),
+    /// What the example's own keys do, in words.
+    pub keys: &'static str,
+}
+
+/// The lamp that keys and mouse move.
+#[derive(Component)]
+pub struct Lamp;
+
+/// The systems of a [`Stage`].
+#[derive(SystemSet, Clone, Debug, PartialEq, Eq, Hash)]
+pub struct StageSystems;
+
+/// The camera of the left half: direct light alone. It sleeps while there is one view.
+#[derive(Component)]
+struct DirectOnly;
+
+#[derive(Component)]
+struct Help;
+
+#[derive(Resource, Default)]
+struct SideBySide(bool);
+
+impl Plugin for Stage {
+    fn build(&self, app: &mut App) {
+        app.insert_resource(self.clone())
+            .init_resource::<SideBySide>()
+            .add_systems(Startup, set_up)
+            .add_systems(
+                Update,
+                (move_lamp, switch, lay_out, tell)
+                    .chain()
+                    .in_set(StageSystems),
+            );
+    }
+}
+
+/// A bulb with shadows.
+pub fn spawn_lamp<'a>(
+    commands: &'a mut Commands,
+    meshes: &mut Assets<Mesh>,
+    materials: &mut Assets<StandardMaterial>,
+    place: Vec3,
+) -> EntityCommands<'a> {
+    let bulb = materials.add(StandardMaterial {
+        base_color: Color::BLACK,
+        emissive: LinearRgba::rgb(4.0, 3.8, 3.4),
+        ..default()
+    });
+    commands.spawn((
+        Lamp,
+        PointLight {
+            color: Color::linear_rgb(1.0, 0.95, 0.85),
+            intensity: 60_000.0,
+            shadow_maps_enabled: true,
+            // The lamp may come close to a wall; what is nearer than this would cast no shadow.
+            shadow_map_near_z: 0.01,
+            ..default()
+        },
+        Transform::from_translation(place),
+        Mesh3d(meshes.add(Sphere::new(0.03))),
+        MeshMaterial3d(bulb),
+        bevy::light::NotShadowCaster,
+    ))
+}
+
+fn set_up(mut commands: Commands, stage: Res<Stage>) {
+    commands.spawn((
+        Camera3d::default(),
+        IsDefaultUiCamera,
+        MeshlessGiCamera::default(),
+        stage.look,
+    ));
+    let off = MeshlessGiCamera {
+        enabled: false,
+        ..default()
+    };
+    let asleep = Camera {
+        order: 1,
+        is_active: false,
+        ..default()
+    };
+    commands.spawn((DirectOnly, Camera3d::default(), asleep, off, stage.look));
+    commands.spawn((
+        Help,
+        Text::default(),
+        TextFont::from_font_size(14.0),
+        Node {
+            position_type: PositionType::Absolute,
+            top: px(8),
+            left: px(8),
+            padding: UiRect::all(px(4)),
+            ..default()
+        },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
+    ));
+}
+
+type TheCamera<'w, 's> = Query<
+    'w,
+    's,
+    (&'static Camera, &'static GlobalTransform),
+    (With<MeshlessGiCamera>, Without<DirectOnly>),
+>;
+
+fn move_lamp(
+    mut lamp: Single<&mut Transform, With<Lamp>>,
+    stage: Res<Stage>,
+    keys: Res<ButtonInput<KeyCode>>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    windows: Query<&Window>,
+    camera: TheCamera,
+    time: Res<Time>,
+) {
+    let axis = |plus, minus| {
+        f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
+    };
+    let step = Vec3::new(
+        axis(KeyCode::ArrowRight, KeyCode::ArrowLeft),
+        axis(KeyCode::PageUp, KeyCode::PageDown),
+        axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
+    );
+    let mut place = lamp.translation + step * time.delta_secs();
+    if buttons.pressed(MouseButton::Left)
+        && let Some(cursor) = windows.iter().find_map(Window::cursor_position)
+        && let Ok((camera, at)) = camera.single()
+        && let Ok(ray) = camera.viewport_to_world(at, cursor)
+        && let Some(distance) = ray.intersect_plane(place, InfinitePlane3d::new(Vec3::Z))
+    {
+        place = ray.get_point(distance);
+    }
+    let place = place.clamp(stage.reach.0, stage.reach.1);
+    // A lamp at rest must not look changed.
+    if place != lamp.translation {
+        lamp.translation = place;
+    }
+}
+
+fn switch(
+    keys: Res<ButtonInput<KeyCode>>,
+    mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
+    mut side_by_side: ResMut<SideBySide>,
+    mut gizmos: ResMut<GizmoConfigStore>,
+) {
+    for mut camera in &mut cameras {
+        if keys.just_pressed(KeyCode::Space) {
+            camera.enabled = !camera.enabled;
+        }
+        if keys.just_pressed(KeyCode::KeyV) {
+            camera.view = match camera.view {
+                MeshlessGiView::Lit => MeshlessGiView::Indirect,
+                MeshlessGiView::Indirect => MeshlessGiView::Irradiance,
+                MeshlessGiView::Irradiance => MeshlessGiView::Lit,
+            };
+        }
+    }
+    if keys.just_pressed(KeyCode::Tab) {
+        side_by_side.0 = !side_by_side.0;
+    }
+    if keys.just_pressed(KeyCode::KeyG) {
+        super::next_gizmos(&mut gizmos);
+    }
+}
+
+/// One view over the window, or two halves.
+fn lay_out(
+    side_by_side: Res<SideBySide>,
+    windows: Query<&Window>,
+    mut both: Single<&mut Camera, (With<MeshlessGiCamera>, Without<DirectOnly>)>,
+    mut direct: Single<&mut Camera, With<DirectOnly>>,
+) {
+    let Some(size) = windows.iter().next().map(Window::physical_size) else {
+        return;
+    };
+    let half = UVec2::new((size.x / 2).max(1), size.y.max(1));
+    let view = |x| Viewport {
+        physical_position: UVec2::new(x, 0),
+        physical_size: half,
+        ..default()
+    };
+    direct.is_active = side_by_side.0;
+    direct.viewport = side_by_side.0.then(|| view(0));
+    both.viewport = side_by_side.0.then(|| view(half.x));
+}
+
+fn tell(
+    mut help: Single<&mut Text, With<Help>>,
+    stage: Res<Stage>,
+    under_way: Query<&MeshlessGiBake>,
+    failed: Query<&MeshlessGiBakeFailed>,
+    cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
+    status: Res<MeshlessGiStatus>,
+    side_by_side: Res<SideBySide>,
+) {
+    let state = if let Some(bake) = under_way.iter().next() {
+        let (stage, done) = bake.progress();
+        format!("baking: {} {:.0} %", stage.name(), 100.0 * done)
+    } else if let Some(why) = failed.iter().next() {
+        format!("the bake failed: {}", why.0)
+    } else {
+        let counters = status.get();
+        let on = cameras.iter().any(|c| c.enabled);
+        let views = counters.subsplats.values();
+        let (by, of) = views.fold((0, 0), |(by, of), c| (by + c.total(), of + c.pixels));
+        let share = match of {
+            _ if !on => String::new(),
+            0 => ", at every pixel".to_string(),
+            _ => format!(", at {by} of {of} pixels"),
+        };
+        format!(
+            "indirect light {}{share}; {} light(s) projected in this frame",
+            if on { "on" } else { "off" },
+            counters.projected_slots
+        )
+    };
+    let halves = if side_by_side.0 {
+        "\nleft: direct light alone; right: with indirect light"
+    } else {
+        ""
+    };
+    let text = format!(
+        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    {}\nTab: side by side    V: view    G: points",
+        stage.keys
+    );
+    if help.0 != text {
+        help.0 = text;
+    }
+}

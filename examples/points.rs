@@ -1,0 +1,210 @@
+//! A statue of points in a room of triangles, under a lamp that circles it: points and triangles light and shade each other.
+//!
+//! ```text
+//! cargo run --release --features engine --example points
+//! cargo run --release --features engine --example points -- path/to/scan.ply [draft|medium|high]
+//! ```
+//!
+//! Without a file the points are scattered over the statue that the project makes itself. A `.ply` of yours is stood in the room in its place, Y up, scaled until it
+//! fits. The room is baked while the window is already open.
+//!
+//! | key | does |
+//! |---|---|
+//! | M | the lamp stops and circles on |
+//! | arrows, Page Up, Page Down | stop the lamp and move it |
+//! | left mouse button, held | the lamp follows the mouse |
+//! | Space | indirect light on and off |
+//! | Tab | one view, or direct light alone beside both |
+//! | V | the picture, indirect light alone, or irradiance |
+//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//!
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture of the window and ends (with M first, the lamp stays where it starts).
+
+mod common;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::{Preset, Recipe};
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiPoints};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::samples::scatter;
+use bevy_meshless_gi::scene::{
+    Bounds, PlyPoints, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, read_ply, statue,
+};
+use common::capture::Capture;
+use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Points of the statue are no nearer to each other than this, metres.
+const SPACING: f32 = 0.012;
+/// What a scan is scaled into, metres.
+const ROOM_FOR: Vec3 = Vec3::new(1.2, 1.5, 1.2);
+
+fn main() -> ExitCode {
+    let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+    let capture = match Capture::take_from(&mut arguments) {
+        Ok(capture) => capture,
+        Err(why) => return usage(&why),
+    };
+    let mut preset = Preset::Draft;
+    if let Some(last) = arguments.last() {
+        let named = match last.as_str() {
+            "draft" => Some(Preset::Draft),
+            "medium" => Some(Preset::Medium),
+            "high" => Some(Preset::High),
+            _ => None,
+        };
+        if let Some(named) = named {
+            preset = named;
+            arguments.pop();
+        }
+    }
+    let cloud = match arguments.as_slice() {
+        [] => scattered(),
+        [file] => read(Path::new(file)),
+        more => return usage(&format!("what is {}?", more[1..].join(" "))),
+    };
+    let cloud = match cloud {
+        Ok(cloud) => cloud,
+        Err(why) => {
+            eprintln!("{why}");
+            return ExitCode::from(1);
+        }
+    };
+    let mut app = App::new();
+    app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
+        .insert_resource(GlobalAmbientLight::NONE)
+        .add_plugins(Stage {
+            look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
+            // Inside the room.
+            reach: (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5)),
+            keys: "M: circle",
+        })
+        .insert_resource(Level {
+            cloud: Some(cloud),
+            preset,
+        })
+        .insert_resource(Circling {
+            seconds: 0.0,
+            on: true,
+        })
+        .add_systems(Startup, set_up)
+        .add_systems(Update, circle.before(StageSystems));
+    if let Some(capture) = capture {
+        app.add_plugins(capture);
+    }
+    match app.run() {
+        AppExit::Success => ExitCode::SUCCESS,
+        AppExit::Error(code) => ExitCode::from(code.get()),
+    }
+}
+
+fn usage(why: &str) -> ExitCode {
+    eprintln!(
+        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+    );
+    ExitCode::from(2)
+}
+
+/// The built-in statue as points.
+fn scattered() -> Result<PointCloud, String> {
+    let points = scatter(&statue(), SPACING, 1).ok_or("too many points")?;
+    PointCloud::new(points, None).map_err(|why| why.to_string())
+}
+
+/// The points of a file, stood in the middle of the floor and scaled into [`ROOM_FOR`].
+fn read(file: &Path) -> Result<PointCloud, String> {
+    let points = read_ply(file).map_err(|why| why.to_string())?;
+    let finite = points.positions.iter().filter(|x| x.is_finite());
+    let bounds = finite.fold(Bounds::EMPTY, |bounds, x| bounds.join(*x));
+    let (size, middle) = (bounds.size(), bounds.center());
+    let scale = (ROOM_FOR / size.max(Vec3::splat(1e-6))).min_element();
+    let foot = Vec3::new(middle.x, bounds.min.y, middle.z);
+    let stood = PlyPoints {
+        positions: points
+            .positions
+            .iter()
+            .map(|x| (*x - foot) * scale)
+            .collect(),
+        ..points
+    };
+    PointCloud::new(stood, None).map_err(|why| format!("{}: {why}", file.display()))
+}
+
+#[derive(Resource)]
+struct Level {
+    cloud: Option<PointCloud>,
+    preset: Preset,
+}
+
+/// Seconds of the lamp's circle, and whether they go on.
+#[derive(Resource)]
+struct Circling {
+    seconds: f32,
+    on: bool,
+}
+
+fn set_up(
+    mut commands: Commands,
+    mut level: ResMut<Level>,
+    mut clouds: ResMut<Assets<MeshlessGiPoints>>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let Some(cloud) = level.cloud.take() else {
+        return;
+    };
+    info!("{} points", cloud.len());
+    // The walls, without the blocks.
+    let mut quads = cornell_box();
+    quads.truncate(5);
+    // What rays meet: triangles and the points' cells, in one mesh.
+    let (cells, _) = cloud.mesh();
+    let room = TriangleMesh::joined(vec![mesh_of_quads(&quads), cells]);
+    let recipe = Recipe {
+        preset: level.preset,
+        ..default()
+    };
+    let points = clouds.add(MeshlessGiPoints::new(cloud, &mut meshes, &mut materials));
+    let mut root = commands.spawn((
+        Transform::default(),
+        Visibility::default(),
+        MeshlessGiBake::spawn(room, recipe),
+    ));
+    common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.with_child(MeshlessGiPointCloud(points));
+    spawn_lamp(&mut commands, &mut meshes, &mut materials, lamp_at(0.0));
+}
+
+/// Where the lamp is: round the statue and up and down, from the right in front of it.
+fn lamp_at(seconds: f32) -> Vec3 {
+    let angle = 0.6 * seconds + 0.9;
+    Vec3::new(
+        0.72 * angle.cos(),
+        1.35 + 0.3 * (0.43 * seconds).sin(),
+        0.72 * angle.sin(),
+    )
+}
+
+fn circle(
+    mut lamp: Single<&mut Transform, With<Lamp>>,
+    baking: Query<(), With<MeshlessGiBake>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    mut circling: ResMut<Circling>,
+    time: Res<Time>,
+) {
+    use KeyCode::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, PageDown, PageUp};
+    if keys.just_pressed(KeyCode::KeyM) {
+        circling.on = !circling.on;
+    }
+    let by_hand = [ArrowDown, ArrowLeft, ArrowRight, ArrowUp, PageDown, PageUp];
+    if keys.any_pressed(by_hand) || buttons.pressed(MouseButton::Left) {
+        circling.on = false;
+    }
+    // It waits for its light.
+    if circling.on && baking.is_empty() {
+        circling.seconds += time.delta_secs();
+        lamp.translation = lamp_at(circling.seconds);
+    }
+}
