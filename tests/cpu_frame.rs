@@ -57,6 +57,8 @@ fn furnace(to_sky: bool) -> BakedScene {
             compression: None,
         },
         visibility: None,
+        fmm: None,
+        illumination: Vec::new(),
         bounces: None,
         display: Display {
             radius: 0.9,

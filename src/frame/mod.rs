@@ -9,6 +9,7 @@
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
 //! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
+//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance at all points, in place of `apply` and `flatten` where the bake has an octree |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
 //! | [`rsm`] | what a light sees of moving objects → virtual point lights |
@@ -19,8 +20,6 @@
 //! | [`upsample`] | → between the subsplats, and at every pixel |
 //! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
 //! | [`composite`] | → what a pixel's colour gains |
-//! | [`fmm_up`] | light between points: radiosity → expansions of an octree's nodes, no part of a frame yet |
-//! | [`fmm_down`] | → irradiance at the points |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 

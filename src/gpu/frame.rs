@@ -442,7 +442,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// Push or compress, apply and flatten: for the senders in a sweep, for all points at the end.
+    /// Push or compress, apply and flatten, or up and down the octree: for the senders in a sweep, for all points at the end.
     fn transport(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -451,6 +451,11 @@ impl Recorder<'_> {
         sweep: bool,
     ) {
         let b = self.b;
+        if let (true, Some(octree)) = (steps.octree, &b.fmm) {
+            octree.up(self.kernels, pass, self.counters, &b.senders);
+            let (from, to) = (&b.senders, &b.values);
+            return octree.down(self.kernels, pass, self.counters, from, to, sweep);
+        }
         let (coefficients, applied) = match (&b.differences, &b.components) {
             (Some([senders, receivers]), _) => (senders, receivers),
             (None, Some(c)) => (&c.components, &b.values),

@@ -1,6 +1,7 @@
 //! A baked scene on the device: its arrays uploaded once, and the arrays that a solve fills.
 
 use super::GpuError;
+use super::fmm::GpuFmm;
 use super::kernels::Pass;
 use super::links::{LinkPart, cut};
 use crate::asset::BakedScene;
@@ -78,6 +79,8 @@ pub struct SceneBuffers {
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
     /// Where the operator is in the form of components.
     pub(super) components: Option<ComponentBuffers>,
+    /// Where an octree carries the light.
+    pub(super) fmm: Option<GpuFmm>,
     pub(super) values: wgpu::Buffer,
     pub(super) slots: u32,
 }
@@ -133,7 +136,8 @@ impl SceneBuffers {
     /// Uploads `scene`, with room for `slots` light slots.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts.
+    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts. An octree that the device does not hold
+    /// is left out where there are links in its place, and an error (of its order, [`GpuError::Limit`]) where there are none.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -159,10 +163,19 @@ impl SceneBuffers {
             queue,
             limit,
         };
-        let shape = SceneShape::new(scene);
+        let mut shape = SceneShape::new(scene);
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
+        let octree = scene.fmm.as_ref().map(|octree| {
+            let (senders, points) = (senders as u32, points as u32);
+            GpuFmm::with_limit(device, queue, octree, senders, points, limit)
+        });
+        let fmm = match octree {
+            Some(Err(_)) if shape.link_tiers > 0 => None,
+            other => other.transpose()?,
+        };
+        shape.octree = fmm.is_some();
         let order = row_order(&scene.operator.rows);
         let ordered: Vec<Row> = order
             .iter()
@@ -187,7 +200,7 @@ impl SceneBuffers {
             sending.push(sending[sending.len() - 1] + u32::from(u64::from(i) < senders));
         }
         let (mut tier_parts, mut sender_parts) = (Vec::new(), Vec::new());
-        for t in 1..=shape.tiers {
+        for t in 1..=shape.link_tiers {
             let used = ordered.partition_point(|row| row.tier <= t) as u32;
             let spans = parts.iter().map(|p| part_span(p, used));
             tier_parts.push(table.list(spans.clone()));
@@ -263,6 +276,7 @@ impl SceneBuffers {
             direct: None,
             differences,
             components,
+            fmm,
             values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
             slots,
             shape,
@@ -357,7 +371,9 @@ impl SceneBuffers {
                 .as_ref()
                 .map_or(Some(&self.values), |d| Some(&d[1])),
             Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
-            Pass::Averages | Pass::Differences => Some(&self.values),
+            Pass::Averages | Pass::Differences | Pass::FmmEvaluate => Some(&self.values),
+            Pass::FmmUp => self.fmm.as_ref().map(|f| f.expansions()[0]),
+            Pass::FmmReceive => self.fmm.as_ref().map(|f| f.expansions()[1]),
             // What is on the screen, or seen from a light, is not a scene's.
             _ => None,
         }
@@ -413,6 +429,7 @@ impl SceneBuffers {
             .chain(self.direct.iter().map(|b| ("direct senders", b)))
             .chain(differences)
             .chain(components)
+            .chain(self.fmm.iter().flat_map(GpuFmm::named))
     }
 }
 

@@ -23,6 +23,7 @@
 mod effect;
 mod lights;
 mod maps;
+mod octree;
 mod pass;
 mod quality;
 mod state;
@@ -30,6 +31,7 @@ mod state;
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{SlotTable, Slots, projects_alike, reaches, shines_alike};
 pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
+pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{

@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{Picked, Skip};
+use super::{NoOctree, Picked, Skip};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
@@ -72,6 +72,8 @@ pub struct SceneState {
     pub read_back: bool,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<Picked>,
+    /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
+    pub no_octree: Option<NoOctree>,
 }
 
 impl SceneState {
@@ -90,6 +92,7 @@ impl SceneState {
             idle_frames: 0,
             read_back: false,
             tier: None,
+            no_octree: None,
         }
     }
 }

@@ -11,6 +11,7 @@ use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurfac
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use bevy_meshless_gi::transport::pca::{Column, Compression};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use by_hand::operator;
@@ -58,6 +59,8 @@ pub struct Make {
     /// Cells larger than the bake makes them, so that the grid has to be stored.
     pub own_grid: bool,
     pub triangles: usize,
+    /// An octree, with links beside it or in their place.
+    pub octree: Option<bool>,
 }
 
 /// One scene of each sort.
@@ -70,6 +73,7 @@ pub fn makes() -> Vec<Make> {
         bounces: false,
         own_grid: false,
         triangles: 3,
+        octree: None,
     };
     vec![
         plain,
@@ -104,6 +108,17 @@ pub fn makes() -> Vec<Make> {
         Make {
             seed: 6,
             form: SenderForm::Components,
+            ..plain
+        },
+        Make {
+            seed: 7,
+            levels: &[2, 24, 40],
+            octree: Some(false),
+            ..plain
+        },
+        Make {
+            seed: 8,
+            octree: Some(true),
             ..plain
         },
     ]
@@ -255,8 +270,10 @@ pub fn build(make: &Make) -> BakedScene {
         compression,
         ..operator(make.form, rows, &links)
     };
-    BakedScene {
+    let mut scene = BakedScene {
         visibility: None,
+        fmm: None,
+        illumination: Vec::new(),
         bvh: Bvh {
             nodes: chain(triangles.len()),
             triangles,
@@ -277,7 +294,6 @@ pub fn build(make: &Make) -> BakedScene {
             bounds: [[-1.0; 3], [1.0; 3]],
             viewpoints: vec![[0.1, 0.2, 0.3]],
             bounces: 3,
-            tiers: TierInfo::of(&operator),
             ..BakeInfo::default()
         },
         operator,
@@ -286,7 +302,49 @@ pub fn build(make: &Make) -> BakedScene {
             planes,
             grid,
         },
+    };
+    if let Some(linked) = make.octree {
+        scene.fmm = Some(octree(&scene));
+        scene.illumination = scene
+            .points
+            .iter()
+            .map(|p| p.position.map(f32::abs))
+            .collect();
+        if !linked {
+            scene.operator.rows.fill(Row::default());
+            scene.operator.links.clear();
+        }
     }
+    scene.info.tiers = TierInfo::of(&scene);
+    scene
+}
+
+/// An octree whose four lists all have entries: the senders of the finest sender level shine, all points receive.
+fn octree(scene: &BakedScene) -> FmmOperator {
+    let finest = scene.finest_senders();
+    let points: Vec<FmmPoint> = (scene.points.iter().enumerate())
+        .map(|(i, p)| FmmPoint {
+            position: p.x(),
+            // Towards the middle, so that they see each other.
+            normal: -p.x(),
+            weight: if finest.contains(&i) { 0.05 } else { 0.0 },
+            receives: true,
+        })
+        .collect();
+    let settings = FmmSettings {
+        order: 1,
+        leaf: 2,
+        separation: 0.8,
+        slack: 1.0,
+        ..FmmSettings::default()
+    };
+    let fmm = Fmm::new(&points, &settings, None).unwrap();
+    let mut operator = fmm.operator(|at| at);
+    for place in &mut operator.places {
+        place.sky = scene.surfaces[place.point as usize].sky;
+        place.factor = 0.9;
+    }
+    operator
 }
 
 /// Clusters of three senders and what is left, with the constant vector and one more of length one each; the sky's column behind them.

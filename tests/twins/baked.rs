@@ -27,6 +27,7 @@ pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {
         extra_levels: Some(0),
         bounces: Some(3),
         rule,
+        fallback: rule == Rule::Fmm,
         bounce_mode,
         ..Recipe::default()
     };

@@ -189,6 +189,8 @@ pub fn scene(form: SenderForm) -> BakedScene {
             ..operator(form, rows, &links)
         },
         visibility: None,
+        fmm: None,
+        illumination: Vec::new(),
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,
