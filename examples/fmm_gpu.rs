@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let fmm = Fmm::new(&room.points, &settings, None)?;
         let operator = fmm.operator(|at| at);
         let count = radiosity.len() as u32;
-        let gpu = match GpuFmm::new(&harness.device, &harness.queue, &operator, count, count) {
+        let gpu = match GpuFmm::new(&harness.device, &harness.queue, &operator, count) {
             Ok(gpu) => gpu,
             Err(why) => {
                 println!("| {points} | {why} |");
@@ -79,8 +79,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             fmm_up(&mut passes, &light);
             note(0, start);
             let start = Instant::now();
-            let ends = [radiosity.len(); 2];
-            fmm_down(&mut passes, &operator, &light, ends, &mut values);
+            fmm_down(&mut passes, &operator, &light, radiosity.len(), &mut values);
             note(1, start);
             let start = Instant::now();
             harness.run(|encoder| {
@@ -91,7 +90,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let start = Instant::now();
             harness.run(|encoder| {
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-                gpu.down(&kernels, &mut pass, &mut counters, &from, &to, false);
+                gpu.down(&kernels, &mut pass, &mut counters, &from, &to);
             })?;
             note(3, start);
         }

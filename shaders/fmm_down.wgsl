@@ -225,10 +225,6 @@ fn evaluate(
     if node.multipole < node.near {
         for (var p = node.receivers; p < node.end; p += 1u) {
             let place = places[p];
-            // Nobody asks for points from here on.
-            if place.point >= span.base {
-                continue;
-            }
             var own = nothing();
             for (var i = node.multipole; i < node.near; i += 1u) {
                 let entry = entries[i];
@@ -259,9 +255,6 @@ fn evaluate(
     storageBarrier();
     for (var p = node.receivers + local; p < node.end; p += 64u) {
         let place = places[p];
-        if place.point >= span.base {
-            continue;
-        }
         let v = (place.position - node.center) / node.size;
         var f = near_by(node, place);
         for (var t = 0u; t < params.terms; t += 1u) {

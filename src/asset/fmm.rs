@@ -289,10 +289,10 @@ impl BakedScene {
         );
     }
 
-    /// Every point of the scene receives at one place, and light comes from senders alone.
+    /// Every sender receives at one place, and light comes from senders alone.
     fn check_places(&self, octree: &FmmOperator, check: &mut Check) {
-        let (points, senders) = (self.points.len(), self.senders());
-        let mut known = vec![false; points];
+        let senders = self.senders();
+        let mut known = vec![false; senders];
         for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
             for i in node.points() {
                 let p = &octree.places[i];
@@ -319,7 +319,10 @@ impl BakedScene {
                     let fresh = known.get_mut(p.point as usize);
                     let fresh = fresh.is_some_and(|known| !std::mem::replace(known, true));
                     check.item(fresh, "octree places", i, || {
-                        format!("point {} of {points} receives a second time", p.point)
+                        format!(
+                            "point {} of {senders} senders receives a second time",
+                            p.point
+                        )
                     });
                 } else {
                     check.item(source, "octree places", i, || {

@@ -1,4 +1,4 @@
-//! [`energy`](super::energy) for the octree of rule `fmm`: what even light makes of every point, the gain of its bounces, and how far it is from reciprocal.
+//! [`energy`](super::energy) for the octree of rule `fmm`: what even light makes of every sender, the gain of its bounces, and how far it is from reciprocal.
 //!
 //! **Gain.** Expansions have signs, so that no theorem of matrices without them ([Var00] Chapter 2) holds: a power iteration finds the largest eigenvalue of a reflection, an estimate
 //! from below and no proof. Where that is above 0.9995, all albedos are lowered by the same factor, for a gain of 0.999.
@@ -14,7 +14,7 @@ use crate::transport::fmm::{FmmOperator, Passes};
 use glam::Vec3;
 
 /// Steps of the power iteration.
-const STEPS: usize = 24;
+const STEPS: usize = 12;
 /// Runs of senders that are asked for reciprocity, three at a time.
 const RUNS: usize = 12;
 
@@ -63,8 +63,7 @@ fn arriving(
     passes: &mut Passes<'_, f32>,
     light: &[[f32; 4]],
 ) -> Vec<[f32; 4]> {
-    passes.up(light);
-    passes.down(light, scene.senders() as u32);
+    passes.run(light);
     let mut out = vec![[0.0; 4]; scene.senders()];
     for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
@@ -147,7 +146,7 @@ fn reciprocity(
     }
 }
 
-/// How far even light and an even sky are from one at the points: largest, and root mean square.
+/// How far even light and an even sky are from one at the senders: largest, and root mean square.
 fn deviation(scene: &BakedScene, octree: &FmmOperator, unlit: &[f32]) -> (f64, f64) {
     let (mut largest, mut squares) = (0.0f64, 0.0);
     let even = even(octree, scene);

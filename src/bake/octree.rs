@@ -3,7 +3,8 @@
 //! **Who shines.** The senders of the finest sender level, each from a few pieces of its cell ([`find_cells`]): a wall near by is then a wall, and not a few disks. [G08] has
 //! one place a point.
 //!
-//! **Who receives.** Every point of every level at its own place: an R-expansion can be asked anywhere, so that nobody takes a mean of its parents.
+//! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and points of finer levels might receive at their own places; they take the mean of their
+//! parents, which is as exact or more so (docs/GUIDE.md), for parts of visibility are the same over a leaf, and costs nothing.
 //!
 //! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of
 //! visibility miss of that, each point's factor mends.
@@ -89,7 +90,7 @@ impl Cells {
         })
     }
 
-    /// The points of the octree: pieces of the senders, then all points of the scene; and of each the point of the scene that it is of.
+    /// The points of the octree: pieces of the senders that shine, then the points of all senders; and of each the sender that it is of.
     fn points(&self, scene: &BakedScene) -> (Vec<FmmPoint>, Vec<u32>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         for (j, cell) in self.cells.iter().enumerate() {
@@ -103,7 +104,7 @@ impl Cells {
                 });
             }
         }
-        for (i, p) in scene.points.iter().enumerate() {
+        for (i, p) in scene.points[..scene.senders()].iter().enumerate() {
             of.push(i as u32);
             points.push(FmmPoint {
                 position: p.x(),
@@ -192,12 +193,12 @@ fn mend(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
     }
 }
 
-/// What senders of radiosity one make of every point along its normal.
+/// What senders of radiosity one make of each other along their normals.
 pub(super) fn even(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
     let radiosity = vec![[1.0f32; 4]; scene.senders()];
     let mut passes = Passes::new(Field::of(operator));
     passes.run(&radiosity);
-    let mut out = vec![0.0; scene.points.len()];
+    let mut out = vec![0.0; scene.senders()];
     for node in operator.nodes.iter().filter(|n| n.is_leaf()) {
         for i in node.receiver_range() {
             let place = &operator.places[i];

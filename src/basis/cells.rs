@@ -78,8 +78,12 @@ fn look_around(
         if weight <= 0.0 || !nearest || cosine < 0.1 || !there.lit {
             continue;
         }
-        rays += 1;
-        if !geometry.occluded(x + n * lift, there.position + there.normal * lift) {
+        // From above, for a curved surface bulges between the two; from below where there is a ceiling.
+        let open = [height.max(lift), lift].into_iter().any(|up| {
+            rays += 1;
+            !geometry.occluded(x + n * up, there.position + there.normal * up)
+        });
+        if open {
             seen.push(CellPart {
                 position: there.position,
                 normal: there.normal,

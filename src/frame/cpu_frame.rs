@@ -250,8 +250,19 @@ impl CpuFrame {
         };
         if let (Some(passes), Some(operator)) = (octree, &scene.fmm) {
             fmm_up::fmm_up(passes, &self.senders);
-            let ends = [scene.senders(), points.end];
-            fmm_down::fmm_down(passes, operator, &self.senders, ends, &mut self.values);
+            let sky = scene.senders();
+            fmm_down::fmm_down(passes, operator, &self.senders, sky, &mut self.values);
+            // Finer points than senders take their parents' mean: no row is used.
+            for level in levels.iter().skip(steps.senders.len()) {
+                let rows = &scene.operator.rows;
+                flatten::averages(
+                    params,
+                    rows,
+                    &scene.parents,
+                    level.clone(),
+                    &mut self.values,
+                );
+            }
         } else if steps.differences {
             for level in &steps.senders {
                 push::push(

@@ -11,21 +11,18 @@ use crate::transport::fmm::{FmmOperator, Passes};
 use glam::{Vec3, Vec4};
 
 /// Fills `passes.locals` and `passes.values` from what [`fmm_up`](super::fmm_up::fmm_up()) left, and writes the values of the places of `operator` that receive to
-/// their points in `out`, W/m², where those are below `points`. `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its radiance.
+/// their points in `out`, W/m². `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its radiance.
 pub fn fmm_down(
     passes: &mut Passes<'_, f32>,
     operator: &FmmOperator,
     radiosity: &[[f32; 4]],
-    [sky, points]: [usize; 2],
+    sky: usize,
     out: &mut [VectorIrradiance],
 ) {
-    passes.down(radiosity, points as u32);
+    passes.down(radiosity);
     let leaves = operator.nodes.iter().filter(|n| n.is_leaf());
     for i in leaves.flat_map(|n| n.receiver_range()) {
         let place = &operator.places[i];
-        if place.point as usize >= points {
-            continue;
-        }
         let seen = Vec3::from_array(place.sky);
         let light = match seen == Vec3::ZERO {
             true => Vec4::ZERO,

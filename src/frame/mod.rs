@@ -9,7 +9,7 @@
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
 //! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
-//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance at all points, in place of `apply` and `flatten` where the bake has an octree |
+//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance of the senders' points, in place of `apply` where the bake has an octree |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
 //! | [`rsm`] | what a light sees of moving objects → virtual point lights |

@@ -151,7 +151,11 @@ impl SceneShape {
             nodes: self.nodes as u32,
             extent: self.extent,
             apart: self.apart,
-            tier: self.tier(settings),
+            // The octree stands above all rows, and uses none.
+            tier: match self.tier(settings) {
+                tier if tier > self.link_tiers => 0,
+                tier => tier,
+            },
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
@@ -177,7 +181,7 @@ pub struct Steps {
     pub differences: bool,
     /// Coefficients are components: `compress` runs before every `apply`.
     pub components: bool,
-    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply` and `flatten`, and every point has a value of its own.
+    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten` for points of finer levels than send.
     pub octree: bool,
 }
 

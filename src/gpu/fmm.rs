@@ -17,7 +17,7 @@ pub struct GpuFmm {
     params: wgpu::Buffer,
     spans: wgpu::Buffer,
     stride: u32,
-    /// Nodes of each level, then of all: for all points, for senders alone.
+    /// Nodes of each level, then of all.
     counts: Vec<u32>,
     nodes: wgpu::Buffer,
     places: wgpu::Buffer,
@@ -28,7 +28,7 @@ pub struct GpuFmm {
 }
 
 impl GpuFmm {
-    /// Uploads an octree over so many `points`, of which the first `senders` have a radiosity; behind theirs stands the sky's coefficient.
+    /// Uploads an octree over points of which `senders` have a radiosity; behind theirs stands the sky's coefficient.
     ///
     /// # Errors
     /// Where the device does not hold it, see [`octree_fits`]: [`GpuError::TooLarge`], or [`GpuError::Limit`] for the order.
@@ -37,16 +37,8 @@ impl GpuFmm {
         queue: &wgpu::Queue,
         operator: &FmmOperator,
         senders: u32,
-        points: u32,
     ) -> Result<Self, GpuError> {
-        Self::with_limit(
-            device,
-            queue,
-            operator,
-            senders,
-            points,
-            binding_limit(device),
-        )
+        Self::with_limit(device, queue, operator, senders, binding_limit(device))
     }
 
     /// As [`GpuFmm::new`], for a device that binds at most `limit` bytes.
@@ -55,7 +47,6 @@ impl GpuFmm {
         queue: &wgpu::Queue,
         operator: &FmmOperator,
         senders: u32,
-        points: u32,
         limit: u64,
     ) -> Result<Self, GpuError> {
         octree_fits(operator, limit).map_err(|why| match why {
@@ -92,11 +83,10 @@ impl GpuFmm {
                 ..Span::default()
             })
             .collect();
-        spans.extend([points, senders].map(|base| Span {
+        spans.push(Span {
             count: operator.nodes.len() as u32,
-            base,
             ..Span::default()
-        }));
+        });
         let uniform = wgpu::BufferUsages::UNIFORM;
         let own = Self {
             params: buffer("fmm parameters", size_of::<FmmParams>() as u64, uniform),
@@ -136,14 +126,14 @@ impl GpuFmm {
         counters: &mut GpuCounters,
         radiosity: &wgpu::Buffer,
     ) {
-        let levels = self.counts.len() - 2;
+        let levels = self.counts.len() - 1;
         let bind = self.bind(kernels, Pass::FmmUp, radiosity, None);
         for level in (0..levels).rev() {
             self.dispatch(kernels, pass, counters, Pass::FmmUp, &bind, level);
         }
     }
 
-    /// Records the downward pass and the evaluation, to the vector irradiance of all points, or (`only_senders`) of the senders.
+    /// Records the downward pass and the evaluation, to the vector irradiance of the points that receive.
     pub fn down(
         &self,
         kernels: &Kernels,
@@ -151,16 +141,14 @@ impl GpuFmm {
         counters: &mut GpuCounters,
         radiosity: &wgpu::Buffer,
         values: &wgpu::Buffer,
-        only_senders: bool,
     ) {
-        let levels = self.counts.len() - 2;
+        let levels = self.counts.len() - 1;
         let bind = self.bind(kernels, Pass::FmmReceive, radiosity, None);
         for level in 0..levels {
             self.dispatch(kernels, pass, counters, Pass::FmmReceive, &bind, level);
         }
         let bind = self.bind(kernels, Pass::FmmEvaluate, radiosity, Some(values));
-        let whom = levels + usize::from(only_senders);
-        self.dispatch(kernels, pass, counters, Pass::FmmEvaluate, &bind, whom);
+        self.dispatch(kernels, pass, counters, Pass::FmmEvaluate, &bind, levels);
     }
 
     /// S-expansions and R-expansions, for tests and tools: what `up` and `receive` wrote.

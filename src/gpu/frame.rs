@@ -454,7 +454,12 @@ impl Recorder<'_> {
         if let (true, Some(octree)) = (steps.octree, &b.fmm) {
             octree.up(self.kernels, pass, self.counters, &b.senders);
             let (from, to) = (&b.senders, &b.values);
-            return octree.down(self.kernels, pass, self.counters, from, to, sweep);
+            octree.down(self.kernels, pass, self.counters, from, to);
+            if !sweep {
+                // Finer points than senders take their parents' mean.
+                self.averages(pass, steps.senders.len()..steps.levels.len());
+            }
+            return;
         }
         let (coefficients, applied) = match (&b.differences, &b.components) {
             (Some([senders, receivers]), _) => (senders, receivers),
@@ -500,24 +505,33 @@ impl Recorder<'_> {
             let which = usize::from(sweep);
             self.spans(pass, Pass::Differences, &bind, &b.whole, which..which + 1);
         } else {
-            let bind = self.kernels.bind(
-                Pass::Averages,
-                &[
-                    (0, b.params.as_entire_binding()),
-                    (1, self.span()),
-                    (2, b.rows.as_entire_binding()),
-                    (3, b.parent_starts.as_entire_binding()),
-                    (4, b.parent_entries.as_entire_binding()),
-                    (6, b.values.as_entire_binding()),
-                ],
-            );
             let count = if sweep {
                 steps.senders.len()
             } else {
                 steps.levels.len()
             };
-            self.spans(pass, Pass::Averages, &bind, &b.levels, 0..count);
+            self.averages(pass, 0..count);
         }
+    }
+
+    /// Points without a row that is used take their parents' mean, level after level.
+    fn averages(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
+        if levels.is_empty() {
+            return;
+        }
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Averages,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.rows.as_entire_binding()),
+                (3, b.parent_starts.as_entire_binding()),
+                (4, b.parent_entries.as_entire_binding()),
+                (6, b.values.as_entire_binding()),
+            ],
+        );
+        self.spans(pass, Pass::Averages, &bind, &b.levels, levels);
     }
 
     fn push(

@@ -167,10 +167,10 @@ impl SceneBuffers {
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
-        let octree = scene.fmm.as_ref().map(|octree| {
-            let (senders, points) = (senders as u32, points as u32);
-            GpuFmm::with_limit(device, queue, octree, senders, points, limit)
-        });
+        let octree = scene
+            .fmm
+            .as_ref()
+            .map(|octree| GpuFmm::with_limit(device, queue, octree, senders as u32, limit));
         let fmm = match octree {
             Some(Err(_)) if shape.link_tiers > 0 => None,
             other => other.transpose()?,

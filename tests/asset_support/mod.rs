@@ -322,7 +322,7 @@ pub fn build(make: &Make) -> BakedScene {
 /// An octree whose four lists all have entries: the senders of the finest sender level shine, all points receive.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let finest = scene.finest_senders();
-    let points: Vec<FmmPoint> = (scene.points.iter().enumerate())
+    let points: Vec<FmmPoint> = (scene.points[..scene.senders()].iter().enumerate())
         .map(|(i, p)| FmmPoint {
             position: p.x(),
             // Towards the middle, so that they see each other.

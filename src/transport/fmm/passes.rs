@@ -227,12 +227,10 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what arrives there, but for the slack's band. `local` is the leaf's
-    /// R-expansion, `sources` are all S-expansions. Points from `points` on are left out.
-    #[expect(clippy::too_many_arguments, reason = "one node's share of the pass")]
+    /// R-expansion, `sources` are all S-expansions.
     pub fn evaluate(
         &self,
         node: usize,
-        points: u32,
         sources: &[Term<T>],
         local: &[Term<T>],
         radiosity: &[[T; 4]],
@@ -243,9 +241,6 @@ impl<'a, T: Real> Field<'a, T> {
         let (center, inverse) = (self.center(node), self.size(node).reciprocal());
         let range = self.nodes[node].receiver_range();
         for (x, e) in self.points[range].iter().zip(out) {
-            if x.point >= points {
-                continue;
-            }
             let v = times(minus(x.position, center), inverse);
             *e = self.expansions.r_at(v, local, scratch);
             for entry in self.list(node, 2) {

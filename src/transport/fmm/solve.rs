@@ -268,7 +268,7 @@ impl<'a, T: Real> Passes<'a, T> {
         self.up(radiosity);
         let up = start.elapsed();
         let start = Instant::now();
-        self.down(radiosity, u32::MAX);
+        self.down(radiosity);
         let down = start.elapsed();
         PassTimes { up, down }
     }
@@ -293,8 +293,8 @@ impl<'a, T: Real> Passes<'a, T> {
         }
     }
 
-    /// The downward pass and the evaluation, for the points below `points`.
-    pub fn down(&mut self, radiosity: &[[T; 4]], points: u32) {
+    /// The downward pass and the evaluation.
+    pub fn down(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
         let sources = &self.sources;
         for l in 0..field.levels() {
@@ -325,7 +325,7 @@ impl<'a, T: Real> Passes<'a, T> {
             Scratch::default,
             |scratch, (node, out)| {
                 let local = &locals[node * n..(node + 1) * n];
-                field.evaluate(node, points, sources, local, radiosity, scratch, out);
+                field.evaluate(node, sources, local, radiosity, scratch, out);
             },
         );
     }
