@@ -6,7 +6,7 @@ use asset_support::{build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::samples::GridSlot;
 use bevy_meshless_gi::transport::Link;
-use bevy_meshless_gi::transport::fmm::{FmmNode, FmmOperator};
+use bevy_meshless_gi::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
 use bevy_meshless_gi::transport::pca::Compression;
 
 #[test]
@@ -180,7 +180,13 @@ fn validation_finds_what_is_broken_in_the_octree() {
         ("octree places", |o| o.places[0].normal = [0.0; 3]),
         ("octree places", |o| o.places[0].share = -1.0),
         ("octree places", |o| o.places[0].factor = f32::INFINITY),
-        ("octree places", |o| o.places[0].point = o.places[1].point),
+        ("octree places", |o| {
+            // Two that receive for one sender.
+            let found = |p: &FmmPlace| p.share == 0.0;
+            let first = o.places.iter().position(found).unwrap();
+            let last = o.places.iter().rposition(found).unwrap();
+            o.places[first].point = o.places[last].point;
+        }),
         ("octree places", |o| o.places[0].point = 1000),
         ("octree places", |o| {
             o.places.iter_mut().for_each(|p| p.point += 40)
@@ -190,7 +196,7 @@ fn validation_finds_what_is_broken_in_the_octree() {
     let lists = good().fmm.unwrap();
     for list in 0..4 {
         let entries: usize = lists.nodes.iter().map(|n| n.lists()[list].len()).sum();
-        assert!(entries > 3, "list {list} has {entries} entries");
+        assert!(entries > 0, "list {list} has no entries");
     }
     for (k, (place, broken)) in breaks.iter().enumerate() {
         let mut scene = good();

@@ -135,9 +135,14 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
             assert!(again.expect("it can be read") == scene);
             let found = indirect(&scene, &level, &places);
             let error = nrmse(&found, &truth);
+            let work = TierChoice::of(&scene, REFLECTIONS - 1);
             println!(
-                "{name}, {rule:?}: NRMSE {error:.4}, {bytes} bytes, own estimate {:.4}, gain {:.3}, reciprocity {:.3}",
-                scene.info.estimated_nrmse, scene.info.energy.gain, scene.info.energy.reciprocity
+                "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
+                scene.info.estimated_nrmse,
+                scene.info.estimated_nrmse_interval,
+                work.last().map_or(0, |tier| tier.work),
+                scene.info.energy.gain,
+                scene.info.energy.reciprocity
             );
             (scene, found, error)
         });
@@ -177,6 +182,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
 /// A recipe that bakes in a second.
 fn quick(rule: Rule, fallback: bool) -> Recipe {
     Recipe {
+        coarse_radius: Some(0.4),
         rays: Some(64),
         levels: Some(3),
         sender_levels: Some(2),

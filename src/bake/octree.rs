@@ -4,7 +4,7 @@
 //! one place a point.
 //!
 //! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and points of finer levels might receive at their own places; they take the mean of their
-//! parents, which is as exact or more so (docs/GUIDE.md), for parts of visibility are the same over a leaf, and costs nothing.
+//! parents, which was as exact or more so wherever it was tried, for parts of visibility are the same over a leaf, and costs next to nothing.
 //!
 //! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of
 //! visibility miss of that, each point's factor mends.
@@ -151,7 +151,7 @@ pub(super) fn grow(
     let fmm = Fmm::new(&points, &own.solver(settings.seed), Some(geometry))?;
     baked.stats.rays += fmm.lists().counts.rays;
     let mut operator = fmm.operator(|at| of[at as usize]);
-    for place in &mut operator.places {
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
         place.sky = scene.surfaces[place.point as usize].sky;
     }
     let unlit: Vec<f32> = seen.iter().map(|s| s.1).collect();
@@ -181,7 +181,7 @@ impl Cells {
 /// Sets the factor of every place that receives.
 fn mend(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
     let even = even(operator, scene);
-    for place in &mut operator.places {
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
         let i = place.point as usize;
         let sky = Vec3::from_array(place.sky).dot(Vec3::from_array(place.normal));
         let right = 1.0 - sky.max(0.0) - unlit[i];

@@ -60,8 +60,8 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let _ = writeln!(
         out,
         "\nWhich to use: on this level the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame \
-         at {frame}. The least error tried is {} by `fmm` and {} by `bounded`. {} An octree grows with the points and not with what they see of each other, so that \
-         it is the rule for many points and quick bakes; links are read once, so that they are the rule for fast frames.",
+         at {frame}. The least error tried is {} by `fmm` and {} by `bounded`. {} An octree grows with the points and not with what they see of each other: its \
+         files are small. Links are read once and an octree is walked for every reflection: links are the rule for fast frames.",
         ours.len(),
         reached(best(Rule::Fmm)),
         reached(best(Rule::Bounded)),

@@ -319,18 +319,31 @@ pub fn build(make: &Make) -> BakedScene {
     scene
 }
 
-/// An octree whose four lists all have entries: the senders of the finest sender level shine, all points receive.
+/// An octree whose four lists all have entries, over a place that has nothing to do with the scene: two walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
-    let finest = scene.finest_senders();
-    let points: Vec<FmmPoint> = (scene.points[..scene.senders()].iter().enumerate())
-        .map(|(i, p)| FmmPoint {
-            position: p.x(),
-            // Towards the middle, so that they see each other.
-            normal: -p.x(),
-            weight: if finest.contains(&i) { 0.05 } else { 0.0 },
-            receives: true,
-        })
-        .collect();
+    let r = &mut Random(99);
+    let (finest, senders) = (scene.finest_senders(), scene.senders());
+    let mut of = Vec::new();
+    let mut points = Vec::new();
+    let mut add = |i: usize, weight: f32| {
+        let (u, v) = (2.0 * r.unit() - 1.0, r.unit());
+        let (position, normal) = match i % 3 {
+            0 => (Vec3::new(-1.0, v, u), Vec3::X),
+            1 => (Vec3::new(1.0, v, u), Vec3::NEG_X),
+            _ => (Vec3::new(2.0 * v - 1.0, -0.1, u), Vec3::Y),
+        };
+        of.push(i as u32);
+        points.push(FmmPoint {
+            position,
+            normal,
+            weight,
+            receives: weight == 0.0,
+        });
+    };
+    for i in finest.clone().chain(finest.clone()).chain(finest) {
+        add(i, 0.05);
+    }
+    (0..senders).for_each(|i| add(i, 0.0));
     let settings = FmmSettings {
         order: 1,
         leaf: 2,
@@ -339,8 +352,8 @@ fn octree(scene: &BakedScene) -> FmmOperator {
         ..FmmSettings::default()
     };
     let fmm = Fmm::new(&points, &settings, None).unwrap();
-    let mut operator = fmm.operator(|at| at);
-    for place in &mut operator.places {
+    let mut operator = fmm.operator(|at| of[at as usize]);
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
         place.sky = scene.surfaces[place.point as usize].sky;
         place.factor = 0.9;
     }
