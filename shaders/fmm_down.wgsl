@@ -14,7 +14,7 @@ struct FmmEntry {
 @group(0) @binding(6) var<storage, read> expansions: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> locals: array<vec4f>;
 @group(0) @binding(8) var<storage, read> entries: array<FmmEntry>;
-@group(0) @binding(9) var<storage, read_write> irradiance: array<vec4f>;
+@group(0) @binding(9) var<storage, read_write> values: array<VectorIrradiance>;
 
 const MOST_FMM_TERMS: u32 = 84u;
 const NO_TERM: u32 = 4294967295u;
@@ -24,7 +24,7 @@ var<workgroup> scalar: array<f32, MOST_FMM_TERMS>;
 var<workgroup> tensor: array<vec3f, 2u * MOST_FMM_TERMS>;
 // The source's expansion, term n times (its size over the distance)ⁿ.
 var<workgroup> scaled: array<vec3f, 3u * MOST_FMM_TERMS>;
-var<workgroup> sums: array<vec3f, 64>;
+var<workgroup> sums: array<Spectrum, 64>;
 
 fn lower(at: u32) -> f32 {
     if at == NO_TERM {
@@ -140,11 +140,11 @@ fn receive(
     for (var i = node.local; i < node.multipole; i += 1u) {
         let entry = entries[i];
         let source = nodes[entry.source];
-        for (var j = source.start; j < source.end; j += 1u) {
+        for (var j = source.start; j < source.sources; j += 1u) {
             let r = node.center - places[j].position;
             let inverse = 1.0 / length(r);
             derive(r * inverse, local);
-            let m = source_of(places[j], radiosity[j].xyz);
+            let m = source_of(places[j], radiosity[places[j].point].xyz);
             for (var k = 0u; k < 2u; k += 1u) {
                 let t = local + 64u * k;
                 if t < params.terms {
@@ -184,18 +184,13 @@ fn receive(
     }
 }
 
-fn seen(n: vec3f, f: Spectrum) -> vec3f {
-    return n.x * f.x + n.y * f.y + n.z * f.z;
-}
-
 // The near list of a point.
-fn near_by(node: FmmNode, place: FmmPlace) -> vec3f {
-    var e = vec3f(0.0);
+fn near_by(node: FmmNode, place: FmmPlace) -> Spectrum {
+    var f = nothing();
     for (var i = node.near; i < node.finish; i += 1u) {
         let entry = entries[i];
         let source = nodes[entry.source];
-        var sum = vec3f(0.0);
-        for (var j = source.start; j < source.end; j += 1u) {
+        for (var j = source.start; j < source.sources; j += 1u) {
             let other = places[j];
             let r = place.position - other.position;
             let leaving = dot(other.normal, r);
@@ -203,12 +198,13 @@ fn near_by(node: FmmNode, place: FmmPlace) -> vec3f {
             let square = dot(r, r);
             if leaving > 0.0 && arriving > 0.0 && square > params.nearest {
                 let spread = square + select(0.0, other.share, params.disks == 1u);
-                sum += other.share * leaving * arriving / (square * spread) * radiosity[j].xyz;
+                let k = -entry.weight * other.share * leaving / (square * spread);
+                let b = k * radiosity[other.point].xyz;
+                f = plus(f, 1.0, Spectrum(r.x * b, r.y * b, r.z * b));
             }
         }
-        e += entry.weight * sum;
     }
-    return e;
+    return f;
 }
 
 // A workgroup a leaf: the multipole list with a thread a term, then a thread a point.
@@ -227,9 +223,9 @@ fn evaluate(
         return;
     }
     if node.multipole < node.near {
-        for (var p = node.start; p < node.end; p += 1u) {
+        for (var p = node.receivers; p < node.end; p += 1u) {
             let place = places[p];
-            var own = vec3f(0.0);
+            var own = nothing();
             for (var i = node.multipole; i < node.near; i += 1u) {
                 let entry = entries[i];
                 let source = nodes[entry.source];
@@ -238,27 +234,29 @@ fn evaluate(
                 load(entry.source, source.size * inverse, local);
                 derive(r * inverse, local);
                 for (var t = local; t < params.terms; t += 64u) {
-                    own += entry.weight * inverse * inverse * seen(place.normal, product(t, loaded(t)));
+                    own = plus(own, entry.weight * inverse * inverse, product(t, loaded(t)));
                 }
             }
             sums[local] = own;
             for (var width = 32u; width > 0u; width /= 2u) {
                 workgroupBarrier();
                 if local < width {
-                    sums[local] += sums[local + width];
+                    sums[local] = plus(sums[local], 1.0, sums[local + width]);
                 }
             }
             if local == 0u {
-                irradiance[p] = vec4f(sums[0], 0.0);
+                values[place.point].x = vec4f(sums[0].x, 0.0);
+                values[place.point].y = vec4f(sums[0].y, 0.0);
+                values[place.point].z = vec4f(sums[0].z, 0.0);
             }
             workgroupBarrier();
         }
     }
     storageBarrier();
-    for (var p = node.start + local; p < node.end; p += 64u) {
+    for (var p = node.receivers + local; p < node.end; p += 64u) {
         let place = places[p];
         let v = (place.position - node.center) / node.size;
-        var f = nothing();
+        var f = near_by(node, place);
         for (var t = 0u; t < params.terms; t += 1u) {
             let base = 3u * (at * params.terms + t);
             f = plus(f, monomial(v, exponents_of(terms[t].exponents)), Spectrum(
@@ -267,10 +265,13 @@ fn evaluate(
                 locals[base + 2u].xyz,
             ));
         }
-        var e = seen(place.normal, f) + near_by(node, place);
         if node.multipole < node.near {
-            e += irradiance[p].xyz;
+            let far = values[place.point];
+            f = plus(f, 1.0, Spectrum(far.x.xyz, far.y.xyz, far.z.xyz));
         }
-        irradiance[p] = vec4f(max(e, vec3f(0.0)), 0.0);
+        let sky = radiosity[params.sky].xyz;
+        values[place.point].x = vec4f(place.factor * f.x + place.sky.x * sky, 0.0);
+        values[place.point].y = vec4f(place.factor * f.y + place.sky.y * sky, 0.0);
+        values[place.point].z = vec4f(place.factor * f.z + place.sky.z * sky, 0.0);
     }
 }

@@ -26,10 +26,10 @@ fn up(
         let e = exponents_of(terms[t].exponents);
         var sum = Spectrum(vec3f(0.0), vec3f(0.0), vec3f(0.0));
         if node.children == 0u {
-            for (var i = node.start; i < node.end; i += 1u) {
+            for (var i = node.start; i < node.sources; i += 1u) {
                 let place = places[i];
                 let v = (node.center - place.position) / node.size;
-                sum = plus(sum, monomial(v, e), source_of(place, radiosity[i].xyz));
+                sum = plus(sum, monomial(v, e), source_of(place, radiosity[place.point].xyz));
             }
         } else {
             for (var c = node.first_child; c < node.first_child + node.children; c += 1u) {

@@ -6,6 +6,7 @@ use asset_support::{build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::samples::GridSlot;
 use bevy_meshless_gi::transport::Link;
+use bevy_meshless_gi::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
 use bevy_meshless_gi::transport::pca::Compression;
 
 #[test]
@@ -127,6 +128,88 @@ fn validation_finds_what_is_broken() {
         assert!(
             matches!(scene.to_bytes(), Err(AssetError::Invalid(_))),
             "{place}"
+        );
+    }
+}
+
+#[test]
+fn validation_finds_what_is_broken_in_the_octree() {
+    type Break = fn(&mut FmmOperator);
+    fn leaf(o: &FmmOperator, list: usize) -> usize {
+        let found = |n: &FmmNode| n.is_leaf() && !n.lists()[list].is_empty();
+        o.nodes.iter().position(found).unwrap()
+    }
+    let breaks: &[(&str, Break)] = &[
+        ("octree", |o| o.order = 17),
+        ("octree", |o| o.disks = false),
+        ("octree", |o| o.level_starts.clear()),
+        ("octree", |o| o.level_starts[1] = 2),
+        ("octree", |o| *o.level_starts.last_mut().unwrap() += 1),
+        ("octree nodes", |o| o.nodes[0].start = 1),
+        ("octree nodes", |o| o.nodes[0].parent = 1),
+        ("octree nodes", |o| o.nodes[0].first_child = 2),
+        ("octree nodes", |o| o.nodes[0].children = u32::MAX),
+        ("octree nodes", |o| o.nodes[1].parent = 1),
+        ("octree nodes", |o| o.nodes[1].end += 1),
+        ("octree nodes", |o| o.nodes[1].center[0] = f32::NAN),
+        ("octree nodes", |o| o.nodes[1].size = 0.0),
+        ("octree nodes", |o| {
+            let at = leaf(o, 3);
+            o.nodes[at].sources = o.nodes[at].end + 1;
+        }),
+        ("octree nodes", |o| {
+            let at = leaf(o, 3);
+            o.nodes[at].receivers = u32::MAX;
+        }),
+        ("octree lists", |o| o.nodes[1].far += 1),
+        ("octree entries", |o| o.entries[0].source = 10_000),
+        ("octree entries", |o| o.entries[0].weight = f32::NAN),
+        ("octree entries", |o| o.entries[0].weight = 1.5),
+        ("octree entries", |o| o.entries.truncate(3)),
+        // A near entry of what is no leaf, a far one of the node itself.
+        ("octree entries", |o| {
+            let at = o.nodes[leaf(o, 3)].near as usize;
+            o.entries[at].source = 0;
+        }),
+        ("octree entries", |o| {
+            let at = o.nodes.iter().position(|n| n.far < n.local).unwrap();
+            let entry = o.nodes[at].far as usize;
+            o.entries[entry].source = at as u32;
+        }),
+        ("octree places", |o| o.places[0].position[1] = 50.0),
+        ("octree places", |o| o.places[0].normal = [0.0; 3]),
+        ("octree places", |o| o.places[0].share = -1.0),
+        ("octree places", |o| o.places[0].factor = f32::INFINITY),
+        ("octree places", |o| {
+            // Two that receive for one sender.
+            let found = |p: &FmmPlace| p.share == 0.0;
+            let first = o.places.iter().position(found).unwrap();
+            let last = o.places.iter().rposition(found).unwrap();
+            o.places[first].point = o.places[last].point;
+        }),
+        ("octree places", |o| o.places[0].point = 1000),
+        ("octree places", |o| {
+            o.places.iter_mut().for_each(|p| p.point += 40)
+        }),
+    ];
+    let good = || build(&makes()[6]);
+    let lists = good().fmm.unwrap();
+    for list in 0..4 {
+        let entries: usize = lists.nodes.iter().map(|n| n.lists()[list].len()).sum();
+        assert!(entries > 0, "list {list} has no entries");
+    }
+    for (k, (place, broken)) in breaks.iter().enumerate() {
+        let mut scene = good();
+        let sound = scene.validate();
+        assert!(sound.is_ok(), "{sound:?}");
+        broken(scene.fmm.as_mut().unwrap());
+        let found = match scene.validate() {
+            Err(found) => found,
+            Ok(_) => panic!("break {k}: {place}"),
+        };
+        assert!(
+            found.iter().any(|v| v.place == *place),
+            "break {k}: {place}: {found:?}"
         );
     }
 }

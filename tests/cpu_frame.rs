@@ -58,6 +58,8 @@ fn furnace(to_sky: bool) -> BakedScene {
         },
         visibility: None,
         probes: None,
+        fmm: None,
+        illumination: Vec::new(),
         bounces: None,
         display: Display {
             radius: 0.9,

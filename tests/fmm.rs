@@ -38,6 +38,7 @@ fn on_a_sphere(count: usize, radius: f32, at: Vec3, inward: bool) -> Vec<FmmPoin
                 position: at + radius * out,
                 normal: if inward { -out } else { out },
                 weight,
+                receives: true,
             }
         })
         .collect()
@@ -256,6 +257,7 @@ fn hard_cases() {
         position,
         normal,
         weight: 0.1,
+        receives: true,
     };
     assert!(finite(&[], "nothing").is_empty());
     assert_eq!(finite(&[point(Vec3::ONE, Vec3::X)], "one"), [Vec3::ZERO]);
@@ -327,6 +329,7 @@ fn a_million_points_in_one_spot() {
             position: Vec3::new(0.3, 0.7, 0.1),
             normal: Vec3::Z,
             weight: 1e-6,
+            receives: true,
         };
         1_000_000
     ];

@@ -237,13 +237,18 @@ fn layouts() -> Vec<Layout> {
             local,
             multipole,
             near,
-            finish
+            finish,
+            sources,
+            receivers
         }),
         layout!(FmmEntry { source, weight }),
         layout!(FmmPlace {
             position,
             share,
-            normal
+            normal,
+            point,
+            sky,
+            factor
         }),
         layout!(FmmTerm {
             down,
@@ -255,7 +260,8 @@ fn layouts() -> Vec<Layout> {
             order,
             terms,
             disks,
-            nearest
+            nearest,
+            sky
         }),
         layout!(VplViewParams {
             space_from_clip,

@@ -39,7 +39,7 @@ use bevy_meshless_gi::gpu::{
     GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers, SplatTargets, ViewBuffers,
 };
 use bevy_meshless_gi::transport::pca::Column;
-use bevy_meshless_gi::transport::{Link, SenderForm};
+use bevy_meshless_gi::transport::{Link, Row, SenderForm};
 use compare::{HALF, SINGLE, Scale, differing, same};
 use glam::Vec3;
 use half::f16;
@@ -557,6 +557,7 @@ fn bakes_of_the_cornell_box() {
         (Rule::Bounded, BounceMode::Baked),
         (Rule::L08, BounceMode::Live),
         (Rule::Pca, BounceMode::Live),
+        (Rule::Fmm, BounceMode::Live),
     ] {
         let scene = baked::cornell(rule, mode);
         eprintln!(
@@ -586,7 +587,7 @@ fn bakes_of_the_cornell_box() {
         let mut wrong = lights.clone();
         wrong[0].color[1] *= 1.001;
         // One frame for all tiers: nothing of one is left in the next.
-        for tier in (1..=scene.operator.tiers()).rev() {
+        for tier in (1..=scene.tiers()).rev() {
             let settings = FrameSettings { tier, ..settings };
             let twin = cpu(&scene, &lights, &settings);
             frame = solved(&harness, &kernels, frame, &twin, &settings);
@@ -603,6 +604,54 @@ fn bakes_of_the_cornell_box() {
             );
         }
     }
+}
+
+/// An octree carries the light alone, and where the device does not hold it the links on the same points do, if there are any.
+#[cfg(feature = "gltf")]
+#[test]
+fn an_octree_that_does_not_fit_leaves_the_links() {
+    use bevy_meshless_gi::bake::{BounceMode, Rule};
+    use bevy_meshless_gi::plan::{NoOctree, falls_back};
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let mut scene = baked::cornell(Rule::Fmm, BounceMode::Live);
+    let run = |scene: &BakedScene| {
+        let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 8).unwrap();
+        harness
+            .run(|e| frame.solve(&kernels, &harness.queue, e, &FrameSettings::bounces(3)))
+            .unwrap();
+        let passes = [Pass::Pull, Pass::Apply, Pass::FmmUp, Pass::FmmEvaluate];
+        passes.map(|p| frame.counters().of(p))
+    };
+    let levels = scene.fmm.as_ref().unwrap().levels() as u64;
+    assert_eq!(run(&scene), [0, 0, 3 * levels, 3]);
+    assert_eq!(falls_back(&scene, 128 << 20), None);
+    let why = falls_back(&scene, 1 << 16);
+    assert!(
+        matches!(why, Some(NoOctree::TooLarge { has: 65536, .. })),
+        "{why:?}"
+    );
+    // Of an order that no workgroup holds.
+    scene.fmm.as_mut().unwrap().order = 7;
+    let why = falls_back(&scene, 128 << 20);
+    assert_eq!(why, Some(NoOctree::Order { have: 6, need: 7 }));
+    let [pulled, applied, up, evaluated] = run(&scene);
+    assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
+    // And nothing in its place.
+    scene.operator.rows.fill(Row::default());
+    scene.operator.links.clear();
+    let error = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            GpuError::Limit {
+                have: 6,
+                need: 7,
+                ..
+            }
+        ),
+        "{error}"
+    );
 }
 
 #[test]

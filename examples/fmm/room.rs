@@ -30,6 +30,7 @@ fn scatter(quad: &Quad, count: f32, random: &mut Random, out: &mut Room) {
                 position: a + s * u + t * v,
                 normal: normal / area,
                 weight: area / (rows * columns) as f32,
+                receives: true,
             });
             out.albedo.push(quad.material.base_color.truncate());
         }
@@ -76,6 +77,7 @@ pub fn with_ball(count: usize) -> Room {
             position: center + radius * normal,
             normal,
             weight: 4.0 * std::f32::consts::PI * radius * radius / more as f32,
+            receives: true,
         });
         room.albedo.push(Vec3::new(0.3, 0.5, 0.8));
     }

@@ -13,15 +13,17 @@ struct FmmNode {
     multipole: u32,
     near: u32,
     finish: u32,
-    pad0: u32,
-    pad1: u32,
+    sources: u32,
+    receivers: u32,
 }
 
 struct FmmPlace {
     position: vec3f,
     share: f32,
     normal: vec3f,
-    pad0: u32,
+    point: u32,
+    sky: vec3f,
+    factor: f32,
 }
 
 struct FmmTerm {
@@ -37,6 +39,10 @@ struct FmmParams {
     terms: u32,
     disks: u32,
     nearest: f32,
+    sky: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 // Three components in three colours.

@@ -7,6 +7,7 @@ use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::{HashedGrid, LitPlace, Point};
 use crate::scene::Bvh;
+use crate::transport::fmm::FmmOperator;
 use crate::transport::pca::Visibility;
 use crate::transport::{BounceOperator, Operator};
 use bytemuck::{Pod, Zeroable};
@@ -77,8 +78,12 @@ pub struct BakedScene {
     pub parents: Weights,
     /// The one-bounce operator.
     pub operator: Operator,
+    /// The octree that carries light in place of the operator's links, where the recipe asked for rule `fmm`: the tier above those of the operator.
+    pub fmm: Option<FmmOperator>,
     /// Baked further bounces, where the recipe asked for them.
     pub bounces: Option<BounceOperator>,
+    /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all reflections the recipe asks for; empty where nobody asked.
+    pub illumination: Vec<[f32; 3]>,
     /// What the senders' points see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
     /// The light in free space, where the recipe asked for it.
@@ -96,6 +101,34 @@ impl BakedScene {
     #[must_use]
     pub fn levels(&self) -> usize {
         self.level_starts.len() - 1
+    }
+
+    /// How many of a frame's tiers use links: those of the operator, and none where an octree carries the light and there are no links.
+    #[must_use]
+    pub fn link_tiers(&self) -> u32 {
+        match self.fmm.is_some() && self.operator.rows.iter().all(|row| row.tier == 0) {
+            true => 0,
+            false => self.operator.tiers(),
+        }
+    }
+
+    /// How many tiers a frame may choose from, 1 at least: those with links, and on top of them the octree where there is one.
+    #[must_use]
+    pub fn tiers(&self) -> u32 {
+        self.link_tiers() + u32::from(self.fmm.is_some())
+    }
+
+    /// Rows and links (entries of the lists, for the octree) of each tier, tier 1 first.
+    #[must_use]
+    pub fn tier_sizes(&self) -> Vec<(u64, u64)> {
+        let mut sizes = self.operator.tier_sizes();
+        sizes.truncate(self.link_tiers() as usize);
+        sizes.extend(self.fmm.as_ref().map(|octree| {
+            let receive = octree.nodes.iter().filter(|n| n.is_leaf());
+            let rows = receive.map(|n| n.receiver_range().len() as u64).sum();
+            (rows, octree.entries.len() as u64)
+        }));
+        sizes
     }
 
     /// The points of level `l`.

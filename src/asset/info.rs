@@ -1,6 +1,7 @@
 //! What a bake was made from and how wrong it is: everything here is the same for the same input on any machine.
 
-use crate::transport::{Link, Operator};
+use super::baked::BakedScene;
+use crate::transport::Link;
 use serde::{Deserialize, Serialize};
 
 /// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below it.
@@ -8,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct TierInfo {
     /// Rows.
     pub rows: u64,
-    /// Links.
+    /// Links; entries of the lists, for the octree of rule `fmm`.
     pub links: u64,
     /// As [`BakeInfo::estimated_nrmse`], with the same lights and places for all tiers.
     pub estimated_nrmse: f32,
@@ -17,10 +18,10 @@ pub struct TierInfo {
 }
 
 impl TierInfo {
-    /// The tiers of an operator, their errors not measured yet.
+    /// The tiers of a scene, their errors not measured yet.
     #[must_use]
-    pub fn of(operator: &Operator) -> Vec<Self> {
-        let sizes = operator.tier_sizes().into_iter();
+    pub fn of(scene: &BakedScene) -> Vec<Self> {
+        let sizes = scene.tier_sizes().into_iter();
         sizes
             .map(|(rows, links)| Self {
                 rows,

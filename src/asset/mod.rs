@@ -10,6 +10,7 @@ mod container;
 mod error;
 mod file;
 mod fingerprint;
+mod fmm;
 mod info;
 mod probes;
 mod sections;

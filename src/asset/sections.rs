@@ -7,6 +7,7 @@ use super::baked::{BakedScene, Display, Places, PointSurface};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
+use super::fmm;
 use super::info::BakeInfo;
 use super::{probes, visibility};
 use crate::basis::{WeightEntry, Weights, support_bounds};
@@ -68,6 +69,7 @@ const BOUNCE: Layout = Layout::columns(&[
     Field::word(2),
     Field::word(3).delta(),
 ]);
+const COLOUR: Layout = Layout::columns(&[Field::word(0), Field::word(1), Field::word(2)]);
 pub(super) const PLANE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
@@ -125,7 +127,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 33] = [
+static KINDS: [Kind; 39] = [
     Kind {
         code: 1,
         name: "info",
@@ -184,6 +186,12 @@ static KINDS: [Kind; 33] = [
     VISIBLE[3],
     VISIBLE[4],
     VISIBLE[5],
+    OCTREE[0],
+    OCTREE[1],
+    OCTREE[2],
+    OCTREE[3],
+    OCTREE[4],
+    kind::<[f32; 3]>(34, "illumination", COLOUR),
     PROBES[0],
     PROBES[1],
     PROBES[2],
@@ -192,10 +200,15 @@ static KINDS: [Kind; 33] = [
 ];
 const PROBES: [Kind; 5] = probes::KINDS;
 /// Where those of the probes start.
-const FIRST_PROBES: usize = 28;
+const FIRST_PROBES: usize = 34;
 const VISIBLE: [Kind; 6] = visibility::KINDS;
 /// Where those of the visibility start.
 const FIRST_VISIBLE: usize = 22;
+const OCTREE: [Kind; 5] = fmm::KINDS;
+/// Where those of the octree start.
+const FIRST_OCTREE: usize = 28;
+/// Where the illumination is.
+const ILLUMINATED: usize = 33;
 
 const INFO: &Kind = &KINDS[0];
 const SHAPE: &Kind = &KINDS[1];
@@ -216,6 +229,7 @@ const PLACES: &Kind = &KINDS[18];
 const COLUMNS: &Kind = &KINDS[19];
 const MEMBERS: &Kind = &KINDS[20];
 const VALUES: &Kind = &KINDS[21];
+const ILLUMINATION: &Kind = &KINDS[ILLUMINATED];
 
 /// Words of the section "shape".
 const SHAPE_WORDS: usize = 8;
@@ -286,7 +300,13 @@ impl BakedScene {
             sections.push(section(VALUES, VALUE, &c.values));
         }
         if let Some(v) = &self.visibility {
-            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..FIRST_PROBES]));
+            sections.extend(visibility::sections(v, &KINDS[FIRST_VISIBLE..FIRST_OCTREE]));
+        }
+        if let Some(octree) = &self.fmm {
+            sections.extend(fmm::sections(octree, &KINDS[FIRST_OCTREE..ILLUMINATED]));
+        }
+        if !self.illumination.is_empty() {
+            sections.push(section(ILLUMINATION, COLOUR, &self.illumination));
         }
         if let Some(p) = &self.probes {
             sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..]));
@@ -330,6 +350,7 @@ impl BakedScene {
             }
         };
         let points: Vec<Point> = items(&file, POINTS, POINT)?;
+        let surfaces: Vec<PointSurface> = items(&file, SURFACES, SURFACE)?;
         let mut rows: Vec<Row> = items(&file, ROWS, ROW)?;
         place_links(&mut rows).ok_or_else(|| broken(ROWS, "the counts overflow"))?;
         let cell_size = f32::from_bits(cell_size);
@@ -359,9 +380,10 @@ impl BakedScene {
             }),
             other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
         };
+        let fmm = fmm::read(&file, &KINDS[FIRST_OCTREE..ILLUMINATED], &surfaces)?;
         let scene = Self {
             points,
-            surfaces: items(&file, SURFACES, SURFACE)?,
+            surfaces,
             level_starts: items(&file, LEVELS, INDEX)?,
             sender_levels,
             places: Places {
@@ -377,7 +399,12 @@ impl BakedScene {
                 links: items(&file, LINKS, LINK)?,
             },
             bounces,
-            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_PROBES])?,
+            visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_OCTREE])?,
+            fmm,
+            illumination: match file.has(ILLUMINATION) {
+                true => items(&file, ILLUMINATION, COLOUR)?,
+                false => Vec::new(),
+            },
             probes: probes::read(&file, &KINDS[FIRST_PROBES..], limits)?,
             display: Display {
                 radius: f32::from_bits(radius),

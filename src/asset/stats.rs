@@ -4,6 +4,7 @@ use super::baked::BakedScene;
 use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
+use crate::transport::fmm::FmmOperator;
 use crate::transport::pca::Compression;
 
 /// What a valid scene consists of.
@@ -53,6 +54,14 @@ pub struct BakedStats {
     pub probes: u64,
     /// Links of their rows.
     pub probe_links: u64,
+    /// Nodes of the octree of rule `fmm`; 0 without.
+    pub fmm_nodes: u64,
+    /// Entries of its lists.
+    pub fmm_entries: u64,
+    /// Its points: those that give light, and those that receive.
+    pub fmm_places: u64,
+    /// Bytes of it.
+    pub fmm_bytes: u64,
     /// Bytes of all arrays.
     pub memory: u64,
 }
@@ -67,9 +76,14 @@ impl BakedScene {
         let columns = self.operator.compression.as_ref();
         let seen = self.visibility.as_ref();
         let probes = self.probes.as_ref();
+        let octree = self.fmm.as_ref();
         BakedStats {
             probes: probes.map_or(0, |p| p.points.len() as u64),
             probe_links: probes.map_or(0, |p| p.links.len() as u64),
+            fmm_nodes: octree.map_or(0, |o| o.nodes.len() as u64),
+            fmm_entries: octree.map_or(0, |o| o.entries.len() as u64),
+            fmm_places: octree.map_or(0, |o| o.places.len() as u64),
+            fmm_bytes: octree.map_or(0, FmmOperator::bytes),
             visibility_clusters: seen.map_or(0, |v| v.clusters.len() as u64),
             visibility_coefficients: seen
                 .map_or(0, |v| v.points.iter().map(|p| u64::from(p.count())).sum()),
@@ -111,6 +125,8 @@ impl BakedScene {
                 .map_or(0, |c| c.columns.iter().map(|c| u64::from(c.count)).sum()),
             memory: seen.map_or(0, |v| v.bytes() as u64)
                 + probes.map_or(0, Probes::bytes)
+                + octree.map_or(0, FmmOperator::bytes)
+                + bytes(self.illumination.len(), 12)
                 + bytes(self.points.len(), 32 + 48 + 16)
                 + bytes(self.operator.links.len(), 8)
                 + columns.map_or(0, Compression::bytes)

@@ -99,6 +99,8 @@ impl BakedScene {
             self.check_grid(&mut check);
             self.check_visibility(&mut check);
             self.check_probes(&mut check);
+            self.check_fmm(&mut check);
+            self.check_illumination(&mut check);
         }
         let depth = self.check_bvh(&mut check);
         if check.0.is_empty() {
@@ -219,6 +221,18 @@ impl BakedScene {
         }
     }
 
+    /// One irradiance a point, or none.
+    fn check_illumination(&self, check: &mut Check) {
+        let (found, points) = (self.illumination.len(), self.points.len());
+        check.whole(found == 0 || found == points, "illumination", || {
+            format!("{found} instead of {points}")
+        });
+        for (i, e) in self.illumination.iter().enumerate() {
+            let sound = e.iter().all(|c| (0.0..=f32::MAX).contains(c));
+            check.item(sound, "illumination", i, || format!("{e:?} W/m²"));
+        }
+    }
+
     /// Pull rows name senders on finer levels, parents rows points on coarser levels: both walks end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
@@ -276,7 +290,7 @@ impl BakedScene {
 
     /// What the facts about the tiers say is what is there.
     fn check_tiers(&self, check: &mut Check) {
-        let (sizes, told) = (self.operator.tier_sizes(), &self.info.tiers);
+        let (sizes, told) = (self.tier_sizes(), &self.info.tiers);
         check.whole(sizes.len() == told.len(), "tiers", || {
             format!("{} are told of, but there are {}", told.len(), sizes.len())
         });

@@ -25,9 +25,9 @@ use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
 /// The gain that the guard lowers to: a thousand reflections leave a third of the light.
-const MOST_GAIN: f64 = 0.999;
+pub(super) const MOST_GAIN: f64 = 0.999;
 /// Bounds above this one are guarded against.
-const GUARDED_FROM: f64 = 0.9995;
+pub(super) const GUARDED_FROM: f64 = 0.9995;
 /// Steps that sharpen the bound.
 const STEPS: usize = 12;
 /// Share of itself that each step keeps, so that it stays positive.

@@ -131,7 +131,7 @@ fn lamp_errors(
         frame: CpuFrame::new(scene),
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
-    let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.operator.tiers() as usize];
+    let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.tiers() as usize];
     for (k, three) in lamps.chunks_exact(COLOURS).enumerate() {
         if !progress.set(Stage::Estimate, k as f32 / effort.triples as f32) {
             return None;
@@ -181,7 +181,7 @@ impl Question<'_> {
         pool: &[Candidate],
         random: &mut Random,
     ) -> (Vec<Vec<LampError>>, u64) {
-        let tiers = self.scene.operator.tiers();
+        let tiers = self.scene.tiers();
         let slots: Vec<FrameLight> = lamps
             .iter()
             .flat_map(|l| FrameLight::expand(l, 1))

@@ -7,9 +7,11 @@
 mod care;
 mod energy;
 mod energy_components;
+mod energy_octree;
 mod estimate;
 mod examples;
 mod level;
+mod octree;
 mod probes;
 mod progress;
 mod recipe;
@@ -21,6 +23,7 @@ mod stats;
 use care::Care;
 pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
+pub use octree::OctreeSettings;
 pub use probes::FreeSpaceLight;
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
@@ -92,6 +95,9 @@ pub enum BakeError {
         /// Distance between neighbouring coordinates there, metres.
         spacing: f32,
     },
+    /// The points make no octree.
+    #[error("the octree: {0}")]
+    Octree(#[from] crate::transport::fmm::FmmError),
     /// Somebody asked it to stop.
     #[error("the bake was cancelled")]
     Cancelled,
@@ -189,7 +195,7 @@ fn bake_once(
         most: settings.most_points(),
         seed: settings.seed,
         sender_overlap: match settings.rule {
-            Rule::Bounded | Rule::Pca => Some(SENDER_OVERLAP),
+            Rule::Bounded | Rule::Pca | Rule::Fmm => Some(SENDER_OVERLAP),
             Rule::L08 => None,
         },
         clip: settings.walls,
@@ -209,14 +215,16 @@ fn bake_once(
     let places = lit_places(geometry, &mut hierarchy, &settings, &mut stats.rays);
     let tree = hierarchy.tree();
     let mut shown = Vec::new();
+    // Without links nobody hands mass to coarse senders, and nobody reads their light.
+    let linked = settings.octree.is_none_or(|octree| octree.fallback);
     let mut pull = match settings.rule {
-        Rule::Bounded | Rule::Pca => {
+        Rule::Bounded | Rule::Pca | Rule::Fmm if linked => {
             let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
             shown = areas;
             hierarchy.tree_pull(&tree, &shown)
         }
-        Rule::L08 => hierarchy.pull(),
+        _ => hierarchy.pull(),
     };
     let mut parents = hierarchy.parents(settings.rule == Rule::L08);
     stats.seconds.points = began.elapsed().as_secs_f64();
@@ -230,7 +238,7 @@ fn bake_once(
         rays: settings.rays,
         seed: settings.seed,
         deposit: match settings.rule {
-            Rule::Bounded | Rule::Pca => Deposit::Finest,
+            Rule::Bounded | Rule::Pca | Rule::Fmm => Deposit::Finest,
             Rule::L08 => Deposit::All,
         },
     };
@@ -238,7 +246,11 @@ fn bake_once(
     let mut compression = None;
     let mut free_space = None;
     let (refined, form) = match settings.rule {
-        Rule::Bounded | Rule::Pca => {
+        Rule::Fmm if !linked => (
+            Some(Refined::without_rows(hierarchy.len())),
+            SenderForm::Averages,
+        ),
+        Rule::Bounded | Rule::Pca | Rule::Fmm => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
             let (training, rays) = signals::train(
                 &gathering,
@@ -336,6 +348,7 @@ fn bake_once(
     stats.seconds.gather = transport_seconds * refined.gather_share;
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
+    let cells = octree::Cells::find(geometry, &hierarchy, &settings);
     let baked = assemble(
         source,
         recipe,
@@ -352,6 +365,7 @@ fn bake_once(
         stats,
         progress,
     )?;
+    let baked = octree::grow(geometry, &settings, cells, baked, progress)?;
     let mut baked = see(source, &settings, baked, progress)?;
     baked.scene.probes = free_space;
     finish(source, recipe, baked, began, progress)
@@ -504,7 +518,6 @@ fn assemble(
         .map_or(senders, Compression::components);
     let mut packed = pack(&refined.rows, &tiers, &refined.sky, coefficients, form);
     packed.operator.compression = compression;
-    let tiers = TierInfo::of(&packed.operator);
     let size = source.geometry.bounds();
     let settings_text = ron::to_string(settings).unwrap_or_default();
     stats.links = packed.operator.links.len() as u64;
@@ -521,6 +534,8 @@ fn assemble(
         pull,
         parents,
         operator: packed.operator,
+        fmm: None,
+        illumination: Vec::new(),
         bounces: None,
         visibility: None,
         probes: None,
@@ -546,13 +561,14 @@ fn assemble(
             viewpoints: viewpoints.iter().map(|v| v.to_array()).collect(),
             estimated_nrmse: 0.0,
             estimated_nrmse_interval: 0.0,
-            tiers,
+            tiers: Vec::new(),
             link_error: packed.error,
             uncovered: refined.uncovered as f32,
             largest_row_sum: refined.largest_row_sum,
             energy: EnergyInfo::default(),
         },
     };
+    scene.info.tiers = TierInfo::of(&scene);
     let energy = energy::conserve(&mut scene, &refined.missed);
     stats
         .warnings

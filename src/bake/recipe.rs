@@ -2,6 +2,7 @@
 //! scene's size.
 
 use super::care::Care;
+use super::octree::OctreeSettings;
 use super::probes::FreeSpaceLight;
 use super::soft_shadows::SoftShadows;
 use crate::asset::Places;
@@ -32,6 +33,8 @@ pub enum Rule {
     L08,
     /// Bases of direct light for clusters of senders, after \[P14\] §4.3, see [`crate::transport::pca`]. Receivers are those of `Bounded`.
     Pca,
+    /// An octree of points in place of links, after \[G08\], see [`crate::transport::fmm`]: the frame carries light by the fast multipole method.
+    Fmm,
 }
 
 /// Where the second and later bounces are computed (design D2).
@@ -87,6 +90,16 @@ pub struct Recipe {
     pub cluster_points: Option<u32>,
     /// Example lamps that the bases are made from, 0 to 65536 (`Pca`).
     pub lamps: Option<u32>,
+    /// Order of the expansions, 0 to 16; kernels take 6 at most (`Fmm`).
+    pub order: Option<u32>,
+    /// Most points of a leaf of the octree, 1 to 4096 (`Fmm`).
+    pub leaf: Option<u32>,
+    /// Places that each sender of the finest sender level shines from, 1 to 64 (`Fmm`).
+    pub sources: Option<u32>,
+    /// Rays that decide what two nodes of the octree see of each other, 1 to 4096 (`Fmm`).
+    pub pair_rays: Option<u32>,
+    /// Bakes the links of `Bounded` on the same points too, for devices and frames that do not hold the octree (`Fmm`).
+    pub fallback: bool,
     /// Bakes what the senders' points see, for lights with soft shadows; left out: such lights cast none.
     pub soft_shadows: Option<SoftShadows>,
     /// Light in free space, for what moves (rule `Bounded`).
@@ -153,6 +166,9 @@ pub struct Settings {
     pub seed: u64,
     /// See [`Recipe::walls`].
     pub walls: bool,
+    /// The octree of rule `fmm`; nothing under every other rule.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub octree: Option<OctreeSettings>,
     /// See [`Recipe::soft_shadows`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub soft_shadows: Option<SoftShadows>,
@@ -254,6 +270,10 @@ impl Recipe {
             "1 to 65536",
         )?;
         within("lamps", self.lamps, 0, 65_536, "0 to 65536")?;
+        within("order", self.order, 0, 16, "0 to 16")?;
+        within("leaf", self.leaf, 1, 4096, "1 to 4096")?;
+        within("sources", self.sources, 1, 64, "1 to 64")?;
+        within("pair_rays", self.pair_rays, 1, 4096, "1 to 4096")?;
         within("max_error", self.max_error, 1e-4, 1.0, "0.0001 to 1")?;
         if let Some(v) = self
             .viewpoints
@@ -270,6 +290,7 @@ impl Recipe {
             Rule::Bounded => None,
             Rule::L08 => Some("Live with rule L08, whose rows are differences"),
             Rule::Pca => Some("Live with rule Pca, whose rows are components"),
+            Rule::Fmm => Some("Live with rule Fmm, whose octree is run for every reflection"),
         };
         if let (BounceMode::Baked, Some(allowed)) = (self.bounce_mode, allowed) {
             return Err(RecipeError::OutOfRange {
@@ -318,7 +339,7 @@ impl Recipe {
         let a_cluster = (senders / CLUSTERS).clamp(LEAST_CLUSTER, 65_536.0) as u32;
         let pca = |value: Option<u32>, usual| match self.rule {
             Rule::Pca => value.unwrap_or(usual),
-            Rule::Bounded | Rule::L08 => 0,
+            Rule::Bounded | Rule::L08 | Rule::Fmm => 0,
         };
         Ok(Settings {
             coarse_radius,
@@ -328,7 +349,7 @@ impl Recipe {
             extra_points: self.extra_points.unwrap_or(care.extra_points as u32),
             rays: self.rays.unwrap_or(care.rays),
             places: self.places.unwrap_or(match self.rule {
-                Rule::Bounded | Rule::Pca => care.places,
+                Rule::Bounded | Rule::Pca | Rule::Fmm => care.places,
                 // [L08] takes the light at a function's own point.
                 Rule::L08 => 1,
             }),
@@ -336,7 +357,7 @@ impl Recipe {
             bounce_mode: self.bounce_mode,
             rule: self.rule,
             epsilon: self.epsilon.unwrap_or(match self.rule {
-                Rule::Bounded | Rule::Pca => care.epsilon,
+                Rule::Bounded | Rule::Pca | Rule::Fmm => care.epsilon,
                 // [L08] §4.2: 0.025 in all tests.
                 Rule::L08 => 0.025,
             }),
@@ -346,6 +367,7 @@ impl Recipe {
             lamps: pca(self.lamps, 1000),
             seed: self.seed,
             walls: self.walls.unwrap_or(true),
+            octree: (self.rule == Rule::Fmm).then(|| OctreeSettings::of(self)),
             soft_shadows: self.soft_shadows,
             probes: self.probes,
         })

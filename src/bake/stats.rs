@@ -25,6 +25,9 @@ pub struct StageSeconds {
     /// Light in free space.
     #[serde(default)]
     pub probes: f64,
+    /// The octree of rule `fmm`.
+    #[serde(default)]
+    pub octree: f64,
     /// Measuring the error.
     pub estimate: f64,
     /// Writing the file.
@@ -93,6 +96,12 @@ pub struct BakeStats {
     /// Share of visibility's coefficients that are kept.
     #[serde(default)]
     pub visibility_kept: f64,
+    /// Bytes of the octree of rule `fmm` in memory and on the device; 0 under every other rule.
+    #[serde(default)]
+    pub octree_bytes: u64,
+    /// Entries of its lists.
+    #[serde(default)]
+    pub octree_entries: u64,
     /// Clip planes of the display basis.
     pub clip_planes: u64,
     /// Levels cut short because they would have had too many points.

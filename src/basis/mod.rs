@@ -1,5 +1,6 @@
 //! How light is written down: the multilevel Shepard basis of \[L08\] §2.
 
+mod cells;
 mod clip;
 mod dense;
 mod flat;
@@ -11,6 +12,7 @@ mod rival;
 mod shepard;
 mod weights;
 
+pub use cells::{CellPart, find_cells};
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{kernel, weight};

@@ -4,10 +4,13 @@
 use super::anderson::Anderson;
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
-    bounce, compress, flatten, probe, project, pull, push, radiosity, splat,
+    bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
+use crate::transport::fmm::Passes;
+use crate::transport::fmm::passes::Field;
 use glam::Vec3;
+use std::ops::Range;
 
 /// What a frame has run since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -132,10 +135,11 @@ impl CpuFrame {
         if steps.sweeps > 0 {
             self.direct.copy_from_slice(&self.senders);
         }
+        let mut octree = octree(scene, &steps);
         for _ in 0..steps.sweeps {
-            self.sweep(scene, &params, &steps);
+            self.sweep(scene, &params, &steps, &mut octree);
         }
-        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
+        self.transport(scene, &params, &steps, &mut octree, Whom::All);
         self.light_space(scene, &params);
         self.solved = Some(*settings);
         self.counters.solves += 1;
@@ -162,6 +166,7 @@ impl CpuFrame {
         let shape = SceneShape::new(scene);
         let params = shape.params(&one, self.lights.len());
         let steps = Steps::new(&shape, &one);
+        let mut octree = octree(scene, &steps);
         let gain = scene.info.energy.gain;
         let gain = if gain.is_finite() { gain } else { 1.0 };
         let enough = f64::from(tolerance) * f64::from(1.0 - gain.clamp(0.0, 0.9995));
@@ -179,7 +184,7 @@ impl CpuFrame {
         let mut sweeps = 1;
         let mut x = [0, 1, 2].map(|c| values(&self.senders, c));
         loop {
-            self.sweep(scene, &params, &steps);
+            self.sweep(scene, &params, &steps, &mut octree);
             sweeps += 1;
             let g = [0, 1, 2].map(|c| values(&self.senders, c));
             let mut change = 0.0f64;
@@ -200,7 +205,7 @@ impl CpuFrame {
                 pull::pull(&scene.pull, level.clone(), &mut self.senders);
             }
         }
-        self.transport(scene, &params, &steps, 0..scene.points.len(), &steps.levels);
+        self.transport(scene, &params, &steps, &mut octree, Whom::All);
         self.light_space(scene, &params);
         // No plain solve is like this one.
         self.solved = None;
@@ -212,8 +217,14 @@ impl CpuFrame {
     pub const MOST_ACCELERATED: u32 = 200;
 
     /// One reflection: the senders' light carried to them again, and added to their direct light.
-    fn sweep(&mut self, scene: &BakedScene, params: &SolveParams, steps: &Steps) {
-        self.transport(scene, params, steps, 0..scene.senders(), &steps.senders);
+    fn sweep(
+        &mut self,
+        scene: &BakedScene,
+        params: &SolveParams,
+        steps: &Steps,
+        octree: &mut Option<Passes<'_, f32>>,
+    ) {
+        self.transport(scene, params, steps, octree, Whom::Senders);
         bounce::sweep(
             params,
             &scene.points,
@@ -228,17 +239,36 @@ impl CpuFrame {
         }
     }
 
-    /// Push or compress, apply and flatten for the points of `levels`.
+    /// Push or compress, apply and flatten; or up and down the octree.
     fn transport(
         &mut self,
         scene: &BakedScene,
         params: &SolveParams,
         steps: &Steps,
-        points: std::ops::Range<usize>,
-        levels: &[std::ops::Range<usize>],
+        octree: &mut Option<Passes<'_, f32>>,
+        whom: Whom,
     ) {
         let operator = &scene.operator;
-        if steps.differences {
+        let (points, levels): (Range<usize>, _) = match whom {
+            Whom::All => (0..scene.points.len(), &steps.levels),
+            Whom::Senders => (0..scene.senders(), &steps.senders),
+        };
+        if let (Some(passes), Some(operator)) = (octree, &scene.fmm) {
+            fmm_up::fmm_up(passes, &self.senders);
+            let sky = scene.senders();
+            fmm_down::fmm_down(passes, operator, &self.senders, sky, &mut self.values);
+            // Finer points than senders take their parents' mean: no row is used.
+            for level in levels.iter().skip(steps.senders.len()) {
+                let rows = &scene.operator.rows;
+                flatten::averages(
+                    params,
+                    rows,
+                    &scene.parents,
+                    level.clone(),
+                    &mut self.values,
+                );
+            }
+        } else if steps.differences {
             for level in &steps.senders {
                 push::push(
                     &scene.parents,
@@ -413,6 +443,21 @@ fn size(scene: &BakedScene) -> [usize; 4] {
 
 fn probe_rows(scene: &BakedScene) -> usize {
     scene.probes.as_ref().map_or(0, |p| p.rows.len())
+}
+
+/// Who is to get light.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Whom {
+    /// All points.
+    All,
+    /// The senders, for their next reflection.
+    Senders,
+}
+
+/// Room for the passes, where the octree carries the light.
+fn octree<'a>(scene: &'a BakedScene, steps: &Steps) -> Option<Passes<'a, f32>> {
+    let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
+    Some(Passes::new(Field::of(operator)))
 }
 
 /// Columns of an operator of components, the sky's among them.

@@ -5,7 +5,7 @@
 
 use crate::transport::fmm::Passes;
 
-/// Fills `passes.sources`, from radiosities (W/m²) in the tree's order.
+/// Fills `passes.sources`, from the radiosity of every point, W/m².
 pub fn fmm_up(passes: &mut Passes<'_, f32>, radiosity: &[[f32; 4]]) {
     passes.up(radiosity);
 }

@@ -62,7 +62,7 @@ pub struct SolveParams {
     pub nodes: u32,
     /// Largest edge of the box around the geometry, metres: what [`lift`](super::project::lift) is relative to.
     pub extent: f32,
-    /// Rows of higher tiers are not used ([`Row::tier`](crate::transport::Row::tier)).
+    /// Rows of higher tiers are not used, and none where it is 0 ([`Row::tier`](crate::transport::Row::tier)).
     pub tier: u32,
     /// Where the sky's coefficient is: the index one behind the last sender.
     pub sky_sender: u32,

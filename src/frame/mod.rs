@@ -9,6 +9,7 @@
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
 //! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
+//! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance of the senders' points, in place of `apply` where the bake has an octree |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
 //! | [`rsm`] | what a light sees of moving objects → virtual point lights |
@@ -22,8 +23,6 @@
 //! | [`soft`] | what lamps with soft shadows do not reach, at the points that remember what they see |
 //! | [`shade`] | → what was drawn of it at every pixel |
 //! | [`composite`] | → what a pixel's colour gains, and loses |
-//! | [`fmm_up`] | light between points: radiosity → expansions of an octree's nodes, no part of a frame yet |
-//! | [`fmm_down`] | → irradiance at the points |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 

@@ -21,7 +21,7 @@ pub struct FrameSettings {
     pub sky: Vec3,
     /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
-    /// Tier of the operator, from 1 (the fewest links) on; what is beyond the bake's tiers means all of them (design D11).
+    /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of them: all links (design D11), or the octree of rule `fmm`.
     pub tier: u32,
 }
 
@@ -42,7 +42,7 @@ impl FrameSettings {
     /// light leave 2e-6 of it after so many.
     pub const MOST_SWEEPS: u32 = 255;
 
-    /// The tier that uses every link, whatever the bake.
+    /// The highest tier, whatever the bake.
     pub const ALL_TIERS: u32 = u32::MAX;
 
     /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
@@ -64,8 +64,10 @@ pub struct SceneShape {
     pub sender_levels: usize,
     /// Places that each sender of the finest sender level is lit at.
     pub places: u32,
-    /// Tiers of the operator.
-    pub tiers: u32,
+    /// Tiers that use links: those of the operator, or none.
+    pub link_tiers: u32,
+    /// An octree may carry the light in place of links: the tier above those.
+    pub octree: bool,
     /// What the links multiply.
     pub form: SenderForm,
     /// Columns of an operator of components, the sky's among them; 0 in the other forms.
@@ -88,7 +90,8 @@ impl SceneShape {
             level_starts: scene.level_starts.clone(),
             sender_levels: (scene.sender_levels as usize).min(scene.levels()),
             places: scene.places.per_sender,
-            tiers: scene.operator.tiers(),
+            link_tiers: scene.link_tiers(),
+            octree: scene.fmm.is_some(),
             form: scene.operator.form,
             columns: (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len()),
             bounces: scene.bounces.is_some(),
@@ -96,6 +99,13 @@ impl SceneShape {
             extent: extent(scene),
             apart: apart(scene),
         }
+    }
+
+    /// The tier that a frame with these settings uses.
+    #[must_use]
+    pub fn tier(&self, settings: &FrameSettings) -> u32 {
+        let tiers = self.link_tiers + u32::from(self.octree);
+        settings.tier.clamp(1, tiers.max(1))
     }
 
     /// How many points.
@@ -141,7 +151,11 @@ impl SceneShape {
             nodes: self.nodes as u32,
             extent: self.extent,
             apart: self.apart,
-            tier: settings.tier.clamp(1, self.tiers.max(1)),
+            // The octree stands above all rows, and uses none.
+            tier: match self.tier(settings) {
+                tier if tier > self.link_tiers => 0,
+                tier => tier,
+            },
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
@@ -153,7 +167,7 @@ impl SceneShape {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
     /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender levels but the finest. None where nothing reads what it
-    /// fills: bases of direct light are of senders with light of their own.
+    /// fills: bases of direct light are of senders with light of their own, and so is the octree.
     pub pull: Vec<Range<usize>>,
     /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
     pub senders: Vec<Range<usize>>,
@@ -167,6 +181,8 @@ pub struct Steps {
     pub differences: bool,
     /// Coefficients are components: `compress` runs before every `apply`.
     pub components: bool,
+    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten` for points of finer levels than send.
+    pub octree: bool,
 }
 
 impl Steps {
@@ -174,9 +190,10 @@ impl Steps {
     #[must_use]
     pub fn new(shape: &SceneShape, settings: &FrameSettings) -> Self {
         let level = |l: usize| shape.level(l);
-        let baked = settings.baked_bounces && shape.bounces;
-        let components = shape.form == SenderForm::Components;
-        let pulled = match components {
+        let octree = shape.octree && shape.tier(settings) > shape.link_tiers;
+        let baked = settings.baked_bounces && shape.bounces && !octree;
+        let components = shape.form == SenderForm::Components && !octree;
+        let pulled = match components || octree {
             true => 0,
             false => shape.sender_levels.saturating_sub(1),
         };
@@ -190,8 +207,9 @@ impl Steps {
                 settings.sweeps.min(FrameSettings::MOST_SWEEPS)
             },
             baked,
-            differences: shape.form == SenderForm::Differences,
+            differences: shape.form == SenderForm::Differences && !octree,
             components,
+            octree,
         }
     }
 }
@@ -205,7 +223,8 @@ mod tests {
             level_starts: level_starts.to_vec(),
             sender_levels,
             places: 0,
-            tiers: 4,
+            link_tiers: 4,
+            octree: false,
             form: SenderForm::Averages,
             columns: 0,
             bounces: false,
@@ -229,6 +248,18 @@ mod tests {
         };
         let steps = Steps::new(&components, &FrameSettings::bounces(3));
         assert!(steps.components && steps.pull.is_empty() && !steps.differences);
+        let octree = SceneShape {
+            octree: true,
+            ..shape(&[0, 3, 10, 40], 2)
+        };
+        let steps = Steps::new(&octree, &FrameSettings::bounces(3));
+        assert!(steps.octree && steps.pull.is_empty() && steps.sweeps == 2);
+        let fourth = FrameSettings {
+            tier: 4,
+            ..FrameSettings::bounces(3)
+        };
+        let steps = Steps::new(&octree, &fourth);
+        assert!(!steps.octree && steps.pull.len() == 1);
         let endless = FrameSettings::bounces(u32::MAX);
         assert_eq!(
             Steps::new(&shape(&[0, 3], 1), &endless).sweeps,

@@ -461,7 +461,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// Push or compress, apply and flatten: for the senders in a sweep, for all points at the end.
+    /// Push or compress, apply and flatten, or up and down the octree: for the senders in a sweep, for all points at the end.
     fn transport(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -470,6 +470,16 @@ impl Recorder<'_> {
         sweep: bool,
     ) {
         let b = self.b;
+        if let (true, Some(octree)) = (steps.octree, &b.fmm) {
+            octree.up(self.kernels, pass, self.counters, &b.senders);
+            let (from, to) = (&b.senders, &b.values);
+            octree.down(self.kernels, pass, self.counters, from, to);
+            if !sweep {
+                // Finer points than senders take their parents' mean.
+                self.averages(pass, steps.senders.len()..steps.levels.len());
+            }
+            return;
+        }
         let (coefficients, applied) = match (&b.differences, &b.components) {
             (Some([senders, receivers]), _) => (senders, receivers),
             (None, Some(c)) => (&c.components, &b.values),
@@ -514,23 +524,12 @@ impl Recorder<'_> {
             let which = usize::from(sweep);
             self.spans(pass, Pass::Differences, &bind, &b.whole, which..which + 1);
         } else {
-            let bind = self.kernels.bind(
-                Pass::Averages,
-                &[
-                    (0, b.params.as_entire_binding()),
-                    (1, self.span()),
-                    (2, b.rows.as_entire_binding()),
-                    (3, b.parent_starts.as_entire_binding()),
-                    (4, b.parent_entries.as_entire_binding()),
-                    (6, b.values.as_entire_binding()),
-                ],
-            );
             let count = if sweep {
                 steps.senders.len()
             } else {
                 steps.levels.len()
             };
-            self.spans(pass, Pass::Averages, &bind, &b.levels, 0..count);
+            self.averages(pass, 0..count);
         }
     }
 
@@ -552,6 +551,26 @@ impl Recorder<'_> {
             );
             self.spans(pass, Pass::Apply, &bind, &probes.parts, part..part + 1);
         }
+    }
+
+    /// Points without a row that is used take their parents' mean, level after level.
+    fn averages(&mut self, pass: &mut wgpu::ComputePass<'_>, levels: std::ops::Range<usize>) {
+        if levels.is_empty() {
+            return;
+        }
+        let b = self.b;
+        let bind = self.kernels.bind(
+            Pass::Averages,
+            &[
+                (0, b.params.as_entire_binding()),
+                (1, self.span()),
+                (2, b.rows.as_entire_binding()),
+                (3, b.parent_starts.as_entire_binding()),
+                (4, b.parent_entries.as_entire_binding()),
+                (6, b.values.as_entire_binding()),
+            ],
+        );
+        self.spans(pass, Pass::Averages, &bind, &b.levels, levels);
     }
 
     fn push(

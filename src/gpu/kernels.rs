@@ -588,7 +588,7 @@ pub const KERNELS: [Kernel; 21] = [
             bind(6, "expansions", Read(VEC4)),
             bind(7, "locals", Write(VEC4)),
             bind(8, "entries", Read(size_of::<FmmEntry>())),
-            bind(9, "irradiance", Write(VEC4)),
+            bind(9, "values", Write(VECTOR)),
         ],
         entries: &[
             node(Pass::FmmReceive, "receive", &[0, 1, 2, 3, 4, 5, 6, 7, 8]),

@@ -41,7 +41,7 @@ pub enum Draw {
 }
 
 /// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
-const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 16;
+const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 
 /// All pipelines of one device.
 #[derive(Debug)]

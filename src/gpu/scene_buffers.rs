@@ -2,6 +2,7 @@
 
 use super::GpuError;
 use super::Pass;
+use super::fmm::GpuFmm;
 use super::links::{LinkPart, cut};
 use super::probes::ProbeBuffers;
 use crate::asset::BakedScene;
@@ -79,6 +80,8 @@ pub struct SceneBuffers {
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
     /// Where the operator is in the form of components.
     pub(super) components: Option<ComponentBuffers>,
+    /// Where an octree carries the light.
+    pub(super) fmm: Option<GpuFmm>,
     pub(super) values: wgpu::Buffer,
     /// Where the bake knows light in free space.
     pub(super) probes: Option<ProbeBuffers>,
@@ -136,7 +139,8 @@ impl SceneBuffers {
     /// Uploads `scene`, with room for `slots` light slots.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts.
+    /// [`GpuError::TooLarge`] where an array does not fit a binding of the device; the links alone are cut into parts. An octree that the device does not hold
+    /// is left out where there are links in its place, and an error (of its order, [`GpuError::Limit`]) where there are none.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -162,10 +166,19 @@ impl SceneBuffers {
             queue,
             limit,
         };
-        let shape = SceneShape::new(scene);
+        let mut shape = SceneShape::new(scene);
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
+        let octree = scene
+            .fmm
+            .as_ref()
+            .map(|octree| GpuFmm::with_limit(device, queue, octree, senders as u32, limit));
+        let fmm = match octree {
+            Some(Err(_)) if shape.link_tiers > 0 => None,
+            other => other.transpose()?,
+        };
+        shape.octree = fmm.is_some();
         let order = row_order(&scene.operator.rows);
         let ordered: Vec<Row> = order
             .iter()
@@ -190,7 +203,7 @@ impl SceneBuffers {
             sending.push(sending[sending.len() - 1] + u32::from(u64::from(i) < senders));
         }
         let (mut tier_parts, mut sender_parts) = (Vec::new(), Vec::new());
-        for t in 1..=shape.tiers {
+        for t in 1..=shape.link_tiers {
             let used = ordered.partition_point(|row| row.tier <= t) as u32;
             let spans = parts.iter().map(|p| part_span(p, used));
             tier_parts.push(table.list(spans.clone()));
@@ -269,6 +282,7 @@ impl SceneBuffers {
             direct: None,
             differences,
             components,
+            fmm,
             values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
             probes,
             slots,
@@ -364,7 +378,9 @@ impl SceneBuffers {
                 .as_ref()
                 .map_or(Some(&self.values), |d| Some(&d[1])),
             Pass::Gather | Pass::Spread => self.bounces.as_ref().map(|b| &b.further),
-            Pass::Averages | Pass::Differences => Some(&self.values),
+            Pass::Averages | Pass::Differences | Pass::FmmEvaluate => Some(&self.values),
+            Pass::FmmUp => self.fmm.as_ref().map(|f| f.expansions()[0]),
+            Pass::FmmReceive => self.fmm.as_ref().map(|f| f.expansions()[1]),
             Pass::ProbeNodes | Pass::ProbeOver => self.probes.as_ref().map(|p| &p.values),
             // What is on the screen, or seen from a light, is not a scene's.
             _ => None,
@@ -421,6 +437,7 @@ impl SceneBuffers {
             .chain(self.direct.iter().map(|b| ("direct senders", b)))
             .chain(differences)
             .chain(components)
+            .chain(self.fmm.iter().flat_map(GpuFmm::named))
             .chain(self.probes.iter().flat_map(ProbeBuffers::named))
     }
 }

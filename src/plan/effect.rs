@@ -6,8 +6,8 @@
 //! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
-    BounceState, FrameState, LightId, Pass, Picked, Reason, SceneId, SceneState, Skip, SlotChange,
-    Stage, ViewId,
+    BounceState, FrameState, LightId, NoOctree, Pass, Picked, Reason, SceneId, SceneState, Skip,
+    SlotChange, Stage, ViewId,
 };
 use std::fmt;
 
@@ -96,6 +96,8 @@ pub struct Plan {
     pub resting: Vec<LightId>,
     /// The tiers of the operators that run, and why.
     pub tiers: Vec<(SceneId, Picked)>,
+    /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
+    pub linked: Vec<(SceneId, NoOctree)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
 }
@@ -203,6 +205,9 @@ impl fmt::Display for Plan {
         for (scene, picked) in &self.tiers {
             writeln!(f, "use  {scene} with {picked}")?;
         }
+        for (scene, why) in &self.linked {
+            writeln!(f, "use  {scene} with its links: {why}")?;
+        }
         for scene in &self.release {
             writeln!(f, "free {scene}")?;
         }
@@ -273,6 +278,9 @@ fn transport(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state) {
         if let Some(picked) = &scene.tier {
             plan.tiers.push((scene.id, picked.clone()));
+        }
+        if let Some(why) = scene.no_octree {
+            plan.linked.push((scene.id, why));
         }
         let of = |change| scene.slots.iter().filter(|s| **s == change).count();
         let reason = if !scene.resident {
@@ -692,6 +700,18 @@ mod tests {
             Plan::new(&state).find(Stage::ReadBack, A).unwrap().effect,
             "inspection"
         );
+    }
+
+    #[test]
+    fn a_plan_says_that_the_device_does_not_hold_an_octree() {
+        let mut state = at_rest();
+        assert!(Plan::new(&state).linked.is_empty());
+        let why = NoOctree::Order { have: 6, need: 9 };
+        state.scenes[0].no_octree = Some(why);
+        let plan = Plan::new(&state);
+        assert_eq!(plan.linked, [(A, why)]);
+        let said = plan.to_string();
+        assert!(said.contains("order is 9, the kernels take 6"), "{said}");
     }
 
     #[test]

@@ -25,6 +25,7 @@
 mod effect;
 mod lights;
 mod maps;
+mod octree;
 mod pass;
 mod quality;
 mod soft;
@@ -35,6 +36,7 @@ pub use lights::{
     SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
 };
 pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
+pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{

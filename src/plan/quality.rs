@@ -40,20 +40,20 @@ pub enum Quality {
 /// What is known of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TierChoice {
-    /// Links that a solve reads, those of the sweeps counted as often as they run.
+    /// Links that a solve reads, those of the sweeps counted as often as they run; for the octree of rule `fmm` as many as take as long, about.
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
     pub error: f32,
 }
 
 impl TierChoice {
-    /// The tiers of a bake, tier 1 first, for solves with so many sweeps.
+    /// The tiers of a bake, tier 1 first, for solves with so many sweeps. The octree of rule `fmm` stands above all links.
     #[must_use]
     pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
-        let mut work = vec![0u64; scene.operator.tiers() as usize];
+        let mut work = vec![0u64; scene.link_tiers() as usize];
         let senders = scene.senders();
         for (i, row) in scene.operator.rows.iter().enumerate() {
-            if row.tier > 0 {
+            if (1..=work.len() as u32).contains(&row.tier) {
                 let times = if i < senders {
                     1 + u64::from(sweeps)
                 } else {
@@ -62,13 +62,16 @@ impl TierChoice {
                 work[row.tier as usize - 1] += times * u64::from(row.count);
             }
         }
-        let mut sum = 0;
+        for t in 1..work.len() {
+            work[t] += work[t - 1];
+        }
+        let octree = scene.fmm.as_ref();
+        work.extend(octree.map(|octree| octree.work() * (1 + u64::from(sweeps))));
         (work.into_iter().enumerate())
             .map(|(t, work)| {
-                sum += work;
                 let info = scene.info.tiers.get(t);
                 Self {
-                    work: sum,
+                    work,
                     // Unknown is no promise.
                     error: info.map_or(f32::INFINITY, |tier| {
                         tier.estimated_nrmse + tier.estimated_nrmse_interval
@@ -241,7 +244,7 @@ impl Picker {
                         self.tier + 1,
                         self.predict(self.tier + 1, cost)
                     ),
-                    None => "all links".into(),
+                    None => "there is no higher one".into(),
                 };
                 format!("{cost:.2} ms a solve, {held} {budget} ms; {change}")
             }

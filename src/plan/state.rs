@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{Picked, Skip};
+use super::{NoOctree, Picked, Skip};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
@@ -89,6 +89,8 @@ pub struct SceneState {
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<Picked>,
+    /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
+    pub no_octree: Option<NoOctree>,
 }
 
 impl SceneState {
@@ -109,6 +111,7 @@ impl SceneState {
             probes: false,
             soft: SoftState::default(),
             tier: None,
+            no_octree: None,
         }
     }
 }

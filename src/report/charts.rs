@@ -32,8 +32,11 @@ const GROUPS: [(&str, &[Factor]); 7] = [
             Factor::Places,
         ],
     ),
-    ("several at once, tiers", &[Factor::Several, Factor::Tier]),
-    ("rays a point", &[Factor::Rays]),
+    (
+        "several at once, tiers, rays a point",
+        &[Factor::Several, Factor::Tier, Factor::Rays],
+    ),
+    ("rule fmm, an octree of points", &[Factor::RuleFmm]),
 ];
 
 /// A chart and the name of its file.
@@ -166,11 +169,12 @@ fn links(name: &str, rows: &[Row]) -> Chart {
         (Rule::Bounded, "rule bounded (the default)", 0),
         (Rule::L08, "rule l08, as published", 1),
         (Rule::Pca, "rule pca, bases of direct light", 2),
+        (Rule::Fmm, "rule fmm, entries of its lists", 3),
     ];
     let mut series = Vec::new();
     for (rule, title, look) in rules {
         let front = front(rows, rule);
-        if front.is_empty() && rule == Rule::Pca {
+        if front.is_empty() && matches!(rule, Rule::Pca | Rule::Fmm) {
             continue;
         }
         let points = rows

@@ -2,6 +2,7 @@
 
 use super::charts::Figure;
 use super::measure::Row;
+use super::octree::beside_octree;
 use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
@@ -58,6 +59,13 @@ pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize
         let _ = write!(
             out,
             "\n{mark} The default rule beside bases of direct light\n\n{bases}"
+        );
+    }
+    let octree = beside_octree(&report.rows);
+    if !octree.is_empty() {
+        let _ = write!(
+            out,
+            "\n{mark} The default rule beside an octree of points\n\n{octree}"
         );
     }
     let _ = write!(
@@ -168,7 +176,10 @@ fn factors(rows: &[Row]) -> String {
             .filter(|r| r.settings.factor == factor)
             .collect();
         // Not one thing alone is changed.
-        let alone = matches!(factor, Factor::RuleL08 | Factor::RulePca | Factor::Plain);
+        let alone = matches!(
+            factor,
+            Factor::RuleL08 | Factor::RulePca | Factor::RuleFmm | Factor::Plain
+        );
         if !alone && factor != Factor::Preset {
             all.push(base);
         }

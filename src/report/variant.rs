@@ -22,6 +22,8 @@ pub enum Factor {
     RuleL08,
     /// Bases of direct light, rule `pca`: vectors, clusters and threshold.
     RulePca,
+    /// An octree of points, rule `fmm`: order, leaves, sources, and which levels send.
+    RuleFmm,
     /// Points of all levels.
     Density,
     /// Levels of the hierarchy.
@@ -44,12 +46,13 @@ pub enum Factor {
 
 impl Factor {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Preset,
         Self::Epsilon,
         Self::Plain,
         Self::RuleL08,
         Self::RulePca,
+        Self::RuleFmm,
         Self::Density,
         Self::Levels,
         Self::Added,
@@ -70,6 +73,7 @@ impl Factor {
             Self::Plain => "threshold ε, no added levels",
             Self::RuleL08 => "rule l08, as published",
             Self::RulePca => "rule pca, bases of light",
+            Self::RuleFmm => "rule fmm, an octree of points",
             Self::Density => "density of points",
             Self::Levels => "levels",
             Self::Rays => "rays a point",
@@ -152,6 +156,10 @@ impl Variant {
         some(&mut out, "coefficients", r.coefficients);
         some(&mut out, "cluster_points", r.cluster_points);
         some(&mut out, "lamps", r.lamps);
+        some(&mut out, "order", r.order);
+        some(&mut out, "leaf", r.leaf);
+        some(&mut out, "sources", r.sources);
+        some(&mut out, "pair_rays", r.pair_rays);
         some(&mut out, "bounces", r.bounces);
         let mode = r.bounce_mode;
         some(
@@ -225,6 +233,25 @@ fn pca_preset(preset: Preset, cost: f64) -> Variant {
     };
     let name = format!("pca, {preset:?}").to_lowercase();
     Variant::new(Factor::RulePca, name, cost, recipe)
+}
+
+/// Rule `fmm` with as many levels that send as a preset has, or more, from so many places each.
+fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f64) -> Variant {
+    let recipe = Recipe {
+        preset,
+        rule: Rule::Fmm,
+        sender_levels,
+        sources,
+        ..Recipe::default()
+    };
+    let mut name = format!("fmm, {preset:?}").to_lowercase();
+    if let Some(levels) = sender_levels {
+        name += &format!(", {levels} levels");
+    }
+    if let Some(sources) = sources {
+        name += &format!(", {sources} sources");
+    }
+    Variant::new(Factor::RuleFmm, name, cost, recipe)
 }
 
 fn rays(count: u32) -> Variant {
@@ -302,6 +329,7 @@ pub fn quick(base: &Settings) -> Vec<Variant> {
     all.extend([
         l08(0.025, 1.0),
         pca_preset(Preset::Draft, 1.3),
+        fmm(Preset::Draft, None, None, 0.8),
         epsilon(0.1, 0.8),
         l08(0.005, 1.0),
         pca(10, 100, 1.3),
@@ -323,6 +351,10 @@ pub fn full(base: &Settings) -> Vec<Variant> {
     all.extend([0.1, 0.05, 0.025, 0.01, 0.004, 0.0015].map(|e| l08(e, 1.0)));
     all.extend([0.2, 0.1, 0.05, 0.02, 0.007, 0.0025].map(|e| plain(e, 0.8)));
     all.push(pca_preset(Preset::Draft, 1.3));
+    all.push(fmm(Preset::Draft, None, None, 0.8));
+    all.extend([1, 16].map(|k| fmm(Preset::Draft, None, Some(k), 0.8)));
+    all.push(fmm(Preset::Draft, Some(5), None, 1.0));
+    all.push(fmm(Preset::Medium, None, None, 4.0));
     all.extend([(3, 50), (10, 25), (20, 50), (10, 100), (30, 100)].map(|(k, n)| pca(k, n, 1.3)));
     all.extend([epsilon(0.1, 0.8), epsilon(0.05, 0.9), epsilon(0.015, 1.4)]);
     all.push(with(Factor::Preset, "medium", 15.0, Recipe::default()));

@@ -203,6 +203,36 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     out.hits = hits;
 }
 
+/// What receiver `i` at (`x`, `n`) sees where no light comes back: (1/π) ∫ ω dω over the directions that meet nothing, and the part along the normal that meets the back of a
+/// single-sided surface. By the rays that [`gather`] casts.
+#[must_use]
+pub fn look_out(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    n: Vec3,
+    i: usize,
+    rays: u32,
+    seed: u64,
+) -> (Vec3, f32) {
+    let (t, b) = tangents(n);
+    let start = x + n * geometry.lift(x);
+    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    let (mut sky, mut unlit, mut whole) = (Vec3::ZERO, 0.0, 0.0);
+    for k in 0..rays {
+        let (d, weight) = gather_direction(k, rays, shift);
+        whole += weight * d.z;
+        let direction = (t * d.x + b * d.y + n * d.z).normalize();
+        let ray = Ray::new(start, direction);
+        match geometry.cast(&ray) {
+            None => sky += direction * weight,
+            Some(hit) if !geometry.site(&ray, &hit).lit => unlit += weight * d.z,
+            Some(_) => {}
+        }
+    }
+    (sky / whole, unlit / whole)
+}
+
 /// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something: the yardstick for everything else.
 #[must_use]
 pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {

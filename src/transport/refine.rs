@@ -57,6 +57,19 @@ pub struct Refined {
     pub gather_share: f64,
 }
 
+impl Refined {
+    /// For so many points, none of which has a row, or knows of the sky.
+    #[must_use]
+    pub fn without_rows(points: usize) -> Self {
+        Self {
+            rows: vec![RawRow::default(); points],
+            sky: vec![Vec3::ZERO; points],
+            missed: vec![0.0; points],
+            ..Self::default()
+        }
+    }
+}
+
 /// What rule `bounded` may lose.
 #[derive(Clone, Copy, Debug)]
 pub struct BoundedSettings {

@@ -11,6 +11,7 @@ use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurfac
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use bevy_meshless_gi::transport::pca::{Column, Compression};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use by_hand::operator;
@@ -58,6 +59,8 @@ pub struct Make {
     /// Cells larger than the bake makes them, so that the grid has to be stored.
     pub own_grid: bool,
     pub triangles: usize,
+    /// An octree, with links beside it or in their place.
+    pub octree: Option<bool>,
 }
 
 /// One scene of each sort.
@@ -70,6 +73,7 @@ pub fn makes() -> Vec<Make> {
         bounces: false,
         own_grid: false,
         triangles: 3,
+        octree: None,
     };
     vec![
         plain,
@@ -104,6 +108,17 @@ pub fn makes() -> Vec<Make> {
         Make {
             seed: 6,
             form: SenderForm::Components,
+            ..plain
+        },
+        Make {
+            seed: 7,
+            levels: &[2, 24, 40],
+            octree: Some(false),
+            ..plain
+        },
+        Make {
+            seed: 8,
+            octree: Some(true),
             ..plain
         },
     ]
@@ -255,9 +270,11 @@ pub fn build(make: &Make) -> BakedScene {
         compression,
         ..operator(make.form, rows, &links)
     };
-    BakedScene {
+    let mut scene = BakedScene {
         visibility: None,
         probes: None,
+        fmm: None,
+        illumination: Vec::new(),
         bvh: Bvh {
             nodes: chain(triangles.len()),
             triangles,
@@ -278,7 +295,6 @@ pub fn build(make: &Make) -> BakedScene {
             bounds: [[-1.0; 3], [1.0; 3]],
             viewpoints: vec![[0.1, 0.2, 0.3]],
             bounces: 3,
-            tiers: TierInfo::of(&operator),
             ..BakeInfo::default()
         },
         operator,
@@ -287,7 +303,62 @@ pub fn build(make: &Make) -> BakedScene {
             planes,
             grid,
         },
+    };
+    if let Some(linked) = make.octree {
+        scene.fmm = Some(octree(&scene));
+        scene.illumination = scene
+            .points
+            .iter()
+            .map(|p| p.position.map(f32::abs))
+            .collect();
+        if !linked {
+            scene.operator.rows.fill(Row::default());
+            scene.operator.links.clear();
+        }
     }
+    scene.info.tiers = TierInfo::of(&scene);
+    scene
+}
+
+/// An octree whose four lists all have entries, over a place that has nothing to do with the scene: two walls that face each other, and a floor.
+fn octree(scene: &BakedScene) -> FmmOperator {
+    let r = &mut Random(99);
+    let (finest, senders) = (scene.finest_senders(), scene.senders());
+    let mut of = Vec::new();
+    let mut points = Vec::new();
+    let mut add = |i: usize, weight: f32| {
+        let (u, v) = (2.0 * r.unit() - 1.0, r.unit());
+        let (position, normal) = match i % 3 {
+            0 => (Vec3::new(-1.0, v, u), Vec3::X),
+            1 => (Vec3::new(1.0, v, u), Vec3::NEG_X),
+            _ => (Vec3::new(2.0 * v - 1.0, -0.1, u), Vec3::Y),
+        };
+        of.push(i as u32);
+        points.push(FmmPoint {
+            position,
+            normal,
+            weight,
+            receives: weight == 0.0,
+        });
+    };
+    for i in finest.clone().chain(finest.clone()).chain(finest) {
+        add(i, 0.05);
+    }
+    (0..senders).for_each(|i| add(i, 0.0));
+    let settings = FmmSettings {
+        order: 1,
+        leaf: 2,
+        separation: 0.8,
+        slack: 1.0,
+        ..FmmSettings::default()
+    };
+    let fmm = Fmm::new(&points, &settings, None).unwrap();
+    let mut operator = fmm.operator(|at| of[at as usize]);
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+        place.sky = scene.surfaces[place.point as usize].sky;
+        place.factor = 0.9;
+    }
+    operator
 }
 
 /// Clusters of three senders and what is left, with the constant vector and one more of length one each; the sky's column behind them.

@@ -21,6 +21,7 @@ pub fn recipe(rule: Rule, bounce_mode: BounceMode) -> Recipe {
         extra_levels: Some(0),
         bounces: Some(3),
         rule,
+        fallback: rule == Rule::Fmm,
         bounce_mode,
         ..Recipe::default()
     }

@@ -6,39 +6,73 @@ mod room;
 
 use super::compare::{Scale, differing};
 use super::harness;
+use bevy_meshless_gi::frame::VectorIrradiance;
 use bevy_meshless_gi::frame::fmm_down::fmm_down;
 use bevy_meshless_gi::frame::fmm_up::fmm_up;
-use bevy_meshless_gi::gpu::{GpuError, GpuFmm, Kernels, Pass};
+use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, Harness, Kernels, Pass};
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 use bevy_meshless_gi::transport::fmm::passes::Field;
-use bevy_meshless_gi::transport::fmm::{Fmm, FmmPoint, FmmSettings, Passes};
+use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 use glam::Vec3;
 
 /// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of roundings.
 const SUMS: f32 = 1e-4;
 
-/// S-expansions, R-expansions and irradiance of the twins.
-fn twin(fmm: &Fmm, radiosity: &[Vec3]) -> [Vec<f32>; 3] {
-    let field = Field::<f32>::new(
-        fmm.tree(),
-        fmm.lists(),
-        fmm.expansions(),
-        fmm.settings().disks,
-    );
-    let sorted: Vec<_> = fmm
-        .tree()
-        .order
-        .iter()
-        .map(|&i| radiosity[i as usize].extend(0.0).to_array())
-        .collect();
-    let mut passes = Passes::new(field);
-    fmm_up(&mut passes, &sorted);
-    fmm_down(&mut passes, &sorted);
+/// S-expansions, R-expansions and vector irradiance of the twins; `radiosity` ends with the sky's coefficient.
+fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
+    let mut passes = Passes::new(Field::of(operator));
+    let sky = radiosity.len() - 1;
+    let mut values = vec![VectorIrradiance::default(); sky];
+    fmm_up(&mut passes, radiosity);
+    fmm_down(&mut passes, operator, radiosity, sky, &mut values);
     [
         bytemuck::cast_slice(&passes.sources).to_vec(),
         bytemuck::cast_slice(&passes.locals).to_vec(),
-        bytemuck::cast_slice(&passes.irradiance).to_vec(),
+        bytemuck::cast_slice(&values).to_vec(),
     ]
+}
+
+/// A storage buffer with this in it.
+fn storage<T: bytemuck::NoUninit>(harness: &Harness, data: &[T]) -> wgpu::Buffer {
+    let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: size_of_val(data) as u64,
+        usage: wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_DST
+            | wgpu::BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    });
+    let bytes = bytemuck::cast_slice(data);
+    harness.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
+/// The same on the device, and how often each pass was recorded.
+fn device(
+    harness: &Harness,
+    kernels: &Kernels,
+    operator: &FmmOperator,
+    radiosity: &[[f32; 4]],
+) -> ([Vec<f32>; 3], GpuCounters) {
+    let points = radiosity.len() - 1;
+    let gpu = GpuFmm::new(&harness.device, &harness.queue, operator, points as u32).unwrap();
+    let light = storage(harness, radiosity);
+    let values = storage(harness, &vec![VectorIrradiance::default(); points]);
+    let mut counters = GpuCounters::default();
+    harness
+        .run(|encoder| {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            gpu.up(kernels, &mut pass, &mut counters, &light);
+            gpu.down(kernels, &mut pass, &mut counters, &light, &values);
+        })
+        .unwrap();
+    let terms = 12 * operator.terms() * operator.nodes.len();
+    let [s, r] = gpu.expansions();
+    let read = |buffer, count| harness.read::<f32>(buffer, count).unwrap();
+    (
+        [read(s, terms), read(r, terms), read(&values, 12 * points)],
+        counters,
+    )
 }
 
 fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
@@ -54,9 +88,18 @@ fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
             position: Vec3::new(0.3, 1.2, 0.4) + 0.3 * normal,
             normal,
             weight: 0.003,
+            receives: true,
         }
     }));
     points.extend([points[700]; 100]);
+    // Some only give light, some only receive.
+    for (i, p) in points.iter_mut().enumerate() {
+        match i % 5 {
+            0 => p.receives = false,
+            1 => p.weight = 0.0,
+            _ => {}
+        }
+    }
     let settings = FmmSettings {
         order,
         disks,
@@ -82,55 +125,67 @@ fn fmm_up_and_down() {
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     for (order, disks) in [(0, true), (3, false), (4, true), (6, true)] {
-        let (fmm, mut radiosity) = scene(order, disks);
-        let expected = twin(&fmm, &radiosity);
-        let mut gpu = GpuFmm::new(&kernels, &harness.queue, &fmm).unwrap();
-        gpu.set_radiosity(&harness.queue, &radiosity);
-        harness
-            .run(|encoder| {
-                gpu.up(&kernels, encoder);
-                gpu.down(&kernels, encoder);
-            })
-            .unwrap();
-        let found: Vec<Vec<f32>> = gpu
-            .outputs()
-            .into_iter()
-            .zip(&expected)
-            .map(|(buffer, e)| harness.read(buffer, e.len()).unwrap())
-            .collect();
-        // One point that is half as bright again is noticed in all three.
-        let at = fmm.tree().order[fmm.tree().points.len() / 2] as usize;
-        radiosity[at] *= 1.5;
-        let spoiled = twin(&fmm, &radiosity);
+        let (fmm, radiosity) = scene(order, disks);
+        let mut operator = fmm.operator(|at| at);
+        for place in &mut operator.places {
+            place.sky = [0.1, 0.02 * place.position[0], -0.1];
+            place.factor = 1.0 + 0.1 * place.position[1];
+        }
+        let sky = Vec3::new(0.5, 0.7, 0.9);
+        let light = radiosity.iter().chain([&sky]);
+        let mut light: Vec<[f32; 4]> = light.map(|b| b.extend(0.0).to_array()).collect();
+        let expected = twin(&operator, &light);
+        let (found, counters) = device(&harness, &kernels, &operator, &light);
+        // One point that is half as bright again is noticed in all three, and so is the sky in the last.
+        let lit = |p: &&bevy_meshless_gi::transport::fmm::FmmPlace| p.share > 0.0;
+        let mut sources = operator.places.iter().filter(lit);
+        let at = sources.nth(700).unwrap().point as usize;
+        let spoil = |light: &mut [[f32; 4]], at: usize| {
+            let b = &mut light[at];
+            *b = b.map(|b| 1.5 * b);
+        };
+        let mut dark = light.clone();
+        spoil(&mut dark, radiosity.len());
+        spoil(&mut light, at);
+        let spoiled = twin(&operator, &light);
         for (k, what) in ["S-expansions", "R-expansions", "irradiance"]
             .into_iter()
             .enumerate()
         {
-            let width = [12, 12, 4][k];
-            let off = differing(&found[k], &expected[k], width, SUMS, Scale::Rms);
+            let off = differing(&found[k], &expected[k], 12, SUMS, Scale::Rms);
             assert!(
                 off.is_empty(),
                 "order {order}, {what}: {} of {} differ, first {:?} and not {:?}",
                 off.len(),
-                expected[k].len() / width,
-                &found[k][off[0] * width..][..width],
-                &expected[k][off[0] * width..][..width]
+                expected[k].len() / 12,
+                &found[k][off[0] * 12..][..12],
+                &expected[k][off[0] * 12..][..12]
             );
-            let off = differing(&found[k], &spoiled[k], width, SUMS, Scale::Rms);
+            let off = differing(&found[k], &spoiled[k], 12, SUMS, Scale::Rms);
             assert!(!off.is_empty(), "{what}: a brighter point is not noticed");
         }
-        let levels = fmm.tree().levels() as u64;
-        let counters = gpu.counters();
+        let off = differing(&found[2], &twin(&operator, &dark)[2], 12, SUMS, Scale::Rms);
+        assert!(!off.is_empty(), "a brighter sky is not noticed");
+        let levels = operator.levels() as u64;
         let counts = [Pass::FmmUp, Pass::FmmReceive, Pass::FmmEvaluate].map(|p| counters.of(p));
         assert_eq!(counts, [levels, levels, 1]);
-        // In the order of the points, and against the bake's own numbers.
-        let irradiance: Vec<[f32; 4]> = bytemuck::cast_slice(&found[2]).to_vec();
-        let e = gpu.sorted(&irradiance, radiosity.len());
-        radiosity[at] /= 1.5;
+        // Against the bake's own numbers.
         let (wide, _) = fmm.irradiance(&radiosity).unwrap();
-        let narrow: Vec<f32> = e.iter().flat_map(|e| e.to_array()).collect();
-        let wide: Vec<f32> = wide.iter().flat_map(|e| e.to_array()).collect();
-        assert!(differing(&narrow, &wide, 3, 1e-3, Scale::Rms).is_empty());
+        let plain = fmm.operator(|at| at);
+        let narrow = radiosity.iter().chain([&sky]);
+        let narrow: Vec<[f32; 4]> = narrow.map(|b| b.extend(0.0).to_array()).collect();
+        let ([_, _, vectors], _) = device(&harness, &kernels, &plain, &narrow);
+        let vectors: &[VectorIrradiance] = bytemuck::cast_slice(&vectors);
+        let mut pairs = [Vec::new(), Vec::new()];
+        for place in &plain.places {
+            let i = place.point as usize;
+            let e = vectors[i]
+                .dot(Vec3::from_array(place.normal))
+                .max(Vec3::ZERO);
+            pairs[0].extend(e.to_array());
+            pairs[1].extend(wide[i].to_array());
+        }
+        assert!(differing(&pairs[0], &pairs[1], 3, 1e-3, Scale::Rms).is_empty());
     }
 }
 
@@ -138,12 +193,14 @@ fn fmm_up_and_down() {
 fn an_order_too_high_and_nothing_at_all() {
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
-    let settings = FmmSettings {
-        order: 7,
-        ..FmmSettings::default()
+    let empty = |order| {
+        let settings = FmmSettings {
+            order,
+            ..FmmSettings::default()
+        };
+        Fmm::new(&[], &settings, None).unwrap().operator(|at| at)
     };
-    let fmm = Fmm::new(&[], &settings, None).unwrap();
-    let error = GpuFmm::new(&kernels, &harness.queue, &fmm).unwrap_err();
+    let error = GpuFmm::new(&harness.device, &harness.queue, &empty(7), 0).unwrap_err();
     assert!(matches!(
         error,
         GpuError::Limit {
@@ -152,13 +209,16 @@ fn an_order_too_high_and_nothing_at_all() {
             ..
         }
     ));
-    let fmm = Fmm::new(&[], &FmmSettings::default(), None).unwrap();
-    let mut gpu = GpuFmm::new(&kernels, &harness.queue, &fmm).unwrap();
+    let gpu = GpuFmm::new(&harness.device, &harness.queue, &empty(4), 0).unwrap();
+    let buffer = storage(&harness, &[[0.0f32; 4]]);
+    let values = storage(&harness, &[VectorIrradiance::default()]);
+    let mut counters = GpuCounters::default();
     harness
         .run(|encoder| {
-            gpu.up(&kernels, encoder);
-            gpu.down(&kernels, encoder);
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            gpu.up(&kernels, &mut pass, &mut counters, &buffer);
+            gpu.down(&kernels, &mut pass, &mut counters, &buffer, &values);
         })
         .unwrap();
-    assert!(gpu.sorted(&[], 0).is_empty());
+    assert_eq!(counters.total(), 0);
 }

@@ -190,6 +190,8 @@ pub fn scene(form: SenderForm) -> BakedScene {
         },
         visibility: None,
         probes: None,
+        fmm: None,
+        illumination: Vec::new(),
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,

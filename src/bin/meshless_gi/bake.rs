@@ -64,7 +64,7 @@ struct Options {
     /// Diffuse reflections, 1 to 64.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     bounces: Option<u32>,
-    /// Which links are kept [bounded, l08, pca; bounded if left out].
+    /// What carries light [bounded, l08, pca, fmm; bounded if left out].
     #[arg(long, hide_possible_values = true, value_parser = rule())]
     rule: Option<Rule>,
     /// Rule pca: vectors of a cluster's basis of direct light, 1 to 1000 (10 if left out).
@@ -76,6 +76,21 @@ struct Options {
     /// Rule pca: example lamps that the bases are made from (1000 if left out).
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     lamps: Option<u32>,
+    /// Rule fmm: order of the expansions, 0 to 16 (4 if left out; kernels take 6 at most).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    order: Option<u32>,
+    /// Rule fmm: most points of a leaf of the octree, 1 to 4096 (24 if left out).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    leaf: Option<u32>,
+    /// Rule fmm: places that each sender shines from, 1 to 64 (4 if left out).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    sources: Option<u32>,
+    /// Rule fmm: rays that decide what two nodes see of each other, 1 to 4096 (16 if left out).
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    pair_rays: Option<u32>,
+    /// Rule fmm: bake the links of rule bounded too, for devices and frames that do not hold the octree.
+    #[arg(long)]
+    fallback: bool,
     /// Threshold of the rule, 0 to 1.
     #[arg(long, value_name = "E", allow_hyphen_values = true)]
     epsilon: Option<f32>,
@@ -134,9 +149,10 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
 }
 
 fn rule() -> impl TypedValueParser<Value = Rule> {
-    PossibleValuesParser::new(["bounded", "l08", "pca"]).map(|word| match word.as_str() {
+    PossibleValuesParser::new(["bounded", "l08", "pca", "fmm"]).map(|word| match word.as_str() {
         "l08" => Rule::L08,
         "pca" => Rule::Pca,
+        "fmm" => Rule::Fmm,
         _ => Rule::Bounded,
     })
 }
@@ -183,6 +199,11 @@ impl Options {
         over(&mut recipe.coefficients, self.coefficients);
         over(&mut recipe.cluster_points, self.cluster_points);
         over(&mut recipe.lamps, self.lamps);
+        over(&mut recipe.order, self.order);
+        over(&mut recipe.leaf, self.leaf);
+        over(&mut recipe.sources, self.sources);
+        over(&mut recipe.pair_rays, self.pair_rays);
+        recipe.fallback |= self.fallback;
         over(&mut recipe.epsilon, self.epsilon);
         over(&mut recipe.max_error, self.max_error);
     }

@@ -48,7 +48,7 @@ fn bounces(text: &str) -> Result<Bounces, String> {
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let baked = BakedScene::read(&args.bake, &Limits::default())
         .map_err(|why| ToolError::asset(&args.bake, &why))?;
-    let tiers = baked.operator.tiers();
+    let tiers = baked.tiers();
     if let Some(tier) = args.tier
         && !(1..=tiers).contains(&tier)
     {
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 }
 
 /// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it may be missing.
-fn geometry(
+pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,
 ) -> Result<Vec<TriangleMesh>, ToolError> {

@@ -55,7 +55,7 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
                 "rows": tier.rows,
                 "links": tier.links,
                 "bytes": tier.bytes(),
-                "share": share(scene, tier),
+                "share": share(scene, tier, number),
                 "estimated_nrmse": tier.estimated_nrmse,
                 "estimated_nrmse_interval": tier.estimated_nrmse_interval,
             })
@@ -64,8 +64,12 @@ fn tiers(scene: &BakedScene) -> serde_json::Value {
 }
 
 /// A tier's links as a share of all.
-fn share(scene: &BakedScene, tier: &TierInfo) -> f64 {
-    tier.links as f64 / scene.operator.links.len().max(1) as f64
+fn share(scene: &BakedScene, tier: &TierInfo, number: u32) -> f64 {
+    // The octree has no links; it is all of what is above them.
+    match number > scene.link_tiers() {
+        true => 1.0,
+        false => tier.links as f64 / scene.operator.links.len().max(1) as f64,
+    }
 }
 
 fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> String {
@@ -125,6 +129,27 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
                     output::count(stats.clusters),
                     output::count(stats.column_values)
                 ),
+            },
+        )
+        .row(
+            "octree",
+            match &scene.fmm {
+                None => "none".into(),
+                Some(octree) => format!(
+                    "order {}, {} places in {} nodes, {} entries, {}",
+                    octree.order,
+                    output::count(stats.fmm_places),
+                    output::count(stats.fmm_nodes),
+                    output::count(stats.fmm_entries),
+                    output::bytes(stats.fmm_bytes)
+                ),
+            },
+        )
+        .row(
+            "illumination",
+            match scene.illumination.is_empty() {
+                true => "none".into(),
+                false => format!("{} points", output::count(scene.illumination.len() as u64)),
             },
         )
         .row(
@@ -214,7 +239,7 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
                 output::count(tier.rows),
                 output::count(tier.links),
                 output::bytes(tier.bytes()),
-                100.0 * share(scene, tier),
+                100.0 * share(scene, tier, number),
                 output::error(
                     f64::from(tier.estimated_nrmse),
                     f64::from(tier.estimated_nrmse_interval)

@@ -7,6 +7,7 @@ mod bake;
 mod demo;
 mod error;
 mod eval;
+mod illuminate;
 mod inspect;
 mod output;
 mod picture;
@@ -40,6 +41,8 @@ enum Command {
     Bake(bake::Args),
     /// Direct and indirect irradiance at given points, by the way that a frame takes.
     Eval(eval::Args),
+    /// The light at every point of a bake or of a cloud, as a point cloud with the light as colour.
+    Illuminate(illuminate::Args),
     /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
     Demo(demo::Args),
     /// What accuracy costs in time: bakes a level by many recipes and says what to choose.
@@ -65,6 +68,7 @@ fn main() -> ExitCode {
         Command::Bake(args) => bake::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Illuminate(args) => illuminate::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Scatter(args) => scatter::run(&args),

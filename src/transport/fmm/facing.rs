@@ -54,12 +54,12 @@ pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
     if front { Facing::Front } else { Facing::Mixed }
 }
 
-/// True where light goes between at least two points of the nodes.
+/// True where light goes from at least one point of leaf `b` to one of leaf `a`.
 #[must_use]
 pub fn any_light(tree: &Tree, a: usize, b: usize) -> bool {
     let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
-    tree.points[na.points()].iter().any(|x| {
-        tree.points[nb.points()].iter().any(|y| {
+    tree.points[na.receiver_range()].iter().any(|x| {
+        tree.points[nb.source_range()].iter().any(|y| {
             let r: DVec3 = x.position - y.position;
             y.normal.dot(r) > 0.0 && x.normal.dot(r) < 0.0
         })
@@ -82,6 +82,7 @@ mod tests {
                 position: turn * p,
                 normal: turn * u.cross(v),
                 weight: 0.01,
+                receives: true,
             });
         }
     }
@@ -131,6 +132,7 @@ mod tests {
                     position: v,
                     normal: -v,
                     weight: 0.01,
+                    receives: true,
                 }
             })
             .collect();

@@ -9,18 +9,20 @@
 //!
 //! \[G08\] §2.5 finds them by neighbourhood of cells. Here pairs of nodes are divided from the root down until a list takes them, which serves nodes of all sizes and directions: two nodes
 //! meet by expansions where they are well separated, all of whose points face each other ([`super::facing`]) and see each other ([`super::visibility`]); of the lists
-//! that are allowed, the cheapest. Every pair of points is in one list exactly, or exchanges no light.
+//! that are allowed, the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no light.
 
 use super::facing::{Facing, any_light, facing, surely_away};
 use super::settings::FmmSettings;
 use super::terms::count;
 use super::tree::{COINCIDENT, Tree, TreeNode};
 use super::visibility::Visibility;
+use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// A source of a node.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A source of a node. 8 bytes, `FmmEntry` in the shaders.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Entry {
     /// The source's node.
     pub source: u32,
@@ -53,11 +55,7 @@ impl List {
             starts[i + 1] += starts[i];
         }
         let mut next = starts.clone();
-        let nothing = Entry {
-            source: 0,
-            weight: 0.0,
-        };
-        let mut entries = vec![nothing; starts[nodes] as usize];
+        let mut entries = vec![Entry::default(); starts[nodes] as usize];
         for (receiver, entry) in found {
             let at = &mut next[receiver as usize];
             entries[*at as usize] = entry;
@@ -204,6 +202,9 @@ impl Search<'_> {
     fn step(&self, (t, s): Pair, out: &mut Found, below: &mut Vec<Pair>) {
         let tree = self.tree;
         let (nt, ns) = (&tree.nodes[t as usize], &tree.nodes[s as usize]);
+        if nt.receivers == 0 || ns.sources == 0 {
+            return;
+        }
         out.counts.visited += 1;
         let distance = nt.center.distance(ns.center);
         // One place exchanges no light with itself, and a node that faces one way none with its own plane.
@@ -248,7 +249,7 @@ impl Search<'_> {
     /// The cheapest list that may take the pair, as far as distances tell.
     fn cheapest(&self, nt: &TreeNode, ns: &TreeNode, distance: f64) -> Option<Kind> {
         let limit = f64::from(self.settings.separation);
-        let (lt, ls) = (nt.len() as f64, ns.len() as f64);
+        let (lt, ls) = (f64::from(nt.receivers), f64::from(ns.sources));
         let apart = nt.radius + ns.radius <= limit * distance;
         let beside = |center: DVec3, radius: f64, n: &TreeNode| {
             let gap = center.distance(center.clamp(n.min, n.max));
@@ -298,8 +299,9 @@ impl Search<'_> {
             weight = part;
         }
         if kind == Kind::Near {
-            let len = |n: u32| self.tree.nodes[n as usize].len() as u64;
-            out.counts.point_pairs += len(t) * len(s);
+            let nodes = &self.tree.nodes;
+            out.counts.point_pairs +=
+                u64::from(nodes[t as usize].receivers) * u64::from(nodes[s as usize].sources);
         }
         let entry = Entry { source: s, weight };
         out.entries.push((kind, t, entry));

@@ -11,6 +11,7 @@
 //! | [`lists`] | the four interaction lists |
 //! | [`passes`] | upward and downward, node by node, in either precision |
 //! | `solve` | the solver |
+//! | `operator` | the octree as a bake stores it |
 //! | [`direct()`] | the sum over all pairs that it stands in for |
 //!
 //! Where this leaves \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector a term for source and receiver matrices; nodes that face one way, so that the kernel's
@@ -21,6 +22,7 @@ pub mod expansion;
 pub mod facing;
 pub mod harmonics;
 pub mod lists;
+mod operator;
 pub mod passes;
 pub mod real;
 mod settings;
@@ -31,5 +33,6 @@ pub mod tree;
 pub mod visibility;
 
 pub use direct::direct;
+pub use operator::{FmmNode, FmmOperator, FmmPlace};
 pub use settings::{FmmError, FmmPoint, FmmSettings, check_points};
 pub use solve::{Fmm, FmmSolution, PassTimes, Passes};

@@ -9,9 +9,12 @@
 //! | down | [`Field::evaluate`] | §3.1.4 to §3.1.6: R-expansion, near list, multipole list, at every point |
 
 use super::expansion::{Expansions, Scratch, Term};
-use super::lists::{List, Lists};
+use super::lists::{Entry, Lists};
+use super::operator::{FmmNode, FmmOperator};
 use super::real::Real;
 use super::tree::{COINCIDENT, Tree};
+use std::borrow::Cow;
+use std::ops::Range;
 
 /// A point as the passes need it, in units of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,23 +23,29 @@ pub struct FieldPoint<T> {
     pub position: [T; 3],
     /// Unit normal.
     pub normal: [T; 3],
-    /// Weight over π.
+    /// Weight over π; nothing where it gives no light.
     pub share: T,
+    /// Which radiosity is its own.
+    pub point: u32,
 }
 
 /// Everything that does not change from one solve to the next.
 #[derive(Clone, Debug)]
 pub struct Field<'a, T> {
-    /// Nodes.
-    pub tree: &'a Tree,
-    /// Lists.
-    pub lists: &'a Lists,
+    /// Nodes: their points, kin and lists.
+    pub nodes: Cow<'a, [FmmNode]>,
+    /// First node of each level, and one past the last node.
+    pub level_starts: &'a [u32],
+    /// What the lists of the nodes hold.
+    pub entries: Cow<'a, [Entry]>,
     /// Tables.
-    pub expansions: &'a Expansions,
+    pub expansions: Cow<'a, Expansions>,
     /// Points in the tree's order.
     pub points: Vec<FieldPoint<T>>,
     /// Sources near by are disks.
     pub disks: bool,
+    /// Centre of each node's expansions, and their unit of length.
+    centers: Vec<([T; 3], T)>,
 }
 
 fn minus<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
@@ -51,27 +60,54 @@ fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// n·F in each colour.
-fn facing<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
-    std::array::from_fn(|c| n[0] * f[0][c] + n[1] * f[1][c] + n[2] * f[2][c])
-}
-
 impl<'a, T: Real> Field<'a, T> {
-    /// Of a tree and its lists.
+    /// Of a tree and its lists. Point i of the tree's input has the radiosity i.
     #[must_use]
-    pub fn new(tree: &'a Tree, lists: &'a Lists, expansions: &'a Expansions, disks: bool) -> Self {
-        let narrow = |v: glam::DVec3| v.to_array().map(T::of);
-        let points = tree.points.iter().map(|p| FieldPoint {
+    pub fn new(tree: &'a Tree, lists: &Lists, expansions: &'a Expansions, disks: bool) -> Self {
+        let order = expansions.terms.order();
+        let operator = FmmOperator::new(tree, lists, order, disks, |at| at);
+        let wide = |v: glam::DVec3| v.to_array().map(T::of);
+        let points = tree
+            .points
+            .iter()
+            .zip(&tree.order)
+            .map(|(p, &at)| FieldPoint {
+                position: wide(p.position),
+                normal: wide(p.normal),
+                share: T::of(p.weight / core::f64::consts::PI),
+                point: at,
+            });
+        let centers = tree.nodes.iter().map(|n| (wide(n.center), T::of(n.size)));
+        Self {
+            centers: centers.collect(),
+            points: points.collect(),
+            nodes: operator.nodes.into(),
+            level_starts: &tree.level_starts,
+            entries: operator.entries.into(),
+            expansions: Cow::Borrowed(expansions),
+            disks,
+        }
+    }
+
+    /// Of an octree in the arrays that a bake stores.
+    #[must_use]
+    pub fn of(operator: &'a FmmOperator) -> Self {
+        let narrow = |v: [f32; 3]| v.map(|c| T::of(c.into()));
+        let points = operator.places.iter().map(|p| FieldPoint {
             position: narrow(p.position),
             normal: narrow(p.normal),
-            share: T::of(p.weight / core::f64::consts::PI),
+            share: T::of(p.share.into()),
+            point: p.point,
         });
+        let centers = (operator.nodes.iter()).map(|n| (narrow(n.center), T::of(n.size.into())));
         Self {
-            tree,
-            lists,
-            expansions,
+            centers: centers.collect(),
             points: points.collect(),
-            disks,
+            nodes: Cow::Borrowed(&operator.nodes),
+            level_starts: &operator.level_starts,
+            entries: Cow::Borrowed(&operator.entries),
+            expansions: Cow::Owned(operator.expansions()),
+            disks: operator.disks,
         }
     }
 
@@ -81,19 +117,36 @@ impl<'a, T: Real> Field<'a, T> {
         self.expansions.terms.len()
     }
 
+    /// How many levels of nodes there are.
+    #[must_use]
+    pub fn levels(&self) -> usize {
+        self.level_starts.len().saturating_sub(1)
+    }
+
+    /// The nodes of a level.
+    #[must_use]
+    pub fn level(&self, l: usize) -> Range<usize> {
+        self.level_starts[l] as usize..self.level_starts[l + 1] as usize
+    }
+
     fn center(&self, node: usize) -> [T; 3] {
-        self.tree.nodes[node].center.to_array().map(T::of)
+        self.centers[node].0
     }
 
     fn size(&self, node: usize) -> T {
-        T::of(self.tree.nodes[node].size)
+        self.centers[node].1
+    }
+
+    fn list(&self, node: usize, which: usize) -> &[Entry] {
+        &self.entries[self.nodes[node].lists()[which].clone()]
     }
 
     /// −w B / π n of a point: its radiosity as a source.
-    fn source(&self, point: usize, radiosity: [T; 4]) -> Term<T> {
+    fn source(&self, point: usize, radiosity: &[[T; 4]]) -> Term<T> {
         let p = &self.points[point];
         let q = T::default() - p.share;
-        p.normal.map(|n| radiosity.map(|b| q * n * b))
+        let b = radiosity[p.point as usize];
+        p.normal.map(|n| b.map(|b| q * n * b))
     }
 
     /// The S-expansion of a leaf, from nothing.
@@ -106,9 +159,9 @@ impl<'a, T: Real> Field<'a, T> {
     ) {
         out.fill(Term::default());
         let (center, inverse) = (self.center(node), self.size(node).reciprocal());
-        for i in self.tree.nodes[node].points() {
+        for i in self.nodes[node].source_range() {
             let v = times(minus(center, self.points[i].position), inverse);
-            let source = self.source(i, radiosity[i]);
+            let source = self.source(i, radiosity);
             self.expansions.source(v, &source, scratch, out);
         }
     }
@@ -125,7 +178,7 @@ impl<'a, T: Real> Field<'a, T> {
         out.fill(Term::default());
         let n = self.terms();
         let (center, inverse) = (self.center(node), self.size(node).reciprocal());
-        for c in self.tree.nodes[node].child_range() {
+        for c in self.nodes[node].child_range() {
             let v = times(minus(center, self.center(c)), inverse);
             let child = &below[(c - first) * n..(c - first + 1) * n];
             let ratio = self.size(c) * inverse;
@@ -146,7 +199,7 @@ impl<'a, T: Real> Field<'a, T> {
         out.fill(Term::default());
         let n = self.terms();
         let (center, size) = (self.center(node), self.size(node));
-        for entry in self.lists.far.of(node) {
+        for entry in self.list(node, 0) {
             let s = entry.source as usize;
             let r = minus(center, self.center(s));
             let sizes = [self.size(s), size];
@@ -155,17 +208,17 @@ impl<'a, T: Real> Field<'a, T> {
             self.expansions
                 .s_to_r(r, sizes, weight, source, scratch, out);
         }
-        for entry in self.lists.local.of(node) {
+        for entry in self.list(node, 1) {
             let weight = T::of(f64::from(entry.weight));
-            for i in self.tree.nodes[entry.source as usize].points() {
+            for i in self.nodes[entry.source as usize].source_range() {
                 let r = minus(center, self.points[i].position);
-                let source = self.source(i, radiosity[i]);
+                let source = self.source(i, radiosity);
                 self.expansions
                     .point_to_r(r, size, weight, &source, scratch, out);
             }
         }
         if let Some(parent) = parent {
-            let of = self.tree.nodes[node].parent as usize;
+            let of = self.nodes[node].parent as usize;
             let inverse = self.size(of).reciprocal();
             let v = times(minus(center, self.center(of)), inverse);
             self.expansions
@@ -173,7 +226,8 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// Irradiance at the points of a leaf, W/m², not below zero. `local` is its R-expansion, `sources` are all S-expansions.
+    /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what arrives there, but for the slack's band. `local` is the leaf's
+    /// R-expansion, `sources` are all S-expansions.
     pub fn evaluate(
         &self,
         node: usize,
@@ -181,60 +235,65 @@ impl<'a, T: Real> Field<'a, T> {
         local: &[Term<T>],
         radiosity: &[[T; 4]],
         scratch: &mut Scratch<T>,
-        out: &mut [[T; 4]],
+        out: &mut [Term<T>],
     ) {
         let n = self.terms();
         let (center, inverse) = (self.center(node), self.size(node).reciprocal());
-        let range = self.tree.nodes[node].points();
+        let range = self.nodes[node].receiver_range();
         for (x, e) in self.points[range].iter().zip(out) {
             let v = times(minus(x.position, center), inverse);
-            *e = facing(x.normal, &self.expansions.r_at(v, local, scratch));
-            for entry in self.lists.multipole.of(node) {
+            *e = self.expansions.r_at(v, local, scratch);
+            for entry in self.list(node, 2) {
                 let s = entry.source as usize;
                 let r = minus(x.position, self.center(s));
                 let source = &sources[s * n..(s + 1) * n];
                 let f = self.expansions.s_at(r, self.size(s), source, scratch);
-                add(e, T::of(f64::from(entry.weight)), facing(x.normal, &f));
+                add(e, T::of(f64::from(entry.weight)), &f);
             }
-            self.near(x, &self.lists.near, node, radiosity, e);
-            for c in e {
-                // A comparison that takes NaN to zero too; there is none in a test.
-                *c = if *c > T::default() { *c } else { T::default() };
+            for entry in self.list(node, 3) {
+                let near = self.near(x, entry.source as usize, radiosity);
+                add(e, T::of(f64::from(entry.weight)), &near);
             }
         }
     }
 
     /// The near list: \[G08\] Eq. (4) with max(0, ·), between points.
-    fn near(
-        &self,
-        x: &FieldPoint<T>,
-        near: &List,
-        node: usize,
-        radiosity: &[[T; 4]],
-        e: &mut [T; 4],
-    ) {
+    fn near(&self, x: &FieldPoint<T>, leaf: usize, radiosity: &[[T; 4]]) -> Term<T> {
         let zero = T::default();
         let nearest = T::of(COINCIDENT * COINCIDENT);
-        for entry in near.of(node) {
-            let mut sum = [zero; 4];
-            for i in self.tree.nodes[entry.source as usize].points() {
-                let y = &self.points[i];
-                let r = minus(x.position, y.position);
-                let (out, into) = (dot(y.normal, r), zero - dot(x.normal, r));
-                let square = dot(r, r);
-                if out > zero && into > zero && square > nearest {
-                    let spread = if self.disks { square + y.share } else { square };
-                    let k = y.share * out * into * (square * spread).reciprocal();
-                    add(&mut sum, k, radiosity[i]);
+        let mut sum = Term::default();
+        for y in &self.points[self.nodes[leaf].source_range()] {
+            let r = minus(x.position, y.position);
+            let (out, into) = (dot(y.normal, r), zero - dot(x.normal, r));
+            let square = dot(r, r);
+            if out > zero && into > zero && square > nearest {
+                let spread = if self.disks { square + y.share } else { square };
+                let k = zero - y.share * out * (square * spread).reciprocal();
+                let b = radiosity[y.point as usize];
+                for (sum, r) in sum.iter_mut().zip(r) {
+                    for (sum, b) in sum.iter_mut().zip(b) {
+                        *sum += k * r * b;
+                    }
                 }
             }
-            add(e, T::of(f64::from(entry.weight)), sum);
+        }
+        sum
+    }
+}
+
+fn add<T: Real>(out: &mut Term<T>, factor: T, value: &Term<T>) {
+    for (out, value) in out.iter_mut().zip(value) {
+        for (out, value) in out.iter_mut().zip(value) {
+            *out += factor * *value;
         }
     }
 }
 
-fn add<T: Real>(out: &mut [T; 4], factor: T, value: [T; 4]) {
-    for c in 0..4 {
-        out[c] += factor * value[c];
-    }
+/// n·F in each colour, not below zero, nor NaN.
+#[must_use]
+pub fn along<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
+    std::array::from_fn(|c| {
+        let e = n[0] * f[0][c] + n[1] * f[1][c] + n[2] * f[2][c];
+        if e > T::default() { e } else { T::default() }
+    })
 }

@@ -10,8 +10,10 @@ pub struct FmmPoint {
     pub position: Vec3,
     /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets light.
     pub normal: Vec3,
-    /// The surface that the point stands for, m².
+    /// The surface that the point stands for, m²; a point of none gives no light.
     pub weight: f32,
+    /// False: the point gives light, and nobody asks what arrives there.
+    pub receives: bool,
 }
 
 /// How exact, and at what cost.
@@ -161,6 +163,7 @@ mod tests {
             position: Vec3::ONE,
             normal: Vec3::Z,
             weight: 1.0,
+            receives: true,
         };
         assert_eq!(check_points(&[good, good]), Ok(()));
         let bad = [

@@ -5,7 +5,8 @@
 
 use super::expansion::{Expansions, Scratch, Term};
 use super::lists::{Lists, lists};
-use super::passes::Field;
+use super::operator::FmmOperator;
+use super::passes::{Field, along};
 use super::real::Real;
 use super::settings::{FmmError, FmmPoint, FmmSettings, check_points};
 use super::tree::{Tree, TreePoint};
@@ -105,6 +106,13 @@ impl Fmm {
         &self.expansions
     }
 
+    /// The arrays that a bake stores; `point` says whose radiosity each point of the input sends, and where what it receives goes.
+    #[must_use]
+    pub fn operator(&self, point: impl Fn(u32) -> u32) -> FmmOperator {
+        let FmmSettings { order, disks, .. } = self.settings;
+        FmmOperator::new(&self.tree, &self.lists, order, disks, point)
+    }
+
     /// How it was made.
     #[must_use]
     pub fn settings(&self) -> &FmmSettings {
@@ -151,20 +159,13 @@ impl Fmm {
     }
 
     fn through(&self, passes: &mut Passes<'_, f64>, radiosity: &[Vec3]) -> (Vec<Vec3>, PassTimes) {
-        let sorted: Vec<_> = self
-            .tree
-            .order
-            .iter()
-            .map(|&i| {
-                let b = radiosity[i as usize].as_dvec3();
-                [b.x, b.y, b.z, 0.0]
-            })
-            .collect();
-        let times = passes.run(&sorted);
+        let wide = |b: &Vec3| b.as_dvec3().extend(0.0).to_array();
+        let radiosity: Vec<_> = radiosity.iter().map(wide).collect();
+        let times = passes.run(&radiosity);
         let mut out = vec![Vec3::ZERO; self.points];
-        for (e, &i) in passes.irradiance.iter().zip(&self.tree.order) {
-            let most = f64::from(f32::MAX);
-            out[i as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(most) as f32));
+        for (f, p) in passes.values.iter().zip(&passes.field.points) {
+            let (e, most) = (along(p.normal, f), f64::from(f32::MAX));
+            out[p.point as usize] = Vec3::from_array([0, 1, 2].map(|c| e[c].min(most) as f32));
         }
         (out, times)
     }
@@ -229,29 +230,39 @@ impl Fmm {
 
 /// The buffers of the passes, used again and again.
 pub struct Passes<'a, T> {
-    field: Field<'a, T>,
+    /// What the passes run over.
+    pub field: Field<'a, T>,
     /// S-expansions, node after node.
     pub sources: Vec<Term<T>>,
     /// R-expansions.
     pub locals: Vec<Term<T>>,
-    /// Irradiance in the tree's order.
-    pub irradiance: Vec<[T; 4]>,
+    /// Vector irradiance at the receivers in the tree's order, W/m²; nothing at the others.
+    pub values: Vec<Term<T>>,
+    /// The leaves that receive, by their points.
+    leaves: Vec<usize>,
 }
 
 impl<'a, T: Real> Passes<'a, T> {
     /// With room for all expansions.
     #[must_use]
     pub fn new(field: Field<'a, T>) -> Self {
-        let terms = field.terms() * field.tree.nodes.len();
+        let terms = field.terms() * field.nodes.len();
+        let receives = |&i: &usize| {
+            let node = &field.nodes[i];
+            node.is_leaf() && !node.receiver_range().is_empty()
+        };
+        let mut leaves: Vec<_> = (0..field.nodes.len()).filter(receives).collect();
+        leaves.sort_by_key(|&i| field.nodes[i].start);
         Self {
             sources: vec![Term::default(); terms],
             locals: vec![Term::default(); terms],
-            irradiance: vec![[T::default(); 4]; field.points.len()],
+            values: vec![Term::default(); field.points.len()],
+            leaves,
             field,
         }
     }
 
-    /// Both passes for radiosities in the tree's order.
+    /// Both passes, for the radiosity of every point in the order of the tree's input.
     pub fn run(&mut self, radiosity: &[[T; 4]]) -> PassTimes {
         let start = Instant::now();
         self.up(radiosity);
@@ -265,8 +276,8 @@ impl<'a, T: Real> Passes<'a, T> {
     /// The upward pass.
     pub fn up(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
-        for l in (0..field.tree.levels()).rev() {
-            let level = field.tree.level(l);
+        for l in (0..field.levels()).rev() {
+            let level = field.level(l);
             let (own, below) = self.sources.split_at_mut(level.end * n);
             own[level.start * n..]
                 .par_chunks_mut(n)
@@ -274,7 +285,7 @@ impl<'a, T: Real> Passes<'a, T> {
                 .enumerate()
                 .for_each_init(Scratch::default, |scratch, (i, out)| {
                     let node = level.start + i;
-                    match field.tree.nodes[node].is_leaf() {
+                    match field.nodes[node].is_leaf() {
                         true => field.leaf(node, radiosity, scratch, out),
                         false => field.gather(node, below, level.end, scratch, out),
                     }
@@ -286,8 +297,8 @@ impl<'a, T: Real> Passes<'a, T> {
     pub fn down(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
         let sources = &self.sources;
-        for l in 0..field.tree.levels() {
-            let level = field.tree.level(l);
+        for l in 0..field.levels() {
+            let level = field.level(l);
             let (above, own) = self.locals.split_at_mut(level.start * n);
             own[..level.len() * n]
                 .par_chunks_mut(n)
@@ -295,21 +306,19 @@ impl<'a, T: Real> Passes<'a, T> {
                 .enumerate()
                 .for_each_init(Scratch::default, |scratch, (i, out)| {
                     let node = level.start + i;
-                    let parent = field.tree.nodes[node].parent as usize;
+                    let parent = field.nodes[node].parent as usize;
                     let parent = (l > 0).then(|| &above[parent * n..(parent + 1) * n]);
                     field.receive(node, sources, parent, radiosity, scratch, out);
                 });
         }
-        let mut leaves: Vec<_> = (0..field.tree.nodes.len())
-            .filter(|&i| field.tree.nodes[i].is_leaf())
-            .collect();
-        leaves.sort_by_key(|&i| field.tree.nodes[i].start);
-        let mut rest = self.irradiance.as_mut_slice();
-        let mut parts = Vec::with_capacity(leaves.len());
-        for &node in &leaves {
-            let (own, other) = rest.split_at_mut(field.tree.nodes[node].len());
+        let mut rest = self.values.as_mut_slice();
+        let mut at = 0;
+        let mut parts = Vec::with_capacity(self.leaves.len());
+        for &node in &self.leaves {
+            let range = field.nodes[node].receiver_range();
+            let (own, other) = rest[range.start - at..].split_at_mut(range.len());
             parts.push((node, own));
-            rest = other;
+            (rest, at) = (other, range.end);
         }
         let locals = &self.locals;
         parts.into_par_iter().with_min_len(NODES).for_each_init(

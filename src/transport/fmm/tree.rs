@@ -27,8 +27,10 @@ pub struct TreePoint {
     pub position: DVec3,
     /// Unit normal.
     pub normal: DVec3,
-    /// Surface, in units of the scene's side squared.
+    /// Surface, in units of the scene's side squared. A point of none is no source.
     pub weight: f64,
+    /// Light is asked for there.
+    pub receives: bool,
 }
 
 /// A node: a range of the points, and what is known of them.
@@ -44,6 +46,10 @@ pub struct TreeNode {
     pub children: u32,
     /// Its parent; itself for the root.
     pub parent: u32,
+    /// How many of its points give light: the first ones of a leaf.
+    pub sources: u32,
+    /// How many receive: the last ones of a leaf.
+    pub receivers: u32,
     /// Corners of the smallest box around its points.
     pub min: DVec3,
     /// Largest corner.
@@ -81,6 +87,18 @@ impl TreeNode {
         self.start == self.end
     }
 
+    /// The points of a leaf that give light.
+    #[must_use]
+    pub fn source_range(&self) -> Range<usize> {
+        self.start as usize..(self.start + self.sources) as usize
+    }
+
+    /// The points of a leaf that receive.
+    #[must_use]
+    pub fn receiver_range(&self) -> Range<usize> {
+        (self.end - self.receivers) as usize..self.end as usize
+    }
+
     /// Its children.
     #[must_use]
     pub fn child_range(&self) -> Range<usize> {
@@ -97,9 +115,9 @@ impl TreeNode {
 /// The octree.
 #[derive(Clone, Debug)]
 pub struct Tree {
-    /// Points in the order of the leaves; those of length-zero normals are not among them.
+    /// Points in the order of the leaves; those of length-zero normals, and those that neither give nor receive, are not among them.
     pub points: Vec<TreePoint>,
-    /// Of each of these, its index in the input.
+    /// Of each of these, its index in the input. Those of a leaf that only give light come first, those that only receive last.
     pub order: Vec<u32>,
     /// Nodes, level after level.
     pub nodes: Vec<TreeNode>,
@@ -149,7 +167,9 @@ impl Tree {
     /// Over points whose values are finite, with at most `leaf` in a leaf.
     #[must_use]
     pub fn new(input: &[FmmPoint], leaf: usize) -> Self {
-        let used = |p: &FmmPoint| p.normal.as_dvec3().length_squared() > 0.0;
+        let used = |p: &FmmPoint| {
+            p.normal.as_dvec3().length_squared() > 0.0 && (p.receives || p.weight > 0.0)
+        };
         let order: Vec<u32> = (0..input.len() as u32)
             .filter(|&i| used(&input[i as usize]))
             .collect();
@@ -173,6 +193,7 @@ impl Tree {
                     position: (p.position.as_dvec3() - corner) / side,
                     normal: p.normal.as_dvec3().normalize(),
                     weight: f64::from(p.weight) / (side * side),
+                    receives: p.receives,
                 }
             })
             .collect();
@@ -186,8 +207,27 @@ impl Tree {
         };
         if !tree.points.is_empty() {
             tree.divide(leaf.max(1));
+            tree.sort_leaves();
         }
         tree
+    }
+
+    /// Puts the points of each leaf that only give light first, those that only receive last.
+    fn sort_leaves(&mut self) {
+        let part = |p: &TreePoint| match (p.weight > 0.0, p.receives) {
+            (true, false) => 0u8,
+            (true, true) => 1,
+            (false, _) => 2,
+        };
+        let leaves = self.nodes.iter().filter(|n| n.is_leaf());
+        for range in leaves.map(TreeNode::points) {
+            let own = range.clone().map(|i| (self.points[i], self.order[i]));
+            let mut own: Vec<_> = own.collect();
+            own.sort_by_key(|(p, _)| part(p));
+            for (i, (p, at)) in range.zip(own) {
+                (self.points[i], self.order[i]) = (p, at);
+            }
+        }
     }
 
     /// Divides level after level.
@@ -364,6 +404,8 @@ fn node_of(points: &[TreePoint], range: Range<usize>, parent: u32) -> TreeNode {
         first_child: 0,
         children: 0,
         parent,
+        sources: own.iter().filter(|p| p.weight > 0.0).count() as u32,
+        receivers: own.iter().filter(|p| p.receives).count() as u32,
         min,
         max,
         center,
@@ -390,6 +432,7 @@ mod tests {
                     position: 7.0 * v.normalize() - Vec3::new(100.0, 0.0, 3.0),
                     normal: normal(v),
                     weight: 0.5,
+                    receives: true,
                 }
             })
             .collect()

@@ -32,18 +32,19 @@ impl Visibility<'_> {
         from.distance(to) <= 2.0 * (la + lb) || !self.geometry.occluded(from, to)
     }
 
-    /// The part of the light between two nodes that arrives, in [0, 1]: the kernel's mean over pairs of points that see each other, by its mean over all. Also how many
-    /// rays it took. The same for any order of calls.
+    /// The part of the light from the sources of node `b` that arrives at the receivers of `a`, in [0, 1]: the kernel's mean over pairs of points that see each other, by its
+    /// mean over all. Also how many rays it took. The same for any order of calls.
     #[must_use]
     pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
+        let wanted = u64::from(na.receivers) * u64::from(nb.sources);
         let pairs = na.len() as u64 * nb.len() as u64;
-        let all = pairs <= u64::from(self.rays);
+        let most = 16 * u64::from(self.rays);
+        let all = wanted <= u64::from(self.rays) && pairs <= most;
         let mut random = Random::new(self.seed, a as u64, b as u64);
         let (mut seen, mut whole, mut rays) = (0.0, 0.0, 0u64);
-        // Pairs that look away from each other say nothing: others are drawn in their place.
-        let most = if all { pairs } else { 8 * u64::from(self.rays) };
-        for k in 0..most {
+        // Pairs that look away from each other, or the wrong way round, say nothing: others are drawn in their place.
+        for k in 0..if all { pairs } else { most } {
             if rays == u64::from(self.rays) {
                 break;
             }
@@ -56,15 +57,18 @@ impl Visibility<'_> {
             };
             let (i, j) = (na.points().start + i, nb.points().start + j);
             let (x, y) = (&tree.points[i], &tree.points[j]);
+            if !x.receives || y.weight <= 0.0 {
+                continue;
+            }
             let r: DVec3 = x.position - y.position;
             let cosines = y.normal.dot(r).max(0.0) * (-x.normal.dot(r)).max(0.0);
             let square = r.length_squared();
             if cosines <= 0.0 || square <= 0.0 {
                 continue;
             }
-            // The receivers' kernel and the sources' surface, within bounds: near neighbours are not to outweigh all.
+            // The kernel and the sources' surface, within bounds: near neighbours are not to outweigh all.
             let near = square.max(0.25 * radius_square(na, nb));
-            let weight = cosines / (near * near) * (x.weight * y.weight).max(f64::MIN_POSITIVE);
+            let weight = cosines / (near * near) * y.weight;
             rays += 1;
             whole += weight;
             if self.open(tree, i, j) {

@@ -1,0 +1,404 @@
+//! The octree of rule `fmm` of a baked scene in its file, and whether a frame can run on it. Five sections that are there together or not at all; what points see of the
+//! sky stands with their surfaces, and is not stored twice.
+
+use super::baked::{BakedScene, PointSurface};
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::AssetError;
+use super::sections::{COUNT, broken, items, section};
+use super::validate::Check;
+use crate::transport::fmm::lists::Entry;
+use crate::transport::fmm::terms::MOST_ORDER;
+use crate::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
+use glam::Vec3;
+
+/// Deepest tree: three divisions by direction, and as many in space as cells have bits.
+const MOST_LEVELS: usize = 64;
+/// Surface of a point over π, in units of the scene's side squared: a point that stands for all of a scene whose walls fold a thousand times.
+const MOST_SHARE: f32 = 1e3;
+
+/// What a point's light is multiplied by.
+const MOST_FACTOR: f32 = 16.0;
+
+const NODE: Layout = Layout::columns(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4).delta(),
+    Field::word(5).delta(),
+    Field::word(6).delta(),
+    Field::word(7),
+    Field::word(8).delta(),
+    Field::word(14).delta(),
+    Field::word(15).delta(),
+]);
+/// The lengths of a node's four lists.
+const LENGTHS: Layout = Layout::columns(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+]);
+const ENTRY: Layout = Layout::columns(&[Field::word(0).delta(), Field::word(1)]);
+const PLACE: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(7).delta(),
+    Field::word(11),
+]);
+
+const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
+    Kind {
+        code,
+        name,
+        version: 1,
+        raw: layout.item_bytes() as u64,
+        memory: size_of::<T>() as u64,
+        most: u32::MAX as u64,
+    }
+}
+
+/// Its kinds of sections, ascending.
+pub(super) const KINDS: [Kind; 5] = [
+    Kind {
+        // Order, disks, and where the levels start.
+        most: 3 + MOST_LEVELS as u64,
+        // In memory twice while they are taken apart.
+        memory: 8,
+        ..kind::<u32>(29, "octree", COUNT)
+    },
+    kind::<FmmNode>(30, "octree nodes", NODE),
+    kind::<[u32; 4]>(31, "octree lists", LENGTHS),
+    kind::<Entry>(32, "octree entries", ENTRY),
+    Kind {
+        // Validating remembers which points have a value.
+        memory: size_of::<FmmPlace>() as u64 + 1,
+        ..kind::<FmmPlace>(33, "octree places", PLACE)
+    },
+];
+
+/// The sections of an octree; `kinds` are those of [`KINDS`] in the table.
+pub(super) fn sections(octree: &FmmOperator, kinds: &'static [Kind]) -> Vec<Section> {
+    let mut shape = vec![octree.order, u32::from(octree.disks)];
+    shape.extend(&octree.level_starts);
+    let lengths: Vec<[u32; 4]> = (octree.nodes.iter())
+        .map(|n| n.lists().map(|list| list.len() as u32))
+        .collect();
+    vec![
+        section(&kinds[0], COUNT, &shape),
+        section(&kinds[1], NODE, &octree.nodes),
+        section(&kinds[2], LENGTHS, &lengths),
+        section(&kinds[3], ENTRY, &octree.entries),
+        section(&kinds[4], PLACE, &octree.places),
+    ]
+}
+
+/// The octree of a file, if it has any; `surfaces` are those of its points.
+pub(super) fn read(
+    file: &Container<'_>,
+    kinds: &'static [Kind],
+    surfaces: &[PointSurface],
+) -> Result<Option<FmmOperator>, AssetError> {
+    if !file.has(&kinds[0]) {
+        return match kinds.iter().find(|k| file.has(k)) {
+            Some(kind) => Err(broken(kind, "is there, but the section `octree` is not")),
+            None => Ok(None),
+        };
+    }
+    let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
+    let [order, disks, level_starts @ ..] = shape.as_slice() else {
+        return Err(broken(
+            &kinds[0],
+            format!("{} words, at least 3", shape.len()),
+        ));
+    };
+    let disks = match disks {
+        0 => false,
+        1 => true,
+        other => return Err(broken(&kinds[0], format!("{other} is neither yes nor no"))),
+    };
+    let mut nodes: Vec<FmmNode> = items(file, &kinds[1], NODE)?;
+    let lengths: Vec<[u32; 4]> = items(file, &kinds[2], LENGTHS)?;
+    if nodes.len() != lengths.len() {
+        return Err(broken(
+            &kinds[2],
+            format!("{} instead of {}", lengths.len(), nodes.len()),
+        ));
+    }
+    let mut at = 0u32;
+    for (node, length) in nodes.iter_mut().zip(&lengths) {
+        node.far = at;
+        let mut ends = [0; 4];
+        for (end, length) in ends.iter_mut().zip(length) {
+            at = (at.checked_add(*length))
+                .ok_or_else(|| broken(&kinds[2], "the counts overflow"))?;
+            *end = at;
+        }
+        [node.local, node.multipole, node.near, node.finish] = ends;
+    }
+    let mut places: Vec<FmmPlace> = items(file, &kinds[4], PLACE)?;
+    let receive = nodes.iter().filter(|n| n.is_leaf());
+    for range in receive.map(|n| n.receivers..n.end) {
+        // Ranges beyond the places are told by validation.
+        for place in places
+            .get_mut(range.start as usize..range.end as usize)
+            .into_iter()
+            .flatten()
+        {
+            place.sky = surfaces
+                .get(place.point as usize)
+                .map_or([0.0; 3], |s| s.sky);
+        }
+    }
+    Ok(Some(FmmOperator {
+        order: *order,
+        disks,
+        level_starts: level_starts.to_vec(),
+        nodes,
+        entries: items(file, &kinds[3], ENTRY)?,
+        places,
+    }))
+}
+
+impl BakedScene {
+    /// The passes stay within the arrays, every division is by something, and every point gets a value: the nodes are a tree whose leaves share no point, lists lie behind
+    /// one another and name nodes that are as far away as expansions need, leaves where points are asked for.
+    pub(super) fn check_fmm(&self, check: &mut Check) {
+        let Some(octree) = &self.fmm else { return };
+        check.whole(octree.order as usize <= MOST_ORDER, "octree", || {
+            format!("order {}, at most {MOST_ORDER}", octree.order)
+        });
+        check.whole(octree.disks, "octree", || {
+            "sources that are no disks may send more light than they have".into()
+        });
+        let starts = &octree.level_starts;
+        let nodes = octree.nodes.len();
+        let sound = (1..=MOST_LEVELS + 1).contains(&starts.len())
+            && starts.first() == Some(&0)
+            && starts.last() == Some(&(nodes as u32))
+            && starts.is_sorted()
+            && (nodes == 0 || starts.get(1) == Some(&1));
+        check.whole(sound, "octree", || {
+            format!("the levels do not cover the {nodes} nodes from one root")
+        });
+        if sound {
+            self.check_nodes(octree, check);
+        }
+        if check.0.is_empty() {
+            self.check_places(octree, check);
+        }
+        if check.0.is_empty() {
+            check_lists(octree, check);
+        }
+    }
+
+    /// Every node but the root is the child of one node of the level above, and its points are the parent's.
+    fn check_nodes(&self, octree: &FmmOperator, check: &mut Check) {
+        let nodes = &octree.nodes;
+        let mut at = 0u32;
+        for l in 0..octree.levels() {
+            // Children stand in the order of their parents.
+            let mut next = octree.level_starts[l + 1];
+            for i in octree.level(l) {
+                let node = &nodes[i];
+                let (center, size) = (Vec3::from_array(node.center), node.size);
+                let wide = center.abs().max_element() <= 4.0 && size > 1e-9 && size <= 4.0;
+                check.item(wide, "octree nodes", i, || {
+                    format!("centre {center}, size {size}")
+                });
+                let inside = node.start <= node.end && node.end as usize <= octree.places.len();
+                check.item(inside, "octree nodes", i, || {
+                    format!(
+                        "points {}..{} of {}",
+                        node.start,
+                        node.end,
+                        octree.places.len()
+                    )
+                });
+                if i == 0 {
+                    let whole = node.start == 0 && node.end as usize == octree.places.len();
+                    check.item(whole && node.parent == 0, "octree nodes", i, || {
+                        "the root does not hold all points".into()
+                    });
+                }
+                if node.is_leaf() {
+                    let range = node.start..=node.end;
+                    let sound = range.contains(&node.sources) && range.contains(&node.receivers);
+                    check.item(sound, "octree nodes", i, || {
+                        format!(
+                            "gives light up to {}, receives from {}",
+                            node.sources, node.receivers
+                        )
+                    });
+                } else {
+                    let last = u64::from(next) + u64::from(node.children);
+                    let end = octree.level_starts.get(l + 2).map_or(0, |&e| u64::from(e));
+                    let behind = node.first_child == next && last <= end;
+                    check.item(behind, "octree nodes", i, || {
+                        format!("children at {}, not at {next}", node.first_child)
+                    });
+                    if !behind {
+                        return;
+                    }
+                    next = last as u32;
+                    let mut point = node.start;
+                    for c in node.child_range() {
+                        let child = &nodes[c];
+                        let own = child.parent as usize == i && child.start == point;
+                        check.item(own, "octree nodes", c, || {
+                            format!("is a child of {i}, but says {}", child.parent)
+                        });
+                        // Translations stay near one: no power of them overflows.
+                        let apart = Vec3::from_array(child.center).distance(center);
+                        let near = apart <= 2.0 * size && child.size <= 2.0 * size;
+                        check.item(near, "octree nodes", c, || {
+                            format!("{apart} from its parent of size {size}")
+                        });
+                        point = child.end;
+                    }
+                    check.item(point == node.end, "octree nodes", i, || {
+                        "its children do not have its points".into()
+                    });
+                }
+                for list in node.lists() {
+                    let sound = list.start == at as usize && list.start <= list.end;
+                    check.item(sound, "octree lists", i, || {
+                        format!("{list:?}, not from {at}")
+                    });
+                    at = list.end as u32;
+                }
+                if check.full() {
+                    return;
+                }
+            }
+            let end = octree.level_starts.get(l + 2);
+            check.whole(end.is_none_or(|&e| e == next), "octree", || {
+                format!("level {} has nodes without a parent", l + 1)
+            });
+        }
+        check.whole(
+            at as usize == octree.entries.len(),
+            "octree entries",
+            || format!("{} instead of {at}", octree.entries.len()),
+        );
+    }
+
+    /// Every sender receives at one place, and light comes from senders alone.
+    fn check_places(&self, octree: &FmmOperator, check: &mut Check) {
+        let senders = self.senders();
+        let mut known = vec![false; senders];
+        for node in octree.nodes.iter().filter(|n| n.is_leaf()) {
+            for i in node.points() {
+                let p = &octree.places[i];
+                let (x, n) = (Vec3::from_array(p.position), Vec3::from_array(p.normal));
+                let apart = x.distance(Vec3::from_array(node.center));
+                check.item(apart <= 2.0 * node.size, "octree places", i, || {
+                    format!("{apart} from the centre of its leaf of size {}", node.size)
+                });
+                let sound = (n.length_squared() - 1.0).abs() <= 1e-3;
+                check.item(sound, "octree places", i, || {
+                    format!("normal {n} is not of unit length")
+                });
+                let source = node.source_range().contains(&i);
+                let fits = match source {
+                    true => (p.point as usize) < senders && (0.0..=MOST_SHARE).contains(&p.share),
+                    false => p.share == 0.0,
+                };
+                check.item(fits, "octree places", i, || {
+                    format!("point {} of {senders} senders, share {}", p.point, p.share)
+                });
+                let sound = (0.0..=MOST_FACTOR).contains(&p.factor);
+                check.item(sound, "octree places", i, || format!("factor {}", p.factor));
+                if node.receiver_range().contains(&i) {
+                    let fresh = known.get_mut(p.point as usize);
+                    let fresh = fresh.is_some_and(|known| !std::mem::replace(known, true));
+                    check.item(fresh, "octree places", i, || {
+                        format!(
+                            "point {} of {senders} senders receives a second time",
+                            p.point
+                        )
+                    });
+                } else {
+                    check.item(source, "octree places", i, || {
+                        "neither gives light nor receives".into()
+                    });
+                }
+                if check.full() {
+                    return;
+                }
+            }
+        }
+        let dark = known.iter().position(|known| !known);
+        check.whole(dark.is_none(), "octree places", || {
+            format!("point {} receives nowhere", dark.unwrap_or(0))
+        });
+    }
+}
+
+/// Entries name nodes, the right ones for their list, at distances that their expansions converge over.
+fn check_lists(octree: &FmmOperator, check: &mut Check) {
+    let nodes = &octree.nodes;
+    let center = |n: &FmmNode| Vec3::from_array(n.center);
+    let at = |i: usize| Vec3::from_array(octree.places[i].position);
+    for (t, node) in nodes.iter().enumerate() {
+        for (which, list) in node.lists().into_iter().enumerate() {
+            for e in list {
+                let entry = &octree.entries[e];
+                let Some(source) = nodes.get(entry.source as usize) else {
+                    check.item(false, "octree entries", e, || {
+                        format!("node {} of {}", entry.source, nodes.len())
+                    });
+                    continue;
+                };
+                check.item(
+                    (0.0..=1.0).contains(&entry.weight),
+                    "octree entries",
+                    e,
+                    || format!("a part of {} arrives", entry.weight),
+                );
+                // Which of the two is taken apart into points: 1 the source, 2 the receiver, 3 both.
+                let leaves =
+                    (which & 1 == 0 || source.is_leaf()) && (which & 2 == 0 || node.is_leaf());
+                check.item(leaves, "octree entries", e, || {
+                    format!("of node {t} and {} is for leaves", entry.source)
+                });
+                let (size, nearest) = match which {
+                    0 => (
+                        node.size + source.size,
+                        center(node).distance(center(source)),
+                    ),
+                    1 => (
+                        node.size,
+                        nearest(center(node), source.source_range().map(at)),
+                    ),
+                    2 => (
+                        source.size,
+                        nearest(center(source), node.receiver_range().map(at)),
+                    ),
+                    _ => (0.0, f32::INFINITY),
+                };
+                // Below one by the bake's separation; roundings are less than what it leaves.
+                check.item(
+                    leaves && size <= 1.001 * nearest,
+                    "octree entries",
+                    e,
+                    || format!("sizes of {size} meet at a distance of {nearest}"),
+                );
+                if check.full() {
+                    return;
+                }
+            }
+        }
+    }
+}
+
+/// The least distance of `to` from any place; infinite from none.
+fn nearest(to: Vec3, places: impl Iterator<Item = Vec3>) -> f32 {
+    places.fold(f32::INFINITY, |least, x| least.min(x.distance(to)))
+}

@@ -1,0 +1,210 @@
+//! Rule `fmm`: from points and their surfaces to the octree that carries a frame's light ([G08]).
+//!
+//! **Who shines.** The senders of the finest sender level, each from a few pieces of its cell ([`find_cells`]): a wall near by is then a wall, and not a few disks. [G08] has
+//! one place a point.
+//!
+//! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and points of finer levels might receive at their own places; they take the mean of their
+//! parents, which was as exact or more so wherever it was tried, for parts of visibility are the same over a leaf, and costs next to nothing.
+//!
+//! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of
+//! visibility miss of that, each point's factor mends.
+
+use super::energy_octree;
+use super::recipe::{Recipe, Settings};
+use super::{BakeError, Baked, Progress, Stage};
+use crate::asset::{BakedScene, TierInfo};
+use crate::basis::{CellPart, Hierarchy, find_cells};
+use crate::scene::Geometry;
+use crate::transport::fmm::passes::{Field, along};
+use crate::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
+use crate::transport::look_out;
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// The octree of a bake by rule `fmm`, everything filled in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OctreeSettings {
+    /// See [`Recipe::order`].
+    pub order: u32,
+    /// See [`Recipe::leaf`].
+    pub leaf: u32,
+    /// See [`Recipe::sources`].
+    pub sources: u32,
+    /// See [`Recipe::pair_rays`].
+    pub pair_rays: u32,
+    /// See [`Recipe::fallback`].
+    pub fallback: bool,
+}
+
+impl OctreeSettings {
+    /// As a recipe says.
+    pub(super) fn of(recipe: &Recipe) -> Self {
+        let usual = FmmSettings::default();
+        Self {
+            order: recipe.order.unwrap_or(usual.order as u32),
+            leaf: recipe.leaf.unwrap_or(usual.leaf as u32),
+            sources: recipe.sources.unwrap_or(4),
+            pair_rays: recipe.pair_rays.unwrap_or(usual.rays),
+            fallback: recipe.fallback,
+        }
+    }
+
+    /// What the solver needs.
+    fn solver(&self, seed: u64) -> FmmSettings {
+        FmmSettings {
+            order: self.order as usize,
+            leaf: self.leaf as usize,
+            rays: self.pair_rays,
+            seed,
+            ..FmmSettings::default()
+        }
+    }
+}
+
+/// The cells of the senders that shine.
+pub(super) struct Cells {
+    /// The first of those senders.
+    first: usize,
+    /// Pieces of each.
+    cells: Vec<Vec<CellPart>>,
+    rays: u64,
+}
+
+impl Cells {
+    /// Nothing but under rule `fmm`.
+    pub fn find(
+        geometry: &dyn Geometry,
+        hierarchy: &Hierarchy,
+        settings: &Settings,
+    ) -> Option<Self> {
+        let octree = settings.octree?;
+        let finest = settings.sender_levels as usize - 1;
+        let level = &hierarchy.senders[finest];
+        let (cells, rays) = find_cells(geometry, level, octree.sources, settings.seed);
+        Some(Self {
+            first: hierarchy.level(finest).start,
+            cells,
+            rays,
+        })
+    }
+
+    /// The points of the octree: pieces of the senders that shine, then the points of all senders; and of each the sender that it is of.
+    fn points(&self, scene: &BakedScene) -> (Vec<FmmPoint>, Vec<u32>) {
+        let (mut points, mut of) = (Vec::new(), Vec::new());
+        for (j, cell) in self.cells.iter().enumerate() {
+            for part in cell {
+                of.push((self.first + j) as u32);
+                points.push(FmmPoint {
+                    position: part.position,
+                    normal: part.normal,
+                    weight: part.area,
+                    receives: false,
+                });
+            }
+        }
+        for (i, p) in scene.points[..scene.senders()].iter().enumerate() {
+            of.push(i as u32);
+            points.push(FmmPoint {
+                position: p.x(),
+                normal: p.n(),
+                weight: 0.0,
+                receives: true,
+            });
+        }
+        (points, of)
+    }
+}
+
+/// Factors beyond these mend no rounding: what such a point sees is not on any list, or lies in a crack.
+const MENDED: [f32; 2] = [0.25, 4.0];
+
+/// Gives the bake its octree, where there are cells to make it of.
+pub(super) fn grow(
+    geometry: &dyn Geometry,
+    settings: &Settings,
+    cells: Option<Cells>,
+    mut baked: Baked,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
+    let (Some(cells), Some(own)) = (cells, settings.octree) else {
+        return Ok(baked);
+    };
+    let began = Instant::now();
+    if !progress.set(Stage::Transport, 0.9) {
+        return Err(BakeError::Cancelled);
+    }
+    let scene = &mut baked.scene;
+    let looks = (settings.rays / 4).max(16);
+    let seen: Vec<(Vec3, f32)> = (scene.points.par_iter().enumerate())
+        .map(|(i, p)| look_out(geometry, p.x(), p.n(), i, looks, settings.seed))
+        .collect();
+    baked.stats.rays += cells.rays + seen.len() as u64 * u64::from(looks);
+    if !own.fallback {
+        // Links know the sky by their own rays, and sweeps over them take off the same again.
+        for (surface, (sky, _)) in scene.surfaces.iter_mut().zip(&seen) {
+            surface.sky = sky.to_array();
+        }
+    }
+    let (points, of) = cells.points(scene);
+    let fmm = Fmm::new(&points, &own.solver(settings.seed), Some(geometry))?;
+    baked.stats.rays += fmm.lists().counts.rays;
+    let mut operator = fmm.operator(|at| of[at as usize]);
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+        place.sky = scene.surfaces[place.point as usize].sky;
+    }
+    let unlit: Vec<f32> = seen.iter().map(|s| s.1).collect();
+    mend(&mut operator, scene, &unlit);
+    scene.fmm = Some(operator);
+    scene.info.tiers = TierInfo::of(scene);
+    let energy = energy_octree::conserve(scene, &unlit, &cells.areas());
+    let senders = scene.senders() as u64;
+    (baked.stats.warnings).extend(super::energy::warning(&energy, senders));
+    scene.info.energy = energy;
+    baked.stats.energy = energy;
+    let octree = scene.fmm.as_ref();
+    baked.stats.octree_bytes = octree.map_or(0, FmmOperator::bytes);
+    baked.stats.octree_entries = octree.map_or(0, |o| o.entries.len() as u64);
+    baked.stats.seconds.octree = began.elapsed().as_secs_f64();
+    Ok(baked)
+}
+
+impl Cells {
+    /// The surface of each sender, m²; nothing for those that do not shine.
+    fn areas(&self) -> Vec<f32> {
+        let own = (self.cells.iter()).map(|cell| cell.iter().map(|p| p.area).sum());
+        std::iter::repeat_n(0.0, self.first).chain(own).collect()
+    }
+}
+
+/// Sets the factor of every place that receives.
+fn mend(operator: &mut FmmOperator, scene: &BakedScene, unlit: &[f32]) {
+    let even = even(operator, scene);
+    for place in operator.places.iter_mut().filter(|p| p.share == 0.0) {
+        let i = place.point as usize;
+        let sky = Vec3::from_array(place.sky).dot(Vec3::from_array(place.normal));
+        let right = 1.0 - sky.max(0.0) - unlit[i];
+        let factor = right / even[i];
+        place.factor = match (MENDED[0]..=MENDED[1]).contains(&factor) {
+            true => factor,
+            false => 1.0,
+        };
+    }
+}
+
+/// What senders of radiosity one make of each other along their normals.
+pub(super) fn even(operator: &FmmOperator, scene: &BakedScene) -> Vec<f32> {
+    let radiosity = vec![[1.0f32; 4]; scene.senders()];
+    let mut passes = Passes::new(Field::of(operator));
+    passes.run(&radiosity);
+    let mut out = vec![0.0; scene.senders()];
+    for node in operator.nodes.iter().filter(|n| n.is_leaf()) {
+        for i in node.receiver_range() {
+            let place = &operator.places[i];
+            let e = along(place.normal, &passes.values[i])[0];
+            out[place.point as usize] = place.factor * e;
+        }
+    }
+    out
+}

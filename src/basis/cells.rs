@@ -1,0 +1,182 @@
+//! The surface that each point of a level stands for, m², and where it lies: what lies nearer to the point than to any other, by the weights of the basis.
+//!
+//! A disk as wide as the point's function is dropped onto the surface at lattice points of equal area; those where no other function of the level weighs more are its cell.
+//! [G08] §2.4 takes areas from the local density of points, which edges and corners, where nothing lies beyond, make too large.
+
+use super::{LevelBasis, WeightEntry};
+use crate::samples::{Random, lattice, tangents};
+use crate::scene::{Geometry, Ray};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Lattice points a disk: a third of them lie in the cell.
+const LOOKS: u32 = 64;
+
+/// A piece of a point's surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellPart {
+    /// Where, metres.
+    pub position: Vec3,
+    /// Unit normal there.
+    pub normal: Vec3,
+    /// The surface that it stands for, m².
+    pub area: f32,
+}
+
+/// The cells of a level's points, each as at most `parts` pieces of equal area spread over it. Also says how many rays it took.
+#[must_use]
+pub fn find_cells(
+    geometry: &dyn Geometry,
+    level: &LevelBasis,
+    parts: u32,
+    seed: u64,
+) -> (Vec<Vec<CellPart>>, u64) {
+    let cells: Vec<(Vec<CellPart>, u64)> = (0..level.points.len())
+        .into_par_iter()
+        .map_init(Vec::new, |found, i| {
+            let (seen, rays) = look_around(geometry, level, i, seed, found);
+            (thinned(&seen, parts.max(1) as usize), rays)
+        })
+        .collect();
+    let rays = cells.iter().map(|c| c.1).sum();
+    (cells.into_iter().map(|c| c.0).collect(), rays)
+}
+
+/// All pieces of a cell.
+fn look_around(
+    geometry: &dyn Geometry,
+    level: &LevelBasis,
+    i: usize,
+    seed: u64,
+    found: &mut Vec<WeightEntry>,
+) -> (Vec<CellPart>, u64) {
+    let point = &level.points[i];
+    let (x, n) = (point.x(), point.n());
+    let (t, b) = tangents(n);
+    let turn = Random::new(seed, 0x63_65_6c_6c, i as u64).unit();
+    let height = 0.25 * point.radius;
+    let lift = geometry.lift(x);
+    let area = std::f32::consts::PI * point.radius * point.radius / LOOKS as f32;
+    let mut seen = Vec::new();
+    let mut rays = 0;
+    for k in 0..LOOKS {
+        let angle = lattice(k, LOOKS, Vec2::new(0.0, turn)).y * std::f32::consts::TAU;
+        let r = ((k as f32 + 0.5) / LOOKS as f32).sqrt() * point.radius;
+        let across = (t * libm::cosf(angle) + b * libm::sinf(angle)) * r;
+        let ray = Ray::segment(x + across + n * height, -n, 2.0 * height);
+        rays += 1;
+        let Some(hit) = geometry.cast(&ray) else {
+            continue;
+        };
+        let there = geometry.site(&ray, &hit);
+        let cosine = there.normal.dot(n);
+        found.clear();
+        level.raw_weights(there.position, there.normal, found);
+        let own = |w: &&WeightEntry| w.index as usize == i;
+        let weight = found.iter().find(own).map_or(0.0, |w| w.weight);
+        let nearest = found.iter().all(|w| w.weight <= weight);
+        if weight <= 0.0 || !nearest || cosine < 0.1 || !there.lit {
+            continue;
+        }
+        // From above, for a curved surface bulges between the two; from below where there is a ceiling.
+        let open = [height.max(lift), lift].into_iter().any(|up| {
+            rays += 1;
+            !geometry.occluded(x + n * up, there.position + there.normal * up)
+        });
+        if open {
+            seen.push(CellPart {
+                position: there.position,
+                normal: there.normal,
+                area: area / cosine,
+            });
+        }
+    }
+    if seen.is_empty() {
+        // Narrower than the lattice: the point itself, for what one piece stands for.
+        seen.push(CellPart {
+            position: x,
+            normal: n,
+            area,
+        });
+    }
+    (seen, rays)
+}
+
+/// So many of the pieces at most, for all of their area.
+fn thinned(seen: &[CellPart], most: usize) -> Vec<CellPart> {
+    let kept = most.min(seen.len());
+    let area = seen.iter().map(|p| p.area).sum::<f32>() / kept as f32;
+    // Every so many of the lattice, which goes outwards while it turns, from the middle of each stretch.
+    (0..kept)
+        .map(|k| CellPart {
+            area,
+            ..seen[(2 * k + 1) * seen.len() / (2 * kept)]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::Point;
+    use crate::scene::{Material, TriangleMesh};
+
+    /// Points on a grid over a floor of 4 m by 4 m; a wall stands on it.
+    fn floor() -> (TriangleMesh, LevelBasis) {
+        let at = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+        let triangles = vec![
+            [at(-2.0, 0.0, 2.0), at(2.0, 0.0, 2.0), at(2.0, 0.0, -2.0)],
+            [at(-2.0, 0.0, 2.0), at(2.0, 0.0, -2.0), at(-2.0, 0.0, -2.0)],
+            [at(0.45, 0.0, 2.0), at(0.45, 0.0, -2.0), at(0.45, 1.0, -2.0)],
+            [at(0.45, 0.0, 2.0), at(0.45, 1.0, -2.0), at(0.45, 1.0, 2.0)],
+        ];
+        let mesh = TriangleMesh::new(triangles, vec![0; 4], vec![Material::default()]);
+        let points = (0..64)
+            .map(|i| {
+                let [x, z] = [i % 8, i / 8].map(|k| 0.5 * k as f32 - 1.75);
+                Point::new(at(x, 0.0, z), Vec3::Y, 0.5)
+            })
+            .collect();
+        (mesh, LevelBasis::new(points, Vec::new()))
+    }
+
+    #[test]
+    fn cells_share_the_floor() {
+        let (mesh, level) = floor();
+        let (cells, rays) = find_cells(&mesh, &level, 6, 1);
+        assert!(rays >= 64 * u64::from(LOOKS));
+        let area = |cell: &Vec<CellPart>| cell.iter().map(|p| p.area).sum::<f32>();
+        let whole: f32 = cells.iter().map(area).sum();
+        // The wall takes a strip 5 cm wide from the column that it divides, seen from its points at x = 0.25.
+        let right = 16.0 - 4.0 * 0.05;
+        assert!((whole - right).abs() < 0.03 * right, "{whole}");
+        for (cell, p) in cells.iter().zip(&level.points) {
+            let column = (p.position[0] - 0.25).abs() < 1e-3;
+            let own = if column { 0.225 } else { 0.25 };
+            assert!((area(cell) - own).abs() < 0.08, "{}", area(cell));
+            assert_eq!(cell.len(), 6);
+            for part in cell {
+                let off = part.position - p.x();
+                assert!(off.abs().max_element() < 0.26 && part.normal == Vec3::Y);
+                assert!(!column || part.position.x < 0.45);
+            }
+        }
+    }
+
+    #[test]
+    fn few_pieces_have_all_of_the_area() {
+        let piece = |k: usize| CellPart {
+            position: Vec3::splat(k as f32),
+            normal: Vec3::Y,
+            area: 1.0,
+        };
+        let seen: Vec<_> = (0..10).map(piece).collect();
+        for most in [1, 3, 10, 20] {
+            let kept = thinned(&seen, most);
+            assert_eq!(kept.len(), most.min(10));
+            let area: f32 = kept.iter().map(|p| p.area).sum();
+            assert!((area - 10.0).abs() < 1e-5);
+        }
+        assert_eq!(thinned(&seen, 1)[0].position, Vec3::splat(5.0));
+    }
+}

@@ -1,0 +1,243 @@
+//! The octree with its lists as a bake stores it, a frame reads it and a device binds it: plain arrays in single precision, that say nothing of how they were found.
+//! Lengths are in units of the scene's side, so that nothing of it depends on the scene's size.
+
+use super::expansion::Expansions;
+use super::lists::{Entry, Lists};
+use super::tree::Tree;
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
+
+/// A node of the octree. 64 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FmmNode {
+    /// Centre of its expansions.
+    pub center: [f32; 3],
+    /// Their unit of length.
+    pub size: f32,
+    /// First of its points.
+    pub start: u32,
+    /// One past the last.
+    pub end: u32,
+    /// First child.
+    pub first_child: u32,
+    /// How many children; none for a leaf.
+    pub children: u32,
+    /// Its parent; itself for the root.
+    pub parent: u32,
+    /// First entry of its far list.
+    pub far: u32,
+    /// First entry of its local list, and one past the far list.
+    pub local: u32,
+    /// First entry of its multipole list, and one past the local list.
+    pub multipole: u32,
+    /// First entry of its near list, and one past the multipole list.
+    pub near: u32,
+    /// One past its near list.
+    pub finish: u32,
+    /// One past the points of a leaf that give light.
+    pub sources: u32,
+    /// First of the points of a leaf that receive.
+    pub receivers: u32,
+}
+
+impl FmmNode {
+    /// True where it has no children.
+    #[must_use]
+    pub fn is_leaf(&self) -> bool {
+        self.children == 0
+    }
+
+    /// Its points.
+    #[must_use]
+    pub fn points(&self) -> Range<usize> {
+        self.start as usize..self.end as usize
+    }
+
+    /// The points of a leaf that give light.
+    #[must_use]
+    pub fn source_range(&self) -> Range<usize> {
+        self.start as usize..self.sources as usize
+    }
+
+    /// The points of a leaf that receive.
+    #[must_use]
+    pub fn receiver_range(&self) -> Range<usize> {
+        self.receivers as usize..self.end as usize
+    }
+
+    /// Its children.
+    #[must_use]
+    pub fn child_range(&self) -> Range<usize> {
+        self.first_child as usize..(self.first_child + self.children) as usize
+    }
+
+    /// Entries of its four lists: far, local, multipole, near.
+    #[must_use]
+    pub fn lists(&self) -> [Range<usize>; 4] {
+        let ends = [self.far, self.local, self.multipole, self.near, self.finish];
+        [0, 1, 2, 3].map(|k| ends[k] as usize..ends[k + 1] as usize)
+    }
+}
+
+/// A point of the octree. 48 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FmmPlace {
+    /// Position.
+    pub position: [f32; 3],
+    /// Its surface over π; 0 where it gives no light.
+    pub share: f32,
+    /// Unit normal.
+    pub normal: [f32; 3],
+    /// Whose radiosity it sends, and where what it receives goes: an index of the points that the octree was made of.
+    pub point: u32,
+    /// (1/π) ∫ ω dω over the sky that it sees, where it receives.
+    pub sky: [f32; 3],
+    /// Multiplies what arrives from other points, so that even light makes what it should.
+    pub factor: f32,
+}
+
+/// The octree: everything of the fast multipole method that does not change while lights do.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FmmOperator {
+    /// Order of the expansions.
+    pub order: u32,
+    /// Sources near by are disks ([`FmmSettings::disks`](super::FmmSettings::disks)).
+    pub disks: bool,
+    /// First node of each level, and one past the last node.
+    pub level_starts: Vec<u32>,
+    /// Nodes, level after level from the root.
+    pub nodes: Vec<FmmNode>,
+    /// List entries, node after node: far, local, multipole, near.
+    pub entries: Vec<Entry>,
+    /// Points, leaf after leaf.
+    pub places: Vec<FmmPlace>,
+}
+
+impl FmmOperator {
+    /// Of a tree and its lists; nobody sees a sky yet. `point` says whose radiosity each point of the tree's input sends, and where what it receives goes.
+    #[must_use]
+    pub fn new(
+        tree: &Tree,
+        lists: &Lists,
+        order: usize,
+        disks: bool,
+        point: impl Fn(u32) -> u32,
+    ) -> Self {
+        let mut entries = Vec::new();
+        let mut put = |list: &[Entry]| {
+            let first = entries.len() as u32;
+            entries.extend_from_slice(list);
+            first
+        };
+        let nodes = tree.nodes.iter().enumerate().map(|(i, n)| {
+            let [far, local, multipole, near] =
+                [&lists.far, &lists.local, &lists.multipole, &lists.near]
+                    .map(|list| put(list.of(i)));
+            FmmNode {
+                center: n.center.as_vec3().to_array(),
+                size: n.size as f32,
+                start: n.start,
+                end: n.end,
+                first_child: n.first_child,
+                children: n.children,
+                parent: n.parent,
+                far,
+                local,
+                multipole,
+                near,
+                finish: near + lists.near.of(i).len() as u32,
+                sources: n.source_range().end as u32,
+                receivers: n.receiver_range().start as u32,
+            }
+        });
+        let nodes = nodes.collect();
+        let places = tree
+            .points
+            .iter()
+            .zip(&tree.order)
+            .map(|(p, &at)| FmmPlace {
+                position: p.position.as_vec3().to_array(),
+                share: (p.weight / core::f64::consts::PI) as f32,
+                normal: p.normal.as_vec3().to_array(),
+                point: point(at),
+                sky: [0.0; 3],
+                factor: 1.0,
+            });
+        Self {
+            order: order as u32,
+            disks,
+            level_starts: tree.level_starts.clone(),
+            nodes,
+            entries,
+            places: places.collect(),
+        }
+    }
+
+    /// How many levels.
+    #[must_use]
+    pub fn levels(&self) -> usize {
+        self.level_starts.len().saturating_sub(1)
+    }
+
+    /// The nodes of a level.
+    #[must_use]
+    pub fn level(&self, l: usize) -> Range<usize> {
+        self.level_starts[l] as usize..self.level_starts[l + 1] as usize
+    }
+
+    /// The tables of its order.
+    #[must_use]
+    pub fn expansions(&self) -> Expansions {
+        Expansions::new(self.order as usize)
+    }
+
+    /// Terms of an expansion.
+    #[must_use]
+    pub fn terms(&self) -> usize {
+        super::terms::count(self.order as usize)
+    }
+
+    /// Bytes of its arrays.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&self.level_starts[..])
+            + size_of_val(&self.nodes[..])
+            + size_of_val(&self.entries[..])
+            + size_of_val(&self.places[..])) as u64
+    }
+
+    /// Bytes of the expansions of all nodes, of one kind: the largest array of a solve.
+    #[must_use]
+    pub fn expansion_bytes(&self) -> u64 {
+        (48 * self.terms() * self.nodes.len()) as u64
+    }
+
+    /// About how much a pass computes, in products of three numbers and a colour, which is what a link of the sparse operator takes.
+    #[must_use]
+    pub fn work(&self) -> u64 {
+        let p = f64::from(self.order);
+        let terms = self.terms() as f64;
+        let pair: f64 = (1..=6).map(|k| (p + f64::from(k)) / f64::from(k)).product();
+        let mut work = 0.0;
+        for node in &self.nodes {
+            let [far, local, multipole, near] = node.lists();
+            let receivers = node.receiver_range().len() as f64;
+            let sources = |range: Range<usize>| -> f64 {
+                let of = |e: &Entry| self.nodes[e.source as usize].source_range().len() as f64;
+                self.entries[range].iter().map(of).sum()
+            };
+            // Six different numbers a derivative, nine products; translations to the parent and back.
+            work += 3.0 * far.len() as f64 * (pair + 3.0 * terms)
+                + 3.0 * sources(local) * terms
+                + 3.0 * multipole.len() as f64 * receivers * terms
+                + sources(near) * receivers
+                + 2.0 * pair;
+            if node.is_leaf() {
+                work += terms * (node.source_range().len() as f64 + receivers);
+            }
+        }
+        work as u64
+    }
+}

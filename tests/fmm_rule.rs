@@ -1,0 +1,329 @@
+//! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on both in one room, beside rule `bounded`; tiers with links below the octree, energy,
+//! threads, the file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail there.
+#![cfg(feature = "cli")]
+
+use bevy_meshless_gi::accuracy::{
+    Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all,
+};
+use bevy_meshless_gi::asset::{BakedScene, Limits};
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::plan::{Picker, Quality, TierChoice};
+use bevy_meshless_gi::samples::{Random, scatter, uniform_sphere};
+use bevy_meshless_gi::scene::{
+    Geometry, Light, Material, PlyPoints, PointCloud, Quad, Ray, TriangleMesh, cornell_box,
+    mesh_of_quads,
+};
+use glam::{Vec2, Vec3};
+
+const REFLECTIONS: u32 = 4;
+
+fn lamp() -> [Light; 1] {
+    [Light::Rect {
+        center: Vec3::new(0.1, 1.9, 0.0),
+        u: Vec3::X * 0.2,
+        v: Vec3::Z * 0.2,
+        radiance: Vec3::new(30.0, 27.0, 22.0),
+    }]
+}
+
+/// What a camera in front of the open side and one below the ceiling see.
+fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
+    let seen = |k: u64| {
+        let mut r = Random::new(4, 4, k);
+        let eye = match k % 2 {
+            0 => Vec3::new(0.0, 1.2, 2.5),
+            _ => Vec3::new(0.2, 1.7, 0.3),
+        };
+        let to = Vec3::new(2.0 * r.unit() - 1.0, 2.0 * r.unit(), 2.0 * r.unit() - 1.0);
+        let ray = Ray::new(eye, (to - eye).normalize());
+        let surface = mesh.surface(&ray, &mesh.cast(&ray)?);
+        Some((surface.position, surface.normal))
+    };
+    (0..count).filter_map(seen).collect()
+}
+
+/// Two references whose noise is independent.
+type Truth = [Vec<Irradiance>; 2];
+
+fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Truth {
+    [1, 2].map(|seed| {
+        let settings = ReferenceSettings {
+            paths: 64,
+            bounces: Some(REFLECTIONS),
+            seed,
+        };
+        irradiance_at_all(mesh, &lamp(), places, &settings)
+    })
+}
+
+fn draft(rule: Rule) -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        rule,
+        ..Recipe::default()
+    }
+}
+
+fn baked(level: &TriangleMesh, recipe: &Recipe) -> BakedScene {
+    bake_level(level, recipe, 0, &Progress::default())
+        .expect("a bake")
+        .scene
+}
+
+fn indirect(scene: &BakedScene, level: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Vec<Vec3> {
+    let level = std::slice::from_ref(level);
+    let evaluator = Evaluator::new(scene, level, &lamp(), Bounces::Count(REFLECTIONS));
+    let at = |(k, (x, n)): (usize, &(Vec3, Vec3))| {
+        let e = evaluator.at(*x, *n, k as u64);
+        e.indirect.unwrap_or_default()
+    };
+    places.iter().enumerate().map(at).collect()
+}
+
+/// ‖values − truth‖ / ‖truth‖; in products of the one reference with the other their noise cancels.
+fn nrmse(values: &[Vec3], truth: &Truth) -> f64 {
+    let (mut square, mut power) = (0.0f64, 0.0f64);
+    for (i, x) in values.iter().enumerate() {
+        let [a, b] = [0, 1].map(|k| truth[k][i].indirect);
+        square += f64::from((*x - a).dot(*x - b));
+        power += f64::from(a.dot(b));
+    }
+    (square.max(0.0) / power).sqrt()
+}
+
+/// A red ball of points above the floor of a room of triangles.
+fn room_with_ball() -> TriangleMesh {
+    let of = |i: u64| {
+        let mut r = Random::new(8, 8, i);
+        uniform_sphere(Vec2::new(r.unit(), r.unit()))
+    };
+    let normals: Vec<Vec3> = (0..3000).map(of).collect();
+    let ball = PlyPoints {
+        positions: (normals.iter())
+            .map(|n| Vec3::new(0.1, 0.6, 0.1) + 0.4 * *n)
+            .collect(),
+        albedo: Some(vec![Vec3::new(0.8, 0.1, 0.1); normals.len()]),
+        normals: Some(normals),
+        faces: 0,
+    };
+    let cloud = PointCloud::new(ball, None).expect("a cloud");
+    let walls = mesh_of_quads(&cornell_box()[..5]);
+    TriangleMesh::joined(vec![walls, cloud.mesh().0])
+}
+
+#[test]
+fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
+    let solid = mesh_of_quads(&cornell_box());
+    let points = PointCloud::new(scatter(&solid, 0.035, 1).expect("points"), None);
+    let rooms = [
+        ("triangles", mesh_of_quads(&cornell_box()), 0.1),
+        ("points", points.expect("a cloud").mesh().0, 0.1),
+        (
+            "a ball of points in a room of triangles",
+            room_with_ball(),
+            0.1,
+        ),
+    ];
+    for (name, level, most) in rooms {
+        let places = places(&level, 400);
+        let truth = reference(&level, &places);
+        let [fmm, bounded] = [Rule::Fmm, Rule::Bounded].map(|rule| {
+            let scene = baked(&level, &draft(rule));
+            let bytes = scene.to_bytes().expect("a file").len();
+            let again = BakedScene::from_bytes(&scene.to_bytes().unwrap(), &Limits::default());
+            assert!(again.expect("it can be read") == scene);
+            let found = indirect(&scene, &level, &places);
+            let error = nrmse(&found, &truth);
+            let work = TierChoice::of(&scene, REFLECTIONS - 1);
+            println!(
+                "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
+                scene.info.estimated_nrmse,
+                scene.info.estimated_nrmse_interval,
+                work.last().map_or(0, |tier| tier.work),
+                scene.info.energy.gain,
+                scene.info.energy.reciprocity
+            );
+            (scene, found, error)
+        });
+        assert!(fmm.2 < most, "{name}: {}, at most {most}", fmm.2);
+        assert!(bounded.2 < most, "{name}: {}", bounded.2);
+        // There are no links, and the octree is what carried the light.
+        assert!(fmm.0.operator.links.is_empty() && fmm.0.fmm.is_some());
+        assert_eq!((fmm.0.tiers(), fmm.0.link_tiers()), (1, 0));
+        let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
+        assert!(nrmse(&turned, &truth) > 0.2);
+        if name.contains("ball") {
+            // The ball reddens the floor below it, beside which it does not.
+            let near =
+                |x: &Vec3, most: f32| x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < most;
+            let tint = |inside: bool| {
+                let of = |(x, _): &(Vec3, Vec3)| {
+                    if inside {
+                        near(x, 0.4)
+                    } else {
+                        x.y < 0.02 && !near(x, 0.8)
+                    }
+                };
+                let pairs = places.iter().zip(&fmm.1).filter(|(p, _)| of(p));
+                let sum: Vec3 = pairs.map(|(_, e)| *e).sum();
+                sum.x / sum.z
+            };
+            println!(
+                "red over blue below the ball {:.2}, beside {:.2}",
+                tint(true),
+                tint(false)
+            );
+            assert!(tint(true) > 1.05 * tint(false));
+        }
+    }
+}
+
+/// A recipe that bakes in a second.
+fn quick(rule: Rule, fallback: bool) -> Recipe {
+    Recipe {
+        coarse_radius: Some(0.4),
+        rays: Some(64),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        fallback,
+        ..draft(rule)
+    }
+}
+
+#[test]
+fn links_stand_below_the_octree() {
+    let level = mesh_of_quads(&cornell_box());
+    let both = baked(&level, &quick(Rule::Fmm, true));
+    let links = baked(&level, &quick(Rule::Bounded, false));
+    let tiers = both.link_tiers();
+    assert_eq!(both.tiers(), tiers + 1);
+    assert_eq!(both.info.tiers.len() as u32, tiers + 1);
+    assert!(both.operator.links.len() > 1000);
+    let lights: Vec<FrameLight> = (lamp().iter())
+        .flat_map(|l| FrameLight::expand(l, 4))
+        .collect();
+    let values = |scene: &BakedScene, tier: u32| {
+        let mut frame = CpuFrame::new(scene);
+        frame.set_lights(scene, &lights);
+        let settings = FrameSettings {
+            tier,
+            ..FrameSettings::bounces(3)
+        };
+        frame.solve(scene, &settings);
+        frame.values().to_vec()
+    };
+    // Lower tiers are those of rule `bounded`; the octree is another way to nearly the same light.
+    assert!(values(&both, tiers) == values(&links, tiers));
+    let (octree, linked) = (values(&both, u32::MAX), values(&both, tiers));
+    let (mut square, mut power) = (0.0, 0.0);
+    for ((a, b), p) in octree.iter().zip(&linked).zip(&both.points) {
+        let (a, b) = (a.dot(p.n()), b.dot(p.n()));
+        square += (a - b).length_squared();
+        power += b.length_squared();
+    }
+    let apart = (square / power).sqrt();
+    println!("octree and links are {apart:.3} apart");
+    assert!(apart > 1e-3 && apart < 0.2, "{apart}");
+    // A budget that the octree does not keep goes down to the links.
+    let choices = TierChoice::of(&both, 3);
+    assert_eq!(choices.len() as u32, tiers + 1);
+    let mut picker = Picker::new(Quality::FrameBudget(1.0), choices);
+    assert_eq!(picker.tier(), tiers + 1);
+    for _ in 0..20 {
+        let work = picker.tiers()[picker.tier() as usize - 1].work;
+        let octree = picker.tiers()[tiers as usize].work;
+        picker.measured(2.0 * work as f32 / octree as f32);
+    }
+    assert!(picker.tier() <= tiers, "{}", picker.picked());
+}
+
+#[test]
+fn any_number_of_threads_bakes_the_same_bytes() {
+    let level = mesh_of_quads(&cornell_box());
+    let bytes = |threads| {
+        bake_level(
+            &level,
+            &quick(Rule::Fmm, false),
+            threads,
+            &Progress::default(),
+        )
+        .expect("a bake")
+        .scene
+        .to_bytes()
+        .expect("a file")
+    };
+    assert!(bytes(1) == bytes(3));
+}
+
+/// Inside of a closed box of radiosity one all around, E = 1; with all reflections 1 / (1 − ρ) of what walls emit.
+#[test]
+fn a_closed_room_keeps_its_energy() {
+    let furnace = |albedo: f32| {
+        let material = Material {
+            emissive: Vec3::splat(std::f32::consts::FRAC_1_PI),
+            ..Material::diffuse(Vec3::splat(albedo))
+        };
+        let walls: Vec<Quad> = (0..6)
+            .map(|k| {
+                let axis = Vec3::AXES[k / 2] * if k % 2 == 0 { 1.0 } else { -1.0 };
+                let (u, v) = (axis.any_orthonormal_vector(), axis);
+                let w = v.cross(u);
+                // Seen from inside.
+                let at = |a: f32, b: f32| axis + a * u + b * w;
+                Quad {
+                    corners: [at(-1.0, -1.0), at(-1.0, 1.0), at(1.0, 1.0), at(1.0, -1.0)],
+                    material: material.clone(),
+                }
+            })
+            .collect();
+        let level = mesh_of_quads(&walls);
+        baked(&level, &quick(Rule::Fmm, false))
+    };
+    for albedo in [0.0f32, 0.5, 0.9] {
+        let scene = furnace(albedo);
+        let mut frame = CpuFrame::new(&scene);
+        let sweeps = frame.converge(&scene, &FrameSettings::bounces(1), 1e-4);
+        let right = 1.0 / (1.0 - albedo);
+        let (mut mean, mut worst) = (0.0, 0.0f32);
+        for (e, p) in frame.values().iter().zip(&scene.points) {
+            let e = e.dot(p.n()).x / right;
+            mean += e / scene.points.len() as f32;
+            worst = worst.max((e - 1.0).abs());
+        }
+        println!(
+            "albedo {albedo}: mean {mean:.4}, worst {worst:.3}, {sweeps} sweeps, gain {:.4}, rows off one {:.1e}",
+            scene.info.energy.gain, scene.info.energy.row_deviation
+        );
+        assert!((mean - 1.0).abs() < 0.01, "{mean}");
+        assert!(worst < 0.05, "{worst}");
+        assert!((scene.info.energy.gain - albedo).abs() < 0.01);
+    }
+}
+
+#[test]
+fn what_a_recipe_may_not_say() {
+    type Change = fn(&mut Recipe);
+    let wrong: [(&str, Change); 5] = [
+        ("order", |r| r.order = Some(17)),
+        ("leaf", |r| r.leaf = Some(0)),
+        ("sources", |r| r.sources = Some(65)),
+        ("pair_rays", |r| r.pair_rays = Some(0)),
+        ("bounce_mode", |r| {
+            r.bounce_mode = bevy_meshless_gi::bake::BounceMode::Baked;
+        }),
+    ];
+    for (field, change) in wrong {
+        let mut recipe = draft(Rule::Fmm);
+        assert!(recipe.check().is_ok());
+        change(&mut recipe);
+        let why = recipe.check().expect_err(field).to_string();
+        assert!(why.contains(field), "{why}");
+    }
+    let read = Recipe::from_ron("(rule: Fmm, order: 3, sources: 2, fallback: true)").unwrap();
+    assert_eq!(
+        (read.order, read.sources, read.fallback),
+        (Some(3), Some(2), true)
+    );
+}
