@@ -78,7 +78,7 @@ pub struct BakedScene {
     pub operator: Operator,
     /// Baked further bounces, where the recipe asked for them.
     pub bounces: Option<BounceOperator>,
-    /// What the senders' points see, where the recipe asked for it: soft shadows without rays.
+    /// What the senders and the points of whole levels behind them see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
     /// The display basis.
     pub display: Display,

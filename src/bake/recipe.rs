@@ -86,7 +86,7 @@ pub struct Recipe {
     pub cluster_points: Option<u32>,
     /// Example lamps that the bases are made from, 0 to 65536 (`Pca`).
     pub lamps: Option<u32>,
-    /// Bakes what the senders' points see, for lights with soft shadows; left out: such lights cast none.
+    /// Bakes what the senders and one level behind them see, for lights with soft shadows; left out: such lights cast none.
     pub soft_shadows: Option<SoftShadows>,
     /// Seed of all random numbers.
     pub seed: u64,
