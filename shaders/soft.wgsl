@@ -12,10 +12,15 @@
 
 const QUARTER_PI: f32 = 0.7853981633974483;
 const HALF_PI: f32 = 1.5707963267948966;
+const GOLDEN: f32 = 0.618034;
 const TURN: f32 = 6.283185307179586;
 const MOST_COMPONENTS: u32 = 128u;
 // Vectors lean so far at most that their length is ten times their part along the normal.
 const LEAST_ALONG: f32 = 0.1;
+// Depths that differ by no more are not told apart.
+const ROUNDING: f32 = 1e-3;
+// Depths count up to so many times params.near.
+const MOST_RATIO: f32 = 1e9;
 
 // The point of this thread: axes, cluster, decoded coefficients.
 var<private> axis_x: vec3f;
@@ -23,7 +28,7 @@ var<private> axis_y: vec3f;
 var<private> axis_z: vec3f;
 var<private> first_word: u32;
 var<private> words: u32;
-var<private> decoded: array<f32, 130>;
+var<private> decoded: array<f32, 132>;
 
 // Two unit vectors that make a right-handed frame with the unit vector n.
 fn tangent(n: vec3f) -> vec3f {
@@ -44,18 +49,19 @@ fn open_eye(i: u32, n: vec3f) {
     }
     axis_y = cross(n, axis_x);
     first_word = cluster.basis;
-    words = (cluster.components + 2u) / 2u;
+    words = (cluster.components + 1u) / 2u + 1u;
     decoded[0] = scales[cluster.scales];
+    decoded[1] = scales[cluster.scales + 1u];
     // The last word of a direction may be half empty.
-    decoded[cluster.components + 1u] = 0.0;
+    decoded[cluster.components + 2u] = 0.0;
     var at = point.first;
     for (var j = 0u; j < cluster.components; j++) {
         var value = 0.0;
         if ((point.mask[j / 32u] >> (j % 32u)) & 1u) != 0u {
-            value = scales[cluster.scales + j + 1u] * unpack2x16snorm(coefficients[at / 2u])[at % 2u];
+            value = scales[cluster.scales + j + 2u] * unpack2x16snorm(coefficients[at / 2u])[at % 2u];
             at += 1u;
         }
-        decoded[j + 1u] = value;
+        decoded[j + 2u] = value;
     }
 }
 
@@ -63,19 +69,22 @@ fn to_local(v: vec3f) -> vec3f {
     return vec3f(dot(axis_x, v), dot(axis_y, v), dot(axis_z, v));
 }
 
-// e in the direction of a texel.
-fn depth(texel: u32) -> f32 {
-    var e = 0.0;
+// e in the direction of a texel, and its root mean square error.
+fn depth(texel: u32) -> vec2f {
     let start = first_word + texel * words;
-    for (var w = 0u; w < words; w++) {
+    let first = unpack2x16snorm(basis[start]);
+    var e = decoded[0] * first.x;
+    for (var w = 1u; w < words; w++) {
         let pair = unpack2x16snorm(basis[start + w]);
         e += decoded[2u * w] * pair.x + decoded[2u * w + 1u] * pair.y;
     }
-    return e;
+    return vec2f(e, decoded[1] * first.y);
 }
 
 fn encode(d: f32) -> f32 {
-    return d / (d + params.near);
+    // No square overflows.
+    let q = min(d / params.near, MOST_RATIO);
+    return q * q / (1.0 + q * q);
 }
 
 // Direction of a texel, z up.
@@ -141,8 +150,11 @@ fn look_up(d: vec3f) -> Cell {
 // Place of sample k as seen from x.
 fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     if light.kind == SOFT_RECTANGLE {
-        let a = f32(2u * (k % light.columns) + 1u) / f32(light.columns) - 1.0;
-        let b = f32(2u * (k / light.columns) + 1u) / f32(light.rows) - 1.0;
+        // A Fibonacci lattice.
+        let at = f32(k) + 0.5;
+        let turn = at * GOLDEN;
+        let a = 2.0 * at / f32(light.columns * light.rows) - 1.0;
+        let b = 2.0 * (turn - floor(turn)) - 1.0;
         return light.center + light.u * a + light.v * b;
     }
     if light.radius <= 0.0 {
@@ -152,7 +164,7 @@ fn sample_place(light: SoftLight, k: u32, x: vec3f) -> vec3f {
     let distance = sqrt(dot(away, away));
     let count = f32(light.columns * light.rows);
     let radius = min(light.radius, 0.9 * distance) * sqrt((f32(k) + 0.5) / count);
-    let turn = f32(k) * 0.618034;
+    let turn = f32(k) * GOLDEN;
     let angle = TURN * (turn - floor(turn));
     let to = away / max(distance, TINY);
     let t = tangent(to);
@@ -173,7 +185,7 @@ fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     return vec4f(direction, max(w, 0.0));
 }
 
-fn sees(direction: vec3f, distance: f32, normal: vec3f, least: f32) -> f32 {
+fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
     let local = to_local(direction);
     let plane = to_local(normal);
     let cell = look_up(local);
@@ -185,11 +197,11 @@ fn sees(direction: vec3f, distance: f32, normal: vec3f, least: f32) -> f32 {
             far = clamp(distance * dot(local, plane) / over, 0.5 * distance, 2.0 * distance);
         }
         let light = encode(far);
-        let low = encode(far * (1.0 - params.far));
-        let high = encode(far * (1.0 - params.close));
-        let threshold = clamp(0.5 * (light + least), low, high);
-        let ramp = light - encode(far * (1.0 - params.width));
-        seen += cell.weights[k] * clamp(0.5 + (depth(cell.texels[k]) - threshold) / max(ramp, TINY), 0.0, 1.0);
+        let least = max(light - encode(far * (1.0 - params.bias)), ROUNDING);
+        let found = depth(cell.texels[k]);
+        let threshold = light - max(params.before * found.y, least);
+        let ramp = max(params.ramp * found.y, least);
+        seen += cell.weights[k] * clamp(0.5 + (found.x - threshold) / ramp, 0.0, 1.0);
     }
     return seen;
 }
@@ -201,16 +213,6 @@ fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     }
     let normal = normal_of(light);
     let samples = light.columns * light.rows;
-    var least = 1.0;
-    for (var k = 0u; k < samples; k++) {
-        let s = weigh(light, normal, sample_place(light, k, x) - x, n);
-        if s.w > 0.0 {
-            let cell = look_up(to_local(s.xyz));
-            for (var c = 0u; c < 4u; c++) {
-                least = min(least, depth(cell.texels[c]));
-            }
-        }
-    }
     var sum = 0.0;
     var seen = 0.0;
     var hidden = vec3f(0.0);
@@ -218,7 +220,7 @@ fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
         let to = sample_place(light, k, x) - x;
         let s = weigh(light, normal, to, n);
         if s.w > 0.0 {
-            let v = sees(s.xyz, sqrt(dot(to, to)), normal, least);
+            let v = sees(s.xyz, sqrt(dot(to, to)), normal);
             sum += s.w;
             seen += s.w * v;
             hidden += (s.w * (1.0 - v)) * s.xyz;

@@ -19,7 +19,9 @@ use bevy_meshless_gi::frame::{
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use bevy_meshless_gi::transport::pca::{Column, Visibility, VisibilityCluster, VisiblePoint};
+use bevy_meshless_gi::transport::pca::{
+    Column, MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint,
+};
 use bevy_meshless_gi::transport::{BounceLink, Link, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -120,9 +122,9 @@ fn layouts() -> Vec<Layout> {
             rows,
             near,
             extent,
-            close,
-            far,
-            width
+            bias,
+            before,
+            ramp
         }),
         layout!(ShadeParams {
             lights,
@@ -299,6 +301,9 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ),
         ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
         ("TAKEN", Some(f64::from(shade::TAKEN))),
+        ("GOLDEN", Some(f64::from(soft::GOLDEN))),
+        ("ROUNDING", Some(f64::from(soft::ROUNDING))),
+        ("MOST_RATIO", Some(f64::from(MOST_RATIO))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),

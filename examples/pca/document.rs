@@ -1,8 +1,8 @@
 //! The document's texts and the chart of visibility.
 
 use super::transfer::{Made, Transfer};
-use super::visibility::{Found, PENUMBRA, SAMPLES};
-use bevy_meshless_gi::accuracy::{Axis, Chart, Format, Series, Style};
+use super::visibility::{Found, SAMPLES};
+use bevy_meshless_gi::accuracy::{Axis, Chart, Format, PENUMBRA, Series, Style};
 use std::fmt::Write;
 
 /// Error in the penumbra against the number of coefficients.
@@ -29,7 +29,7 @@ pub fn text(found: &[Found]) -> String {
         "# Principal components\n\n\
         Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
         ```text\ncargo run --release --no-default-features --features cli --example pca -- -o docs path/to/level\n```\n\n\
-        Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders' points remember what they see; all others take the mean of their\n\
+        Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders and the points of one level behind them remember what they see; all others take the mean of their\n\
         parents. The penumbra is where the reference integrator (256 stratified rays a place) says that between {} % and {} % of the panel's light arrive.\n\n",
         100.0 * PENUMBRA[0],
         100.0 * PENUMBRA[1]
@@ -50,12 +50,7 @@ pub fn text(found: &[Found]) -> String {
             .iter()
             .map(|c| format!(" {:.1} |", 100.0 * c.1))
             .collect();
-        let _ = writeln!(
-            out,
-            "| {} |{cells} {:.1} |",
-            f.name,
-            100.0 * f.rays[1].nrmse
-        );
+        let _ = writeln!(out, "| {} |{cells} {:.1} |", f.name, 100.0 * f.rays);
     }
     out += "\n\"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
         ## Other panels\n\n\
@@ -95,7 +90,7 @@ pub fn text(found: &[Found]) -> String {
             pair(0),
             pair(1),
             pair(2),
-            100.0 * f.rays[1].nrmse
+            100.0 * f.rays
         );
     }
     out += "\nAll three are alike. (ii) needs one vector a point for all lights, and goes through `flatten` and `splat` as indirect light does.\n\n\

@@ -1,11 +1,14 @@
 //! Soft shadows: light of a rectangle in the penumbra, by the number of coefficients, beside the reference integrator.
 
-use bevy_meshless_gi::accuracy::{Camera, Errors, Image, direct_irradiance, errors, render};
+use bevy_meshless_gi::accuracy::{
+    Camera, Errors, Image, ShadowPlace, deficits_by_rays, errors, render, shadow_errors,
+    shadow_places, shadowed_irradiance,
+};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::project::extent;
-use bevy_meshless_gi::frame::soft::{self, Rays, Sight, SoftLight, SoftParams, unshadowed};
+use bevy_meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
 use bevy_meshless_gi::frame::{VectorIrradiance, splat};
-use bevy_meshless_gi::samples::{Random, trace_particles};
+use bevy_meshless_gi::samples::Random;
 use bevy_meshless_gi::scene::{Geometry, Light, Ray, Surface, TriangleMesh};
 use bevy_meshless_gi::transport::pca::{Visibility, VisibilitySettings, bake_visibility};
 use glam::Vec3;
@@ -14,10 +17,8 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-/// Visible fractions between which a place lies in the penumbra.
-pub const PENUMBRA: [f32; 2] = [0.02, 0.98];
-/// The reference cuts the rectangle into so many strata along each edge.
-const STRATA: i32 = 16;
+/// Paths of importance particles that say where errors are measured.
+const PATHS: u64 = 1200;
 /// Samples of the light, as \[P14\] Fig. 5 has them.
 pub const SAMPLES: u32 = 25;
 
@@ -62,140 +63,54 @@ pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     }
 }
 
-/// A place, its irradiance by the reference, and without shadows.
-#[derive(Clone, Copy)]
-pub struct Place {
-    pub x: Vec3,
-    pub n: Vec3,
-    pub reference: f32,
-    pub unshadowed: f32,
-}
-
-/// Irradiance by the reference integrator, a random sample in each stratum of the panel.
-pub fn reference(mesh: &TriangleMesh, light: &Light, x: Vec3, n: Vec3, stream: u64) -> f32 {
-    let Light::Rect {
-        center,
-        u,
-        v,
-        radiance,
-    } = *light
-    else {
-        return 0.0;
-    };
-    let start = x + n * mesh.lift(x);
-    let mut random = Random::new(9, stream, 0);
-    let at = |i: i32| (2 * i + 1) as f32 / STRATA as f32 - 1.0;
-    let mut sum = 0.0;
-    for i in 0..STRATA * STRATA {
-        let part = Light::Rect {
-            center: center + u * at(i % STRATA) + v * at(i / STRATA),
-            u: u / STRATA as f32,
-            v: v / STRATA as f32,
-            radiance,
-        };
-        sum += direct_irradiance(mesh, &part, start, n, &mut random).x;
-    }
-    sum
-}
-
-/// Places where importance particles land, that the lamp lights.
-pub fn places(scene: &BakedScene, mesh: &TriangleMesh, light: &Light) -> Vec<Place> {
-    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
-    let landed = trace_particles(mesh, &viewpoints, 0..1200, 0xfeed, false).candidates;
-    let lamp = SoftLight::of(light, SAMPLES).expect("a rectangle");
-    let extent = extent(scene);
-    landed
-        .par_iter()
-        .enumerate()
-        .map(|(i, c)| {
-            let (x, n) = (c.surface.position, c.surface.normal);
-            Place {
-                x,
-                n,
-                reference: reference(mesh, light, x, n, i as u64),
-                unshadowed: unshadowed(&lamp, x, n, extent),
-            }
-        })
-        .filter(|p| p.unshadowed > 1e-4)
-        .collect()
-}
-
-pub fn in_penumbra(p: &Place) -> bool {
-    let f = p.reference / p.unshadowed;
-    f > PENUMBRA[0] && f < PENUMBRA[1]
-}
-
-/// Errors of irradiance at `places`, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted as a vector and taken from the unshadowed light
-/// of the place, (iii) the visible fraction is splatted. `sight` says what a point sees.
-pub fn compare<S: Sight>(
-    scene: &BakedScene,
-    light: &SoftLight,
-    params: &SoftParams,
-    places: &[Place],
-    sight: impl Fn(usize, Vec3, Vec3) -> S + Sync,
-) -> [Errors; 3] {
-    let mut fractions = vec![VectorIrradiance::default(); scene.points.len()];
-    let mut deficits = fractions.clone();
-    let senders = scene.senders();
-    fractions[..senders]
-        .par_iter_mut()
-        .zip(&mut deficits[..senders])
-        .with_min_len(64)
-        .enumerate()
-        .for_each(|(i, (fraction, deficit))| {
-            let (x, n) = (scene.points[i].x(), scene.points[i].n());
-            let sight = sight(i, x, n);
-            let (f, _) = soft::fraction(light, x, n, &sight);
-            let e = unshadowed(light, x, n, params.extent);
-            fraction.x = [f, e * f, 0.0, 0.0];
-            let d = soft::deficit(params, light, x, n, &sight);
-            (deficit.x, deficit.y, deficit.z) = ([d.x; 4], [d.y; 4], [d.z; 4]);
-        });
-    soft::spread(scene, &mut fractions);
-    soft::spread(scene, &mut deficits);
-    let values: Vec<[f32; 3]> = places
-        .par_iter()
-        .map(|p| {
-            let at = |v: &[VectorIrradiance]| {
-                splat::splat_vector(&scene.points, &scene.display, v, p.x, p.n).unwrap_or_default()
-            };
-            let [f, shadowed, ..] = at(&fractions).x;
-            let missing = at(&deficits).dot(p.n).x.clamp(0.0, p.unshadowed);
-            [shadowed, p.unshadowed - missing, p.unshadowed * f]
-        })
-        .collect();
-    let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
-    [0, 1, 2].map(|k| {
-        let got: Vec<Vec3> = values.iter().map(|v| Vec3::splat(v[k])).collect();
-        errors(&got, &right, &vec![Vec3::ZERO; right.len()])
-    })
-}
-
-/// As [`compare`], by rays: the least that points and display leave.
-pub fn compare_rays(
-    scene: &BakedScene,
-    mesh: &TriangleMesh,
-    light: &SoftLight,
-    params: &SoftParams,
-    places: &[Place],
-) -> [Errors; 3] {
-    compare(scene, light, params, places, |_, x, n| Rays {
-        geometry: mesh,
-        start: x + n * mesh.lift(x),
-    })
-}
-
-/// As [`compare`], from memory.
-pub fn compare_memory(
+/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted as a vector and taken from the unshadowed
+/// light of the place, (iii) the visible fraction is splatted.
+fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &SoftLight,
-    params: &SoftParams,
-    places: &[Place],
+    places: &[ShadowPlace],
 ) -> [Errors; 3] {
-    compare(scene, light, params, places, |i, _, n| {
-        soft::Eye::new(params, visibility, i, n)
-    })
+    let extent = extent(scene);
+    let params = SoftParams::new(visibility, extent, 1);
+    let known = visibility.points.len();
+    let mut fractions = vec![VectorIrradiance::default(); scene.points.len()];
+    fractions[..known]
+        .par_iter_mut()
+        .with_min_len(64)
+        .enumerate()
+        .for_each(|(i, out)| {
+            let (x, n) = (scene.points[i].x(), scene.points[i].n());
+            let eye = soft::Eye::new(&params, visibility, i, n);
+            let (f, _) = soft::fraction(light, x, n, &eye);
+            out.x = [f, unshadowed(light, x, n, extent) * f, 0.0, 0.0];
+        });
+    soft::spread(scene, known, &mut fractions);
+    let values: Vec<[f32; 2]> = places
+        .par_iter()
+        .map(|p| {
+            let at = splat::splat_vector(&scene.points, &scene.display, &fractions, p.x, p.n);
+            let [f, shadowed, ..] = at.unwrap_or_default().x;
+            [shadowed, p.unshadowed * f]
+        })
+        .collect();
+    let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
+    let by = |k: usize| {
+        let got: Vec<Vec3> = values.iter().map(|v| Vec3::splat(v[k])).collect();
+        errors(&got, &right, &vec![Vec3::ZERO; right.len()])
+    };
+    [by(0), memory(scene, visibility, light, places), by(1)]
+}
+
+/// The second way alone.
+fn memory(
+    scene: &BakedScene,
+    visibility: &Visibility,
+    light: &SoftLight,
+    places: &[ShadowPlace],
+) -> Errors {
+    let deficits = soft::deficits_of(scene, visibility, &[*light]);
+    shadow_errors(scene, &deficits, places)
 }
 
 /// Numbers of coefficients that are tried.
@@ -229,7 +144,7 @@ pub struct Found {
     pub name: String,
     pub places: (usize, usize),
     pub by_count: Vec<(u32, f64)>,
-    pub rays: [Errors; 3],
+    pub rays: f64,
     pub penumbra: [Errors; 3],
     pub lit: [Errors; 3],
     pub variants: Vec<Variant>,
@@ -238,15 +153,13 @@ pub struct Found {
     pub seconds: [f64; 2],
 }
 
-/// With the first `count` components only: those behind have no scale.
-fn first_components(visibility: &Visibility, count: u32) -> Visibility {
-    let mut out = visibility.clone();
-    for cluster in &visibility.clusters {
-        for j in count.min(cluster.components)..cluster.components {
-            out.scales[(cluster.scales + 1 + j) as usize] = 0.0;
-        }
-    }
-    out
+/// Those of `places` that the lamp lights in part.
+fn penumbra_of(places: &[ShadowPlace]) -> Vec<ShadowPlace> {
+    places
+        .iter()
+        .copied()
+        .filter(ShadowPlace::in_penumbra)
+        .collect()
 }
 
 /// Measures a scene and draws its picture into `folder`.
@@ -258,15 +171,17 @@ pub fn measure(
 ) -> Result<Found, Box<dyn Error>> {
     let light = lamp(name);
     let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
-    let lit = places(scene, mesh, &light);
-    let shade: Vec<Place> = lit.iter().copied().filter(in_penumbra).collect();
+    let lit = shadow_places(scene, mesh, &light, PATHS);
+    let shade = penumbra_of(&lit);
     eprintln!(
         "{name}: {} places, {} in the penumbra",
         lit.len(),
         shade.len()
     );
-    let points: Vec<(Vec3, Vec3)> = scene.points[..scene.senders()]
-        .iter()
+    // As a bake with soft shadows has it.
+    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
+    let known = scene.level_starts[levels] as usize;
+    let points: Vec<(Vec3, Vec3)> = (scene.points[..known].iter())
         .map(|p| (p.x(), p.n()))
         .collect();
     let usual = VisibilitySettings::default();
@@ -306,16 +221,8 @@ pub fn measure(
     let mut by_count = Vec::new();
     for (what, settings) in settings {
         let (visibility, seconds) = bake(&settings)?;
-        let params = SoftParams::new(&visibility, extent(scene), 1);
-        let error =
-            |v: &Visibility, places: &[Place]| compare_memory(scene, v, &lamp, &params, places);
-        if settings.components == 100 {
-            by_count = COUNTS
-                .iter()
-                .map(|&k| (k, error(&first_components(&visibility, k), &shade)[1].nrmse))
-                .collect();
-        }
-        let (penumbra, all) = (error(&visibility, &shade), error(&visibility, &lit));
+        let error = |places: &[ShadowPlace]| compare(scene, &visibility, &lamp, places);
+        let (penumbra, all) = (error(&shade), error(&lit));
         let with = BakedScene {
             visibility: Some(visibility),
             ..scene.clone()
@@ -337,25 +244,35 @@ pub fn measure(
         });
         eprintln!("  {what}: {:.4}", penumbra[1].nrmse);
         if shown.is_none() {
-            shown = Some((with, params, penumbra, all));
+            shown = Some((with, penumbra, all));
         }
     }
-    let (with, params, penumbra, all) = shown.ok_or("nothing was baked")?;
+    let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
     let visibility = with.visibility.as_ref().ok_or("lost")?;
+    for components in COUNTS {
+        let (few, _) = bake(&VisibilitySettings {
+            components,
+            tolerance: 0.0,
+            ..usual
+        })?;
+        by_count.push((components, memory(scene, &few, &lamp, &shade).nrmse));
+    }
     let mut others = Vec::new();
     for (what, light) in other_lamps(name) {
         let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
-        let shade: Vec<Place> = places(scene, mesh, &light)
-            .into_iter()
-            .filter(in_penumbra)
-            .collect();
+        let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
+        let by_rays = |known: usize| {
+            let deficits = deficits_by_rays(scene, mesh, &lamp, known);
+            shadow_errors(scene, &deficits, &shade).nrmse
+        };
         others.push(Other {
             what,
             places: shade.len(),
-            penumbra: compare_memory(scene, visibility, &lamp, &params, &shade)[1].nrmse,
-            rays: compare_rays(scene, mesh, &lamp, &params, &shade)[1].nrmse,
+            penumbra: memory(scene, visibility, &lamp, &shade).nrmse,
+            rays: by_rays(known),
         });
     }
+    let params = SoftParams::new(visibility, extent(scene), 1);
     let time = |what: &dyn Fn(usize) -> f32| {
         let began = Instant::now();
         let sum: f32 = (0..points.len()).map(what).sum();
@@ -379,7 +296,7 @@ pub fn measure(
         name: name.into(),
         places: (lit.len(), shade.len()),
         by_count,
-        rays: compare_rays(scene, mesh, &lamp, &params, &shade),
+        rays: shadow_errors(scene, &deficits_by_rays(scene, mesh, &lamp, known), &shade).nrmse,
         penumbra,
         lit: all,
         variants,
@@ -426,7 +343,13 @@ fn picture(
         Vec3::splat((e - missing.unwrap_or_default().x).max(0.0))
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {
-        Vec3::splat(reference(mesh, light, s.position, s.normal, random.bits()))
+        Vec3::splat(shadowed_irradiance(
+            mesh,
+            light,
+            s.position,
+            s.normal,
+            random.bits(),
+        ))
     };
     let black = |_: Vec3| Vec3::ZERO;
     let ours = render(mesh, &camera, (width, height), 1, &memory, &black);

@@ -13,6 +13,7 @@ mod flip;
 mod lamps;
 mod metrics;
 mod pareto;
+mod penumbra;
 mod point_set;
 mod reference;
 mod render;
@@ -31,6 +32,9 @@ pub use flip::{flip, flip_map};
 pub use lamps::{Lit, RAYS_A_PLACE, roomy_places};
 pub use metrics::{Errors, errors, leak_ratio};
 pub use pareto::{interpolate_log, pareto_front};
+pub use penumbra::{
+    PENUMBRA, ShadowPlace, deficits_by_rays, shadow_errors, shadow_places, shadowed_irradiance,
+};
 pub use point_set::{Basis, PointSet};
 pub use reference::{
     Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,

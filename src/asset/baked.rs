@@ -84,7 +84,7 @@ pub struct BakedScene {
     pub bounces: Option<BounceOperator>,
     /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all reflections the recipe asks for; empty where nobody asked.
     pub illumination: Vec<[f32; 3]>,
-    /// What the senders' points see, where the recipe asked for it: soft shadows without rays.
+    /// What the senders and the points of whole levels behind them see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
     /// The light in free space, where the recipe asked for it.
     pub probes: Option<Probes>,

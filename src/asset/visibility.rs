@@ -125,11 +125,16 @@ impl BakedScene {
         check.whole(v.near.is_finite() && v.near > 0.0, "visibility", || {
             format!("depths relative to {} m", v.near)
         });
-        check.whole(
-            v.points.len() == self.senders(),
-            "visibility points",
-            || format!("{} instead of {}", v.points.len(), self.senders()),
-        );
+        // All senders at least, and whole levels: points behind them take the mean of their parents.
+        let whole = (self.sender_levels as usize..=self.levels())
+            .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
+        check.whole(whole, "visibility points", || {
+            format!(
+                "{}, which are no whole levels from {} senders on",
+                v.points.len(),
+                self.senders()
+            )
+        });
         for (i, c) in v.clusters.iter().enumerate() {
             let tangent = Vec3::from_array(c.tangent);
             let sound = (tangent.length_squared() - 1.0).abs() < 1e-3;

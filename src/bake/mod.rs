@@ -371,7 +371,7 @@ fn bake_once(
     finish(source, recipe, baked, began, progress)
 }
 
-/// What the senders' points see, where the recipe asks for it.
+/// What the points see, where the recipe asks for it: the senders and one level behind them, for edges of shadows are finer than what senders are spread for.
 fn see(
     source: &BakeSource<'_>,
     settings: &Settings,
@@ -382,8 +382,9 @@ fn see(
         return Ok(baked);
     };
     let began = Instant::now();
-    let points: Vec<(Vec3, Vec3)> = baked.scene.points[..baked.scene.senders()]
-        .iter()
+    let levels = (baked.scene.sender_levels as usize + 1).min(baked.scene.levels());
+    let known = baked.scene.level_starts[levels] as usize;
+    let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
         .map(|p| (p.x(), p.n()))
         .collect();
     let told = |done| progress.set(Stage::Visibility, done);

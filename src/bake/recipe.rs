@@ -100,7 +100,7 @@ pub struct Recipe {
     pub pair_rays: Option<u32>,
     /// Bakes the links of `Bounded` on the same points too, for devices and frames that do not hold the octree (`Fmm`).
     pub fallback: bool,
-    /// Bakes what the senders' points see, for lights with soft shadows; left out: such lights cast none.
+    /// Bakes what the senders and one level behind them see, for lights with soft shadows; left out: such lights cast none.
     pub soft_shadows: Option<SoftShadows>,
     /// Light in free space, for what moves (rule `Bounded`).
     pub probes: Option<FreeSpaceLight>,

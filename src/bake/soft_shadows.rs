@@ -1,10 +1,10 @@
-//! What a recipe says of soft shadows: whether the senders' points remember what they see ([P14] §4.2), and in how many numbers.
+//! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in how many numbers.
 
 use super::recipe::RecipeError;
 use crate::transport::pca::{HemisphereGrid, Visibility, VisibilitySettings};
 use serde::{Deserialize, Serialize};
 
-/// Visibility of the senders' points, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
+/// Visibility of the senders and of one level behind them, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SoftShadows {

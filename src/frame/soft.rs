@@ -5,12 +5,13 @@
 //! f = Σ w v / Σ w of the irradiance E, with w = cos θ cos θ' / d²; E itself is known in closed form. The kernel writes the deficit (1 − f) E, as a
 //! vector: what the engine draws without shadows is drawn at every pixel, and this is taken from it. In full shadow nothing is left, however few the samples.
 //!
-//! Depths are compared in e = d / (d + s). Where we deviate from \[P14\], which has one bias:
+//! Depths are compared in e = d² / (d² + s²). Where we deviate from \[P14\], which has one bias:
 //!
 //! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the distance to compare with is that to the rectangle's plane:
 //!   no acne where a panel hangs a hand's breadth below a ceiling.
-//! - **The threshold lies half-way** between the light and the nearest thing before it, for few components smooth edges, and a threshold at the light would take every
-//!   smooth edge for shadow: [`SoftParams::close`] to [`SoftParams::far`] of the light's distance before it.
+//! - **The threshold lies before the light** by as much as the depths of the point's cluster are wrong in that direction ([`SoftParams::before`]), and visibility goes from
+//!   nothing to all over as much ([`SoftParams::ramp`]): few components make an edge between near and far smooth, and its middle is where the edge is. Where depths are exact,
+//!   what is a little nearer than the light hides it.
 //!
 //! Points beyond those that remember take the mean of their parents (`flatten`, with no row in use), and `splat` brings all of it to the screen.
 
@@ -262,17 +263,20 @@ fn arc(a: Vec3, b: Vec3, n: Vec3) -> f32 {
     libm::atan2f(sine, a.dot(b)) * n.dot(across) / sine
 }
 
+/// The golden section.
+pub const GOLDEN: f32 = 0.618_034;
+
 /// Sample `k` of `light` as seen from x: its place, metres.
 #[must_use]
 #[inline]
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     let center = Vec3::from_array(light.center);
     if light.kind == SoftLight::RECTANGLE {
-        let at = |i: u32, of: u32| (2 * i + 1) as f32 / of as f32 - 1.0;
-        let (a, b) = (
-            at(k % light.columns, light.columns),
-            at(k / light.columns, light.rows),
-        );
+        // A Fibonacci lattice: no two samples share a row or a column, so that the shadow of an edge along the rectangle's has as many steps as there are samples.
+        let at = k as f32 + 0.5;
+        let turn = at * GOLDEN;
+        let a = 2.0 * at / (light.columns * light.rows) as f32 - 1.0;
+        let b = 2.0 * (turn - turn.floor()) - 1.0;
         return center + Vec3::from_array(light.u) * a + Vec3::from_array(light.v) * b;
     }
     if light.radius <= 0.0 {
@@ -283,7 +287,7 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     let distance = away.dot(away).sqrt();
     let count = (light.columns * light.rows) as f32;
     let radius = light.radius.min(0.9 * distance) * ((k as f32 + 0.5) / count).sqrt();
-    let turn = k as f32 * 0.618_034;
+    let turn = k as f32 * GOLDEN;
     let angle = TAU * (turn - turn.floor());
     let (t, b) = tangents(away / distance.max(f32::MIN_POSITIVE));
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
@@ -318,26 +322,28 @@ pub struct SoftParams {
     pub columns: u32,
     /// Rows of the map.
     pub rows: u32,
-    /// s of e = d / (d + s), metres.
+    /// s of e = d² / (d² + s²), metres.
     pub near: f32,
     /// Largest edge of the level's box, metres.
     pub extent: f32,
     /// What is nearer to the light than this part of its distance never hides it.
-    pub close: f32,
-    /// What is farther from the light than this part of its distance always does.
-    pub far: f32,
-    /// Part of the light's distance over which visibility goes from nothing to all.
-    pub width: f32,
+    pub bias: f32,
+    /// How far before the light the threshold lies, in root mean square errors of the depth.
+    pub before: f32,
+    /// Over how much depth visibility goes from nothing to all, in the same.
+    pub ramp: f32,
     /// Not used.
     pub pad: [u32; 3],
 }
 
-/// The usual [`SoftParams::close`].
-pub const CLOSE: f32 = 0.2;
-/// The usual [`SoftParams::far`].
-pub const FAR: f32 = 0.4;
-/// The usual [`SoftParams::width`].
-pub const WIDTH: f32 = 0.2;
+/// The usual [`SoftParams::bias`].
+pub const BIAS: f32 = 0.1;
+/// The usual [`SoftParams::before`].
+pub const BEFORE: f32 = 3.0;
+/// The usual [`SoftParams::ramp`].
+pub const RAMP: f32 = 3.0;
+/// Depths that differ by no more are not told apart: sixteen bits and a sum of fifty products leave less than that.
+pub const ROUNDING: f32 = 1e-3;
 
 impl SoftParams {
     /// The parameters for a level as large as `extent` metres.
@@ -350,9 +356,9 @@ impl SoftParams {
             rows: visibility.grid.rows,
             near: visibility.near,
             extent,
-            close: CLOSE,
-            far: FAR,
-            width: WIDTH,
+            bias: BIAS,
+            before: BEFORE,
+            ramp: RAMP,
             pad: [0; 3],
         }
     }
@@ -360,10 +366,8 @@ impl SoftParams {
 
 /// How much is seen of a sample in a direction (unit), at a distance (metres), of a light on a plane with a normal (zero for none).
 pub trait Sight {
-    /// e of the nearest thing around that direction; what `sees` is told.
-    fn least(&self, direction: Vec3) -> f32;
-    /// 0 to 1, given the `least` of all samples.
-    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3, least: f32) -> f32;
+    /// 0 to 1.
+    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
 }
 
 /// A point with its coefficients decoded, to look in directions.
@@ -372,16 +376,16 @@ pub struct Eye<'a> {
     visibility: &'a Visibility,
     cluster: VisibilityCluster,
     axes: [Vec3; 3],
-    decoded: [f32; Visibility::MOST_COMPONENTS as usize + 1],
-    components: usize,
+    decoded: [f32; Visibility::MOST_COMPONENTS as usize + 2],
+    numbers: usize,
 }
 
 impl<'a> Eye<'a> {
     /// Point `i`, which has the unit normal `n`.
     #[must_use]
     pub fn new(params: &SoftParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
-        let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 1];
-        let components = visibility.decode(i, &mut decoded);
+        let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 2];
+        let numbers = visibility.decode(i, &mut decoded);
         let cluster = visibility.clusters[visibility.points[i].cluster as usize];
         let (t, b) = frame(cluster.tangent.into(), n);
         Self {
@@ -390,7 +394,7 @@ impl<'a> Eye<'a> {
             cluster,
             axes: [t, b, n],
             decoded,
-            components,
+            numbers,
         }
     }
 
@@ -398,23 +402,16 @@ impl<'a> Eye<'a> {
         Vec3::from_array(self.axes.map(|axis| axis.dot(v)))
     }
 
-    fn depth(&self, texel: u32) -> f32 {
+    /// e and its root mean square error.
+    fn depth(&self, texel: u32) -> (f32, f32) {
         self.visibility
-            .reconstruct(&self.cluster, &self.decoded[..=self.components], texel)
+            .reconstruct(&self.cluster, &self.decoded[..self.numbers], texel)
     }
 }
 
 impl Sight for Eye<'_> {
-    fn least(&self, direction: Vec3) -> f32 {
-        let (texels, _) = self.visibility.grid.lookup(self.local(direction));
-        texels
-            .into_iter()
-            .fold(1.0, |least, t| self.depth(t).min(least))
-    }
-
-    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3, least: f32) -> f32 {
+    fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32 {
         let grid = self.visibility.grid;
-        let e = |d: f32| d / (d + self.params.near);
         let (local, plane) = (self.local(direction), self.local(normal));
         let (texels, weights) = grid.lookup(local);
         let mut seen = 0.0;
@@ -424,15 +421,13 @@ impl Sight for Eye<'_> {
                 true => (distance * local.dot(plane) / over).clamp(0.5 * distance, 2.0 * distance),
                 false => distance,
             };
-            let light = e(far);
-            let (low, high) = (
-                e(far * (1.0 - self.params.far)),
-                e(far * (1.0 - self.params.close)),
-            );
-            let threshold = (0.5 * (light + least)).clamp(low, high);
-            let ramp = light - e(far * (1.0 - self.params.width));
-            let v = 0.5 + (self.depth(texel) - threshold) / ramp.max(f32::MIN_POSITIVE);
-            seen += weight * v.clamp(0.0, 1.0);
+            let light = self.visibility.encode(far);
+            let close = self.visibility.encode(far * (1.0 - self.params.bias));
+            let least = (light - close).max(ROUNDING);
+            let (e, error) = self.depth(texel);
+            let threshold = light - (self.params.before * error).max(least);
+            let ramp = (self.params.ramp * error).max(least);
+            seen += weight * (0.5 + (e - threshold) / ramp).clamp(0.0, 1.0);
         }
         seen
     }
@@ -447,11 +442,7 @@ pub struct Rays<'a> {
 }
 
 impl Sight for Rays<'_> {
-    fn least(&self, _: Vec3) -> f32 {
-        0.0
-    }
-
-    fn sees(&self, direction: Vec3, distance: f32, _: Vec3, _: f32) -> f32 {
+    fn sees(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
         let end = self.start + direction * distance;
         let end = end - direction * self.geometry.lift(end);
         if self.geometry.occluded(self.start, end) {
@@ -467,17 +458,10 @@ impl Sight for Rays<'_> {
 pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32, Vec3) {
     let normal = light.normal();
     let samples = light.columns * light.rows;
-    let shining = |k: u32| weigh(light, sample(light, k, x), x, n);
-    let mut least = 1.0f32;
-    for k in 0..samples {
-        if let Some((_, direction, _)) = shining(k) {
-            least = least.min(sight.least(direction));
-        }
-    }
     let (mut sum, mut seen, mut hidden) = (0.0, 0.0, Vec3::ZERO);
     for k in 0..samples {
-        if let Some((w, direction, distance)) = shining(k) {
-            let v = sight.sees(direction, distance, normal, least);
+        if let Some((w, direction, distance)) = weigh(light, sample(light, k, x), x, n) {
+            let v = sight.sees(direction, distance, normal);
             sum += w;
             seen += w * v;
             hidden += (w * (1.0 - v)) * direction;
@@ -563,23 +547,33 @@ pub fn soft(
         });
 }
 
-/// The deficit at all points of `scene`, which needs visibility, W/m²: [`soft`], and the parents' mean where nothing is remembered. Zero without visibility.
+/// The deficit at all points of `scene`, W/m²: [`deficits_of`] its own visibility. Zero without.
 #[must_use]
 pub fn deficits(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradiance> {
+    match &scene.visibility {
+        Some(visibility) => deficits_of(scene, visibility, lights),
+        None => vec![VectorIrradiance::default(); scene.points.len()],
+    }
+}
+
+/// The deficit at all points of `scene` by a visibility of its first levels, W/m²: [`soft`], and the parents' mean where nothing is remembered.
+#[must_use]
+pub fn deficits_of(
+    scene: &BakedScene,
+    visibility: &Visibility,
+    lights: &[SoftLight],
+) -> Vec<VectorIrradiance> {
     let mut out = vec![VectorIrradiance::default(); scene.points.len()];
-    let Some(visibility) = &scene.visibility else {
-        return out;
-    };
     let params = SoftParams::new(visibility, extent(scene), lights.len());
     soft(&params, visibility, &scene.points, lights, &mut out);
-    spread(scene, &mut out);
+    spread(scene, visibility.points.len(), &mut out);
     out
 }
 
-/// Points beyond the senders take the mean of their parents, coarse levels first: `flatten` with no row in use.
-pub fn spread(scene: &BakedScene, values: &mut [VectorIrradiance]) {
+/// Points of the levels behind the first `known` take the mean of their parents, coarse levels first: `flatten` with no row in use.
+pub fn spread(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
-    for l in scene.sender_levels as usize..scene.levels() {
+    for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {
         flatten::averages(
             &none,
             &scene.operator.rows,

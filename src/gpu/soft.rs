@@ -73,8 +73,10 @@ impl SoftBuffers {
         let stride = size_of::<Span>().next_multiple_of(align.max(1));
         let mut bytes = Vec::new();
         let mut levels = Vec::new();
-        for l in shape.sender_levels..shape.levels() {
-            let level = shape.level(l);
+        for level in (0..shape.levels()).map(|l| shape.level(l)) {
+            if level.start < visibility.points.len() {
+                continue;
+            }
             let span = Span {
                 first: level.start as u32,
                 count: level.len() as u32,

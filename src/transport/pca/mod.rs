@@ -13,6 +13,6 @@ pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light::{CompressScratch, Examples, LightBasis};
 pub use visibility::{
-    NEAR, Visibility, VisibilityCluster, VisibilitySettings, VisiblePoint, bake_visibility, depths,
-    encode, frame,
+    MOST_RATIO, NEAR, Visibility, VisibilityCluster, VisibilitySettings, VisiblePoint,
+    bake_visibility, depths, encode, frame,
 };

@@ -5,12 +5,15 @@
 //! (\[P14\] Eq. (7)); the rows are projected onto the first principal components (Eq. (8)), and a depth is reconstructed as mean plus coefficients times
 //! components (Eq. (9)). Where we deviate:
 //!
-//! - **e = d / (d + s) and not d** is what is decomposed, with s the size of the level times [`NEAR`]: near things count as much as far ones, and no hit is e = 1.
+//! - **e = d² / (d² + s²) and not d** is what is decomposed, with s the size of the level times [`NEAR`]; no hit is e = 1. How near a near thing is does not matter to a lamp, for
+//!   it hides the lamp anyhow; what tells a lamp from what hangs before it is the difference of far depths, and with d, or d / (d + s), the components are spent on the other.
 //! - **Directions count with their cosine.** Components minimise the mean square of √cos θ · e, as irradiance counts directions: what lies along a wall is deep, changes
 //!   much from point to point, and hardly lights anything.
 //! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbours look the same way, or else their depths
 //!   would have nothing in common.
 //! - **Sparse coefficients** (\[P14\] §4.4): those too small to move a depth by [`VisibilitySettings::tolerance`] are left out, a mask says which are there.
+//! - **Each cluster knows its error**: beside mean and components stands, for each direction, the root mean square of what they leave out. It says how soft a comparison
+//!   with a depth must be.
 //! - Components and coefficients are signed 16-bit numbers, with a scale for each component of each cluster.
 
 use super::{HemisphereGrid, cluster, decompose};
@@ -20,8 +23,11 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// s of e = d / (d + s), in parts of the largest edge of the level's box.
-pub const NEAR: f32 = 0.25;
+/// s of e = d² / (d² + s²), in parts of the largest edge of the level's box.
+pub const NEAR: f32 = 1.0;
+
+/// Depths count up to so many times s.
+pub const MOST_RATIO: f32 = 1e9;
 
 /// Directions nearer to the horizon count as if they had this cosine.
 const LEAST_COSINE: f32 = 0.05;
@@ -42,12 +48,12 @@ pub struct VisibilitySettings {
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6: 2016 directions, 50 coefficients; clusters of 400 points, where \[P14\] §4.1 has 1000: see `docs/PCA.md`.
+    /// \[P14\] §6: 2016 directions, 50 coefficients; clusters of 600 points, where \[P14\] §4.1 has 1000: see `docs/PCA.md`.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::default(),
             components: 50,
-            cluster_points: 400,
+            cluster_points: 600,
             tolerance: 5e-4,
             seed: 0,
         }
@@ -64,17 +70,17 @@ pub struct VisibilityCluster {
     pub components: u32,
     /// Where its part of [`Visibility::basis`] starts: direction after direction, [`words`](Self::words) each.
     pub basis: u32,
-    /// Where its part of [`Visibility::scales`] starts: the mean's, then each component's.
+    /// Where its part of [`Visibility::scales`] starts: the mean's, the error's, then each component's.
     pub scales: u32,
     /// Not used.
     pub pad: [u32; 2],
 }
 
 impl VisibilityCluster {
-    /// Words of the basis a direction: mean and components, two a word.
+    /// Words of the basis a direction: mean, error, and components, two a word.
     #[must_use]
     pub fn words(&self) -> usize {
-        (self.components as usize + 2) / 2
+        self.components as usize / 2 + self.components as usize % 2 + 1
     }
 }
 
@@ -105,13 +111,13 @@ impl VisiblePoint {
 pub struct Visibility {
     /// Which directions.
     pub grid: HemisphereGrid,
-    /// s of e = d / (d + s), metres.
+    /// s of e = d² / (d² + s²), metres.
     pub near: f32,
     /// The clusters.
     pub clusters: Vec<VisibilityCluster>,
     /// One a point.
     pub points: Vec<VisiblePoint>,
-    /// Components, two signed normalised 16-bit numbers a word.
+    /// Means, errors and components, two signed normalised 16-bit numbers a word.
     pub basis: Vec<u32>,
     /// What the numbers of the basis and the coefficients are to be multiplied by.
     pub scales: Vec<f32>,
@@ -149,10 +155,10 @@ impl Visibility {
         let (mut basis, mut scales) = (0u32, 0u32);
         for cluster in &mut self.clusters {
             (cluster.basis, cluster.scales) = (basis, scales);
-            let words = (cluster.components.min(Self::MOST_COMPONENTS) + 2) / 2;
+            let words = cluster.components.min(Self::MOST_COMPONENTS).div_ceil(2) + 1;
             let length = u32::try_from(self.grid.len()).ok()?;
             basis = basis.checked_add(words.checked_mul(length)?)?;
-            scales = scales.checked_add(cluster.components.min(Self::MOST_COMPONENTS) + 1)?;
+            scales = scales.checked_add(cluster.components.min(Self::MOST_COMPONENTS) + 2)?;
         }
         // Cluster after cluster, in each as the points are numbered.
         let mut next = vec![0u32; self.clusters.len() + 1];
@@ -172,41 +178,46 @@ impl Visibility {
         Some((basis as usize, scales as usize, end.div_ceil(2) as usize))
     }
 
-    /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, then one a component. Returns how many components there are.
+    /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the error, then one a component. Returns how many numbers these are.
     #[inline]
-    pub fn decode(&self, i: usize, out: &mut [f32; Self::MOST_COMPONENTS as usize + 1]) -> usize {
+    pub fn decode(&self, i: usize, out: &mut [f32; Self::MOST_COMPONENTS as usize + 2]) -> usize {
         let point = &self.points[i];
         let cluster = &self.clusters[point.cluster as usize];
         let scales = &self.scales[cluster.scales as usize..];
-        out[0] = scales[0];
+        (out[0], out[1]) = (scales[0], scales[1]);
         let mut at = point.first as usize;
         for j in 0..cluster.components as usize {
-            out[j + 1] = 0.0;
+            out[j + 2] = 0.0;
             if point.mask[j / 32] >> (j % 32) & 1 != 0 {
-                out[j + 1] = scales[j + 1] * half(&self.coefficients, at);
+                out[j + 2] = scales[j + 2] * half(&self.coefficients, at);
                 at += 1;
             }
         }
-        cluster.components as usize
+        cluster.components as usize + 2
     }
 
-    /// e in direction `texel` of a point of `cluster` whose decoded coefficients these are: \[P14\] Eq. (9).
+    /// e in direction `texel` of a point of `cluster` whose decoded coefficients these are, \[P14\] Eq. (9), and the root mean square error of that for
+    /// the points of the cluster.
     #[must_use]
     #[inline]
-    pub fn reconstruct(&self, cluster: &VisibilityCluster, decoded: &[f32], texel: u32) -> f32 {
+    pub fn reconstruct(
+        &self,
+        cluster: &VisibilityCluster,
+        decoded: &[f32],
+        texel: u32,
+    ) -> (f32, f32) {
         let words = cluster.words();
         let start = cluster.basis as usize + texel as usize * words;
-        let mut e = 0.0;
-        for (word, pair) in self.basis[start..start + words]
-            .iter()
-            .zip(decoded.chunks(2))
-        {
+        let basis = &self.basis[start..start + words];
+        let mut e = decoded[0] * snorm(basis[0] as u16);
+        let error = decoded[1] * snorm((basis[0] >> 16) as u16);
+        for (word, pair) in basis[1..].iter().zip(decoded[2..].chunks(2)) {
             e += pair[0] * snorm(*word as u16);
             if let Some(second) = pair.get(1) {
                 e += second * snorm((word >> 16) as u16);
             }
         }
-        e
+        (e, error)
     }
 
     /// e of a light at `distance` metres.
@@ -217,15 +228,13 @@ impl Visibility {
     }
 }
 
-/// e = d / (d + s); 1 for no hit.
+/// e = d² / (d² + s²); 1 for no hit.
 #[must_use]
 #[inline]
 pub fn encode(distance: f32, near: f32) -> f32 {
-    if distance.is_finite() {
-        distance / (distance + near)
-    } else {
-        1.0
-    }
+    // No square overflows.
+    let q = (distance / near).min(MOST_RATIO);
+    q * q / (1.0 + q * q)
 }
 
 /// A signed normalised number, as WGSL's `unpack2x16snorm` reads it.
@@ -284,7 +293,7 @@ pub fn depths(
 /// One cluster before all are put together.
 struct Part {
     tangent: Vec3,
-    /// The mean's, then each component's.
+    /// The mean's, the error's, then each component's.
     scales: Vec<f32>,
     basis: Vec<u32>,
     /// One a member: the mask and what it says is there.
@@ -337,7 +346,7 @@ pub fn bake_visibility(
         let part = part?;
         out.clusters.push(VisibilityCluster {
             tangent: part.tangent.to_array(),
-            components: part.scales.len() as u32 - 1,
+            components: part.scales.len() as u32 - 2,
             ..VisibilityCluster::default()
         });
         out.basis.extend(part.basis);
@@ -401,23 +410,6 @@ fn bake_cluster(
     let count = found.count();
     let component = |j: usize, i: usize| found.vector(j)[i] / weights[i];
 
-    // Components of largest number one, and what that took goes to their coefficients.
-    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    let mut scales = vec![largest(&mean)];
-    let basis_scale: Vec<f32> = (0..count)
-        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
-        .collect();
-    let words = (count + 2) / 2;
-    let mut basis = Vec::with_capacity(length * words);
-    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
-    let mut column = vec![0u16; 2 * words];
-    for (i, mean) in mean.iter().enumerate() {
-        column[0] = to_snorm(over(*mean, scales[0]));
-        for j in 0..count {
-            column[j + 1] = to_snorm(over(component(j, i), basis_scale[j]));
-        }
-        basis.extend(pack(&column));
-    }
     // [P14] Eq. (8).
     let coefficients: Vec<f32> = rows
         .chunks_exact(length)
@@ -435,11 +427,13 @@ fn bake_cluster(
         all.fold(0.0f32, |most, v| most.max(v.abs()))
     };
     let most: Vec<f32> = (0..count).map(largest_of).collect();
-    scales.extend((0..count).map(|j| most[j] * basis_scale[j]));
     // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
     let least = settings.tolerance * (length as f32).sqrt();
-    let points = (0..members.len())
-        .map(|m| {
+    // What is left of the rows when all that is kept is taken off is the error.
+    let points: Vec<([u32; 4], Vec<u16>)> = rows
+        .chunks_exact_mut(length)
+        .enumerate()
+        .map(|(m, row)| {
             let mut mask = [0u32; 4];
             let mut kept = Vec::new();
             for j in 0..count {
@@ -447,11 +441,37 @@ fn bake_cluster(
                 if v.abs() >= least && v != 0.0 {
                     mask[j / 32] |= 1 << (j % 32);
                     kept.push(to_snorm(v / most[j]));
+                    (row.iter_mut().zip(found.vector(j))).for_each(|(e, c)| *e -= v * c);
                 }
             }
             (mask, kept)
         })
         .collect();
+    let mut error = vec![0.0f32; length];
+    for row in rows.chunks_exact(length) {
+        (error.iter_mut().zip(row)).for_each(|(s, e)| *s += e * e / members.len() as f32);
+    }
+    (error.iter_mut().zip(&weights)).for_each(|(s, w)| *s = s.sqrt() / w);
+
+    // Components of largest number one, and what that took goes to their coefficients.
+    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    let basis_scale: Vec<f32> = (0..count)
+        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
+        .collect();
+    let mut scales = vec![largest(&mean), largest(&error)];
+    scales.extend((0..count).map(|j| most[j] * basis_scale[j]));
+    let words = count.div_ceil(2) + 1;
+    let mut basis = Vec::with_capacity(length * words);
+    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
+    let mut column = vec![0u16; 2 * words];
+    for i in 0..length {
+        column[0] = to_snorm(over(mean[i], scales[0]));
+        column[1] = to_snorm(over(error[i], scales[1]));
+        for j in 0..count {
+            column[j + 2] = to_snorm(over(component(j, i), basis_scale[j]));
+        }
+        basis.extend(pack(&column));
+    }
     Part {
         tangent,
         scales,

@@ -1,0 +1,96 @@
+//! Soft shadows of rectangles from baked visibility, beside the reference integrator: ten per cent in the penumbra at fifty coefficients, for panels of several sizes in
+//! several places, with the same constants. On bakes without the finest levels; `examples/pca` measures those of the usual size.
+#![cfg(feature = "gltf")]
+
+use bevy_meshless_gi::accuracy::{ShadowPlace, deficits_by_rays, shadow_errors, shadow_places};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use bevy_meshless_gi::frame::soft::{self, SoftLight};
+use bevy_meshless_gi::scene::{Light, TriangleMesh, load_gltf};
+use glam::Vec3;
+
+/// The bound.
+const BOUND: f64 = 0.10;
+
+fn panel(center: [f32; 3], u: f32, v: f32) -> Light {
+    Light::Rect {
+        center: center.into(),
+        u: Vec3::X * u,
+        v: Vec3::Z * v,
+        radiance: Vec3::ONE,
+    }
+}
+
+fn baked(name: &str) -> (TriangleMesh, BakedScene) {
+    let file = format!(
+        "{}/tests/data/{name}/{name}.glb",
+        env!("CARGO_MANIFEST_DIR")
+    );
+    let mesh = load_gltf(file).expect("a level").mesh;
+    let recipe = Recipe {
+        preset: Preset::Medium,
+        levels: Some(5),
+        sender_levels: Some(4),
+        extra_levels: Some(0),
+        rays: Some(16),
+        soft_shadows: Some(SoftShadows::default()),
+        ..Recipe::default()
+    };
+    let baked = bake_level(&mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    (mesh, baked.scene)
+}
+
+/// Errors from memory and by rays at the same points.
+fn found(mesh: &TriangleMesh, scene: &BakedScene, light: &Light) -> (f64, f64) {
+    let visibility = scene.visibility.as_ref().expect("visibility");
+    let places: Vec<ShadowPlace> = shadow_places(scene, mesh, light, 300)
+        .into_iter()
+        .filter(ShadowPlace::in_penumbra)
+        .collect();
+    assert!(places.len() > 50, "{} places", places.len());
+    let lamp = SoftLight::of(light, 25).expect("a rectangle");
+    let deficits = soft::deficits(scene, &[lamp]);
+    let by_rays = deficits_by_rays(scene, mesh, &lamp, visibility.points.len());
+    let error = |deficits: &[_]| shadow_errors(scene, deficits, &places).nrmse;
+    // Must fail: no shadow at all.
+    assert!(error(&vec![Default::default(); deficits.len()]) > 2.0 * BOUND);
+    (error(&deficits), error(&by_rays))
+}
+
+fn meets(name: &str, panels: &[Light]) {
+    let (mesh, scene) = baked(name);
+    let visibility = scene.visibility.as_ref().expect("visibility");
+    assert!(visibility.clusters.iter().all(|c| c.components <= 50));
+    for light in panels {
+        let (memory, rays) = found(&mesh, &scene, light);
+        println!("{name}: {memory:.4}, by rays {rays:.4}, {light:?}");
+        assert!(
+            memory <= BOUND,
+            "{name}: {memory}, by rays {rays}, {light:?}"
+        );
+    }
+}
+
+#[test]
+fn penumbrae_in_a_box_with_two_blocks() {
+    meets(
+        "cornell",
+        &[
+            panel([2.78, 5.46, 2.795], 0.65, 0.525),
+            panel([1.5, 5.2, 2.0], 0.4, 0.8),
+            panel([4.0, 4.9, 3.6], 0.9, 0.3),
+        ],
+    );
+}
+
+#[test]
+fn penumbrae_behind_a_door() {
+    meets(
+        "rooms_open",
+        &[
+            panel([1.8, 2.7, 2.0], 0.5, 0.5),
+            panel([2.6, 2.5, 1.3], 0.3, 0.6),
+            panel([6.0, 2.6, 2.4], 0.6, 0.4),
+        ],
+    );
+}
