@@ -1,5 +1,5 @@
 //! Soft shadows of rectangles from baked visibility, beside the reference integrator: ten per cent in the penumbra at fifty coefficients, for panels of several sizes in
-//! several places, with the same constants. On bakes without the finest levels; `examples/pca` measures those of the usual size.
+//! several places, with the same constants. On a bake without the finest levels; `examples/pca` measures those of the usual size, and the level whose penumbrae lie behind a door.
 #![cfg(feature = "gltf")]
 
 use bevy_meshless_gi::accuracy::{ShadowPlace, deficits_by_rays, shadow_errors, shadow_places};
@@ -33,7 +33,10 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
         sender_levels: Some(4),
         extra_levels: Some(0),
         rays: Some(16),
-        soft_shadows: Some(SoftShadows::default()),
+        soft_shadows: Some(SoftShadows {
+            cluster_points: 200,
+            ..SoftShadows::default()
+        }),
         ..Recipe::default()
     };
     let baked = bake_level(&mesh, &recipe, 0, &Progress::default()).expect("a bake");
@@ -61,11 +64,11 @@ fn meets(name: &str, panels: &[Light]) {
     let (mesh, scene) = baked(name);
     let visibility = scene.visibility.as_ref().expect("visibility");
     assert!(visibility.clusters.iter().all(|c| c.components <= 50));
-    for light in panels {
-        let (memory, rays) = found(&mesh, &scene, light);
-        println!("{name}: {memory:.4}, by rays {rays:.4}, {light:?}");
+    let found: Vec<(f64, f64)> = panels.iter().map(|p| found(&mesh, &scene, p)).collect();
+    println!("{name}, from memory and by rays: {found:.4?}");
+    for (light, (memory, rays)) in panels.iter().zip(&found) {
         assert!(
-            memory <= BOUND,
+            *memory <= BOUND,
             "{name}: {memory}, by rays {rays}, {light:?}"
         );
     }
@@ -79,18 +82,6 @@ fn penumbrae_in_a_box_with_two_blocks() {
             panel([2.78, 5.46, 2.795], 0.65, 0.525),
             panel([1.5, 5.2, 2.0], 0.4, 0.8),
             panel([4.0, 4.9, 3.6], 0.9, 0.3),
-        ],
-    );
-}
-
-#[test]
-fn penumbrae_behind_a_door() {
-    meets(
-        "rooms_open",
-        &[
-            panel([1.8, 2.7, 2.0], 0.5, 0.5),
-            panel([2.6, 2.5, 1.3], 0.3, 0.6),
-            panel([6.0, 2.6, 2.4], 0.6, 0.4),
         ],
     );
 }

@@ -48,12 +48,12 @@ pub struct VisibilitySettings {
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6: 2016 directions, 50 coefficients; clusters of 600 points, where \[P14\] §4.1 has 1000: see `docs/PCA.md`.
+    /// \[P14\] §6: 2016 directions, 50 coefficients; clusters of 400 points, where \[P14\] §4.1 has 1000: see `docs/PCA.md`.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::default(),
             components: 50,
-            cluster_points: 600,
+            cluster_points: 400,
             tolerance: 5e-4,
             seed: 0,
         }
