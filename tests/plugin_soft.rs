@@ -203,7 +203,7 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
         whole += luminance(of.pixels[i]);
         count += 1;
     }
-    assert!(count > 30 && whole > 0.0, "{count} pixels");
+    assert!(count > 10 && whole > 0.0, "{count} pixels");
     sum / whole
 }
 
@@ -312,7 +312,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
     );
 
     // It moves: what is missing is found anew, once, and the shadow is elsewhere.
-    let place = hanging(Vec3::new(0.4, 1.9, -0.3));
+    let place = hanging(Vec3::new(-0.6, 1.6, 0.3));
     let move_to = |app: &mut App, to| {
         *app.world_mut().get_mut::<Transform>(lamp).unwrap() = to;
         run(app, 1);
