@@ -154,27 +154,22 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
         let turned: Vec<Vec3> = fmm.1.iter().rev().copied().collect();
         assert!(nrmse(&turned, &truth) > 0.2);
         if name.contains("ball") {
-            // The ball reddens the floor below it, beside which it does not.
-            let near =
-                |x: &Vec3, most: f32| x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < most;
-            let tint = |inside: bool| {
-                let of = |(x, _): &(Vec3, Vec3)| {
-                    if inside {
-                        near(x, 0.4)
-                    } else {
-                        x.y < 0.02 && !near(x, 0.8)
-                    }
-                };
-                let pairs = places.iter().zip(&fmm.1).filter(|(p, _)| of(p));
-                let sum: Vec3 = pairs.map(|(_, e)| *e).sum();
-                sum.x / sum.z
+            // The ball reddens the floor below it: without it the same places are less red.
+            let below = |(x, _): &&(Vec3, Vec3)| {
+                x.y < 0.02 && Vec2::new(x.x - 0.1, x.z - 0.1).length() < 0.7
             };
+            let floor: Vec<_> = places.iter().filter(below).copied().collect();
+            let bare = mesh_of_quads(&cornell_box()[..5]);
+            let empty = baked(&bare, &quick(Rule::Fmm, false));
+            let tints = [(&fmm.0, &level), (&empty, &bare)].map(|(scene, level)| {
+                let sum: Vec3 = indirect(scene, level, &floor).into_iter().sum();
+                sum.x / sum.z
+            });
             println!(
-                "red over blue below the ball {:.2}, beside {:.2}",
-                tint(true),
-                tint(false)
+                "red over blue below the ball {:.2}, without it {:.2}",
+                tints[0], tints[1]
             );
-            assert!(tint(true) > 1.05 * tint(false));
+            assert!(floor.len() > 5 && tints[0] > 1.2 * tints[1]);
         }
     }
 }
