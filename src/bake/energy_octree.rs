@@ -132,9 +132,9 @@ fn reciprocity(
         }
     }
     let (mut differences, mut means) = (0.0, 0.0);
-    for a in 0..RUNS {
-        for b in 0..a {
-            let (there, back) = (between[a][b], between[b][a]);
+    for (a, row) in between.iter().enumerate() {
+        for (&there, other) in row.iter().zip(&between[..a]) {
+            let back = other[a];
             differences += (there - back).powi(2);
             means += (0.5 * (there + back)).powi(2);
         }

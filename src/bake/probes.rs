@@ -44,7 +44,7 @@ impl FreeSpaceLight {
             })
         };
         match (self.spacing, self.rays) {
-            (Some(s), _) if !(s >= 1e-9 && s <= 1e9) => wrong(
+            (Some(s), _) if !(1e-9..=1e9).contains(&s) => wrong(
                 "probes.spacing",
                 s.to_string(),
                 "a length from 1e-9 to 1e9 metres",
