@@ -79,13 +79,13 @@ fn cloud(
 ) -> Result<TriangleMesh, Box<dyn Error>> {
     let mut all = scatter(level, spacing, 1).ok_or("no points")?;
     let kept: Vec<bool> = all.positions.iter().map(|&p| keep(p)).collect();
-    let part = |values: Vec<Vec3>| -> Vec<Vec3> {
-        let pairs = values.into_iter().zip(&kept);
-        pairs.filter(|(_, kept)| **kept).map(|(v, _)| v).collect()
+    let part = |values: &mut Vec<Vec3>| {
+        let mut kept = kept.iter();
+        values.retain(|_| kept.next().copied().unwrap_or(false));
     };
-    all.positions = part(all.positions);
-    all.normals = all.normals.map(part);
-    all.albedo = all.albedo.map(part);
+    part(&mut all.positions);
+    all.normals.iter_mut().for_each(part);
+    all.albedo.iter_mut().for_each(part);
     Ok(PointCloud::new(all, None)?.mesh().0)
 }
 

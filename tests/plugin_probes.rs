@@ -24,7 +24,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
         levels: Some(3),
         sender_levels: Some(2),
         rays: Some(128),
-        probes: probes.then(|| FreeSpaceLight {
+        probes: probes.then_some(FreeSpaceLight {
             spacing: Some(0.3),
             rays: None,
         }),

@@ -110,7 +110,7 @@ fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
                 intensity,
                 range,
             },
-            ref other => other.clone(),
+            other => other,
         })
         .collect();
     let meshes = std::slice::from_ref(&mesh);
