@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
         let (mesh, level, mut surfaces) = ball();
-        let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
+        let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
         // Nothing but the ball is there: a lamp above a place's own and its neighbours' horizon shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LitPlace)| {

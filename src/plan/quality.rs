@@ -366,7 +366,7 @@ mod tests {
         assert_eq!((picker.tier(), picker.changes()), (4, 0));
         let why = picker.picked().why;
         assert!(
-            why.contains("within 10 ms") && why.contains("all links"),
+            why.contains("within 10 ms") && why.contains("no higher"),
             "{why}"
         );
     }

@@ -15,7 +15,7 @@ use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
-    FrameState, Plan, SceneId, SceneState, SlotTable, Slots, Stage, ViewId, ViewState,
+    FrameState, Plan, SceneId, SceneState, SlotTable, Slots, Stage, ViewId, ViewState, falls_back,
 };
 use crate::scene::Bounds;
 use bevy::ecs::prelude::*;
@@ -121,13 +121,11 @@ impl GiRender {
                     .views
                     .iter()
                     .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
-            state.scenes.push(self.observe_scene(
-                scene,
-                &world.lights,
-                soft,
-                seen,
-                world.read_back,
-            ));
+            let mut described =
+                self.observe_scene(scene, &world.lights, soft, seen, world.read_back);
+            described.no_octree =
+                (scene.bake.as_ref()).and_then(|b| falls_back(b, largest_binding));
+            state.scenes.push(described);
         }
         state.bounces_held =
             (self.reflections.as_ref()).is_some_and(|r| r.hold(&state, maps, world, &self.scenes));
