@@ -1,10 +1,10 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
+use super::GpuError;
 use super::Pass;
-use super::kernels::KERNELS;
-use super::pipelines::{Draw, Kernels};
+use super::draw::draw_composite;
+use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
-use super::{GpuError, kernels};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use glam::Mat4;
@@ -331,69 +331,6 @@ impl GpuFrame {
         draw_composite(kernels, pass, format, replace, view, textures);
         self.counters.composites += 1;
     }
-}
-
-/// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`] does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
-pub fn draw_composite(
-    kernels: &Kernels,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    replace: bool,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    let how = if replace { Draw::Replace } else { Draw::Add };
-    draw(kernels, pass, format, how, view, textures);
-}
-
-/// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance. `textures`: what
-/// [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and lighting passes.
-pub fn draw_gloss(
-    kernels: &Kernels,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    draw(kernels, pass, format, Draw::Gloss, view, textures);
-}
-
-/// Takes from a view's picture the light of lamps with soft shadows that does not get there. `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote,
-/// G-buffer and lighting passes.
-pub fn draw_shade(
-    kernels: &Kernels,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    view: &ViewBuffers,
-    textures: [&wgpu::TextureView; 3],
-) {
-    draw(kernels, pass, format, Draw::Shade, view, textures);
-}
-
-fn draw(
-    kernels: &Kernels,
-    pass: &mut wgpu::RenderPass<'_>,
-    format: wgpu::TextureFormat,
-    how: Draw,
-    view: &ViewBuffers,
-    [irradiance, gbuffer, lighting_passes]: [&wgpu::TextureView; 3],
-) {
-    let kernel = kernels.composite(format, how);
-    let bind = kernels
-        .device()
-        .create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(KERNELS[kernels::COMPOSITE].name),
-            layout: &kernel.layout,
-            entries: &[
-                entry(0, view.composite.as_entire_binding()),
-                entry(1, wgpu::BindingResource::TextureView(irradiance)),
-                entry(2, wgpu::BindingResource::TextureView(gbuffer)),
-                entry(3, wgpu::BindingResource::TextureView(lighting_passes)),
-            ],
-        });
-    pass.set_pipeline(&kernel.pipeline);
-    pass.set_bind_group(0, &bind, &[]);
-    pass.draw(0..3, 0..1);
 }
 
 impl Kernels {
@@ -723,6 +660,6 @@ pub(super) fn compute<'e>(
     })
 }
 
-fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
+pub(super) fn entry(binding: u32, resource: wgpu::BindingResource<'_>) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource }
 }

@@ -19,6 +19,7 @@
 //! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
 
+mod draw;
 mod error;
 mod fmm;
 mod frame;
@@ -35,9 +36,10 @@ mod shade;
 mod soft;
 mod subsplats;
 
+pub use draw::{draw_composite, draw_gloss, draw_shade};
 pub use error::GpuError;
 pub use fmm::GpuFmm;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets, draw_composite, draw_gloss, draw_shade};
+pub use frame::{GpuCounters, GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind};

@@ -59,7 +59,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "bounce_from_dynamic",
         summary: "draws what moves from the lights that ask for it, and makes virtual point lights of it",
-        schedule: bounce_from_dynamic,
+        schedule: super::dynamic::bounce_from_dynamic,
     },
     Effect {
         name: "display",
@@ -69,7 +69,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "gloss_from_dynamic",
         summary: "shows what moves in glossy surfaces, in the views that ask for it",
-        schedule: gloss_from_dynamic,
+        schedule: super::dynamic::gloss_from_dynamic,
     },
     Effect {
         name: "penumbrae",
@@ -311,20 +311,6 @@ fn free_space(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
-    for light in &state.bounces {
-        match state.maps_of(light) {
-            Ok(_) if state.bounces_held => plan.resting.push(light.id),
-            Ok(maps) => {
-                let reason = Reason::Moving(maps);
-                plan.push("bounce_from_dynamic", Stage::Rsm, SceneId::WORLD, reason)
-                    .light = Some(light.id);
-            }
-            Err(why) => plan.dark.push((light.id, why)),
-        }
-    }
-}
-
 fn display(state: &FrameState, plan: &mut Plan) {
     for view in &state.views {
         let mut first = None;
@@ -357,17 +343,6 @@ fn display(state: &FrameState, plan: &mut Plan) {
         // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
             plan.push("display", Stage::Composite, scene, Reason::InView)
-                .view = Some(view.id);
-        }
-    }
-}
-
-fn gloss_from_dynamic(state: &FrameState, plan: &mut Plan) {
-    for view in state.views.iter().filter(|view| view.gloss) {
-        let lit = |p: &Pass| p.stage == Stage::Vpl && p.view == Some(view.id);
-        if plan.passes.iter().any(lit) {
-            let world = SceneId::WORLD;
-            plan.push("gloss_from_dynamic", Stage::Gloss, world, Reason::InView)
                 .view = Some(view.id);
         }
     }

@@ -22,6 +22,7 @@
 //!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 
+mod dynamic;
 mod effect;
 mod lights;
 mod maps;
