@@ -121,7 +121,7 @@ fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
             .translation = moved;
         run(&mut app, 1);
         let moved_name = format!("{name}_moved");
-        assert_alike(
+        compare(
             &moved_name,
             &on_cpu(&bake, moved),
             &picture(&mut app, &image),
