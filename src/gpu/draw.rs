@@ -5,7 +5,7 @@ use super::kernels::{COMPOSITE, KERNELS};
 use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::ViewBuffers;
 
-/// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`] does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
+/// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`](super::GpuFrame::composite) does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
 pub fn draw_composite(
     kernels: &Kernels,
     pass: &mut wgpu::RenderPass<'_>,
