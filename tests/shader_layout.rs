@@ -22,7 +22,7 @@ use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use bevy_meshless_gi::transport::pca::{
     Column, MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint,
 };
-use bevy_meshless_gi::transport::{BounceLink, Link, Row};
+use bevy_meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -275,9 +275,25 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 17] = [
-    "Cell", "Place", "Shear", "Covered", "Seen", "Between", "Near", "Facet", "Shine", "Receiver",
-    "Glossy", "Around", "Foretold", "Spectrum", "Missing", "Surface", "Lobe",
+const SHADER_ONLY: [&str; 18] = [
+    "Cell",
+    "Place",
+    "Shear",
+    "Covered",
+    "Seen",
+    "Between",
+    "Near",
+    "Facet",
+    "Shine",
+    "Receiver",
+    "Glossy",
+    "Around",
+    "Foretold",
+    "Spectrum",
+    "Missing",
+    "Surface",
+    "Lobe",
+    "SpaceLight",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -301,6 +317,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ),
         ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
         ("TAKEN", Some(f64::from(shade::TAKEN))),
+        ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
         ("MOST_RATIO", Some(f64::from(MOST_RATIO))),
