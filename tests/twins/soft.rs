@@ -93,8 +93,11 @@ fn soft() {
     others[1] = SoftLight::default();
     noticed("a light less", &soft::deficits(&scene, &others));
     let mut spoiled = scene.clone();
-    spoiled.visibility.as_mut().unwrap().scales[0] *= 1.1;
-    noticed("another mean", &soft::deficits(&spoiled, &lights));
+    let memory = spoiled.visibility.as_mut().unwrap();
+    for cluster in &memory.clusters {
+        memory.scales[cluster.scales as usize] *= 0.8;
+    }
+    noticed("other means", &soft::deficits(&spoiled, &lights));
     let mut spoiled = scene.clone();
     for point in &mut spoiled.visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
