@@ -121,26 +121,21 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
     let k = span.first;
     let count = min(counted[3], span.count);
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
-        let cell = unpack_cell(lists[level_start(k) + i]);
-        var at = level_start(0u) + i;
-        if k > 0u {
-            // The node of an even cell is that of the level above.
-            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
-                continue;
-            }
-            at = cell_index(k, cell);
+        let item = listed(k, i);
+        if item.at == NOWHERE {
+            continue;
         }
-        let node = nodes[at];
+        let node = nodes[item.at];
         // Covered by a surface's functions, or nothing is there to be lit.
         if node_is(node, COVERED) || !node_is(node, KNOWN) {
             continue;
         }
-        let pixel = cell << vec2u(k);
+        let pixel = item.cell << vec2u(k);
         let surface = textureLoad(gbuffer, pixel, 0);
         let there = place(pixel, textureLoad(depths, pixel, 0), surface);
         let light = probe(there.x);
         if light.reached {
-            nodes[at] = node_new(
+            nodes[item.at] = node_new(
                 to_world(around(light, there.n)),
                 node_foretold(node),
                 EVALUATED | KNOWN | COVERED,

@@ -105,19 +105,14 @@ fn nodes_of(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) g
     let k = span.first;
     let count = min(counted[3], span.count);
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
-        let cell = unpack_cell(lists[level_start(k) + i]);
-        var at = level_start(0u) + i;
-        if k > 0u {
-            // The node of an even cell is that of the level above.
-            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
-                continue;
-            }
-            at = cell_index(k, cell);
+        let item = listed(k, i);
+        if item.at == NOWHERE {
+            continue;
         }
         // An earlier scene covers it.
-        let node = nodes[at];
+        let node = nodes[item.at];
         if !node_is(node, EVALUATED | COVERED) {
-            nodes[at] = splat_node(cell << vec2u(k), node);
+            nodes[item.at] = splat_node(item.cell << vec2u(k), node);
         }
     }
 }

@@ -75,20 +75,15 @@ fn vpl_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) 
     let k = span.first;
     let count = min(counted[3], span.count);
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
-        let cell = unpack_cell(lists[level_start(k) + i]);
-        var at = level_start(0u) + i;
-        if k > 0u {
-            // The node of an even cell is that of the level above.
-            if k < screen.coarsest && all((cell & vec2u(1u)) == vec2u(0u)) {
-                continue;
-            }
-            at = cell_index(k, cell);
+        let item = listed(k, i);
+        if item.at == NOWHERE {
+            continue;
         }
-        let pixel = cell << vec2u(k);
+        let pixel = item.cell << vec2u(k);
         let depth = lit_depth(pixel);
         if depth <= 0.0 {
             continue;
         }
-        subsplats[at] = vpl_node(pixel, depth, subsplats[at]);
+        subsplats[item.at] = vpl_node(pixel, depth, subsplats[item.at]);
     }
 }

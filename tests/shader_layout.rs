@@ -275,7 +275,7 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 18] = [
+const SHADER_ONLY: [&str; 19] = [
     "Cell",
     "Place",
     "Shear",
@@ -294,6 +294,7 @@ const SHADER_ONLY: [&str; 18] = [
     "Surface",
     "Lobe",
     "SpaceLight",
+    "Listed",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -317,6 +318,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ),
         ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
         ("TAKEN", Some(f64::from(shade::TAKEN))),
+        ("NOWHERE", None),
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),

@@ -140,6 +140,25 @@ const LIGHT: usize = size_of::<FrameLight>();
 const WEIGHT: usize = size_of::<WeightEntry>();
 const VECTOR: usize = size_of::<VectorIrradiance>();
 
+/// What kernels bind that look functions up for the pixels or subsplats of a view.
+const LOOK_UP: [Binding; 15] = [
+    bind(0, "params", Uniform(size_of::<SplatParams>())),
+    bind(1, "depths", Depth),
+    bind(2, "gbuffer", Uint),
+    bind(3, "points", Read(POINT)),
+    bind(4, "planes", Read(VEC4)),
+    bind(5, "grid_slots", Read(size_of::<GridSlot>())),
+    bind(6, "grid_entries", Read(4)),
+    bind(7, "values", Read(VECTOR)),
+    bind(8, "output", Output),
+    bind(9, "earlier", Float),
+    bind(10, "screen", SCREEN),
+    bind(11, "span", Span),
+    bind(12, "nodes", Write(NODE)),
+    bind(13, "lists", Read(4)),
+    bind(14, "counted", Read(4)),
+];
+
 /// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
 pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "whole_screen",
@@ -300,25 +319,9 @@ pub const KERNELS: [Kernel; 21] = [
     Kernel {
         name: "splat",
         source: shader!(
-            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
+            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "listed", "node"
         ),
-        bindings: &[
-            bind(0, "params", Uniform(size_of::<SplatParams>())),
-            bind(1, "depths", Depth),
-            bind(2, "gbuffer", Uint),
-            bind(3, "points", Read(POINT)),
-            bind(4, "planes", Read(VEC4)),
-            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
-            bind(6, "grid_entries", Read(4)),
-            bind(7, "values", Read(VECTOR)),
-            bind(8, "output", Output),
-            bind(9, "earlier", Float),
-            bind(10, "screen", SCREEN),
-            bind(11, "span", Span),
-            bind(12, "nodes", Write(NODE)),
-            bind(13, "lists", Read(4)),
-            bind(14, "counted", Read(4)),
-        ],
+        bindings: &LOOK_UP,
         entries: &[
             each(
                 Pass::SplatNodes,
@@ -336,25 +339,9 @@ pub const KERNELS: [Kernel; 21] = [
     Kernel {
         name: "probe",
         source: shader!(
-            "probe", "grid", "weight", "gbuffer", "place", "screen", "list", "node"
+            "probe", "grid", "weight", "gbuffer", "place", "screen", "list", "listed", "node"
         ),
-        bindings: &[
-            bind(0, "params", Uniform(size_of::<SplatParams>())),
-            bind(1, "depths", Depth),
-            bind(2, "gbuffer", Uint),
-            bind(3, "points", Read(POINT)),
-            bind(4, "planes", Read(VEC4)),
-            bind(5, "grid_slots", Read(size_of::<GridSlot>())),
-            bind(6, "grid_entries", Read(4)),
-            bind(7, "values", Read(VECTOR)),
-            bind(8, "output", Output),
-            bind(9, "earlier", Float),
-            bind(10, "screen", SCREEN),
-            bind(11, "span", Span),
-            bind(12, "nodes", Write(NODE)),
-            bind(13, "lists", Read(4)),
-            bind(14, "counted", Read(4)),
-        ],
+        bindings: &LOOK_UP,
         entries: &[
             each(
                 Pass::ProbeNodes,
@@ -406,6 +393,7 @@ pub const KERNELS: [Kernel; 21] = [
             "vpl",
             "screen",
             "list",
+            "listed",
             "node"
         ),
         bindings: &[
