@@ -8,12 +8,14 @@ use bevy_meshless_gi::asset::{BakedScene, Limits, Probes};
 use bevy_meshless_gi::bake::{
     FreeSpaceLight, Preset, Progress, Recipe, RecipeError, Rule, bake_level,
 };
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::frame::volume::volume;
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VolumeParams, voxels_of};
 use bevy_meshless_gi::samples::{Random, lattice, uniform_sphere};
 use bevy_meshless_gi::scene::{
     Light, Material, Quad, SceneDescription, TriangleMesh, cornell_box, load_gltf, mesh_of_quads,
 };
-use glam::{Vec2, Vec3};
+use glam::{Mat4, UVec3, Vec2, Vec3};
+use std::f32::consts::PI;
 use std::path::Path;
 
 fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
@@ -197,6 +199,94 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
     }
 }
 
+/// What an engine reads of a volume at (x, n): each axis' side between eight voxels, weighed with the square of the normal, as a white surface shows it.
+fn read_volume(params: &VolumeParams, texels: &[[f32; 4]], x: Vec3, n: Vec3) -> Vec3 {
+    let size = UVec3::from(params.size);
+    let at = (x - Vec3::from(params.low)) / Vec3::from(params.voxel);
+    let at = at.clamp(Vec3::splat(0.5), size.as_vec3() - 0.5) - 0.5;
+    let first = at.as_uvec3().min(size - 2);
+    let part = at - first.as_vec3();
+    let mut sum = Vec3::ZERO;
+    for corner in 0..8u32 {
+        let step = UVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+        let near = Vec3::select(step.cmpeq(UVec3::ONE), part, 1.0 - part).element_product();
+        for axis in 0..3u32 {
+            let mut t = first + step;
+            t.y += if n[axis as usize] < 0.0 { size.y } else { 0 };
+            t.z += axis * size.z;
+            let texel = texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize];
+            let weight = near * n[axis as usize] * n[axis as usize];
+            sum += weight * Vec3::from_slice(&texel[..3]);
+        }
+    }
+    sum
+}
+
+/// Behind a wall of two voxels and more a volume is black; on the lit walls and in the air it is what the probes say, or the display of the walls.
+#[test]
+fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
+    let size = Vec3::new(3.0, 2.5, 3.0);
+    let low = Vec3::new(3.24, 0.0, 0.0);
+    let mut quads = room(Vec3::ZERO, size, 0.7, |_| false);
+    quads.extend(room(low, low + size, 0.7, |_| false));
+    let scene = baked(&mesh_of_quads(&quads), draft());
+    let lamp = Light::Point {
+        position: Vec3::new(1.5, 2.0, 1.5),
+        intensity: Vec3::ONE,
+        range: f32::INFINITY,
+    };
+    let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+    let probes = scene.probes.as_ref().unwrap();
+    let [from, to] = scene.info.bounds.map(Vec3::from);
+    let (from, to) = (from - 0.12, to + 0.12);
+    let voxels = voxels_of(to - from, 0.12, u32::MAX);
+    let grid = (&probes.grid).into();
+    let params = VolumeParams::new([from, to], voxels, &Mat4::IDENTITY, grid).unwrap();
+    let all = params.texels();
+    let texels: Vec<[f32; 4]> = (0..all.element_product())
+        .map(|i| UVec3::new(i % all.x, i / all.x % all.y, i / (all.x * all.y)))
+        .map(|t| volume(&params, probes, frame.probes(), t))
+        .collect();
+    let mut random = Random::new(2, 0, 0);
+    let (mut on_walls, mut shown, mut behind) = (vec![], vec![], vec![]);
+    let (mut in_air, mut said) = (vec![], vec![]);
+    let mut dark = 0.0f32;
+    for k in 0..3000 {
+        let mut unit = || random.unit();
+        let mut x = size * Vec3::new(unit(), unit(), unit());
+        let mut n = uniform_sphere(Vec2::new(unit(), unit()));
+        // Every other place lies on one of the walls, and faces the room.
+        let wall = k % 2 == 0;
+        if wall {
+            let (axis, far) = (k / 2 % 3, k / 6 % 2 == 1);
+            x[axis] = if far { size[axis] } else { 0.0 };
+            n = Vec3::ZERO;
+            n[axis] = if far { -1.0 } else { 1.0 };
+        }
+        let found = PI * read_volume(&params, &texels, x, n);
+        dark = dark.max(read_volume(&params, &texels, x + low, n).max_element());
+        if wall {
+            on_walls.push(frame.irradiance(&scene, x, n).expect("covered"));
+            shown.push(found);
+            behind.push(PI * read_volume(&params, &texels, x, -n));
+        } else {
+            in_air.push(frame.in_space(&scene, x).expect("reached").irradiance(n));
+            said.push(found);
+        }
+    }
+    let nrmse =
+        |found: &[Vec3], right: &[Vec3]| errors(found, right, &vec![Vec3::ZERO; right.len()]).nrmse;
+    let (walls, air) = (nrmse(&shown, &on_walls), nrmse(&said, &in_air));
+    let mean = said.iter().map(|e| e.x).sum::<f32>() / said.len() as f32;
+    println!(
+        "{voxels} voxels: NRMSE {walls:.3} on the walls, {air:.3} in the air, {dark} of {mean} in the dark room"
+    );
+    assert!(walls < 0.1 && air < 0.1, "{walls} {air}");
+    assert!(dark <= 1e-4 * mean, "{dark} of {mean}");
+    // The sides swapped.
+    assert!(nrmse(&behind, &on_walls) > 0.15);
+}
+
 #[test]
 fn closed_forms() {
     // A sky over a single quad, from above: half of all directions. E(n) of the upper hemisphere is (1 + n.y) / 2 of all.
@@ -337,7 +427,7 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
     spoil("a radius of nothing", &|p| p.points[3].radius = 0.0);
     spoil("a normal", &|p| p.points[3].normal = [0.0, 1.0, 0.0]);
     spoil("planes beyond the end", &|p| {
-        p.points[3].planes |= 200 << 24
+        p.points[3].planes = p.planes.len() as u32 | 1 << 24
     });
     spoil("a plane that is none", &|p| p.planes[0][3] = f32::INFINITY);
     spoil("another grid", &|p| p.grid.cell_size *= 2.0);

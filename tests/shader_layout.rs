@@ -13,8 +13,8 @@ use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
     RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span, SplatParams,
-    SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, apply, brdf, compress,
-    gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, vpl,
+    SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf,
+    compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -150,6 +150,15 @@ fn layouts() -> Vec<Layout> {
             slot_mask,
             cell_size,
             scale
+        }),
+        layout!(VolumeParams {
+            low,
+            cell_size,
+            voxel,
+            slot_mask,
+            size,
+            scale,
+            axes
         }),
         layout!(SubsplatParams {
             view_from_clip,
@@ -488,6 +497,18 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
                 dim: naga::ImageDimension::D2,
             },
         ) => Some(Kind::Layers),
+        (
+            _,
+            naga::TypeInner::Image {
+                class:
+                    naga::ImageClass::Storage {
+                        format: naga::StorageFormat::Rgba16Float,
+                        access,
+                    },
+                arrayed: false,
+                dim: naga::ImageDimension::D3,
+            },
+        ) if *access == naga::StorageAccess::STORE => Some(Kind::Voxels),
         (
             _,
             naga::TypeInner::Image {

@@ -2,9 +2,9 @@
 //!
 //! [L08] §2.1 takes a coefficient from the light at the function's own centre. A lamp's shadow edge then jumps from centre to centre as the lamp moves,
 //! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
-//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out. One looks from a little above, as for
-//! clip planes: from the surface itself the next facet of a bend would hide all behind it.
-//! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise.
+//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out.
+//! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise, and one looks from a little above, as for clip planes: the
+//! next cell of a bend would hide all behind it. Triangles are looked at from the surface itself, as from higher up one sees over sills and ledges to what is lit otherwise.
 
 use super::LevelBasis;
 use super::clip::eye_height;
@@ -75,7 +75,10 @@ fn look_around(
     let height = 0.25 * point.radius;
     let mut rays = 0;
     let lift = geometry.lift(x);
-    let up = eye_height(geometry, x, n, point.radius, &mut rays).max(lift);
+    let up = match geometry.roughness(x) > 0.0 {
+        true => eye_height(geometry, x, n, point.radius, &mut rays).max(lift),
+        false => lift,
+    };
     let eye = x + n * up;
     for _ in 0..LATTICES {
         let turn = Vec2::new(0.0, random.unit());

@@ -93,12 +93,12 @@ fn planes_of(
         let ray = Ray::segment(x, way, length);
         rays += 1;
         let hit = geometry.cast(&ray);
-        if let Some(hit) = hit {
-            let surface = geometry.surface(&ray, &hit);
+        if let Some(hit) = &hit {
+            let surface = geometry.surface(&ray, hit);
             let n = surface.normal;
             candidates.push(n.extend(-n.dot(surface.position)));
         }
-        hit.is_some()
+        hit.map(|hit| hit.t)
     };
     let mut places = Vec::new();
     for y in around {
@@ -110,12 +110,20 @@ fn planes_of(
         places.push(Place {
             x: y,
             weight: kernel(length / radius),
-            blocked: look(way / length, length, &mut candidates),
+            blocked: look(way / length, length, &mut candidates).is_some(),
         });
     }
     for k in 0..WALLS {
         let way = uniform_sphere(lattice(k, WALLS, Vec2::ZERO)).normalize_or(Vec3::Y);
-        look(way, radius, &mut candidates);
+        // Nor does a probe know what is inside of a wall, where no path of light tells of other places.
+        if let Some(t) = look(way, radius, &mut candidates) {
+            let length = 0.5 * (t + radius);
+            places.push(Place {
+                x: x + way * length,
+                weight: kernel(length / radius),
+                blocked: true,
+            });
+        }
     }
     (choose_planes(&mut places, &candidates, x, radius), rays)
 }

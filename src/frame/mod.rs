@@ -57,6 +57,7 @@ pub mod splat;
 pub mod subsplat;
 pub mod upsample;
 mod view;
+pub mod volume;
 pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
@@ -72,3 +73,4 @@ pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};
+pub use volume::{VolumeParams, voxels_of};

@@ -80,7 +80,7 @@ impl Harness {
         self.map(&staging, |all| bytemuck::pod_collect_to_vec(all))
     }
 
-    /// All texels of a texture, row by row, without padding. `T` is one texel.
+    /// All texels of a texture, layer by layer and row by row, without padding. `T` is one texel.
     ///
     /// # Errors
     /// [`GpuError::ReadBack`].
@@ -90,7 +90,8 @@ impl Harness {
     ) -> Result<Vec<T>, GpuError> {
         let row = size_of::<T>() * texture.width() as usize;
         let stride = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
-        let staging = self.staging((stride * texture.height() as usize) as u64);
+        let rows = texture.height() as usize * texture.depth_or_array_layers() as usize;
+        let staging = self.staging((stride * rows) as u64);
         self.run(|encoder| {
             encoder.copy_texture_to_buffer(
                 texture.as_image_copy(),
@@ -99,7 +100,7 @@ impl Harness {
                     layout: wgpu::TexelCopyBufferLayout {
                         offset: 0,
                         bytes_per_row: Some(stride as u32),
-                        rows_per_image: None,
+                        rows_per_image: Some(texture.height()),
                     },
                 },
                 texture.size(),

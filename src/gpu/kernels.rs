@@ -2,7 +2,9 @@
 //! table with what the shaders declare.
 
 use super::Pass;
-use super::kernels::Kind::{Depth, Float, Layers, Output, Read, Span, Uint, Uniform, Write};
+use super::kernels::Kind::{
+    Depth, Float, Layers, Output, Read, Span, Uint, Uniform, Voxels, Write,
+};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
@@ -10,7 +12,7 @@ use crate::frame::pyramid::CellRange;
 use crate::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
     RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, SplatParams,
-    SubsplatParams, VectorIrradiance, Vpl, VplParams, VplViewParams, rsm,
+    SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -38,6 +40,8 @@ pub enum Kind {
     Layers,
     /// An `Rgba16Float` storage texture that is written.
     Output,
+    /// Such a texture in three dimensions.
+    Voxels,
 }
 
 /// One binding of a shader; all are in group 0.
@@ -168,7 +172,7 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
 ];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 21] = [
+pub const KERNELS: [Kernel; 22] = [
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),
@@ -339,7 +343,8 @@ pub const KERNELS: [Kernel; 21] = [
     Kernel {
         name: "probe",
         source: shader!(
-            "probe", "grid", "weight", "gbuffer", "place", "screen", "list", "listed", "node"
+            "probe", "grid", "weight", "space", "gbuffer", "place", "screen", "list", "listed",
+            "node"
         ),
         bindings: &LOOK_UP,
         entries: &[
@@ -354,6 +359,26 @@ pub const KERNELS: [Kernel; 21] = [
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
             ),
         ],
+    },
+    Kernel {
+        name: "volume",
+        source: shader!("volume", "grid", "weight", "space"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<VolumeParams>())),
+            bind(1, "points", Read(POINT)),
+            bind(2, "planes", Read(VEC4)),
+            bind(3, "grid_slots", Read(size_of::<GridSlot>())),
+            bind(4, "grid_entries", Read(4)),
+            bind(5, "values", Read(VECTOR)),
+            bind(6, "voxels", Voxels),
+        ],
+        entries: &[Entry {
+            pass: Pass::Volume,
+            name: "volume",
+            workgroup: [4, 4, 4],
+            items: 64,
+            bindings: &[0, 1, 2, 3, 4, 5, 6],
+        }],
     },
     Kernel {
         name: "rsm",

@@ -35,6 +35,7 @@ mod scene_buffers;
 mod shade;
 mod soft;
 mod subsplats;
+mod volume;
 
 pub use draw::{draw_composite, draw_gloss, draw_shade};
 pub use error::GpuError;
@@ -50,3 +51,4 @@ pub use scene_buffers::{SceneBuffers, ViewBuffers};
 pub use shade::ShadeBuffers;
 pub use soft::SoftBuffers;
 pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};
+pub use volume::VolumeBuffers;

@@ -39,6 +39,8 @@ pub enum Pass {
     ProbeNodes,
     /// `probe`, at every pixel.
     ProbeOver,
+    /// `volume`.
+    Volume,
     /// `rsm`, the lit texels of one map.
     RsmTexels,
     /// `rsm`, shadows of one baked scene on a light's texels.
@@ -85,7 +87,7 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 38;
+    pub const COUNT: usize = 39;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -106,6 +108,7 @@ impl Pass {
         Self::SplatOver,
         Self::ProbeNodes,
         Self::ProbeOver,
+        Self::Volume,
         Self::RsmTexels,
         Self::RsmShadow,
         Self::RsmChoose,

@@ -297,6 +297,11 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         multisampled: false,
     };
     let float = wgpu::TextureSampleType::Float { filterable: false };
+    let output = |view_dimension| wgpu::BindingType::StorageTexture {
+        access: wgpu::StorageTextureAccess::WriteOnly,
+        format: wgpu::TextureFormat::Rgba16Float,
+        view_dimension,
+    };
     match kind {
         Kind::Uniform(size) => buffer(wgpu::BufferBindingType::Uniform, false, size),
         Kind::Span => buffer(wgpu::BufferBindingType::Uniform, true, size_of::<Span>()),
@@ -314,10 +319,7 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         Kind::Uint => texture(wgpu::TextureSampleType::Uint, plane),
         Kind::Float => texture(float, plane),
         Kind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
-        Kind::Output => wgpu::BindingType::StorageTexture {
-            access: wgpu::StorageTextureAccess::WriteOnly,
-            format: wgpu::TextureFormat::Rgba16Float,
-            view_dimension: wgpu::TextureViewDimension::D2,
-        },
+        Kind::Output => output(plane),
+        Kind::Voxels => output(wgpu::TextureViewDimension::D3),
     }
 }

@@ -381,7 +381,9 @@ impl SceneBuffers {
             Pass::Averages | Pass::Differences | Pass::FmmEvaluate => Some(&self.values),
             Pass::FmmUp => self.fmm.as_ref().map(|f| f.expansions()[0]),
             Pass::FmmReceive => self.fmm.as_ref().map(|f| f.expansions()[1]),
-            Pass::ProbeNodes | Pass::ProbeOver => self.probes.as_ref().map(|p| &p.values),
+            Pass::ProbeNodes | Pass::ProbeOver | Pass::Volume => {
+                self.probes.as_ref().map(|p| &p.values)
+            }
             // What is on the screen, or seen from a light, is not a scene's.
             _ => None,
         }

@@ -7,7 +7,7 @@
 
 use super::{
     BounceState, FrameState, LightId, NoOctree, Pass, Picked, Reason, SceneId, SceneState, Skip,
-    SlotChange, Stage, ViewId,
+    SlotChange, Stage, ViewId, ViewState,
 };
 use std::fmt;
 
@@ -50,6 +50,11 @@ pub const EFFECTS: &[Effect] = &[
         name: "free_space",
         summary: "carries the light on to the probes of bakes that have them, for what moves",
         schedule: free_space,
+    },
+    Effect {
+        name: "volume",
+        summary: "puts the light in free space into a volume, for cameras without a G-buffer",
+        schedule: super::volume::volume,
     },
     Effect {
         name: "soft_shadows",
@@ -228,15 +233,17 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
         })
     } else if !scene.shown {
         Err(Skip::Hidden)
-    } else if !state
-        .views
-        .iter()
-        .any(|v| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id))
-    {
+    } else if !(scene.volume.asked && scene.volume.seen) && !displayed(state, scene) {
         Err(Skip::NotInView)
     } else {
         Ok(())
     }
+}
+
+/// Whether a view shows the scene over its G-buffer.
+fn displayed(state: &FrameState, scene: &SceneState) -> bool {
+    let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
+    state.views.iter().any(shows)
 }
 
 /// The active scenes; without a note about the others.
@@ -357,7 +364,6 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::ViewState;
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);

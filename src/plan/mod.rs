@@ -16,6 +16,7 @@
 //! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
 //! | a lamp casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
 //! | no lamp does, or the bake does not remember | nothing: no visibility on the device, no pass |
+//! | a volume for forward cameras is asked for, and one of them sees the scene | its voxels, when the light changed |
 //! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
@@ -31,6 +32,7 @@ mod pass;
 mod quality;
 mod soft;
 mod state;
+mod volume;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{
@@ -41,5 +43,6 @@ pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, SoftState, ViewId, ViewState,
+    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, SoftState, ViewId,
+    ViewState, VolumeState,
 };

@@ -18,6 +18,8 @@ pub enum Stage {
     Flatten,
     /// Light in free space: the operator's rows of the probes, and the probes over what a view shows off the surfaces.
     Probe,
+    /// Light in free space as a volume, for cameras without a G-buffer.
+    Volume,
     /// What lamps with soft shadows do not reach, at the points that remember what they see.
     Soft,
     /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
@@ -38,13 +40,14 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Upload,
         Self::Project,
         Self::PullPush,
         Self::Apply,
         Self::Flatten,
         Self::Probe,
+        Self::Volume,
         Self::Soft,
         Self::Rsm,
         Self::Splat,
@@ -65,6 +68,7 @@ impl Stage {
             Self::Apply => "apply",
             Self::Flatten => "flatten",
             Self::Probe => "probe",
+            Self::Volume => "volume",
             Self::Soft => "soft",
             Self::Rsm => "rsm",
             Self::Splat => "splat",
@@ -99,6 +103,8 @@ pub enum Reason {
     Moving(u32),
     /// Lamps with soft shadows came, went, moved or changed colour; there are so many now.
     SoftLightsChanged(usize),
+    /// A volume is new, or stands differently in the world.
+    NewVolume,
 }
 
 impl fmt::Display for Reason {
@@ -112,6 +118,7 @@ impl fmt::Display for Reason {
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),
             Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
+            Self::NewVolume => f.write_str("the volume does not hold this light yet"),
             Self::Moving(maps) => write!(f, "what moves is in reach, {maps} map(s) show it"),
         }
     }
@@ -152,6 +159,8 @@ pub enum Skip {
     NoMaps,
     /// A light casts soft shadows, and the points of this bake do not remember what they see.
     NoVisibility,
+    /// A volume is asked for, and the bake knows no light in free space.
+    NoFreeSpace,
 }
 
 impl fmt::Display for Skip {
@@ -175,6 +184,9 @@ impl fmt::Display for Skip {
             Self::LightDark => f.write_str("the light is off"),
             Self::NoVisibility => {
                 f.write_str("a light casts soft shadows, and the bake holds no visibility")
+            }
+            Self::NoFreeSpace => {
+                f.write_str("a volume is asked for, and the bake knows no light in free space")
             }
             Self::NoMaps => f.write_str("lights of this kind cast no reflective shadow maps"),
         }

@@ -60,6 +60,17 @@ pub struct SoftState {
     pub largest_buffer: u64,
 }
 
+/// What cameras without a G-buffer ask of a scene: its light in free space as a volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct VolumeState {
+    /// The scene is to have a volume, and there is a texture for it.
+    pub asked: bool,
+    /// One of those cameras sees the scene.
+    pub seen: bool,
+    /// The texture holds the light of an earlier frame, for the volume as it is now.
+    pub held: bool,
+}
+
 /// One baked scene in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
@@ -85,6 +96,8 @@ pub struct SceneState {
     pub read_back: bool,
     /// The bake knows light in free space.
     pub probes: bool,
+    /// What cameras without a G-buffer ask of it.
+    pub volume: VolumeState,
     /// What lamps with soft shadows ask of it.
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
@@ -109,6 +122,7 @@ impl SceneState {
             idle_frames: 0,
             read_back: false,
             probes: false,
+            volume: VolumeState::default(),
             soft: SoftState::default(),
             tier: None,
             no_octree: None,

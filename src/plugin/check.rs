@@ -6,6 +6,7 @@
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::extract::draws_gbuffer;
 use super::reflective::{MeshlessGiBouncer, MeshlessGiCapture};
+use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::{Camera, Hdr};
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
@@ -48,6 +49,8 @@ pub enum MeshlessGiFinding {
     SoftShadowTwice,
     /// There are more rectangle lights than Bevy draws.
     SoftShadowCount,
+    /// A scene is to have a volume for forward cameras, and its bake knows no light in free space.
+    NoFreeSpace,
 }
 
 impl MeshlessGiFinding {
@@ -108,6 +111,10 @@ impl MeshlessGiFinding {
                 "There are more than eight `RectLight`s, of which Bevy draws eight: which ones is not known, so none of them casts soft shadows. Hide those \
                  that are far away."
             }
+            Self::NoFreeSpace => {
+                "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras show none. Bake the level with `probes: ()` in its \
+                 recipe, or with `--probes`."
+            }
         }
     }
 }
@@ -143,7 +150,7 @@ pub(crate) fn check(
     >,
     probes: Query<&EnvironmentMapLight, With<LightProbe>>,
     ambient: Option<Res<GlobalAmbientLight>>,
-    volumes: Query<&IrradianceVolume>,
+    volumes: Query<&IrradianceVolume, Without<Voxels>>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
     bouncers: Query<(), With<MeshlessGiBouncer>>,
     materials: Option<Res<Assets<StandardMaterial>>>,

@@ -11,6 +11,7 @@ use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
+use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
@@ -32,6 +33,7 @@ pub(crate) struct SceneRuntime {
     pub slots: SlotTable<LightKey>,
     pub frame: Option<GpuFrame>,
     pub soft: SceneSoft,
+    volume: SceneVolume,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
     idle_frames: u32,
@@ -84,6 +86,7 @@ impl GiRender {
         &mut self,
         world: &ExtractedGi,
         soft: &ExtractedSoft,
+        volumes: &ExtractedVolumes,
         maps: &LightMaps,
         largest_binding: u64,
         coefficients: &MeshlessGiCoefficients,
@@ -121,8 +124,10 @@ impl GiRender {
                     .views
                     .iter()
                     .any(|v| v.settings.enabled && v.has_gbuffer && v.sees.contains(&scene.id));
+            let placed = scene.shown && scene.placement.is_some();
+            let seen = seen || placed && SceneVolume::seen(volumes, scene.id);
             let mut described =
-                self.observe_scene(scene, &world.lights, soft, seen, world.read_back);
+                self.observe_scene(scene, &world.lights, soft, volumes, seen, world.read_back);
             described.no_octree =
                 (scene.bake.as_ref()).and_then(|b| falls_back(b, largest_binding));
             state.scenes.push(described);
@@ -137,6 +142,7 @@ impl GiRender {
         scene: &ExtractedScene,
         lights: &[ExtractedGiLight],
         soft: &ExtractedSoft,
+        volumes: &ExtractedVolumes,
         seen: bool,
         read_back: bool,
     ) -> SceneState {
@@ -165,6 +171,7 @@ impl GiRender {
             slots: SlotTable::new(),
             frame: None,
             soft: SceneSoft::default(),
+            volume: SceneVolume::default(),
             solved: None,
             idle_frames: 0,
             too_large: None,
@@ -196,6 +203,7 @@ impl GiRender {
             state.stale = stale;
             let bounds = bounds(bake);
             state.soft = (runtime.soft).observe(soft, bake, bounds, &scene.layers, placement);
+            state.volume = (runtime.volume).observe(volumes, scene.id, bake, &local_from_world);
             if !runtime.soft.asked()
                 && let Some(counted) = runtime.soft.release()
             {
@@ -224,6 +232,7 @@ impl GiRender {
         if let Some(counted) = runtime.soft.release() {
             self.retired.add(&counted);
         }
+        runtime.volume = SceneVolume::default();
         runtime.slots.forget();
         runtime.solved = None;
         runtime.read_back = None;
@@ -275,6 +284,9 @@ impl GiRender {
                 counters.buffers += buffers;
                 counters.bytes += bytes;
             }
+            let (buffers, bytes) = runtime.volume.size();
+            counters.buffers += buffers;
+            counters.bytes += bytes;
             if let Some(read_back) = &runtime.read_back {
                 counters.buffers += 1;
                 counters.bytes += read_back.bytes();
@@ -336,6 +348,7 @@ fn stage_of(pass: Pass) -> Stage {
         | Pass::Resolve
         | Pass::Fill => Stage::Splat,
         Pass::ProbeNodes | Pass::ProbeOver => Stage::Probe,
+        Pass::Volume => Stage::Volume,
         Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
         // Light between points is not recorded by the plugin yet; where it is, it stands in for the operator.
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
@@ -353,6 +366,7 @@ fn stage_of(pass: Pass) -> Stage {
 pub(crate) fn compute(
     world: Res<ExtractedGi>,
     soft: Res<ExtractedSoft>,
+    volumes: Res<ExtractedVolumes>,
     maps: Res<LightMaps>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
@@ -373,7 +387,7 @@ pub(crate) fn compute(
     let largest = limits
         .max_storage_buffer_binding_size
         .min(limits.max_buffer_size);
-    let state = render.observe(&world, &soft, &maps, largest, &coefficients);
+    let state = render.observe(&world, &soft, &volumes, &maps, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
         render.release(id);
@@ -436,6 +450,21 @@ pub(crate) fn compute(
             };
             runtime.too_large = Some((bytes, runtime.slots.len()));
             failed.push(scene.id);
+        } else if let (Some(_), Some(placement), Some(frame)) = (
+            plan.find(Stage::Volume, scene.id),
+            &scene.placement,
+            &mut runtime.frame,
+        ) {
+            runtime.volume.record(
+                &volumes,
+                scene.id,
+                &runtime.bake,
+                &placement.matrix(),
+                frame,
+                kernels,
+                &queue,
+                ctx.command_encoder(),
+            );
         }
     }
     span.end(ctx.command_encoder());

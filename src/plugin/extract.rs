@@ -15,6 +15,7 @@ use super::gloss::MeshlessGiGloss;
 use super::quality::MeshlessGiTier;
 use super::reflective::MeshlessGiCapture;
 use super::transform::Placement;
+use super::volume::MeshlessGiVolume;
 use crate::asset::BakedScene;
 use crate::plan::{Picked, SceneId, ViewId};
 use crate::scene::Light;
@@ -233,6 +234,17 @@ fn cone(light: &SpotLight) -> (f32, f32) {
     (light.inner_angle.min(outer), outer)
 }
 
+/// Whether a camera with this frustum and these layers sees a scene's box.
+pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &RenderLayers) -> bool {
+    let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
+        return false;
+    };
+    let [min, max] = bake.info.bounds.map(Vec3::from_array);
+    let bounds = Aabb::from_min_max(min, max);
+    layers.intersects(&scene.layers)
+        && frustum.intersects_obb(&bounds, &placement.world_from_local, true, true)
+}
+
 /// Whether a camera has all that [`MeshlessGiCamera`] brought.
 pub(crate) fn draws_gbuffer(
     hdr: bool,
@@ -260,6 +272,7 @@ pub(crate) fn extract(
     spots: Extract<Query<(LightParts, &SpotLight)>>,
     directionals: Extract<Query<(LightParts, &DirectionalLight)>>,
     rects: Extract<Query<(LightParts, &RectLight)>>,
+    volumes: Extract<Query<(), With<MeshlessGiVolume>>>,
     mut warned: Local<HashSet<Entity>>,
 ) {
     out.keep_frames = settings.keep_frames;
@@ -306,21 +319,7 @@ pub(crate) fn extract(
             continue;
         }
         let layers = layers.cloned().unwrap_or_default();
-        let sees = |scene: &&ExtractedScene| {
-            if !layers.intersects(&scene.layers) {
-                return false;
-            }
-            let (Some(bake), Some(placement)) = (&scene.bake, &scene.placement) else {
-                return false;
-            };
-            let [min, max] = bake.info.bounds.map(Vec3::from_array);
-            frustum.intersects_obb(
-                &Aabb::from_min_max(min, max),
-                &placement.world_from_local,
-                true,
-                true,
-            )
-        };
+        let sees = |scene: &&ExtractedScene| in_view(scene, frustum, &layers);
         let view = ExtractedGiView {
             id: ViewId(entity.to_bits()),
             settings: settings.clone(),
@@ -333,7 +332,7 @@ pub(crate) fn extract(
         out.views.push(view);
     }
     // Nothing reads the lights of a frame that shows no baked scene.
-    if out.scenes.is_empty() || out.views.is_empty() {
+    if out.scenes.is_empty() || out.views.is_empty() && volumes.is_empty() {
         return;
     }
     let mut push = |parts: &LightPartsItem, kind, light| {

@@ -32,6 +32,7 @@
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
+//! | `volume` | both | light in free space as one of Bevy's irradiance volumes, for cameras without a G-buffer |
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
@@ -42,7 +43,7 @@
 //! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
 //!   says so once and stays inert; nothing else of the app changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
-//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light.
+//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light there. Forward cameras are lit by [`MeshlessGiVolume`].
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
@@ -72,6 +73,7 @@ mod reflective;
 mod sets;
 mod soft;
 mod transform;
+mod volume;
 
 pub use asset::MeshlessGiAsset;
 pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
@@ -109,6 +111,7 @@ pub use reflective::{
 pub use sets::MeshlessGiSystems;
 pub use soft::MeshlessGiSoftShadow;
 pub use transform::Placement;
+pub use volume::MeshlessGiVolume;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
 use bevy::asset::{AssetApp, AssetEventSystems, Assets};
@@ -155,6 +158,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiSettings>()
             .register_type::<MeshlessGiSoftShadow>()
             .register_type::<MeshlessGiView>()
+            .register_type::<MeshlessGiVolume>()
             .init_resource::<MeshlessGiSettings>()
             .init_resource::<MeshlessGiFindings>()
             .init_resource::<MeshlessGiCost>()
@@ -194,8 +198,21 @@ impl Plugin for MeshlessGiPlugin {
                     .run_if(resource_exists::<Assets<StandardMaterial>>),
             )
             .add_systems(
+                PostUpdate,
+                (
+                    volume::shape
+                        .in_set(MeshlessGiSystems::Shape)
+                        .before(TransformSystems::Propagate)
+                        .before(AssetEventSystems)
+                        .run_if(resource_exists::<Assets<Image>>),
+                    volume::hide
+                        .in_set(MeshlessGiSystems::Hide)
+                        .after(VisibilitySystems::CheckVisibility),
+                ),
+            )
+            .add_systems(
                 Last,
-                (check::check, soft::check_soft)
+                (check::check, soft::check_soft, volume::check_volumes)
                     .chain()
                     .in_set(MeshlessGiSystems::Check),
             );
@@ -229,12 +246,18 @@ impl Plugin for MeshlessGiPlugin {
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
             .init_resource::<soft::ExtractedSoft>()
+            .init_resource::<volume::ExtractedVolumes>()
             .init_resource::<compute::GiRender>()
             .init_resource::<capture::LightMaps>()
             .add_schedule(capture::schedule())
             .add_systems(
                 ExtractSchedule,
-                (extract::extract, capture::extract_maps, soft::extract_soft)
+                (
+                    extract::extract,
+                    capture::extract_maps,
+                    soft::extract_soft,
+                    volume::extract_volumes.after(extract::extract),
+                )
                     .in_set(MeshlessGiSystems::Extract),
             )
             .add_systems(

@@ -4,5 +4,5 @@ pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
     MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiPlugin, MeshlessGiPointCloud,
     MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSoftShadow,
-    MeshlessGiSystems,
+    MeshlessGiSystems, MeshlessGiVolume,
 };

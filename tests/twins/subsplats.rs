@@ -1,5 +1,8 @@
 //! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`, `refine`, `splat` (nodes) and `upsample`, alone and together.
 
+#[path = "volume.rs"]
+mod volume;
+
 use super::compare::HALF;
 use super::depth::depth_texture;
 use super::{baked, cpu, harness, settings, solved, wide};

@@ -1,0 +1,166 @@
+//! What scenes call for, and what that costs: ten scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
+//! dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into FOLDER/EFFECTS.md.
+//!
+//! ```text
+//! cargo run --release --features cli,engine --example effects -- [-o FOLDER]
+//! ```
+
+#[path = "../common/mod.rs"]
+mod common;
+mod scenes;
+
+use bevy::app::PluginsState;
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::PollType;
+use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_meshless_gi::bake::Preset;
+use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus};
+use bevy_meshless_gi::prelude::*;
+use scenes::{SCENES, Scene};
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Pixels of each camera.
+const SIZE: UVec2 = UVec2::new(640, 360);
+/// Frames that are looked at, after as many to settle.
+const FRAMES: u32 = 12;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let folder = match arguments.as_slice() {
+        [] => None,
+        [flag, folder] if flag == "-o" => Some(PathBuf::from(folder)),
+        _ => {
+            eprintln!("usage: effects [-o FOLDER]");
+            return ExitCode::from(2);
+        }
+    };
+    match table() {
+        Ok(text) => match folder {
+            None => print!("{text}"),
+            Some(folder) => {
+                let path = folder.join("EFFECTS.md");
+                if let Err(why) = std::fs::write(&path, text) {
+                    eprintln!("{}: {why}", path.display());
+                    return ExitCode::from(3);
+                }
+                println!("{}", path.display());
+            }
+        },
+        Err(why) => {
+            eprintln!("{why}");
+            return ExitCode::from(1);
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+fn table() -> Result<String, String> {
+    let bakes = scenes::bakes(Preset::Draft)?;
+    let mut rows = String::new();
+    let mut device = String::new();
+    for scene in &SCENES {
+        eprintln!("{}", scene.name);
+        let mut app = app();
+        scenes::spawn(&mut app, scene, &bakes, SIZE);
+        for k in 0..FRAMES {
+            frame(&mut app, scene, k);
+        }
+        let mut spans = [const { Vec::new() }; 2];
+        for k in FRAMES..2 * FRAMES {
+            frame(&mut app, scene, k);
+            for (span, name) in spans.iter_mut().zip(["compute", "composite"]) {
+                span.extend(milliseconds(&app, name));
+            }
+        }
+        let seen = app.world().resource::<MeshlessGiStatus>().get();
+        let _ = writeln!(
+            rows,
+            "| {} | {} | {} | {} | {:.2} | {} | {} |",
+            scene.name,
+            ran(&seen),
+            seen.pipelines,
+            seen.buffers,
+            seen.bytes as f64 / 1e6,
+            median(&mut spans[0]),
+            median(&mut spans[1]),
+        );
+        if let Some(info) = app.world().get_resource::<RenderAdapterInfo>() {
+            device.clone_from(&info.name);
+        }
+    }
+    Ok(format!(
+        "# What scenes call for\n\n\
+         Made by `cargo run --release --features cli,engine --example effects -- -o docs`. Do not edit.\n\n\
+         Ten scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite), what there is on the device, and milliseconds of that \
+         device's own clock: what all cameras share, and what the deferred camera's display takes, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
+         buffer; `cargo test --features cli,engine --test plugin_effects` holds every scene to that.\n\n\
+         | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms |\n|---|---|---|---|---|---|---|\n{rows}",
+        SIZE.x, SIZE.y
+    ))
+}
+
+/// The stages of a frame, with their dispatches.
+fn ran(seen: &MeshlessGiCounters) -> String {
+    let all = seen.dispatches.iter();
+    let all: Vec<String> = all.map(|(s, n)| format!("{} {n}", s.name())).collect();
+    all.join(", ")
+}
+
+/// What the device's clock said last of one of the plugin's spans.
+fn milliseconds(app: &App, span: &str) -> Option<f64> {
+    let path = DiagnosticPath::new(format!("render/meshless_gi_{span}/elapsed_gpu"));
+    let store = app.world().resource::<DiagnosticsStore>();
+    store.get(&path)?.value()
+}
+
+fn median(values: &mut [f64]) -> String {
+    values.sort_by(f64::total_cmp);
+    let middle = values.get(values.len() / 2);
+    middle.map_or_else(|| "–".into(), |ms| format!("{ms:.2}"))
+}
+
+fn app() -> App {
+    let mut app = App::new();
+    app.add_plugins((
+        DefaultPlugins
+            .set(WindowPlugin {
+                primary_window: None,
+                exit_condition: ExitCondition::DontExit,
+                ..default()
+            })
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..default()
+            })
+            .disable::<bevy::log::LogPlugin>()
+            .disable::<WinitPlugin>()
+            .disable::<PipelinedRenderingPlugin>(),
+        // For the device's clock.
+        RenderDiagnosticsPlugin,
+        MeshlessGiPlugin::default(),
+    ))
+    .insert_resource(GlobalAmbientLight::NONE);
+    while app.plugins_state() == PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+    app
+}
+
+fn frame(app: &mut App, scene: &Scene, k: u32) {
+    scenes::step(app, scene, k);
+    app.update();
+    if let Some(device) = app.world().get_resource::<RenderDevice>() {
+        // What is lost with the device shows in the log.
+        let _ = device.wgpu_device().poll(PollType::wait_indefinitely());
+    }
+}

@@ -1,0 +1,305 @@
+//! Ten scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
+
+use bevy::camera::{Hdr, RenderTarget};
+use bevy::light::RectLight;
+use bevy::prelude::*;
+use bevy::render::render_resource::{TextureFormat, TextureUsages};
+use bevy::render::view::Msaa;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, SoftShadows, bake_level};
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
+use std::sync::Arc;
+
+/// What changes in a scene's frames, and what it has.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scene {
+    /// In words.
+    pub name: &'static str,
+    /// A lamp, and whether it moves.
+    lamp: Option<bool>,
+    /// The lamp changes its colour.
+    colour: bool,
+    /// The sky's radiance changes.
+    sky: bool,
+    /// The strength of what glows changes.
+    glow: bool,
+    /// A ball moves.
+    ball: bool,
+    /// The ball reflects the lamp's light.
+    bounce: bool,
+    /// A panel with soft shadows, and it moves.
+    panel: bool,
+    /// A forward camera beside or in place of the deferred one.
+    forward: bool,
+    /// No deferred camera.
+    no_deferred: bool,
+    /// The bake knows light in free space and what its points see.
+    rich: bool,
+    /// The stages that run in every frame; no other does.
+    pub runs: &'static [Stage],
+}
+
+use Stage::{
+    Apply, Composite, Flatten, Probe, Project, PullPush, Rsm, Shade, Soft, Splat, Volume, Vpl,
+};
+
+/// All ten.
+pub const SCENES: [Scene; 10] = [
+    Scene {
+        name: "one lamp at rest",
+        lamp: Some(false),
+        runs: &[Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "the same, in a bake that could do more",
+        lamp: Some(false),
+        rich: true,
+        runs: &[Probe, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "one lamp that changes its colour",
+        lamp: Some(false),
+        colour: true,
+        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "one lamp that moves",
+        lamp: Some(true),
+        runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "no lamp, a sky that changes",
+        sky: true,
+        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "no lamp, signs that change",
+        glow: true,
+        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "a lamp that moves, a ball that moves",
+        lamp: Some(true),
+        ball: true,
+        rich: true,
+        runs: &[Project, PullPush, Apply, Flatten, Probe, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "the same through a forward camera",
+        lamp: Some(true),
+        ball: true,
+        rich: true,
+        forward: true,
+        no_deferred: true,
+        runs: &[Project, PullPush, Apply, Flatten, Probe, Volume],
+        ..NONE
+    },
+    Scene {
+        name: "a panel that moves, with soft shadows",
+        panel: true,
+        rich: true,
+        runs: &[
+            Project, PullPush, Apply, Flatten, Probe, Soft, Splat, Composite, Shade,
+        ],
+        ..NONE
+    },
+    Scene {
+        name: "everything at once",
+        lamp: Some(true),
+        colour: true,
+        sky: true,
+        glow: true,
+        ball: true,
+        bounce: true,
+        panel: true,
+        forward: true,
+        rich: true,
+        runs: &[
+            Project, PullPush, Apply, Flatten, Probe, Volume, Soft, Rsm, Splat, Vpl, Composite,
+            Shade,
+        ],
+        ..NONE
+    },
+];
+
+const NONE: Scene = Scene {
+    name: "",
+    lamp: None,
+    colour: false,
+    sky: false,
+    glow: false,
+    ball: false,
+    bounce: false,
+    panel: false,
+    forward: false,
+    no_deferred: false,
+    rich: false,
+    runs: &[],
+};
+
+/// The Cornell box with a sign on its back wall.
+fn quads() -> Vec<Quad> {
+    let mut quads = cornell_box();
+    let low = Vec3::new(-0.4, 1.3, -0.98);
+    quads.push(Quad {
+        corners: [
+            low,
+            low + Vec3::X * 0.8,
+            low + Vec3::X * 0.8 + Vec3::Y * 0.2,
+            low + Vec3::Y * 0.2,
+        ],
+        material: Material::emissive(Vec3::splat(0.1), Vec3::new(1.0, 0.2, 0.5)),
+    });
+    quads
+}
+
+/// The box baked plainly, and with light in free space and visibility.
+///
+/// # Errors
+/// In words.
+pub fn bakes(preset: Preset) -> Result<[Arc<BakedScene>; 2], String> {
+    let bake = |rich: bool| {
+        let recipe = Recipe {
+            preset,
+            probes: rich.then(FreeSpaceLight::default),
+            soft_shadows: rich.then(SoftShadows::default),
+            ..Recipe::default()
+        };
+        let made = bake_level(&mesh_of_quads(&quads()), &recipe, 0, &Progress::default());
+        made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
+    };
+    Ok([bake(false)?, bake(true)?])
+}
+
+/// What moves along.
+#[derive(Component)]
+pub struct Moves(Vec3);
+
+/// Puts a scene into an empty world.
+pub fn spawn(app: &mut App, scene: &Scene, bakes: &[Arc<BakedScene>; 2], size: UVec2) {
+    let world = app.world_mut();
+    let bake = bakes[usize::from(scene.rich)].clone();
+    let asset = world
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene: bake });
+    let mut root = world.spawn((MeshlessGi(asset), Transform::IDENTITY));
+    if scene.forward {
+        root.insert(MeshlessGiVolume::default());
+    }
+    let root = root.id();
+    world
+        .run_system_cached_with(room, root)
+        .expect("the room can be made");
+    if let Some(moves) = scene.lamp {
+        let place = Vec3::new(0.3, 1.6, 0.4);
+        let mut lamp = world.spawn((
+            PointLight {
+                intensity: 40_000.0,
+                ..default()
+            },
+            Transform::from_translation(place),
+        ));
+        if moves {
+            lamp.insert(Moves(place));
+        }
+        if scene.bounce {
+            lamp.insert(MeshlessGiReflective::default());
+        }
+    }
+    if scene.panel {
+        let place = Vec3::new(0.0, 1.9, 0.0);
+        let down = Transform::from_translation(place).looking_to(Vec3::NEG_Y, Vec3::Z);
+        world.spawn((
+            RectLight {
+                intensity: 20_000.0,
+                width: 0.5,
+                height: 0.4,
+                ..default()
+            },
+            MeshlessGiSoftShadow::default(),
+            down,
+            Moves(place),
+        ));
+    }
+    if scene.ball {
+        let place = Vec3::new(-0.2, 1.4, 0.5);
+        let mesh = world
+            .resource_mut::<Assets<Mesh>>()
+            .add(Sphere::new(0.2).mesh());
+        let material = world
+            .resource_mut::<Assets<StandardMaterial>>()
+            .add(StandardMaterial {
+                base_color: Color::linear_rgb(0.8, 0.3, 0.1),
+                perceptual_roughness: 1.0,
+                ..default()
+            });
+        let mut ball = world.spawn((
+            Mesh3d(mesh),
+            MeshMaterial3d(material),
+            Transform::from_translation(place),
+            Moves(place),
+        ));
+        if scene.bounce {
+            ball.insert(MeshlessGiBouncer);
+        }
+    }
+    let eye = Transform::from_xyz(0.0, 1.0, 4.0).looking_at(Vec3::Y, Vec3::Y);
+    let mut target = || {
+        let mut image =
+            Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        let image = world.resource_mut::<Assets<Image>>().add(image);
+        (Camera3d::default(), RenderTarget::Image(image.into()), eye)
+    };
+    let [deferred, forward] = [target(), target()];
+    if !scene.no_deferred {
+        world.spawn((deferred, MeshlessGiCamera::default()));
+    }
+    if scene.forward {
+        world.spawn((forward, Hdr, Msaa::Sample4));
+    }
+}
+
+fn room(
+    In(root): In<Entity>,
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let mut root = commands.entity(root);
+    super::common::spawn_quads(&quads(), &mut root, &mut meshes, &mut materials);
+}
+
+/// What changes from frame `k - 1` to frame `k`.
+pub fn step(app: &mut App, scene: &Scene, k: u32) {
+    let world = app.world_mut();
+    let (sine, cosine) = (0.3 * k as f32).sin_cos();
+    let mut moving = world.query::<(&Moves, &mut Transform)>();
+    for (moves, mut transform) in moving.iter_mut(world) {
+        transform.translation = moves.0 + 0.1 * Vec3::new(cosine, 0.0, sine);
+    }
+    if scene.colour {
+        let mut lamps = world.query::<&mut PointLight>();
+        for mut lamp in lamps.iter_mut(world) {
+            lamp.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);
+        }
+    }
+    let mut roots = world.query::<&mut MeshlessGiLighting>();
+    for mut lighting in roots.iter_mut(world) {
+        if scene.sky {
+            lighting.sky = LinearRgba::rgb(300.0, 300.0, 400.0 + 50.0 * sine);
+        }
+        if scene.glow {
+            lighting.emission = 998.0 * (1.0 + 0.5 * sine);
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! Indirect light for cameras without a G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
+//!
+//! Bevy adds a volume to every pixel of every camera that sees it, deferred ones included, which have our own display: those never see ours.
+
+use super::asset::MeshlessGiAsset;
+use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
+use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
+use super::extract::{ExtractedGi, in_view};
+use super::reflective::MeshlessGiCapture;
+use crate::asset::{BakedScene, Probes};
+use crate::basis::PROBE_OVERLAP;
+use crate::frame::{VolumeParams, voxels_of};
+use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
+use crate::plan::{SceneId, VolumeState};
+use bevy::asset::{AssetId, Assets, RenderAssetUsages};
+use bevy::camera::primitives::Frustum;
+use bevy::camera::visibility::{RenderLayers, VisibleEntities};
+use bevy::camera::{Camera, Camera3d};
+use bevy::ecs::hierarchy::ChildOf;
+use bevy::ecs::prelude::*;
+use bevy::image::{Image, ImageSampler};
+use bevy::light::IrradianceVolume;
+use bevy::light::cluster::ClusterVisibilityClass;
+use bevy::math::{Mat4, UVec3, Vec3};
+use bevy::reflect::prelude::*;
+use bevy::render::Extract;
+use bevy::render::render_asset::RenderAssets;
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages};
+use bevy::render::texture::GpuImage;
+use bevy::transform::components::Transform;
+use std::any::TypeId;
+
+/// Lights what cameras without [`MeshlessGiCamera`] draw: forward ones, those with several samples a pixel, and transparent surfaces in them. Goes beside [`MeshlessGi`]; the bake must know light in
+/// free space (recipe field `probes`).
+///
+/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Surfaces are lit between voxels: coarser than what a deferred camera shows,
+/// and walls thinner than two voxels let light of the next room through within a voxel. On devices that sample one volume at a time the nearest one counts: use one a place.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiVolume {
+    /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
+    pub voxel: Option<f32>,
+    /// Most voxels; each takes 48 bytes. Voxels become larger where they would be more.
+    pub most: u32,
+}
+
+impl Default for MeshlessGiVolume {
+    fn default() -> Self {
+        Self {
+            voxel: None,
+            most: 1 << 16,
+        }
+    }
+}
+
+/// The child with the volume: where it lies in the bake's space, metres, and what it was made for.
+#[derive(Component, Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Voxels {
+    low: Vec3,
+    high: Vec3,
+    size: UVec3,
+    bake: AssetId<MeshlessGiAsset>,
+}
+
+impl Voxels {
+    /// The volume of a bake; none where it knows no light in free space.
+    fn new(
+        asked: &MeshlessGiVolume,
+        bake: &BakedScene,
+        id: AssetId<MeshlessGiAsset>,
+    ) -> Option<Self> {
+        let probes = bake.probes.as_ref()?;
+        let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
+        let edge = asked.voxel.filter(|e| e.is_finite() && *e > 0.0);
+        let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
+        let [low, high] = bake.info.bounds.map(Vec3::from_array);
+        // Walls at the very edge of the level lie inside.
+        let (low, high) = (low - edge, high + edge);
+        let size = voxels_of(high - low, edge, asked.most);
+        let made = Self {
+            low,
+            high,
+            size,
+            bake: id,
+        };
+        made.params(probes, &Mat4::IDENTITY).map(|_| made)
+    }
+
+    fn params(&self, probes: &Probes, local_from_world: &Mat4) -> Option<VolumeParams> {
+        let grid = (&probes.grid).into();
+        VolumeParams::new([self.low, self.high], self.size, local_from_world, grid)
+    }
+
+    fn texture(&self) -> Image {
+        let [width, height, depth] = (self.size * UVec3::new(1, 2, 3)).to_array();
+        let size = Extent3d {
+            width,
+            height,
+            depth_or_array_layers: depth,
+        };
+        let mut image = Image::new_uninit(
+            size,
+            TextureDimension::D3,
+            TextureFormat::Rgba16Float,
+            RenderAssetUsages::RENDER_WORLD,
+        );
+        image.texture_descriptor.usage =
+            TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING;
+        image.sampler = ImageSampler::linear();
+        image
+    }
+
+    /// Bytes of the texture.
+    fn bytes(&self) -> u64 {
+        self.size.to_array().map(u64::from).iter().product::<u64>() * 48
+    }
+}
+
+/// Makes, replaces and removes the volumes of roots. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
+pub(crate) fn shape(
+    roots: Query<(
+        Entity,
+        &MeshlessGi,
+        &MeshlessGiVolume,
+        Option<&RenderLayers>,
+    )>,
+    made: Query<(Entity, &ChildOf, &Voxels)>,
+    assets: Res<Assets<MeshlessGiAsset>>,
+    mut images: ResMut<Assets<Image>>,
+    mut commands: Commands,
+) {
+    let wanted = |root: Entity| {
+        let (_, gi, asked, _) = roots.get(root).ok()?;
+        Voxels::new(asked, &assets.get(&gi.0)?.scene, gi.0.id())
+    };
+    let mut standing = Vec::new();
+    for (child, parent, voxels) in &made {
+        let root = parent.parent();
+        if wanted(root) == Some(*voxels) && !standing.contains(&root) {
+            standing.push(root);
+        } else {
+            commands.entity(child).despawn();
+        }
+    }
+    for (root, _, _, layers) in &roots {
+        let Some(voxels) = wanted(root).filter(|_| !standing.contains(&root)) else {
+            continue;
+        };
+        commands.spawn((
+            ChildOf(root),
+            voxels,
+            Transform::from_translation(0.5 * (voxels.low + voxels.high))
+                .with_scale(voxels.high - voxels.low),
+            IrradianceVolume {
+                voxels: images.add(voxels.texture()),
+                intensity: 1.0,
+                affects_lightmapped_meshes: false,
+            },
+            layers.cloned().unwrap_or_default(),
+        ));
+    }
+}
+
+/// Cameras with a display of their own do not see our volumes. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
+pub(crate) fn hide(
+    volumes: Query<(), With<Voxels>>,
+    mut cameras: Query<&mut VisibleEntities, Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>>,
+) {
+    if volumes.is_empty() {
+        return;
+    }
+    for mut seen in &mut cameras {
+        let class = TypeId::of::<ClusterVisibilityClass>();
+        if seen.get(class).iter().any(|e| volumes.contains(*e)) {
+            seen.get_mut(class).retain(|e| !volumes.contains(*e));
+        }
+    }
+}
+
+/// A volume of the main world whose texture is there, as the render world needs it.
+pub(crate) struct ExtractedVolume {
+    scene: SceneId,
+    voxels: Voxels,
+    texture: wgpu::TextureView,
+    seen: bool,
+}
+
+/// All of them.
+#[derive(Resource, Default)]
+pub(crate) struct ExtractedVolumes(Vec<ExtractedVolume>);
+
+type ForwardCameras<'w, 's> = Query<
+    'w,
+    's,
+    (
+        &'static Camera,
+        &'static Frustum,
+        Option<&'static RenderLayers>,
+    ),
+    (
+        With<Camera3d>,
+        Without<MeshlessGiCamera>,
+        Without<MeshlessGiCapture>,
+    ),
+>;
+
+/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), behind the scenes.
+pub(crate) fn extract_volumes(
+    mut out: ResMut<ExtractedVolumes>,
+    world: Res<ExtractedGi>,
+    volumes: Extract<Query<(&ChildOf, &Voxels, &IrradianceVolume)>>,
+    cameras: Extract<ForwardCameras>,
+    images: Option<Res<RenderAssets<GpuImage>>>,
+) {
+    out.0.clear();
+    for (parent, voxels, volume) in &volumes {
+        let id = SceneId(parent.parent().to_bits());
+        let texture = images.as_ref().and_then(|i| i.get(&volume.voxels));
+        let scene = world.scenes.iter().find(|s| s.id == id);
+        let (Some(texture), Some(scene)) = (texture, scene) else {
+            continue;
+        };
+        let sees = |(camera, frustum, layers): (&Camera, &Frustum, Option<&RenderLayers>)| {
+            camera.is_active && in_view(scene, frustum, &layers.cloned().unwrap_or_default())
+        };
+        out.0.push(ExtractedVolume {
+            scene: id,
+            voxels: *voxels,
+            texture: wgpu::TextureView::clone(&texture.texture_view),
+            seen: cameras.iter().any(sees),
+        });
+    }
+}
+
+/// What the device holds of a scene's volume beside its texture, and what that was written for.
+#[derive(Default)]
+pub(crate) struct SceneVolume {
+    buffers: Option<VolumeBuffers>,
+    written: Option<(VolumeParams, wgpu::TextureView)>,
+    bytes: u64,
+}
+
+impl SceneVolume {
+    fn wanted<'a>(
+        world: &'a ExtractedVolumes,
+        id: SceneId,
+        bake: &BakedScene,
+        local_from_world: &Mat4,
+    ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
+        let volume = world.0.iter().find(|v| v.scene == id)?;
+        let params = volume
+            .voxels
+            .params(bake.probes.as_ref()?, local_from_world)?;
+        Some((params, volume))
+    }
+
+    /// Says what cameras without a G-buffer ask of the scene.
+    pub fn observe(
+        &mut self,
+        world: &ExtractedVolumes,
+        id: SceneId,
+        bake: &BakedScene,
+        local_from_world: &Mat4,
+    ) -> VolumeState {
+        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+            *self = Self::default();
+            return VolumeState::default();
+        };
+        let held = |(of, texture): &(VolumeParams, wgpu::TextureView)| {
+            *of == params && *texture == volume.texture
+        };
+        VolumeState {
+            asked: true,
+            seen: volume.seen,
+            held: self.written.as_ref().is_some_and(held),
+        }
+    }
+
+    /// Whether a camera without a G-buffer sees the scene and has a volume of it.
+    pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
+        world.0.iter().any(|v| v.scene == id && v.seen)
+    }
+
+    /// Records the voxels of the scene's volume.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a volume, and what it is recorded with"
+    )]
+    pub fn record(
+        &mut self,
+        world: &ExtractedVolumes,
+        id: SceneId,
+        bake: &BakedScene,
+        local_from_world: &Mat4,
+        frame: &mut GpuFrame,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+    ) {
+        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+            return;
+        };
+        let buffers = (self.buffers).get_or_insert_with(|| VolumeBuffers::new(kernels.device()));
+        frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
+        self.bytes = buffers.bytes() + volume.voxels.bytes();
+        self.written = Some((params, volume.texture.clone()));
+    }
+
+    /// Buffers, and bytes of them and the texture.
+    pub fn size(&self) -> (u32, u64) {
+        (u32::from(self.buffers.is_some()), self.bytes)
+    }
+}
+
+/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+pub(crate) fn check_volumes(
+    settings: Res<MeshlessGiSettings>,
+    roots: Query<&MeshlessGi, With<MeshlessGiVolume>>,
+    assets: Res<Assets<MeshlessGiAsset>>,
+    mut findings: ResMut<MeshlessGiFindings>,
+) {
+    let empty = |gi: &MeshlessGi| (assets.get(&gi.0)).is_some_and(|a| a.scene.probes.is_none());
+    if settings.warn_double_counting && roots.iter().any(empty) {
+        tell(vec![MeshlessGiFinding::NoFreeSpace], &mut findings);
+    }
+}

@@ -1,0 +1,51 @@
+//! Scenes get what they call for and nothing else: the ten scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
+
+#[path = "../examples/common/mod.rs"]
+mod common;
+mod plugin_support;
+#[path = "../examples/effects/scenes.rs"]
+mod scenes;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::Preset;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::MeshlessGiCounters;
+use plugin_support::app::{app, run};
+use plugin_support::stage::counters;
+use scenes::{SCENES, bakes, spawn, step};
+
+const SIZE: UVec2 = UVec2::new(128, 96);
+
+#[test]
+fn every_scene_runs_what_it_calls_for_and_nothing_else() {
+    let bakes = bakes(Preset::Draft).expect("two bakes");
+    let mut seen: Vec<MeshlessGiCounters> = Vec::new();
+    for scene in &SCENES {
+        let mut app = app();
+        spawn(&mut app, scene, &bakes, SIZE);
+        for k in 0..6 {
+            step(&mut app, scene, k);
+            run(&mut app, 1);
+        }
+        let found = counters(&app);
+        let mut wanted = scene.runs.to_vec();
+        wanted.sort_unstable();
+        let ran: Vec<Stage> = found.dispatches.keys().copied().collect();
+        println!(
+            "{}: {ran:?}, {} buffers, {} bytes",
+            scene.name, found.buffers, found.bytes
+        );
+        assert_eq!(ran, wanted, "{}:\n{}", scene.name, found.plan);
+        seen.push(found);
+    }
+    // A lamp at rest: no more on the device whether or not anything changes; what moves costs no buffer, and a bake that could do more only what is shown of it.
+    let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
+    assert_eq!(of(0), of(2));
+    assert_eq!(of(0), of(3));
+    let everything = seen.len() - 1;
+    for k in 0..everything {
+        assert!(
+            of(k).0 < of(everything).0 && of(k).1 < of(everything).1 && of(k).2 < of(everything).2
+        );
+    }
+}

@@ -1,0 +1,100 @@
+//! The kernel `volume` against its twin, on the probes of the turned Cornell box.
+
+use super::Scene;
+use crate::compare::{HALF, Scale, differing};
+use crate::{harness, settings, solved, wide};
+use bevy_meshless_gi::frame::volume::volume;
+use bevy_meshless_gi::frame::{VectorIrradiance, VolumeParams};
+use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
+use glam::{Mat4, Quat, UVec3, Vec3};
+use half::f16;
+use wgpu::{TextureUsages, TextureViewDescriptor};
+
+#[test]
+fn volumes() {
+    let Some(harness) = harness() else { return };
+    let of = Scene::with_ball();
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let lights = of.twin.lights().len() as u32;
+    let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
+    let mut frame = solved(&harness, &kernels, frame, &of.twin, &settings(2, false));
+    let probes = of.scene.probes.as_ref().unwrap();
+    let values: Vec<VectorIrradiance> = harness
+        .read(
+            frame.buffers().output(Pass::Volume).unwrap(),
+            probes.rows.len(),
+        )
+        .unwrap();
+
+    // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the bake's.
+    let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
+    let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
+    let size = UVec3::new(9, 7, 10);
+    let params = VolumeParams::new(
+        [low - 0.15, high + 0.15],
+        size,
+        &turned,
+        (&probes.grid).into(),
+    )
+    .unwrap();
+    let texels = params.texels();
+    assert_eq!(texels, UVec3::new(9, 14, 30));
+    let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("voxels"),
+        size: wgpu::Extent3d {
+            width: texels.x,
+            height: texels.y,
+            depth_or_array_layers: texels.z,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let view = texture.create_view(&TextureViewDescriptor::default());
+    let buffers = VolumeBuffers::new(&harness.device);
+    harness
+        .run(|encoder| {
+            frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
+        })
+        .unwrap();
+    assert_eq!(frame.counters().of(Pass::Volume), 1);
+    let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
+    assert_eq!(gpu.len() as u32, texels.element_product());
+    let expected = |params: &VolumeParams, values: &[VectorIrradiance]| -> Vec<[f32; 4]> {
+        let at = |i: u32| {
+            UVec3::new(
+                i % texels.x,
+                i / texels.x % texels.y,
+                i / (texels.x * texels.y),
+            )
+        };
+        (0..texels.element_product())
+            .map(|i| volume(params, probes, values, at(i)))
+            .collect()
+    };
+    let off = |twin: &[[f32; 4]]| differing(&gpu, twin, 4, HALF, Scale::Rms).len();
+    // A place within rounding of a clip plane may lie on either side of it.
+    let twin = expected(&params, &values);
+    assert!(off(&twin) <= 4, "{}", off(&twin));
+    let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
+    assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
+    // What must be noticed: other values, a little more light, the bake's axes in place of the world's, voxels half a voxel aside.
+    let mut moved = values.clone();
+    moved.rotate_left(3);
+    type Spoil = fn(&mut VolumeParams);
+    let spoils: [(&str, Spoil); 3] = [
+        ("brighter", |p| p.scale *= 1.01),
+        ("axes", |p| p.axes.rotate_left(1)),
+        ("aside", |p| p.low[0] += 0.5 * p.voxel[0]),
+    ];
+    assert!(off(&expected(&params, &moved)) * 2 > gpu.len());
+    for (what, spoil) in spoils {
+        let mut wrong = params;
+        spoil(&mut wrong);
+        let found = off(&expected(&wrong, &values));
+        assert!(found * 4 > gpu.len(), "{what} goes unnoticed: {found}");
+    }
+}
