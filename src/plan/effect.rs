@@ -49,12 +49,12 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "free_space",
         summary: "carries the light on to the probes of bakes that have them, for what moves",
-        schedule: free_space,
+        schedule: super::space::free_space,
     },
     Effect {
         name: "volume",
         summary: "puts the light in free space into a volume, for cameras without a G-buffer",
-        schedule: super::volume::volume,
+        schedule: super::space::volume,
     },
     Effect {
         name: "soft_shadows",
@@ -310,14 +310,6 @@ fn transport(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-fn free_space(state: &FrameState, plan: &mut Plan) {
-    for scene in active_scenes(state).filter(|s| s.probes) {
-        if let Some(reason) = plan.find(Stage::Apply, scene.id).map(|p| p.reason.clone()) {
-            plan.push("free_space", Stage::Probe, scene.id, reason);
-        }
-    }
-}
-
 fn display(state: &FrameState, plan: &mut Plan) {
     for view in &state.views {
         let mut first = None;
@@ -414,22 +406,6 @@ mod tests {
         assert_eq!(
             stages(&plan),
             [Project, PullPush, Apply, Flatten, Splat, Composite]
-        );
-    }
-
-    #[test]
-    fn light_in_free_space_runs_where_the_bake_has_it() {
-        let mut state = at_rest();
-        assert_eq!(Plan::new(&state).count(Stage::Probe), 0);
-        state.scenes[0].probes = true;
-        use Stage::*;
-        assert_eq!(stages(&Plan::new(&state)), [Splat, Probe, Composite]);
-        state.scenes[0].slots[5] = SlotChange::Geometry;
-        assert_eq!(
-            stages(&Plan::new(&state)),
-            [
-                Project, PullPush, Apply, Flatten, Probe, Splat, Probe, Composite
-            ]
         );
     }
 

@@ -31,8 +31,8 @@ mod octree;
 mod pass;
 mod quality;
 mod soft;
+mod space;
 mod state;
-mod volume;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{

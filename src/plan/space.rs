@@ -1,7 +1,17 @@
-//! The effect `volume`: light in free space for cameras without a G-buffer, in a texture that the engine reads. Without such a camera, or a scene that is to have a volume, it does nothing.
+//! The effects `free_space` and `volume`: light off the surfaces, for what moves, and the same in a texture that the engine reads, for cameras without a G-buffer. Bakes that know no light in free space have the one as little
+//! as scenes without a volume, or without such a camera, have the other.
 
 use super::effect::{Plan, active_scenes};
 use super::{FrameState, Reason, Skip, Stage};
+
+/// Carries the light on to the probes of the bakes that have them. Over a view `display` lays it.
+pub(super) fn free_space(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state).filter(|s| s.probes) {
+        if let Some(reason) = plan.find(Stage::Apply, scene.id).map(|p| p.reason.clone()) {
+            plan.push("free_space", Stage::Probe, scene.id, reason);
+        }
+    }
+}
 
 /// Puts the light in free space into a scene's volume, where it changed and a camera without a G-buffer sees it.
 pub(super) fn volume(state: &FrameState, plan: &mut Plan) {
@@ -37,12 +47,42 @@ mod tests {
         }
     }
 
+    fn deferred() -> ViewState {
+        ViewState {
+            id: ViewId(3),
+            gloss: false,
+            lit: true,
+            enabled: true,
+            has_gbuffer: true,
+            sees: vec![A],
+        }
+    }
+
+    fn stages(state: &FrameState) -> Vec<Stage> {
+        Plan::new(state).passes.iter().map(|p| p.stage).collect()
+    }
+
+    #[test]
+    fn light_in_free_space_runs_where_the_bake_has_it() {
+        use Stage::*;
+        let mut state = at_rest();
+        state.views.push(deferred());
+        state.scenes[0].probes = false;
+        assert_eq!(stages(&state), [Splat, Composite]);
+        state.scenes[0].probes = true;
+        assert_eq!(stages(&state), [Splat, Probe, Composite]);
+        state.scenes[0].slots[1] = SlotChange::Geometry;
+        assert_eq!(
+            stages(&state),
+            [
+                Project, PullPush, Apply, Flatten, Probe, Splat, Probe, Composite
+            ]
+        );
+    }
+
     #[test]
     fn a_volume_is_written_when_the_light_changed() {
         use Stage::*;
-        let stages = |state: &FrameState| -> Vec<Stage> {
-            Plan::new(state).passes.iter().map(|p| p.stage).collect()
-        };
         let mut state = at_rest();
         // Nobody asks, and no camera is there.
         assert_eq!(stages(&state), []);
@@ -69,14 +109,7 @@ mod tests {
             [Project, PullPush, Apply, Flatten, Probe, Volume]
         );
         // A deferred camera beside it has its own display.
-        state.views.push(ViewState {
-            id: ViewId(3),
-            gloss: false,
-            lit: true,
-            enabled: true,
-            has_gbuffer: true,
-            sees: vec![A],
-        });
+        state.views.push(deferred());
         state.scenes[0].slots[1] = SlotChange::None;
         assert_eq!(stages(&state), [Splat, Probe, Composite]);
         // A bake without light in free space says so.
