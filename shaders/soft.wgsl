@@ -49,11 +49,13 @@ fn open_eye(i: u32, n: vec3f) {
     }
     axis_y = cross(n, axis_x);
     first_word = cluster.basis;
-    words = (cluster.components + 1u) / 2u + 1u;
+    words = (cluster.components + 3u) / 4u + 1u;
     decoded[0] = scales[cluster.scales];
     decoded[1] = scales[cluster.scales + 1u];
-    // The last word of a direction may be half empty.
-    decoded[cluster.components + 2u] = 0.0;
+    // The last word of a direction may hold fewer than four.
+    for (var j = cluster.components; j < 4u * (words - 1u); j++) {
+        decoded[j + 2u] = 0.0;
+    }
     var at = point.first;
     for (var j = 0u; j < cluster.components; j++) {
         var value = 0.0;
@@ -75,8 +77,9 @@ fn depth(texel: u32) -> vec2f {
     let first = unpack2x16snorm(basis[start]);
     var e = decoded[0] * first.x;
     for (var w = 1u; w < words; w++) {
-        let pair = unpack2x16snorm(basis[start + w]);
-        e += decoded[2u * w] * pair.x + decoded[2u * w + 1u] * pair.y;
+        let four = unpack4x8snorm(basis[start + w]);
+        let at = 4u * w - 2u;
+        e += decoded[at] * four.x + decoded[at + 1u] * four.y + decoded[at + 2u] * four.z + decoded[at + 3u] * four.w;
     }
     return vec2f(e, decoded[1] * first.y);
 }

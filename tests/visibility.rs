@@ -260,6 +260,70 @@ fn clusters_without_rank_are_seen_right() {
 }
 
 #[test]
+fn the_first_components_are_those_of_a_bake_of_fewer() {
+    let mesh = level();
+    // The floor, so that clusters have rank: what is seen beside and over the blocks changes from point to point.
+    let points: Vec<(Vec3, Vec3)> = (0..300)
+        .map(|i| {
+            let (a, b) = (i % 20, i / 20);
+            let at = Vec3::new(a as f32 / 10.0 - 0.95, 0.0, b as f32 / 8.0 - 0.9);
+            (at, Vec3::Y)
+        })
+        .collect();
+    let bake = |components| {
+        let settings = VisibilitySettings {
+            grid: HemisphereGrid::of(252),
+            components,
+            tolerance: 0.0,
+            ..VisibilitySettings::default()
+        };
+        bake_visibility(&mesh, &points, &settings, &|_| true)
+            .unwrap()
+            .0
+    };
+    let (whole, fewer) = (bake(30), bake(9));
+    let first = whole.truncated(9);
+    assert_eq!(first.bytes(), fewer.bytes());
+    let mut placed = first.clone();
+    let (basis, scales, words) = placed.place().unwrap();
+    assert_eq!(placed, first);
+    let found = (
+        first.basis.len(),
+        first.scales.len(),
+        first.coefficients.len(),
+    );
+    assert_eq!((basis, scales, words), found);
+    // Root mean squares of how far depths and errors are apart, and of the errors.
+    let compare = |a: &Visibility, b: &Visibility| {
+        let mut sums = [0.0f64; 3];
+        for i in 0..points.len() {
+            let e = |v: &Visibility, texel| {
+                let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 2];
+                let count = v.decode(i, &mut decoded);
+                let cluster = v.clusters[v.points[i].cluster as usize];
+                v.reconstruct(&cluster, &decoded[..count], texel)
+            };
+            for texel in 0..a.grid.len() as u32 {
+                let ((d, s), (e, t)) = (e(a, texel), e(b, texel));
+                for (sum, v) in sums.iter_mut().zip([d - e, s - t, t]) {
+                    *sum += f64::from(v * v);
+                }
+            }
+        }
+        sums.map(|v| (v / (points.len() * a.grid.len()) as f64).sqrt())
+    };
+    let [depth, error, least] = compare(&first, &fewer);
+    println!("depths {depth} and errors {error} apart, of {least}");
+    assert!(depth < 0.1 * least && error < 0.1 * least && least > 1e-3);
+    // Must fail: all of them.
+    let [depth, error, _] = compare(&whole, &fewer);
+    assert!(depth > 0.5 * least && error > 0.2 * least);
+    assert_eq!(whole.truncated(128), whole);
+    let none = whole.truncated(0);
+    assert!(none.clusters.iter().all(|c| c.components == 0) && none.coefficients.is_empty());
+}
+
+#[test]
 fn lamps_in_odd_places_make_numbers() {
     let mesh = level();
     let points = [
@@ -365,7 +429,7 @@ fn a_panel_without_shadows_is_lamberts_polygon() {
 fn recipes_say_what_they_may() {
     let recipe = Recipe::from_ron("(soft_shadows: (coefficients: 30))").unwrap();
     let soft = recipe.soft_shadows.unwrap();
-    assert_eq!((soft.coefficients, soft.directions), (30, 2016));
+    assert_eq!((soft.coefficients, soft.directions), (30, 4012));
     assert_eq!(Recipe::from_ron("()").unwrap().soft_shadows, None);
     for wrong in [
         "coefficients: 0",

@@ -1,5 +1,6 @@
 //! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light, by error, time of a frame, bytes and time of the bake.
 
+use super::document::LEVEL;
 use bevy_meshless_gi::bake::{Progress, Rule, Settings};
 use bevy_meshless_gi::report::{
     Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
@@ -62,7 +63,7 @@ pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
 /// A section of the document.
 pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
     let mut out = format!(
-        "## Links to senders and bases of light on the same axes: {name}\n\n\
+        "{LEVEL}{name}\n\n\
         {} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lamps, against the reference integrator; frame is the CPU's, \
         one lamp moved, all reflections, on {} threads.\n\n\
         | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",

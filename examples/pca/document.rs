@@ -1,15 +1,17 @@
 //! The document's texts and the chart of visibility.
 
 use super::transfer::{Made, Transfer};
-use super::visibility::{Found, SAMPLES};
+use super::visibility::{BAKES, COUNTS, Found, Race, SAMPLES};
 use bevy_meshless_gi::accuracy::{Axis, Chart, Format, PENUMBRA, Series, Style};
 use std::fmt::Write;
 
 /// Error in the penumbra against the number of coefficients.
 pub fn chart(found: &[Found]) -> String {
-    let series = |f: &Found| {
-        let points = f.by_count.iter().map(|&(k, e)| (f64::from(k), 100.0 * e));
-        Series::new(f.name.clone(), Style::LineAndPoints, points)
+    let series = |f: &Found, k: usize| {
+        let points = f.by_count[k].iter();
+        let points = points.map(|&(count, e)| (f64::from(count), 100.0 * e));
+        let name = format!("{}, {}", f.name, ["defaults", "2016 directions"][k]);
+        Series::new(name, Style::LineAndPoints, points)
     };
     Chart {
         title: "Soft shadow of a panel: error by the number of coefficients".into(),
@@ -17,42 +19,64 @@ pub fn chart(found: &[Found]) -> String {
             .into(),
         x: Axis::log("coefficients a point", Format::Number),
         y: Axis::log("NRMSE in the penumbra, %", Format::Number),
-        series: found.iter().map(series).collect(),
+        series: (found.iter().flat_map(|f| [series(f, 0), series(f, 1)])).collect(),
         guides: vec![(10.0, "10 %".into())],
     }
     .svg()
 }
 
-/// The half on visibility, with the document's title.
-pub fn text(found: &[Found]) -> String {
+/// A document's three parts: visibility with the title, transfer, and the level.
+pub fn parts(document: &str) -> [String; 3] {
+    let begins = |of: &str| document.find(of).unwrap_or(document.len());
+    let second = begins(TRANSFER);
+    let third = begins(LEVEL).max(second);
+    let part = |from: usize, to: usize| format!("{}\n", document[from..to].trim_end());
+    [
+        part(0, second),
+        part(second, third),
+        part(third, document.len()),
+    ]
+}
+
+/// How the second part begins.
+const TRANSFER: &str = "## Transfer\n";
+/// How the third part begins.
+pub const LEVEL: &str = "## Links to senders and bases of light on the same axes: ";
+
+/// The part on visibility, with the document's title.
+pub fn text(found: &[Found], races: &[Race]) -> String {
     let mut out = format!(
         "# Principal components\n\n\
         Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
-        ```text\ncargo run --release --no-default-features --features cli --example pca -- -o docs path/to/level\n```\n\n\
+        ```text\ncargo run --release --no-default-features --features cli --example pca -- -o docs path/to/level\n```\n\nor with `--part` one of its three parts: `visibility`, `transfer`, `level`.\n\n\
         Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders and the points of one level behind them remember what they see; all others take the mean of their\n\
         parents. The penumbra is where the reference integrator (256 stratified rays a place) says that between {} % and {} % of the panel's light arrive.\n\n",
         100.0 * PENUMBRA[0],
         100.0 * PENUMBRA[1]
     );
     out += "![Error by the number of coefficients](pca/coefficients.svg)\n\n## By the number of coefficients\n\nNRMSE of direct irradiance in the penumbra, %.\n\n";
-    let counts: Vec<u32> = found
-        .first()
-        .map_or(Vec::new(), |f| f.by_count.iter().map(|c| c.0).collect());
     let _ = writeln!(
         out,
-        "| scene |{} rays instead |",
-        counts.iter().map(|c| format!(" {c} |")).collect::<String>()
+        "| scene | bake |{} rays instead |",
+        COUNTS.map(|count| format!(" {count} |")).concat()
     );
-    let _ = writeln!(out, "|---|{}---|", "---|".repeat(counts.len()));
+    let _ = writeln!(out, "|---|---|{}---|", "---|".repeat(COUNTS.len()));
     for f in found {
-        let cells: String = f
-            .by_count
-            .iter()
-            .map(|c| format!(" {:.1} |", 100.0 * c.1))
-            .collect();
-        let _ = writeln!(out, "| {} |{cells} {:.1} |", f.name, 100.0 * f.rays);
+        for (k, bake) in BAKES.iter().enumerate() {
+            let cell = |count| match f.by_count[k].iter().find(|c| c.0 == count) {
+                Some(c) => format!(" {:.1} |", 100.0 * c.1),
+                None => " – |".into(),
+            };
+            let cells = COUNTS.map(cell).concat();
+            let _ = writeln!(
+                out,
+                "| {} | {bake} |{cells} {:.1} |",
+                f.name,
+                100.0 * f.rays
+            );
+        }
     }
-    out += "\n\"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
+    out += "\nThese are the first so many of one bake's. \"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
         ## Other panels\n\n\
         The constants of `soft` were chosen with the panel above. Panels of other places and sizes, with the defaults, %:\n\n\
         | scene | panel | places in the penumbra | from memory | by rays |\n|---|---|---|---|---|\n";
@@ -95,7 +119,8 @@ pub fn text(found: &[Found]) -> String {
     }
     out += "\nAll three are alike. (ii) needs one vector a point for all lights, and goes through `flatten` and `splat` as indirect light does.\n\n\
         ## Size and time\n\n\
-        [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together.\n\n\
+        [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together. \
+        Ours are two to three times as many points in four times as many clusters, for edges of shadows are finer than what senders are spread for; a cluster's components take the room, coefficients as much a point as the paper's.\n\n\
         | scene | settings | points | clusters | components, MB | coefficients, MB (kept) | all, MB | LZ4, MB | bake, s | penumbra, % | fully lit and umbra too, % |\n\
         |---|---|---|---|---|---|---|---|---|---|---|\n";
     for f in found {
@@ -103,7 +128,7 @@ pub fn text(found: &[Found]) -> String {
             let mb = |b: usize| b as f64 / 1e6;
             let _ = writeln!(
                 out,
-                "| {} | {} | {} | {} | {:.1} | {:.1} ({:.0} %) | {:.1} | {:.1} | {:.0} | {:.1} | {:.2} |",
+                "| {} | {} | {} | {} | {:.1} | {:.1} ({:.0} %) | {:.1} | {:.1} | {} | {:.1} | {:.2} |",
                 f.name,
                 v.what,
                 v.points,
@@ -113,36 +138,51 @@ pub fn text(found: &[Found]) -> String {
                 100.0 * v.kept,
                 mb(v.bytes),
                 mb(v.packed),
-                v.seconds,
+                v.seconds.map_or("–".into(), |s| format!("{s:.0}")),
                 100.0 * v.penumbra,
                 100.0 * v.lit
             );
         }
     }
     out += "\nSeconds are those of the machine that printed this, on all its processors.\n\n## In place of rays\n\n\
-        Time of the visible fraction of the panel at all senders on the CPU, the same samples:\n\n| scene | by rays, s | from memory, s |\n|---|---|---|\n";
-    for f in found {
+        `project` asks whether a lamp reaches a place by a ray. It could ask the memory. The visible fraction of a panel at the points that remember and that it would light, the same samples, on one thread of \
+        the CPU; one sample is what `project` asks of a point light; \"apart\" is the root mean square of the difference of the two fractions:\n\n\
+        | level | triangles | points | samples | by rays, µs a point | from memory, µs a point | apart |\n|---|---|---|---|---|---|---|\n";
+    for r in races {
         let _ = writeln!(
             out,
-            "| {} | {:.3} | {:.3} |",
-            f.name, f.seconds[0], f.seconds[1]
+            "| {} | {} | {} | {} | {:.2} | {:.2} | {:.3} |",
+            r.name, r.triangles, r.points, r.samples, r.rays, r.memory, r.apart
         );
     }
-    out += "\nThese scenes have some thirty triangles, where a ray costs less than the products of fifty coefficients: `project` keeps its rays.\n\n## Pictures\n\nThe panel's light \
-        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around grey.\n\n";
+    let wins = races.iter().filter(|r| r.memory < r.rays).count();
+    let (least, most) = (races.iter().map(|r| r.memory / r.rays))
+        .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
+    let _ = writeln!(
+        out,
+        "\nMemory is the faster one in {wins} of {} rows, and takes {least:.1} to {most:.1} times as long as rays: it multiplies fifty coefficients for each of four directions a sample, where a ray \
+        visits some dozens of boxes. {}\n\n## Pictures\n\nThe panel's light \
+        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around grey.\n",
+        races.len(),
+        match wins {
+            0 => "It wins nowhere here, and rays are exact: `project` keeps its rays.",
+            _ => "Rays are exact, and need nothing baked: `project` keeps its rays.",
+        }
+    );
     for f in found {
         let _ = writeln!(out, "![{0}](pca/{0}.png)\n", f.name);
     }
     out.trim_end().to_string() + "\n"
 }
 
-/// The half on transfer.
+/// The part on transfer.
 pub fn transfer(all: &[Transfer]) -> String {
-    let mut out = "## Transfer\n\n\
+    let mut out = format!(
+        "{TRANSFER}\n\
         Rule `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lamps that no bake has seen, with the \
         half width of its 95 % interval for other places. The share missed is the root mean square of the example lamps' direct light that the bases cannot write down. The operator is links \
         of eight bytes, rows, and columns of sixteen bits a value.\n"
-        .to_string();
+    );
     for t in all {
         let _ = write!(
             out,

@@ -10,7 +10,9 @@ use bevy_meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowe
 use bevy_meshless_gi::frame::{VectorIrradiance, splat};
 use bevy_meshless_gi::samples::Random;
 use bevy_meshless_gi::scene::{Geometry, Light, Ray, Surface, TriangleMesh};
-use bevy_meshless_gi::transport::pca::{Visibility, VisibilitySettings, bake_visibility};
+use bevy_meshless_gi::transport::pca::{
+    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::error::Error;
@@ -18,9 +20,9 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Paths of importance particles that say where errors are measured.
-const PATHS: u64 = 1200;
-/// Samples of the light, as \[P14\] Fig. 5 has them.
-pub const SAMPLES: u32 = 25;
+const PATHS: u64 = 4800;
+/// Samples of the light.
+pub const SAMPLES: u32 = 64;
 
 /// The lamp of a scene: a panel below the ceiling.
 pub fn lamp(name: &str) -> Light {
@@ -113,8 +115,14 @@ fn memory(
     shadow_errors(scene, &deficits, places)
 }
 
+/// The two bakes of visibility that are measured.
+pub const BAKES: [&str; 2] = [
+    "the defaults",
+    "2016 directions, 1000 points a cluster, 100 coefficients",
+];
+
 /// Numbers of coefficients that are tried.
-const COUNTS: [u32; 8] = [1, 2, 5, 10, 20, 50, 75, 100];
+pub const COUNTS: [u32; 8] = [1, 2, 5, 10, 20, 50, 75, 100];
 
 /// One bake of visibility.
 pub struct Variant {
@@ -126,7 +134,8 @@ pub struct Variant {
     pub kept: f64,
     pub bytes: usize,
     pub packed: usize,
-    pub seconds: f64,
+    /// None of what is a part of the bake before it.
+    pub seconds: Option<f64>,
     pub penumbra: f64,
     pub lit: f64,
 }
@@ -143,14 +152,76 @@ pub struct Other {
 pub struct Found {
     pub name: String,
     pub places: (usize, usize),
-    pub by_count: Vec<(u32, f64)>,
+    /// Errors by the number of coefficients, of each bake.
+    pub by_count: [Vec<(u32, f64)>; 2],
     pub rays: f64,
     pub penumbra: [Errors; 3],
     pub lit: [Errors; 3],
     pub variants: Vec<Variant>,
     pub others: Vec<Other>,
-    /// Seconds by rays and from memory.
-    pub seconds: [f64; 2],
+    pub races: Vec<Race>,
+}
+
+/// The visible fraction of a panel by rays and from memory, at the same points.
+pub struct Race {
+    pub name: String,
+    pub triangles: usize,
+    pub points: usize,
+    pub samples: u32,
+    /// Microseconds a point, on one thread.
+    pub rays: f64,
+    pub memory: f64,
+    /// Root mean square of how far the fractions are apart.
+    pub apart: f64,
+}
+
+/// Runs both at the points that remember and that the panel would light, with one sample, which is what `project` asks of a point light, and with [`SAMPLES`].
+pub fn race(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    visibility: &Visibility,
+    light: &Light,
+) -> Result<Vec<Race>, Box<dyn Error>> {
+    let extent = extent(scene);
+    let params = SoftParams::new(visibility, extent, 1);
+    let mut races = Vec::new();
+    for samples in [1, SAMPLES] {
+        let lamp = SoftLight::of(light, samples).ok_or("no rectangle")?;
+        let places: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
+            .enumerate()
+            .map(|(i, p)| (i, p.x(), p.n()))
+            .filter(|&(_, x, n)| unshadowed(&lamp, x, n, extent) > 0.0)
+            .collect();
+        let time = |what: &dyn Fn(&(usize, Vec3, Vec3)) -> f32| {
+            let began = Instant::now();
+            let found: Vec<f32> = places.iter().map(what).collect();
+            let seconds = began.elapsed().as_secs_f64();
+            (1e6 * seconds / places.len().max(1) as f64, found)
+        };
+        let (rays, truth) = time(&|&(_, x, n)| {
+            let sight = Rays {
+                geometry: mesh,
+                start: x + n * mesh.lift(x),
+            };
+            soft::fraction(&lamp, x, n, &sight).0
+        });
+        let (memory, remembered) = time(&|&(i, x, n)| {
+            soft::fraction(&lamp, x, n, &soft::Eye::new(&params, visibility, i, n)).0
+        });
+        let pairs = truth.iter().zip(&remembered);
+        let square: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        races.push(Race {
+            name: name.into(),
+            triangles: mesh.len(),
+            points: places.len(),
+            samples,
+            rays,
+            memory,
+            apart: (square / places.len().max(1) as f64).sqrt(),
+        });
+    }
+    Ok(races)
 }
 
 /// Those of `places` that the lamp lights in part.
@@ -191,36 +262,35 @@ pub fn measure(
             bake_visibility(mesh, &points, settings, &|_| true).ok_or("too much to store")?;
         Ok::<_, Box<dyn Error>>((baked.0, began.elapsed().as_secs_f64()))
     };
+    let bakes = [
+        bake(&usual)?,
+        bake(&VisibilitySettings {
+            grid: HemisphereGrid::default(),
+            components: 100,
+            cluster_points: 1000,
+            tolerance: 0.0,
+            ..usual
+        })?,
+    ];
+    // The first of a bake's components are those of a bake of fewer.
+    let by_count = [0, 1].map(|k| {
+        let most = [usual.components, 100][k];
+        let counts = COUNTS.into_iter().filter(|&count| count <= most);
+        let error = |count| {
+            let few = bakes[k].0.truncated(count);
+            (count, memory(scene, &few, &lamp, &shade).nrmse)
+        };
+        counts.map(error).collect()
+    });
+    let [(own, own_seconds), (theirs, their_seconds)] = bakes;
+    let fifty = theirs.truncated(50);
     let mut variants = Vec::new();
     let mut shown = None;
-    let settings = [
-        ("the defaults", usual),
-        (
-            "1000 points a cluster, as [P14]",
-            VisibilitySettings {
-                cluster_points: 1000,
-                ..usual
-            },
-        ),
-        (
-            "coefficients above 5e-3 only",
-            VisibilitySettings {
-                tolerance: 5e-3,
-                ..usual
-            },
-        ),
-        (
-            "100 coefficients",
-            VisibilitySettings {
-                components: 100,
-                tolerance: 0.0,
-                ..usual
-            },
-        ),
-    ];
-    let mut by_count = Vec::new();
-    for (what, settings) in settings {
-        let (visibility, seconds) = bake(&settings)?;
+    for (what, visibility, seconds) in [
+        (BAKES[0], own, Some(own_seconds)),
+        (BAKES[1], theirs, Some(their_seconds)),
+        ("the first 50 of these, as [P14]", fifty, None),
+    ] {
         let error = |places: &[ShadowPlace]| compare(scene, &visibility, &lamp, places);
         let (penumbra, all) = (error(&shade), error(&lit));
         let with = BakedScene {
@@ -249,14 +319,6 @@ pub fn measure(
     }
     let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
     let visibility = with.visibility.as_ref().ok_or("lost")?;
-    for components in COUNTS {
-        let (few, _) = bake(&VisibilitySettings {
-            components,
-            tolerance: 0.0,
-            ..usual
-        })?;
-        by_count.push((components, memory(scene, &few, &lamp, &shade).nrmse));
-    }
     let mut others = Vec::new();
     for (what, light) in other_lamps(name) {
         let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
@@ -272,25 +334,7 @@ pub fn measure(
             rays: by_rays(known),
         });
     }
-    let params = SoftParams::new(visibility, extent(scene), 1);
-    let time = |what: &dyn Fn(usize) -> f32| {
-        let began = Instant::now();
-        let sum: f32 = (0..points.len()).map(what).sum();
-        std::hint::black_box(sum);
-        began.elapsed().as_secs_f64()
-    };
-    let by_rays = time(&|i| {
-        let (x, n) = points[i];
-        let sight = Rays {
-            geometry: mesh,
-            start: x + n * mesh.lift(x),
-        };
-        soft::fraction(&lamp, x, n, &sight).0
-    });
-    let from_memory = time(&|i| {
-        let (x, n) = points[i];
-        soft::fraction(&lamp, x, n, &soft::Eye::new(&params, visibility, i, n)).0
-    });
+    let races = race(name, mesh, scene, visibility, &light)?;
     picture(name, mesh, &with, &light, folder)?;
     Ok(Found {
         name: name.into(),
@@ -301,7 +345,7 @@ pub fn measure(
         lit: all,
         variants,
         others,
-        seconds: [by_rays, from_memory],
+        races,
     })
 }
 

@@ -23,6 +23,7 @@ const POINT: Layout = Layout::columns(&[
     Field::word(6),
     Field::word(7),
 ]);
+/// Words of two halves, or of four bytes: in planes all first bytes lie side by side.
 const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 
 /// Words of the section "visibility".
@@ -55,7 +56,11 @@ pub(super) const KINDS: [Kind; 6] = [
         memory: size_of::<VisiblePoint>() as u64 + 8,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
     },
-    kind::<u32>(26, "visibility basis", PAIR),
+    Kind {
+        // Components of eight bits; the first had sixteen.
+        version: 2,
+        ..kind::<u32>(26, "visibility basis", PAIR)
+    },
     kind::<f32>(27, "visibility scales", COUNT),
     kind::<u32>(28, "visibility coefficients", PAIR),
 ];

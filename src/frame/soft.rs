@@ -342,7 +342,7 @@ pub const BIAS: f32 = 0.1;
 pub const BEFORE: f32 = 3.0;
 /// The usual [`SoftParams::ramp`].
 pub const RAMP: f32 = 3.0;
-/// Depths that differ by no more are not told apart: sixteen bits and a sum of fifty products leave less than that.
+/// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients leave less than that, and what components are rounded by is in their error.
 pub const ROUNDING: f32 = 1e-3;
 
 impl SoftParams {

@@ -111,7 +111,7 @@ struct Options {
     /// Bake what points see, for lights with soft shadows.
     #[arg(long)]
     soft_shadows: bool,
-    /// Soft shadows: directions a point, 16 to 16384 (2016 if left out).
+    /// Soft shadows: directions a point, 16 to 16384 (4012 if left out; the paper has 2016).
     #[arg(
         long,
         value_name = "N",

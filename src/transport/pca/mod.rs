@@ -5,6 +5,7 @@ mod compression;
 mod decompose;
 mod hemisphere;
 mod light;
+mod truncate;
 mod visibility;
 
 pub use cluster::{Clusters, cluster};

@@ -14,7 +14,8 @@
 //! - **Sparse coefficients** (\[P14\] §4.4): those too small to move a depth by [`VisibilitySettings::tolerance`] are left out, a mask says which are there.
 //! - **Each cluster knows its error**: beside mean and components stands, for each direction, the root mean square of what they leave out. It says how soft a comparison
 //!   with a depth must be.
-//! - Components and coefficients are signed 16-bit numbers, with a scale for each component of each cluster.
+//! - **Components are signed 8-bit numbers**, means, errors and coefficients signed 16-bit ones, with a scale for each component of each cluster: \[P14\] §4.4 stores 16 bits of all. Components are what
+//!   takes the room, and more directions in the same room are worth more than more exact ones (docs/PCA.md). The error that a cluster knows has their rounding in it.
 
 use super::{HemisphereGrid, cluster, decompose};
 use crate::samples::tangents;
@@ -28,6 +29,9 @@ pub const NEAR: f32 = 1.0;
 
 /// Depths count up to so many times s.
 pub const MOST_RATIO: f32 = 1e9;
+
+/// The usual number of directions, about.
+const DIRECTIONS: u32 = 4000;
 
 /// Directions nearer to the horizon count as if they had this cosine.
 const LEAST_COSINE: f32 = 0.05;
@@ -48,10 +52,11 @@ pub struct VisibilitySettings {
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6: 2016 directions, 50 coefficients; clusters of 400 points, where \[P14\] §4.1 has 1000: see `docs/PCA.md`.
+    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000 points a cluster; here twice the directions in half the bits, and clusters of 400 points: docs/PCA.md says
+    /// why.
     fn default() -> Self {
         Self {
-            grid: HemisphereGrid::default(),
+            grid: HemisphereGrid::of(DIRECTIONS),
             components: 50,
             cluster_points: 400,
             tolerance: 5e-4,
@@ -77,10 +82,10 @@ pub struct VisibilityCluster {
 }
 
 impl VisibilityCluster {
-    /// Words of the basis a direction: mean, error, and components, two a word.
+    /// Words of the basis a direction: one for mean and error, then components, four a word.
     #[must_use]
     pub fn words(&self) -> usize {
-        self.components as usize / 2 + self.components as usize % 2 + 1
+        (self.components as usize).div_ceil(4) + 1
     }
 }
 
@@ -117,7 +122,7 @@ pub struct Visibility {
     pub clusters: Vec<VisibilityCluster>,
     /// One a point.
     pub points: Vec<VisiblePoint>,
-    /// Means, errors and components, two signed normalised 16-bit numbers a word.
+    /// Of each direction its mean and its error, two signed normalised 16-bit numbers in a word, then its components, four signed normalised 8-bit numbers a word.
     pub basis: Vec<u32>,
     /// What the numbers of the basis and the coefficients are to be multiplied by.
     pub scales: Vec<f32>,
@@ -155,7 +160,7 @@ impl Visibility {
         let (mut basis, mut scales) = (0u32, 0u32);
         for cluster in &mut self.clusters {
             (cluster.basis, cluster.scales) = (basis, scales);
-            let words = cluster.components.min(Self::MOST_COMPONENTS).div_ceil(2) + 1;
+            let words = cluster.components.min(Self::MOST_COMPONENTS).div_ceil(4) + 1;
             let length = u32::try_from(self.grid.len()).ok()?;
             basis = basis.checked_add(words.checked_mul(length)?)?;
             scales = scales.checked_add(cluster.components.min(Self::MOST_COMPONENTS) + 2)?;
@@ -178,6 +183,11 @@ impl Visibility {
         Some((basis as usize, scales as usize, end.div_ceil(2) as usize))
     }
 
+    /// Number `at` of the coefficients, as it is stored.
+    pub(super) fn coefficient(&self, at: u32) -> u16 {
+        (self.coefficients[at as usize / 2] >> (16 * (at % 2))) as u16
+    }
+
     /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the error, then one a component. Returns how many numbers these are.
     #[inline]
     pub fn decode(&self, i: usize, out: &mut [f32; Self::MOST_COMPONENTS as usize + 2]) -> usize {
@@ -185,11 +195,11 @@ impl Visibility {
         let cluster = &self.clusters[point.cluster as usize];
         let scales = &self.scales[cluster.scales as usize..];
         (out[0], out[1]) = (scales[0], scales[1]);
-        let mut at = point.first as usize;
+        let mut at = point.first;
         for j in 0..cluster.components as usize {
             out[j + 2] = 0.0;
             if point.mask[j / 32] >> (j % 32) & 1 != 0 {
-                out[j + 2] = scales[j + 2] * half(&self.coefficients, at);
+                out[j + 2] = scales[j + 2] * from_snorm(self.coefficient(at));
                 at += 1;
             }
         }
@@ -209,12 +219,11 @@ impl Visibility {
         let words = cluster.words();
         let start = cluster.basis as usize + texel as usize * words;
         let basis = &self.basis[start..start + words];
-        let mut e = decoded[0] * snorm(basis[0] as u16);
-        let error = decoded[1] * snorm((basis[0] >> 16) as u16);
-        for (word, pair) in basis[1..].iter().zip(decoded[2..].chunks(2)) {
-            e += pair[0] * snorm(*word as u16);
-            if let Some(second) = pair.get(1) {
-                e += second * snorm((word >> 16) as u16);
+        let mut e = decoded[0] * from_snorm(basis[0] as u16);
+        let error = decoded[1] * from_snorm((basis[0] >> 16) as u16);
+        for (word, four) in basis[1..].iter().zip(decoded[2..].chunks(4)) {
+            for (bits, v) in word.to_le_bytes().into_iter().zip(four) {
+                e += v * from_short(bits);
             }
         }
         (e, error)
@@ -239,21 +248,25 @@ pub fn encode(distance: f32, near: f32) -> f32 {
 
 /// A signed normalised number, as WGSL's `unpack2x16snorm` reads it.
 #[inline]
-fn snorm(bits: u16) -> f32 {
+pub(super) fn from_snorm(bits: u16) -> f32 {
     (f32::from(bits as i16) / 32767.0).max(-1.0)
 }
 
-/// Number `at` of an array with two a word.
+/// A signed normalised number of eight bits, as WGSL's `unpack4x8snorm` reads it.
 #[inline]
-fn half(words: &[u32], at: usize) -> f32 {
-    snorm((words[at / 2] >> (16 * (at % 2))) as u16)
+pub(super) fn from_short(bits: u8) -> f32 {
+    (f32::from(bits as i8) / 127.0).max(-1.0)
 }
 
-fn to_snorm(v: f32) -> u16 {
+fn to_short(v: f32) -> u8 {
+    (v.clamp(-1.0, 1.0) * 127.0).round() as i8 as u8
+}
+
+pub(super) fn to_snorm(v: f32) -> u16 {
     (v.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16
 }
 
-fn pack(numbers: &[u16]) -> impl Iterator<Item = u32> + '_ {
+pub(super) fn pack(numbers: &[u16]) -> impl Iterator<Item = u32> + '_ {
     numbers
         .chunks(2)
         .map(|pair| u32::from(pair[0]) | u32::from(pair.get(1).copied().unwrap_or(0)) << 16)
@@ -427,21 +440,36 @@ fn bake_cluster(
         all.fold(0.0f32, |most, v| most.max(v.abs()))
     };
     let most: Vec<f32> = (0..count).map(largest_of).collect();
+    // Components of largest number one, and what that took goes to their coefficients.
+    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
+    let basis_scale: Vec<f32> = (0..count)
+        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
+        .collect();
+    // As they are stored, component after component.
+    let stored: Vec<u8> = (0..count)
+        .flat_map(|j| (0..length).map(move |i| (j, i)))
+        .map(|(j, i)| to_short(over(component(j, i), basis_scale[j])))
+        .collect();
     // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
     let least = settings.tolerance * (length as f32).sqrt();
-    // What is left of the rows when all that is kept is taken off is the error.
+    // What is left of the rows when all that is stored is taken off is the error.
     let points: Vec<([u32; 4], Vec<u16>)> = rows
         .chunks_exact_mut(length)
         .enumerate()
         .map(|(m, row)| {
+            (row.iter_mut().zip(&weights)).for_each(|(e, w)| *e /= w);
             let mut mask = [0u32; 4];
             let mut kept = Vec::new();
             for j in 0..count {
                 let v = coefficients[m * count + j];
                 if v.abs() >= least && v != 0.0 {
                     mask[j / 32] |= 1 << (j % 32);
-                    kept.push(to_snorm(v / most[j]));
-                    (row.iter_mut().zip(found.vector(j))).for_each(|(e, c)| *e -= v * c);
+                    let bits = to_snorm(v / most[j]);
+                    kept.push(bits);
+                    let factor = from_snorm(bits) * most[j] * basis_scale[j];
+                    let numbers = &stored[j * length..(j + 1) * length];
+                    (row.iter_mut().zip(numbers)).for_each(|(e, c)| *e -= factor * from_short(*c));
                 }
             }
             (mask, kept)
@@ -451,26 +479,21 @@ fn bake_cluster(
     for row in rows.chunks_exact(length) {
         (error.iter_mut().zip(row)).for_each(|(s, e)| *s += e * e / members.len() as f32);
     }
-    (error.iter_mut().zip(&weights)).for_each(|(s, w)| *s = s.sqrt() / w);
+    error.iter_mut().for_each(|s| *s = s.sqrt());
 
-    // Components of largest number one, and what that took goes to their coefficients.
-    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    let basis_scale: Vec<f32> = (0..count)
-        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
-        .collect();
     let mut scales = vec![largest(&mean), largest(&error)];
     scales.extend((0..count).map(|j| most[j] * basis_scale[j]));
-    let words = count.div_ceil(2) + 1;
-    let mut basis = Vec::with_capacity(length * words);
-    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
-    let mut column = vec![0u16; 2 * words];
+    let mut basis = Vec::with_capacity(length * (count.div_ceil(4) + 1));
     for i in 0..length {
-        column[0] = to_snorm(over(mean[i], scales[0]));
-        column[1] = to_snorm(over(error[i], scales[1]));
-        for j in 0..count {
-            column[j + 2] = to_snorm(over(component(j, i), basis_scale[j]));
-        }
-        basis.extend(pack(&column));
+        let first = [
+            to_snorm(over(mean[i], scales[0])),
+            to_snorm(over(error[i], scales[1])),
+        ];
+        basis.extend(pack(&first));
+        basis.extend((0..count).step_by(4).map(|j| {
+            let of = |k: usize| (j + k < count).then(|| stored[(j + k) * length + i]);
+            u32::from_le_bytes([0, 1, 2, 3].map(|k| of(k).unwrap_or(0)))
+        }));
     }
     Part {
         tangent,

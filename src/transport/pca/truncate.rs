@@ -1,0 +1,91 @@
+//! Visibility with fewer components than were baked: what the first of them say alone. Where in the flow: beside [`Visibility`], for measures of the error by the number of components (\[P14\] Fig. 4), which
+//! then need one bake and not one each.
+//!
+//! Principal components are nested: the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
+//! over its points, is added to the square of the error that stands there.
+
+use super::visibility::{Visibility, VisibilityCluster, from_short, from_snorm, pack, to_snorm};
+
+impl Visibility {
+    /// The first `most` components of each cluster, with the error of these.
+    #[must_use]
+    pub fn truncated(&self, most: u32) -> Self {
+        let mut out = Self {
+            grid: self.grid,
+            near: self.near,
+            points: self.points.clone(),
+            ..Self::default()
+        };
+        let dropped = self.dropped(most);
+        for (cluster, squares) in self.clusters.iter().zip(&dropped) {
+            let count = cluster.components.min(most) as usize;
+            let scales = &self.scales[cluster.scales as usize..][..cluster.components as usize + 2];
+            let words = cluster.words();
+            let basis = &self.basis[cluster.basis as usize..][..words * self.grid.len()];
+            let errors: Vec<f32> = (basis.chunks_exact(words))
+                .map(|of| {
+                    let own = scales[1] * from_snorm((of[0] >> 16) as u16);
+                    let more = squares.iter().enumerate().map(|(j, square)| {
+                        let at = count + j;
+                        let v = from_short(of[1 + at / 4].to_le_bytes()[at % 4]);
+                        v * v * square
+                    });
+                    (own * own + more.sum::<f32>()).sqrt()
+                })
+                .collect();
+            let largest = errors.iter().fold(0.0f32, |most, e| most.max(*e));
+            for (of, error) in basis.chunks_exact(words).zip(errors) {
+                let share = if largest > 0.0 { error / largest } else { 0.0 };
+                out.basis.extend(pack(&[of[0] as u16, to_snorm(share)]));
+                for first in (0..count).step_by(4) {
+                    let mut four = of[1 + first / 4].to_le_bytes();
+                    four[(count - first).min(4)..].fill(0);
+                    out.basis.push(u32::from_le_bytes(four));
+                }
+            }
+            out.scales.extend([scales[0], largest]);
+            out.scales.extend(&scales[2..2 + count]);
+            out.clusters.push(VisibilityCluster {
+                components: count as u32,
+                ..*cluster
+            });
+        }
+        // Cluster after cluster, in each as the points are numbered, as `place` has it.
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        order.sort_by_key(|&i| self.points[i].cluster);
+        let mut kept = Vec::new();
+        for i in order {
+            let point = &mut out.points[i];
+            for (w, mask) in point.mask.iter_mut().enumerate() {
+                let below = most.saturating_sub(32 * w as u32).min(32);
+                *mask &= ((1u64 << below) - 1) as u32;
+            }
+            // The first of those it had.
+            kept.extend((0..point.count()).map(|k| self.coefficient(point.first + k)));
+        }
+        out.coefficients = pack(&kept).collect();
+        // Shorter than what had its place.
+        let _ = out.place();
+        out
+    }
+
+    /// For each cluster, of the components from `most` on, the mean square of the coefficients with their scales.
+    fn dropped(&self, most: u32) -> Vec<Vec<f32>> {
+        let mut sums: Vec<Vec<f32>> = (self.clusters.iter())
+            .map(|c| vec![0.0; c.components.saturating_sub(most) as usize])
+            .collect();
+        let mut points = vec![0.0f32; self.clusters.len()];
+        let mut decoded = [0.0; Self::MOST_COMPONENTS as usize + 2];
+        for (i, point) in self.points.iter().enumerate() {
+            let cluster = point.cluster as usize;
+            let count = self.decode(i, &mut decoded);
+            points[cluster] += 1.0;
+            let values = decoded[..count].iter().skip(2 + most as usize);
+            (sums[cluster].iter_mut().zip(values)).for_each(|(sum, v)| *sum += v * v);
+        }
+        for (sums, points) in sums.iter_mut().zip(points) {
+            sums.iter_mut().for_each(|sum| *sum /= points.max(1.0));
+        }
+        sums
+    }
+}
