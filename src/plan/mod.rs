@@ -31,6 +31,7 @@ mod pass;
 mod quality;
 mod soft;
 mod state;
+mod transport;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{
@@ -41,5 +42,6 @@ pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, SoftState, ViewId, ViewState,
+    BounceState, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange, SoftState, ViewId,
+    ViewState,
 };
