@@ -14,6 +14,8 @@
 @group(0) @binding(10) var<storage, read_write> further: array<vec4f>;
 @group(0) @binding(11) var<storage, read> parent_starts: array<u32>;
 @group(0) @binding(12) var<storage, read> parent_entries: array<WeightEntry>;
+// Eight numbers a sender, where the bake knows the sky's terms; not read otherwise.
+@group(0) @binding(13) var<storage, read> seen: array<f32>;
 
 @compute @workgroup_size(64)
 fn sweep(
@@ -31,7 +33,11 @@ fn sweep(
     var e = irradiance_dot(irradiance[j], points[j].normal);
     if params.differences == 0u {
         // What comes straight from the sky is reflected in `direct` already.
-        e -= params.sky * max(dot(surfaces[j].sky, points[j].normal), 0.0);
+        var terms = vec3f(0.0);
+        for (var k = 0u; k < params.sky_terms; k++) {
+            terms += params.sky_more[k].xyz * seen[j * params.sky_terms + k];
+        }
+        e -= sky_light(params.sky, dot(surfaces[j].sky, points[j].normal), terms, params.sky_terms);
     }
     e = max(e, vec3f(0.0));
     senders[j] = direct[j] + vec4f(surfaces[j].albedo * e, 0.0);

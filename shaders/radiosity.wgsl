@@ -6,6 +6,8 @@
 @group(0) @binding(4) var<storage, read> points: array<Point>;
 @group(0) @binding(5) var<storage, read> surfaces: array<PointSurface>;
 @group(0) @binding(6) var<storage, read_write> senders: array<vec4f>;
+// Eight numbers a sender, where the bake knows the sky's terms; not read otherwise.
+@group(0) @binding(7) var<storage, read> seen: array<f32>;
 
 @compute @workgroup_size(64)
 fn radiosity(
@@ -14,9 +16,12 @@ fn radiosity(
     @builtin(local_invocation_index) local: u32,
 ) {
     let j = flat_group(group, groups) * 64u + local;
-    // The sky's coefficient lies behind the senders', and is there even where there are no points.
+    // The sky's coefficients lie behind the senders', and are there even where there are no points.
     if j == 0u {
         senders[params.sky_sender] = vec4f(params.sky, 0.0);
+        for (var k = 0u; k < params.sky_terms; k++) {
+            senders[params.sky_sender + 1u + k] = params.sky_more[k];
+        }
     }
     if j >= params.senders {
         return;
@@ -26,6 +31,10 @@ fn radiosity(
     for (var slot = 0u; slot < params.slots; slot++) {
         e += lights[slot].color * projected[slot * params.senders + j];
     }
-    e += params.sky * max(dot(surface.sky, points[j].normal), 0.0);
+    var terms = vec3f(0.0);
+    for (var k = 0u; k < params.sky_terms; k++) {
+        terms += params.sky_more[k].xyz * seen[j * params.sky_terms + k];
+    }
+    e += sky_light(params.sky, dot(surface.sky, points[j].normal), terms, params.sky_terms);
     senders[j] = vec4f(surface.albedo * e + surface.emission * params.emission, 0.0);
 }

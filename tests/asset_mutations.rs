@@ -6,6 +6,7 @@ mod asset_support;
 use asset_support::{Random, build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::scene::MaterialFactors;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -291,13 +292,18 @@ fn walk(scene: &BakedScene) -> Vec3 {
         )],
     );
     let mut sum = Vec3::ZERO;
+    let painted = MaterialFactors {
+        base_color: [1.0; 3],
+        emissive: [2.0; 3],
+    };
+    frame.set_materials(scene, &[painted; 2]);
     for baked_bounces in [false, true] {
         frame.solve(
             scene,
             &FrameSettings {
                 sweeps: 1,
                 baked_bounces,
-                sky: Vec3::ONE,
+                sky: Vec3::ONE.into(),
                 emission: 1.0,
                 tier: 1,
             },

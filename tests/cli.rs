@@ -329,6 +329,14 @@ fn wrong_input_of_eval_has_its_exit_code() {
     )
     .unwrap();
     assert!(eval(INPUT, bake, &at("bad.json"), &points, &out).contains("lights[0]"));
+    // The bake was not asked for a sky that varies.
+    fs::write(
+        at("varies.json"),
+        r#"{"lights":[{"type":"sky","zenith":[1,1,1],"horizon":[0,0,0],"ground":[0,0,0]}]}"#,
+    )
+    .unwrap();
+    let why = eval(INPUT, bake, &at("varies.json"), &points, &out);
+    assert!(why.contains("--sky harmonics"), "{why}");
     for (code, wrong) in [
         (INPUT, ["--tier", "9"]),
         (INPUT, ["--tier", "0"]),

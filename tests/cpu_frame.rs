@@ -60,6 +60,8 @@ fn furnace(to_sky: bool) -> BakedScene {
         probes: None,
         fmm: None,
         illumination: Vec::new(),
+        sky: None,
+        materials: None,
         bounces: None,
         display: Display {
             radius: 0.9,
@@ -178,7 +180,7 @@ fn the_sky_shines_through_its_own_links() {
     let scene = furnace(true);
     let mut frame = CpuFrame::new(&scene);
     let settings = FrameSettings {
-        sky: Vec3::new(0.0, 2.0, 0.0),
+        sky: Vec3::new(0.0, 2.0, 0.0).into(),
         ..FrameSettings::default()
     };
     frame.solve(&scene, &settings);

@@ -567,7 +567,7 @@ fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_l
     change(&mut app, |l| l.emission = 0.0);
     change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
     let changed = bevy_meshless_gi::frame::FrameSettings {
-        sky: Vec3::new(30.0, 40.0, 60.0),
+        sky: Vec3::new(30.0, 40.0, 60.0).into(),
         emission: 0.0,
         ..bevy_meshless_gi::frame::FrameSettings::bounces(1)
     };

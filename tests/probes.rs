@@ -156,7 +156,7 @@ fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> C
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lights);
     let settings = FrameSettings {
-        sky: Vec3::splat(sky),
+        sky: Vec3::splat(sky).into(),
         emission: 1.0,
         ..FrameSettings::bounces(sweeps)
     };

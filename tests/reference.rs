@@ -130,7 +130,7 @@ fn sky_is_what_rays_find_where_there_is_nothing() {
     let mesh =
         |t: Vec<[Vec3; 3]>| TriangleMesh::new(t, vec![0; 4], vec![Material::diffuse(Vec3::ZERO)]);
     let sky = [Light::Sky {
-        radiance: Vec3::new(1.0, 2.0, 3.0),
+        radiance: Vec3::new(1.0, 2.0, 3.0).into(),
     }];
     let points = [(Vec3::new(0.0, 0.0, 1.0), Vec3::Y)];
     let open = irradiance_at_all(
@@ -187,7 +187,8 @@ fn brighter(lights: &[Light]) -> Vec<Light> {
         match light {
             Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity *= 1.1,
             Light::Directional { irradiance, .. } => *irradiance *= 1.1,
-            Light::Rect { radiance, .. } | Light::Sky { radiance } => *radiance *= 1.1,
+            Light::Rect { radiance, .. } => *radiance *= 1.1,
+            Light::Sky { radiance } => *radiance = *radiance * 1.1,
         }
     }
     lights

@@ -101,7 +101,9 @@ fn layouts() -> Vec<Layout> {
             sky_sender,
             coarsest,
             differences,
-            apart
+            apart,
+            sky_terms,
+            sky_more
         }),
         layout!(Span { first, count, base }),
         layout!(SoftLight {
@@ -819,6 +821,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "subsplat",
         "view",
         "fmm_layout",
+        "materials",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")

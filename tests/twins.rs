@@ -30,7 +30,7 @@ mod subsplats;
 #[path = "twins/synthetic.rs"]
 mod synthetic;
 
-use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::asset::{BakedScene, SkySight};
 use bevy_meshless_gi::frame::{
     CompositeParams, CpuFrame, FrameLight, FrameSettings, SplatParams, VectorIrradiance, composite,
     project, splat,
@@ -38,6 +38,7 @@ use bevy_meshless_gi::frame::{
 use bevy_meshless_gi::gpu::{
     GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers, SplatTargets, ViewBuffers,
 };
+use bevy_meshless_gi::scene::SkyRadiance;
 use bevy_meshless_gi::transport::pca::Column;
 use bevy_meshless_gi::transport::{Link, Row, SenderForm};
 use compare::{HALF, SINGLE, Scale, differing, same};
@@ -67,7 +68,7 @@ fn settings(sweeps: u32, baked_bounces: bool) -> FrameSettings {
     FrameSettings {
         sweeps,
         baked_bounces,
-        sky: Vec3::new(0.2, 0.3, 0.5),
+        sky: Vec3::new(0.2, 0.3, 0.5).into(),
         emission: 0.8,
         tier: FrameSettings::ALL_TIERS,
     }
@@ -269,12 +270,16 @@ type Spoil = fn(&mut BakedScene);
 
 /// Solves on both, compares, and compares again with each of the `spoils`.
 fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
+    scene_agrees(&synthetic::scene(form), settings, checked);
+}
+
+fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
-    let scene = synthetic::scene(form);
+    let form = scene.operator.form;
     let lights = synthetic::lights();
-    let twin = cpu(&scene, &lights, settings);
-    let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
+    let twin = cpu(scene, &lights, settings);
+    let frame = GpuFrame::new(&kernels, &harness.queue, scene, lights.len() as u32).unwrap();
     let frame = solved(&harness, &kernels, frame, &twin, settings);
     for (i, &((name, pass, take, width, scale), spoil)) in checked.iter().enumerate() {
         let expected = take(&twin);
@@ -422,6 +427,58 @@ fn live_bounces() {
             (VALUES, FURTHER),
         ];
         solve_agrees(form, &settings(3, false), &both);
+    }
+}
+
+/// The scene in the form of averages, lit by a sky that varies: some links name its terms.
+fn under_a_sky() -> BakedScene {
+    let mut scene = synthetic::scene(SenderForm::Averages);
+    let mut dice = synthetic::Dice::new(7);
+    let senders = scene.senders();
+    for (k, link) in scene.operator.links.iter_mut().enumerate().step_by(19) {
+        let term = senders + 1 + k % 8;
+        *link = Link::pack(link.vector(), 1.0, term as u16);
+    }
+    scene.sky = Some(SkySight {
+        senders: (0..senders)
+            .map(|_| std::array::from_fn(|_| dice.signed()))
+            .collect(),
+    });
+    scene
+}
+
+#[test]
+fn a_sky_that_varies() {
+    let sky = SkyRadiance::gradient(
+        Vec3::new(0.2, 0.4, 1.0),
+        Vec3::new(0.9, 0.7, 0.5),
+        Vec3::new(0.1, 0.2, 0.1),
+    );
+    let aside = SkyRadiance {
+        terms: std::array::from_fn(|k| Vec3::new(0.3, -0.2, 0.1) * (k as f32 - 3.0)),
+        ..SkyRadiance::BLACK
+    };
+    for sweeps in [0, 2] {
+        let settings = FrameSettings {
+            sky: sky + aside,
+            ..settings(sweeps, false)
+        };
+        scene_agrees(
+            &under_a_sky(),
+            &settings,
+            &[
+                (BOUNCED, |s| {
+                    let seen = &mut s.sky.as_mut().unwrap().senders;
+                    seen[80..120].iter_mut().for_each(|t| t[4] += 0.05);
+                }),
+                (VALUES, |s| {
+                    let first = s.senders() as u32 + 1;
+                    let links = s.operator.links.iter_mut();
+                    let terms = links.filter(|l| l.sender() > first);
+                    terms.for_each(|l| *l = Link::pack(l.vector(), 1.0, l.sender() as u16 - 1));
+                }),
+            ],
+        );
     }
 }
 

@@ -100,6 +100,11 @@ struct SolveParams {
     coarsest: u32,
     differences: u32,
     apart: f32,
+    sky_terms: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+    sky_more: array<vec4f, 8>,
 }
 
 struct Span {

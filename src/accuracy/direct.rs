@@ -5,7 +5,7 @@
 //! directions. Near an emitter the directions do well, far from it the places.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
-use crate::scene::{Geometry, Hit, Ray, TriangleMesh};
+use crate::scene::{Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 use std::collections::HashMap;
@@ -28,7 +28,7 @@ struct Emitter {
 pub struct GlowLight<'a> {
     meshes: &'a [TriangleMesh],
     /// π times the sky's radiance, W/m².
-    sky: Vec3,
+    sky: SkyRadiance,
     emitters: Vec<Emitter>,
     /// Which emitter a triangle of a mesh is.
     emitter_of: HashMap<(usize, u32), usize>,
@@ -37,7 +37,7 @@ pub struct GlowLight<'a> {
 impl<'a> GlowLight<'a> {
     /// What `meshes` emit, under a sky of radiance `sky`, W/(m² sr).
     #[must_use]
-    pub fn new(meshes: &'a [TriangleMesh], sky: Vec3) -> Self {
+    pub fn new(meshes: &'a [TriangleMesh], sky: SkyRadiance) -> Self {
         let mut emitters = Vec::new();
         let mut emitter_of = HashMap::new();
         let mut total = 0.0f64;
@@ -87,7 +87,7 @@ impl<'a> GlowLight<'a> {
     /// True where there is nothing to integrate.
     #[must_use]
     pub fn is_dark(&self) -> bool {
-        self.emitters.is_empty() && self.sky == Vec3::ZERO
+        self.emitters.is_empty() && self.sky.is_black()
     }
 
     /// Irradiance at surface place (x, n) from what glows, W/m². `stream` numbers the place: the same place and stream give the same answer.
@@ -107,7 +107,7 @@ impl<'a> GlowLight<'a> {
             let d = cosine_hemisphere(lattice(k, SAMPLES, for_directions));
             let ray = Ray::new(start, (t * d.x + b * d.y + n * d.z).normalize_or(n));
             sum += match self.closest(&ray) {
-                None => self.sky / SAMPLES as f32,
+                None => self.sky.towards(ray.direction) / SAMPLES as f32,
                 Some((mesh, hit)) => self.seen(&ray, n, mesh, &hit),
             };
             if self.emitters.is_empty() {
@@ -204,7 +204,7 @@ mod tests {
     fn a_panel_lights_what_is_below_it_as_the_form_factor_says() {
         for h in [0.02, 0.3, 1.0, 5.0, 40.0] {
             let mesh = [panel(h)];
-            let light = GlowLight::new(&mesh, Vec3::ZERO);
+            let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
             let e = light.irradiance(Vec3::ZERO, Vec3::Y, 7);
             let right = 3.0 * PI * below_the_centre(h);
             assert!((e.x / right - 1.0).abs() < 4e-3, "{h}: {e} {right}");
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_panel_lights_what_is_beside_it_as_the_sum_of_its_parts_does() {
         let mesh = [panel(1.0)];
-        let light = GlowLight::new(&mesh, Vec3::ZERO);
+        let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
         let parts = 200;
         let centre = |i: i32| (2 * i + 1) as f32 / parts as f32 - 1.0;
         for (x, n) in [
@@ -238,10 +238,10 @@ mod tests {
     #[test]
     fn the_sky_fills_what_the_panel_leaves() {
         let mesh = [panel(1.0)];
-        let light = GlowLight::new(&mesh, Vec3::ONE);
+        let light = GlowLight::new(&mesh, Vec3::ONE.into());
         let e = light.irradiance(Vec3::ZERO, Vec3::Y, 1);
         let share = below_the_centre(1.0);
         assert!((e.z / (PI * (1.0 - share)) - 1.0).abs() < 5e-3, "{e}");
-        assert!(!light.is_dark() && GlowLight::new(&[], Vec3::ZERO).is_dark());
+        assert!(!light.is_dark() && GlowLight::new(&[], SkyRadiance::BLACK).is_dark());
     }
 }

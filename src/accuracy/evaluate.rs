@@ -8,7 +8,7 @@
 use super::GlowLight;
 use crate::asset::BakedScene;
 use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe, project, splat};
-use crate::scene::{Light, TriangleMesh};
+use crate::scene::{Light, SkyRadiance, TriangleMesh};
 use glam::Vec3;
 
 /// Patches of a rectangle light where it is projected onto the points.
@@ -96,7 +96,7 @@ impl<'a> Evaluator<'a> {
                 .flat_map(|light| FrameLight::expand(light, patches))
                 .collect()
         };
-        let sky: Vec3 = lights
+        let sky: SkyRadiance = lights
             .iter()
             .filter_map(|light| match light {
                 Light::Sky { radiance } => Some(*radiance),
@@ -112,7 +112,7 @@ impl<'a> Evaluator<'a> {
             };
             solved.add(1.0, &solve_emission(scene, once_more, tier));
         }
-        if emits || sky != Vec3::ZERO {
+        if emits || !sky.is_black() {
             let mut black = scene.clone();
             for surface in &mut black.surfaces {
                 surface.albedo = [0.0; 3];
@@ -173,7 +173,7 @@ impl<'a> Evaluator<'a> {
 }
 
 /// Live settings for so many reflections, without emission.
-fn settings(sky: Vec3, bounces: u32, tier: u32) -> FrameSettings {
+fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
     FrameSettings {
         sky,
         tier,
@@ -187,7 +187,7 @@ fn settings(sky: Vec3, bounces: u32, tier: u32) -> FrameSettings {
 fn solve(
     scene: &BakedScene,
     lamps: &[FrameLight],
-    sky: Vec3,
+    sky: SkyRadiance,
     bounces: Bounces,
     tier: u32,
 ) -> (Solved, Option<u32>) {
@@ -210,7 +210,7 @@ fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
     let mut frame = CpuFrame::new(scene);
     let alone = FrameSettings {
         emission: 1.0,
-        ..settings(Vec3::ZERO, 1, tier)
+        ..settings(SkyRadiance::BLACK, 1, tier)
     };
     sweep(scene, &mut frame, &alone, bounces);
     Solved::of(&frame)
@@ -269,7 +269,7 @@ mod tests {
             .unwrap()
             .scene;
         let lights = [Light::Sky {
-            radiance: Vec3::new(0.1, 0.2, 0.4),
+            radiance: Vec3::new(0.1, 0.2, 0.4).into(),
         }];
         let places: Vec<(Vec3, Vec3)> = (0..40)
             .map(|k| {

@@ -10,7 +10,7 @@
 //! independent paths; the standard error is that of independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, tangents};
-use crate::scene::{Geometry, Light, Ray};
+use crate::scene::{Geometry, Light, Ray, SkyRadiance};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -136,7 +136,7 @@ pub fn irradiance(
     stream: u64,
     settings: &ReferenceSettings,
 ) -> Irradiance {
-    let sky: Vec3 = lights
+    let sky: SkyRadiance = lights
         .iter()
         .filter_map(|light| match light {
             Light::Sky { radiance } => Some(*radiance * core::f32::consts::PI),
@@ -173,7 +173,8 @@ pub fn irradiance(
             let ray = Ray::new(position, (t * d.x + b * d.y + normal * d.z).normalize());
             let hit = geometry.cast(&ray);
             let seen = hit.map(|hit| geometry.surface(&ray, &hit));
-            let emitted = throughput * seen.map_or(sky, |s| s.emission);
+            let emitted =
+                throughput * seen.map_or_else(|| sky.towards(ray.direction), |s| s.emission);
             if depth == 0 {
                 direct += emitted;
             } else {

@@ -3,7 +3,9 @@
 //! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the first
 //! `sender_levels` levels are the senders: sender j is point j.
 
+use super::materials::LiveMaterials;
 use super::probes::Probes;
+use super::sky::SkySight;
 use crate::basis::Weights;
 use crate::samples::{HashedGrid, LitPlace, Point};
 use crate::scene::Bvh;
@@ -86,6 +88,10 @@ pub struct BakedScene {
     pub illumination: Vec<[f32; 3]>,
     /// What the senders and the points of whole levels behind them see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
+    /// What the senders see of a sky that is not uniform, where the recipe asked for it; links to its terms are among the operator's.
+    pub sky: Option<SkySight>,
+    /// Which materials cover the senders, where the recipe asked for materials that change.
+    pub materials: Option<LiveMaterials>,
     /// The light in free space, where the recipe asked for it.
     pub probes: Option<Probes>,
     /// The display basis.

@@ -22,7 +22,7 @@ pub struct Probes {
     pub grid: HashedGrid,
     /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics (`transport::probe_rows`). All of tier 1.
     pub rows: Vec<Row>,
-    /// Links to the operator's senders and the sky, row after row.
+    /// Links to the operator's senders and the sky (and its terms, where the bake has them), row after row.
     pub links: Vec<Link>,
 }
 
@@ -185,7 +185,7 @@ impl BakedScene {
         check.whole(end == probes.links.len() as u64, "probe rows", || {
             format!("have {end} links, but there are {}", probes.links.len())
         });
-        let senders = self.operator.coefficients(self.senders());
+        let senders = self.operator.coefficients(self.senders()) + self.sky_terms();
         for (i, link) in probes.links.iter().enumerate() {
             let v = link.vector();
             let sound = v.is_finite() && v.abs().max_element() <= 1.0 + TOLERANCE;
@@ -204,7 +204,10 @@ impl BakedScene {
         for (i, rows) in probes.rows.chunks_exact(PROBE_ROWS).enumerate() {
             for row in rows {
                 let links = &probes.links[row.start as usize..][..row.count as usize];
-                let sum: Vec3 = links.iter().map(|l| l.vector().abs()).sum::<Vec3>() * row.scale;
+                let light = links
+                    .iter()
+                    .filter(|l| l.sender() as usize <= self.senders());
+                let sum: Vec3 = light.map(|l| l.vector().abs()).sum::<Vec3>() * row.scale;
                 check.item(
                     sum.max_element() <= LARGEST + TOLERANCE,
                     "probe rows",

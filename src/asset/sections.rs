@@ -9,7 +9,7 @@ use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
-use super::{probes, visibility};
+use super::{materials, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights, support_bounds};
 use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
@@ -127,7 +127,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 39] = [
+static KINDS: [Kind; 44] = [
     Kind {
         code: 1,
         name: "info",
@@ -197,10 +197,21 @@ static KINDS: [Kind; 39] = [
     PROBES[2],
     PROBES[3],
     PROBES[4],
+    sky::KIND,
+    MATERIALS[0],
+    MATERIALS[1],
+    MATERIALS[2],
+    MATERIALS[3],
 ];
+const MATERIALS: [Kind; 4] = materials::KINDS;
+/// Where those of the materials start.
+const FIRST_MATERIAL: usize = 40;
 const PROBES: [Kind; 5] = probes::KINDS;
 /// Where those of the probes start.
 const FIRST_PROBES: usize = 34;
+/// Where the sky's terms are.
+const SKY_PLACE: usize = 39;
+const SKY: &Kind = &KINDS[SKY_PLACE];
 const VISIBLE: [Kind; 6] = visibility::KINDS;
 /// Where those of the visibility start.
 const FIRST_VISIBLE: usize = 22;
@@ -309,7 +320,13 @@ impl BakedScene {
             sections.push(section(ILLUMINATION, COLOUR, &self.illumination));
         }
         if let Some(p) = &self.probes {
-            sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..]));
+            sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..SKY_PLACE]));
+        }
+        if let Some(sky) = &self.sky {
+            sections.push(sky::sections(sky, SKY));
+        }
+        if let Some(live) = &self.materials {
+            sections.extend(materials::sections(live, &KINDS[FIRST_MATERIAL..])?);
         }
         Ok(assemble(&sections))
     }
@@ -401,11 +418,13 @@ impl BakedScene {
             bounces,
             visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_OCTREE])?,
             fmm,
+            sky: sky::read(&file, SKY)?,
+            materials: materials::read(&file, &KINDS[FIRST_MATERIAL..])?,
             illumination: match file.has(ILLUMINATION) {
                 true => items(&file, ILLUMINATION, COLOUR)?,
                 false => Vec::new(),
             },
-            probes: probes::read(&file, &KINDS[FIRST_PROBES..], limits)?,
+            probes: probes::read(&file, &KINDS[FIRST_PROBES..SKY_PLACE], limits)?,
             display: Display {
                 radius: f32::from_bits(radius),
                 planes: items(&file, PLANES, PLANE)?,
@@ -461,12 +480,12 @@ fn absent(file: &Container<'_>, kinds: [&Kind; 2]) -> Result<(), AssetError> {
 }
 
 /// Lengths of rows from where they start.
-fn counts(starts: &[u32]) -> Vec<u32> {
+pub(super) fn counts(starts: &[u32]) -> Vec<u32> {
     starts.windows(2).map(|w| w[1] - w[0]).collect()
 }
 
 /// Where rows start, from their lengths.
-fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
+pub(super) fn starts(file: &Container<'_>, kind: &Kind) -> Result<Vec<u32>, AssetError> {
     let (count, raw) = file
         .section(kind)?
         .ok_or_else(|| broken(kind, "is missing"))?;

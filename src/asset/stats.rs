@@ -1,6 +1,7 @@
 //! What a valid baked scene consists of, counted: what `inspect` and `validate` show.
 
 use super::baked::BakedScene;
+use super::materials::LiveMaterials;
 use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
@@ -62,6 +63,12 @@ pub struct BakedStats {
     pub fmm_places: u64,
     /// Bytes of it.
     pub fmm_bytes: u64,
+    /// Materials that may change; 0 where none may.
+    pub materials: u64,
+    /// Their shares of senders.
+    pub material_shares: u64,
+    /// Terms of a sky that varies; 0 for a uniform one.
+    pub sky_terms: u64,
     /// Bytes of all arrays.
     pub memory: u64,
 }
@@ -80,6 +87,9 @@ impl BakedScene {
         BakedStats {
             probes: probes.map_or(0, |p| p.points.len() as u64),
             probe_links: probes.map_or(0, |p| p.links.len() as u64),
+            materials: (self.materials.as_ref()).map_or(0, |m| m.factors.len() as u64),
+            material_shares: (self.materials.as_ref()).map_or(0, |m| m.shares.len() as u64),
+            sky_terms: self.sky_terms() as u64,
             fmm_nodes: octree.map_or(0, |o| o.nodes.len() as u64),
             fmm_entries: octree.map_or(0, |o| o.entries.len() as u64),
             fmm_places: octree.map_or(0, |o| o.places.len() as u64),
@@ -126,6 +136,8 @@ impl BakedScene {
             memory: seen.map_or(0, |v| v.bytes() as u64)
                 + probes.map_or(0, Probes::bytes)
                 + octree.map_or(0, FmmOperator::bytes)
+                + self.materials.as_ref().map_or(0, LiveMaterials::bytes)
+                + self.sky.as_ref().map_or(0, |s| bytes(s.senders.len(), 32))
                 + bytes(self.illumination.len(), 12)
                 + bytes(self.points.len(), 32 + 48 + 16)
                 + bytes(self.operator.links.len(), 8)

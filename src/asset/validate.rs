@@ -16,7 +16,7 @@ pub(super) const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
 const DEEPEST: u8 = 62;
 /// Radiosity that surfaces may emit, W/m²: what is brighter overflows where it is added up.
-const BRIGHTEST: f32 = 1e20;
+pub(super) const BRIGHTEST: f32 = 1e20;
 /// Σ |F·n| ≤ 1 for rows of averages, but for rounding.
 pub(super) const LARGEST_ROW_SUM: f32 = 1.01;
 /// |F| ≤ 1 for averages; differences between levels and the noise of the gather may exceed it a little.
@@ -95,11 +95,13 @@ impl BakedScene {
             self.check_points(&mut check);
             self.check_weights(&mut check);
             self.check_compression(&mut check);
+            self.check_sky(&mut check);
             self.check_operator(&mut check);
             self.check_grid(&mut check);
             self.check_visibility(&mut check);
             self.check_probes(&mut check);
             self.check_fmm(&mut check);
+            self.check_materials(&mut check);
             self.check_illumination(&mut check);
         }
         let depth = self.check_bvh(&mut check);
@@ -137,8 +139,9 @@ impl BakedScene {
         check.whole(per_sender <= Places::MOST, "places", || {
             format!("{per_sender} a sender, at most {}", Places::MOST)
         });
-        check.whole(senders <= Link::MAX_SENDERS, "senders", || {
-            format!("{senders}, at most {}", Link::MAX_SENDERS)
+        let most = Link::MAX_SENDERS - self.sky_terms();
+        check.whole(senders <= most, "senders", || {
+            format!("{senders}, at most {most}")
         });
         let mut length = |place, found: usize, expected: usize| {
             check.whole(found == expected, place, || {
@@ -311,7 +314,7 @@ impl BakedScene {
 
     fn check_operator(&self, check: &mut Check) {
         let (rows, links) = (&self.operator.rows, &self.operator.links);
-        let coefficients = self.operator.coefficients(self.senders());
+        let coefficients = self.operator.coefficients(self.senders()) + self.sky_terms();
         let mut end = 0u64;
         for i in row_order(rows) {
             let row = &rows[i as usize];
@@ -392,7 +395,11 @@ impl BakedScene {
         for (i, (row, point)) in all {
             let links = &self.operator.links[row.start as usize..][..row.count as usize];
             let n = point.n();
-            let sum: f32 = links.iter().map(|l| l.vector().dot(n).abs()).sum();
+            // The sky's terms have signs, and are parts of its light.
+            let light = links
+                .iter()
+                .filter(|l| l.sender() as usize <= self.senders());
+            let sum: f32 = light.map(|l| l.vector().dot(n).abs()).sum();
             let sum = sum * row.scale;
             check.item(sum <= LARGEST_ROW_SUM, "rows", i, || {
                 format!("links sum to {sum}: more light than there is")

@@ -162,12 +162,15 @@ fn mend(scene: &mut BakedScene, missed: &[f32]) {
     }
     let compression = scene.operator.compression.as_ref();
     let even = compression.map(|c| components::even_sums(scene, c));
+    let most = scene.operator.coefficients(scene.senders());
     let operator = &mut scene.operator;
     let rows = operator.rows.iter_mut().zip(&scene.points).zip(missed);
     for (i, ((row, point), &missed)) in rows.enumerate() {
         let links = &operator.links[row.start as usize..][..row.count as usize];
         let n = point.n();
-        let sum: f64 = links.iter().map(|l| f64::from(l.vector().dot(n))).sum();
+        // The sky's terms are no part of even light.
+        let even_links = links.iter().filter(|l| l.sender() as usize <= most);
+        let sum: f64 = even_links.map(|l| f64::from(l.vector().dot(n))).sum();
         let sum = match &even {
             Some(even) => even[i],
             None => f64::from(row.scale) * sum,
@@ -189,7 +192,7 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     let surfaces = std::mem::replace(&mut scene.surfaces, white);
     let mut frame = CpuFrame::new(scene);
     let settings = FrameSettings {
-        sky: Vec3::splat(FRAC_1_PI),
+        sky: Vec3::splat(FRAC_1_PI).into(),
         baked_bounces: false,
         ..FrameSettings::bounces(1)
     };

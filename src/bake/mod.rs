@@ -11,11 +11,13 @@ mod energy_octree;
 mod estimate;
 mod examples;
 mod level;
+mod materials;
 mod octree;
 mod probes;
 mod progress;
 mod recipe;
 mod signals;
+mod sky;
 mod soft_shadows;
 mod stale;
 mod stats;
@@ -27,11 +29,14 @@ pub use octree::OctreeSettings;
 pub use probes::FreeSpaceLight;
 pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
+pub use sky::Sky;
 pub use soft_shadows::SoftShadows;
 pub use stale::is_stale;
 pub use stats::{BakeStats, StageSeconds};
 
-use crate::asset::{BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, TierInfo};
+use crate::asset::{
+    BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, SkySight, TierInfo,
+};
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bounds, Bvh, Geometry};
@@ -313,6 +318,7 @@ fn bake_once(
                     tree: &tree,
                     training: &training,
                     epsilon: settings.epsilon,
+                    sky_terms: settings.sky == Sky::Harmonics,
                     drop_first,
                     stats: &mut stats,
                 };
@@ -517,8 +523,22 @@ fn assemble(
     let coefficients = compression
         .as_ref()
         .map_or(senders, Compression::components);
-    let mut packed = pack(&refined.rows, &tiers, &refined.sky, coefficients, form);
+    let (sky_terms, rays) = sky::terms(source.geometry, &hierarchy, &refined.rows, settings);
+    stats.rays += rays;
+    let mut packed = pack(
+        &refined.rows,
+        &tiers,
+        &refined.sky,
+        &sky_terms,
+        coefficients,
+        form,
+    );
     packed.operator.compression = compression;
+    let (materials, rays) = match settings.live_materials {
+        true => materials::cover(source.geometry, &hierarchy, &places, &pull),
+        false => (None, 0),
+    };
+    stats.rays += rays;
     let size = source.geometry.bounds();
     let settings_text = ron::to_string(settings).unwrap_or_default();
     stats.links = packed.operator.links.len() as u64;
@@ -537,6 +557,13 @@ fn assemble(
         operator: packed.operator,
         fmm: None,
         illumination: Vec::new(),
+        materials,
+        sky: (settings.sky == Sky::Harmonics).then(|| SkySight {
+            senders: (sky_terms.iter().zip(&hierarchy.surfaces))
+                .take(senders)
+                .map(|(terms, s)| terms.map(|t| t.dot(s.normal)))
+                .collect(),
+        }),
         bounces: None,
         visibility: None,
         probes: None,

@@ -78,6 +78,7 @@ pub(super) struct Room<'a> {
     pub tree: &'a SenderTree,
     pub training: &'a Training,
     pub epsilon: f32,
+    pub sky_terms: bool,
     pub drop_first: bool,
     pub stats: &'a mut BakeStats,
 }
@@ -123,6 +124,7 @@ pub(super) fn bake(
         room.tree,
         room.training,
         room.epsilon,
+        room.sky_terms,
         &told,
     )
     .ok_or(BakeError::Cancelled)?;
@@ -132,6 +134,7 @@ pub(super) fn bake(
         &gathered.rows,
         &tiers,
         &gathered.sky,
+        &gathered.terms,
         senders,
         SenderForm::Averages,
     );

@@ -4,9 +4,10 @@
 use super::care::Care;
 use super::octree::OctreeSettings;
 use super::probes::FreeSpaceLight;
+use super::sky::Sky;
 use super::soft_shadows::SoftShadows;
 use crate::asset::Places;
-use crate::scene::Geometry;
+use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::Link;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -104,6 +105,10 @@ pub struct Recipe {
     pub soft_shadows: Option<SoftShadows>,
     /// Light in free space, for what moves (rule `Bounded`).
     pub probes: Option<FreeSpaceLight>,
+    /// Which skies may light the level (`Harmonics` with rule `Bounded` only).
+    pub sky: Sky,
+    /// Base colours and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
+    pub live_materials: bool,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
@@ -175,6 +180,12 @@ pub struct Settings {
     /// See [`Recipe::probes`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub probes: Option<FreeSpaceLight>,
+    /// See [`Recipe::sky`].
+    #[serde(default, skip_serializing_if = "Sky::is_uniform")]
+    pub sky: Sky,
+    /// See [`Recipe::live_materials`].
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub live_materials: bool,
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
@@ -256,6 +267,24 @@ impl Recipe {
                     allowed: "there with rule Bounded only",
                 });
             }
+        }
+        if self.sky == Sky::Harmonics && self.rule != Rule::Bounded {
+            return Err(RecipeError::OutOfRange {
+                field: "sky",
+                value: format!("Harmonics with rule {:?}", self.rule),
+                allowed: "Uniform, or Harmonics with rule Bounded",
+            });
+        }
+        let live = self.rule == Rule::Bounded && self.bounce_mode == BounceMode::Live;
+        if self.live_materials && !live {
+            return Err(RecipeError::OutOfRange {
+                field: "live_materials",
+                value: format!(
+                    "on with rule {:?} and bounces {:?}",
+                    self.rule, self.bounce_mode
+                ),
+                allowed: "on with rule Bounded and bounces Live only",
+            });
         }
         within("places", self.places, 1, Places::MOST, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
@@ -370,6 +399,8 @@ impl Recipe {
             octree: (self.rule == Rule::Fmm).then(|| OctreeSettings::of(self)),
             soft_shadows: self.soft_shadows,
             probes: self.probes,
+            sky: self.sky,
+            live_materials: self.live_materials,
         })
     }
 }
@@ -388,7 +419,11 @@ impl Settings {
     #[must_use]
     pub fn most_points(&self) -> Vec<usize> {
         // Levels grow by four, so level l of s sender levels may have this share of all senders.
-        let senders = (Link::MAX_SENDERS - 1) as f64;
+        let sky = match self.sky {
+            Sky::Uniform => 1,
+            Sky::Harmonics => 1 + SkyRadiance::TERMS,
+        };
+        let senders = (Link::MAX_SENDERS - sky) as f64;
         let total: f64 = (0..self.sender_levels).map(|l| 4f64.powi(l as i32)).sum();
         (0..self.levels)
             .map(|l| {

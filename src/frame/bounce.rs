@@ -2,6 +2,7 @@
 //! (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the coarsest points only (\[L08\] §3.2; design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};
+use super::radiosity::sky_at;
 use crate::asset::PointSurface;
 use crate::basis::Weights;
 use crate::samples::Point;
@@ -12,10 +13,12 @@ use std::ops::Range;
 
 /// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for those of coarser ones that `pull` leaves alone. What E⃗_j
 /// has straight from the sky is left out: f⁰_j reflects it already. (Rows of differences have no link to the sky.)
+#[expect(clippy::too_many_arguments, reason = "a kernel's bindings")]
 pub fn sweep(
     params: &SolveParams,
     points: &[Point],
     surfaces: &[PointSurface],
+    seen: &[[f32; 8]],
     pull: &Weights,
     direct: &[[f32; 4]],
     irradiance: &[VectorIrradiance],
@@ -27,10 +30,7 @@ pub fn sweep(
         }
         let mut e = irradiance[j].dot(points[j].n());
         if params.differences == 0 {
-            e -= Vec3::from_array(params.sky)
-                * Vec3::from_array(surfaces[j].sky)
-                    .dot(points[j].n())
-                    .max(0.0);
+            e -= sky_at(params, &points[j], &surfaces[j], seen, j);
         }
         let e = e.max(Vec3::ZERO);
         let further = Vec3::from_array(surfaces[j].albedo) * e;

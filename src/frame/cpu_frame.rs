@@ -2,11 +2,14 @@
 //! between threads.
 
 use super::anderson::Anderson;
+use super::materials::{live_surfaces, sound_factors};
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
     bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
+use crate::asset::PointSurface;
+use crate::scene::MaterialFactors;
 use crate::transport::fmm::Passes;
 use crate::transport::fmm::passes::Field;
 use glam::Vec3;
@@ -44,8 +47,12 @@ pub struct CpuFrame {
     /// Three a probe.
     probes: Vec<VectorIrradiance>,
     solved: Option<FrameSettings>,
-    /// Points, senders, columns and rows of probes of the scene that the arrays were made for.
-    made_for: [usize; 4],
+    /// The factors that the surfaces are of; none for those of the bake.
+    factors: Vec<MaterialFactors>,
+    /// The senders' surfaces, where they are not those of the bake.
+    surfaces: Vec<PointSurface>,
+    /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays were made for.
+    made_for: [usize; 5],
     counters: FrameCounters,
 }
 
@@ -53,12 +60,12 @@ impl CpuFrame {
     /// A frame without lights: everything is black.
     #[must_use]
     pub fn new(scene: &BakedScene) -> Self {
-        let (points, senders) = (scene.points.len(), scene.senders());
+        let (points, senders) = (scene.points.len(), SceneShape::new(scene).coefficients());
         Self {
-            senders: vec![[0.0; 4]; senders + 1],
-            direct: vec![[0.0; 4]; senders + 1],
-            further: vec![[0.0; 4]; senders + 1],
-            differences: vec![[0.0; 4]; senders + 1],
+            senders: vec![[0.0; 4]; senders],
+            direct: vec![[0.0; 4]; senders],
+            further: vec![[0.0; 4]; senders],
+            differences: vec![[0.0; 4]; senders],
             components: vec![[0.0; 4]; columns(scene)],
             applied: vec![VectorIrradiance::default(); points],
             values: vec![VectorIrradiance::default(); points],
@@ -98,6 +105,33 @@ impl CpuFrame {
         count
     }
 
+    /// Sets the factors of the materials, one each; those that are missing are as baked. Only a bake of live materials has any. Returns whether the senders'
+    /// surfaces changed: the next [`solve`](Self::solve) then runs with them.
+    pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
+        self.check(scene);
+        let Some(live) = &scene.materials else {
+            return false;
+        };
+        let factors = sound_factors(live, factors);
+        let now = match self.factors.is_empty() {
+            true => &live.factors,
+            false => &self.factors,
+        };
+        if factors == *now {
+            return false;
+        }
+        self.surfaces = live_surfaces(scene, &factors).unwrap_or_default();
+        self.factors = factors;
+        self.solved = None;
+        true
+    }
+
+    /// The senders' surfaces as they are now.
+    #[must_use]
+    pub fn surfaces<'a>(&'a self, scene: &'a BakedScene) -> &'a [PointSurface] {
+        surfaces(&self.surfaces, scene)
+    }
+
     /// Carries the light on to all points, unless lights and settings are those of the last solve. Returns whether anything ran.
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
         self.check(scene);
@@ -113,7 +147,8 @@ impl CpuFrame {
             &self.lights,
             &self.projected,
             &scene.points,
-            &scene.surfaces,
+            surfaces(&self.surfaces, scene),
+            seen(scene),
             &mut self.senders,
         );
         for level in &steps.pull {
@@ -228,7 +263,8 @@ impl CpuFrame {
         bounce::sweep(
             params,
             &scene.points,
-            &scene.surfaces,
+            surfaces(&self.surfaces, scene),
+            seen(scene),
             &scene.pull,
             &self.direct,
             &self.values,
@@ -432,17 +468,31 @@ impl CpuFrame {
 }
 
 /// What the arrays' lengths follow from.
-fn size(scene: &BakedScene) -> [usize; 4] {
+fn size(scene: &BakedScene) -> [usize; 5] {
     [
         scene.points.len(),
         scene.senders(),
         columns(scene),
         probe_rows(scene),
+        usize::from(scene.sky.is_some()),
     ]
 }
 
 fn probe_rows(scene: &BakedScene) -> usize {
     scene.probes.as_ref().map_or(0, |p| p.rows.len())
+}
+
+/// The senders' surfaces: those of the frame, where it has any.
+fn surfaces<'a>(own: &'a [PointSurface], scene: &'a BakedScene) -> &'a [PointSurface] {
+    match own.is_empty() {
+        true => &scene.surfaces,
+        false => own,
+    }
+}
+
+/// What the senders see of the sky's terms; nothing where the bake knows a uniform sky only.
+fn seen(scene: &BakedScene) -> &[[f32; 8]] {
+    scene.sky.as_ref().map_or(&[], |sky| &sky.senders)
 }
 
 /// Who is to get light.

@@ -40,11 +40,11 @@ impl VectorIrradiance {
     }
 }
 
-/// What all kernels of a solve know. 64 bytes.
+/// What all kernels of a solve know. 208 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SolveParams {
-    /// π times the sky's radiance, W/m².
+    /// π times the sky's radiance, the mean over all directions, W/m².
     pub sky: [f32; 3],
     /// Multiplies the surfaces' emission.
     pub emission: f32,
@@ -72,6 +72,12 @@ pub struct SolveParams {
     pub differences: u32,
     /// How far apart a sender's places lie, metres ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
     pub apart: f32,
+    /// How many terms of the sky beside its mean the bake knows: none or all eight.
+    pub sky_terms: u32,
+    /// Not used.
+    pub pad: [u32; 3],
+    /// π times those terms ([`SkyRadiance`](crate::scene::SkyRadiance)), RGB, W/m².
+    pub sky_more: [[f32; 4]; 8],
 }
 
 /// The points (or rows, or list entries) that one dispatch works on. 16 bytes.

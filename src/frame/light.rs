@@ -271,7 +271,7 @@ mod tests {
         assert_eq!(
             FrameLight::expand(
                 &Light::Sky {
-                    radiance: Vec3::ONE
+                    radiance: Vec3::ONE.into()
                 },
                 9
             ),

@@ -41,6 +41,7 @@ pub mod gbuffer;
 pub mod gloss;
 pub mod layout;
 mod light;
+pub mod materials;
 pub mod probe;
 pub mod project;
 pub mod pull;

@@ -4,8 +4,8 @@ use super::layout::SolveParams;
 use super::light::BRIGHTEST;
 use super::project::{apart, extent};
 use crate::asset::BakedScene;
+use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
-use glam::Vec3;
 use std::f32::consts::PI;
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ pub struct FrameSettings {
     pub sweeps: u32,
     /// Use the bake's further bounces, where it has them.
     pub baked_bounces: bool,
-    /// Radiance of the sky, W/(m² sr).
-    pub sky: Vec3,
+    /// Radiance of the sky, W/(m² sr). A bake that was not asked for more than a uniform sky takes its mean over all directions.
+    pub sky: SkyRadiance,
     /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
     /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of them: all links (design D11), or the octree of rule `fmm`.
@@ -30,7 +30,7 @@ impl Default for FrameSettings {
         Self {
             sweeps: 1,
             baked_bounces: true,
-            sky: Vec3::ZERO,
+            sky: SkyRadiance::BLACK,
             emission: 1.0,
             tier: Self::ALL_TIERS,
         }
@@ -72,6 +72,8 @@ pub struct SceneShape {
     pub form: SenderForm,
     /// Columns of an operator of components, the sky's among them; 0 in the other forms.
     pub columns: usize,
+    /// The bake knows what comes from parts of the sky: [`SkyRadiance::TERMS`] more coefficients behind the sky's.
+    pub sky_terms: bool,
     /// The bake holds further bounces.
     pub bounces: bool,
     /// Nodes of the BVH.
@@ -94,6 +96,7 @@ impl SceneShape {
             octree: scene.fmm.is_some(),
             form: scene.operator.form,
             columns: (scene.operator.compression.as_ref()).map_or(0, |c| c.columns.len()),
+            sky_terms: scene.sky.is_some(),
             bounces: scene.bounces.is_some(),
             nodes: scene.bvh.nodes.len(),
             extent: extent(scene),
@@ -120,6 +123,18 @@ impl SceneShape {
         self.level_starts[self.sender_levels] as usize
     }
 
+    /// Coefficients that links may name: the senders', the sky's, and those of its terms.
+    #[must_use]
+    pub fn coefficients(&self) -> usize {
+        self.senders()
+            + 1
+            + if self.sky_terms {
+                SkyRadiance::TERMS
+            } else {
+                0
+            }
+    }
+
     /// How many levels.
     #[must_use]
     pub fn levels(&self) -> usize {
@@ -140,7 +155,7 @@ impl SceneShape {
             false => 0.0,
         };
         SolveParams {
-            sky: (settings.sky * PI).to_array().map(finite),
+            sky: (settings.sky.mean * PI).to_array().map(finite),
             // Surfaces are as bright as lamps already.
             emission: finite(settings.emission).clamp(-1e9, 1e9),
             points: self.points() as u32,
@@ -159,6 +174,15 @@ impl SceneShape {
             sky_sender: self.senders() as u32,
             coarsest: self.level_starts.get(1).copied().unwrap_or(0),
             differences: u32::from(self.form == SenderForm::Differences),
+            sky_terms: if self.sky_terms {
+                SkyRadiance::TERMS as u32
+            } else {
+                0
+            },
+            pad: [0; 3],
+            sky_more: (settings.sky.terms)
+                .map(|t| (t * PI).to_array().map(finite))
+                .map(|[r, g, b]| [r, g, b, 0.0]),
         }
     }
 }
@@ -227,6 +251,7 @@ mod tests {
             octree: false,
             form: SenderForm::Averages,
             columns: 0,
+            sky_terms: false,
             bounces: false,
             nodes: 0,
             extent: 1.0,

@@ -6,7 +6,9 @@ use super::draw::draw_composite;
 use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use crate::asset::BakedScene;
+use crate::frame::materials::live_surfaces;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
+use crate::scene::MaterialFactors;
 use glam::Mat4;
 
 /// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of slots is bound at a multiple of
@@ -151,6 +153,22 @@ impl GpuFrame {
         }
         self.lights = lights.len();
         Ok(())
+    }
+
+    /// Sets the factors of the materials of `scene`, which the frame was made of, for the frame that is submitted next: one each, those that are missing are as baked. Sends
+    /// the senders' surfaces to the device; says how many bytes those are, 0 where the bake knows no materials.
+    pub fn set_materials(
+        &mut self,
+        queue: &wgpu::Queue,
+        scene: &BakedScene,
+        factors: &[MaterialFactors],
+    ) -> u64 {
+        let surfaces = live_surfaces(scene, factors).unwrap_or_default();
+        let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
+        if !bytes.is_empty() {
+            queue.write_buffer(&self.buffers.surfaces, 0, bytes);
+        }
+        bytes.len() as u64
     }
 
     /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most once a submission. Slots without a light are left out.
@@ -371,6 +389,7 @@ impl Recorder<'_> {
                 (4, b.points.as_entire_binding()),
                 (5, b.surfaces.as_entire_binding()),
                 (6, b.senders.as_entire_binding()),
+                (7, b.seen().as_entire_binding()),
             ],
         );
         // The sky's coefficient is written even where there are no points.
@@ -559,6 +578,7 @@ impl Recorder<'_> {
                 (5, direct.as_entire_binding()),
                 (6, b.values.as_entire_binding()),
                 (7, b.senders.as_entire_binding()),
+                (13, b.seen().as_entire_binding()),
             ],
         );
         self.dispatch(pass, Pass::Sweep, &bind, &[], b.shape.senders() as u32);

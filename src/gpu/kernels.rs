@@ -190,7 +190,7 @@ pub const KERNELS: [Kernel; 22] = [
     },
     Kernel {
         name: "radiosity",
-        source: shader!("radiosity"),
+        source: shader!("radiosity", "sky"),
         bindings: &[
             PARAMS,
             bind(2, "lights", Read(LIGHT)),
@@ -198,8 +198,9 @@ pub const KERNELS: [Kernel; 22] = [
             bind(4, "points", Read(POINT)),
             bind(5, "surfaces", Read(SURFACE)),
             bind(6, "senders", Write(VEC4)),
+            bind(7, "seen", Read(4)),
         ],
-        entries: &[each(Pass::Radiosity, "radiosity", &[0, 2, 3, 4, 5, 6])],
+        entries: &[each(Pass::Radiosity, "radiosity", &[0, 2, 3, 4, 5, 6, 7])],
     },
     Kernel {
         name: "pull",
@@ -264,7 +265,7 @@ pub const KERNELS: [Kernel; 22] = [
     },
     Kernel {
         name: "bounce",
-        source: shader!("bounce"),
+        source: shader!("bounce", "sky"),
         bindings: &[
             PARAMS,
             SPAN,
@@ -279,9 +280,10 @@ pub const KERNELS: [Kernel; 22] = [
             bind(10, "further", Write(VEC4)),
             bind(11, "parent_starts", Read(4)),
             bind(12, "parent_entries", Read(WEIGHT)),
+            bind(13, "seen", Read(4)),
         ],
         entries: &[
-            each(Pass::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7]),
+            each(Pass::Sweep, "sweep", &[0, 2, 3, 4, 5, 6, 7, 13]),
             each(Pass::Gather, "gather", &[0, 5, 8, 9, 10]),
             each(Pass::Spread, "spread", &[0, 1, 10, 11, 12]),
             each(Pass::Add, "add", &[0, 5, 7, 10]),

@@ -74,6 +74,8 @@ pub struct SceneBuffers {
     pub(super) changed: wgpu::Buffer,
     pub(super) projected: wgpu::Buffer,
     pub(super) senders: wgpu::Buffer,
+    /// What the senders see of the sky's terms, where the bake knows it.
+    pub(super) sky: Option<wgpu::Buffer>,
     /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
     pub(super) direct: Option<wgpu::Buffer>,
     /// Differences of the senders and what the operator makes of them, where the operator is in that form.
@@ -226,7 +228,8 @@ impl SceneBuffers {
         let probes = (scene.probes.as_ref())
             .map(|probes| ProbeBuffers::new(&make, &mut table, probes))
             .transpose()?;
-        let coefficients = |what| make.empty::<[f32; 4]>(what, senders + 1);
+        let coefficients = |what| make.empty::<[f32; 4]>(what, shape.coefficients() as u64);
+        let sky = (scene.sky.as_ref()).map(|s| make.upload("sky terms", &s.senders));
         let bounces = match &scene.bounces {
             Some(b) => Some(BounceBuffers {
                 starts: make.upload("bounce rows", &b.starts)?,
@@ -279,6 +282,7 @@ impl SceneBuffers {
             changed: make.empty::<u32>("changed lights", u64::from(slots))?,
             projected: make.empty::<f32>("projected light", u64::from(slots) * senders)?,
             senders: coefficients("senders")?,
+            sky: sky.transpose()?,
             direct: None,
             differences,
             components,
@@ -288,6 +292,11 @@ impl SceneBuffers {
             slots,
             shape,
         })
+    }
+
+    /// What stands in where kernels read the sky's terms: a buffer that is there anyway where the bake knows none.
+    pub(super) fn seen(&self) -> &wgpu::Buffer {
+        self.sky.as_ref().unwrap_or(&self.surfaces)
     }
 
     /// How many light slots there is room for.
@@ -437,6 +446,7 @@ impl SceneBuffers {
             .chain(self.links.iter().map(|b| ("links", b)))
             .chain(bounces)
             .chain(self.direct.iter().map(|b| ("direct senders", b)))
+            .chain(self.sky.iter().map(|b| ("sky terms", b)))
             .chain(differences)
             .chain(components)
             .chain(self.fmm.iter().flat_map(GpuFmm::named))

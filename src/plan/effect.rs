@@ -7,7 +7,7 @@
 
 use super::{
     BounceState, FrameState, LightId, NoOctree, Pass, Picked, Reason, SceneId, SceneState, Skip,
-    SlotChange, Stage, ViewId, ViewState,
+    SkyUse, SlotChange, Stage, ViewId, ViewState,
 };
 use std::fmt;
 
@@ -37,6 +37,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: residency,
     },
     Effect {
+        name: "materials",
+        summary: "tells the device the senders' surfaces after materials changed",
+        schedule: super::transport::materials,
+    },
+    Effect {
         name: "lights",
         summary: "projects the light slots that are new or moved",
         schedule: lights,
@@ -44,7 +49,7 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "transport",
         summary: "carries the light on by the operator when anything that feeds it changed",
-        schedule: transport,
+        schedule: super::transport::transport,
     },
     Effect {
         name: "free_space",
@@ -103,6 +108,8 @@ pub struct Plan {
     pub tiers: Vec<(SceneId, Picked)>,
     /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
     pub linked: Vec<(SceneId, NoOctree)>,
+    /// Scenes whose sky varies, and what becomes of it.
+    pub skies: Vec<(SceneId, SkyUse)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
 }
@@ -213,6 +220,9 @@ impl fmt::Display for Plan {
         for (scene, why) in &self.linked {
             writeln!(f, "use  {scene} with its links: {why}")?;
         }
+        for (scene, sky) in &self.skies {
+            writeln!(f, "use  {scene} with {sky}")?;
+        }
         for scene in &self.release {
             writeln!(f, "free {scene}")?;
         }
@@ -277,35 +287,6 @@ fn lights(state: &FrameState, plan: &mut Plan) {
         if !slots.is_empty() {
             let reason = Reason::LightsMoved(slots.len());
             plan.push("lights", Stage::Project, scene.id, reason).slots = slots;
-        }
-    }
-}
-
-fn transport(state: &FrameState, plan: &mut Plan) {
-    for scene in active_scenes(state) {
-        if let Some(picked) = &scene.tier {
-            plan.tiers.push((scene.id, picked.clone()));
-        }
-        if let Some(why) = scene.no_octree {
-            plan.linked.push((scene.id, why));
-        }
-        let of = |change| scene.slots.iter().filter(|s| **s == change).count();
-        let reason = if !scene.resident {
-            Reason::NewBake
-        } else if of(SlotChange::Geometry) > 0 {
-            Reason::LightsMoved(of(SlotChange::Geometry))
-        } else if of(SlotChange::Colour) > 0 {
-            Reason::LightsRecoloured(of(SlotChange::Colour))
-        } else if scene.settings_changed {
-            Reason::SettingsChanged
-        } else if scene.stale {
-            Reason::LightRemoved
-        } else {
-            plan.skipped.push((scene.id, None, Skip::AtRest));
-            continue;
-        };
-        for stage in [Stage::PullPush, Stage::Apply, Stage::Flatten] {
-            plan.push("transport", stage, scene.id, reason.clone());
         }
     }
 }

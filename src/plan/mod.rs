@@ -33,6 +33,7 @@ mod quality;
 mod soft;
 mod space;
 mod state;
+mod transport;
 
 pub use effect::{EFFECTS, Effect, Plan};
 pub use lights::{
@@ -43,6 +44,6 @@ pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use quality::{Picked, Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, FrameState, LightId, SceneId, SceneState, SlotChange, SoftState, ViewId,
+    BounceState, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange, SoftState, ViewId,
     ViewState, VolumeState,
 };

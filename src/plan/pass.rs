@@ -8,6 +8,8 @@ use std::fmt;
 pub enum Stage {
     /// The bake goes to the device.
     Upload,
+    /// The senders' surfaces, where materials changed.
+    Materials,
     /// Lights onto the points, slot by slot.
     Project,
     /// Radiosity of the lit points, pull-push to the senders, and the live bounces between them.
@@ -40,8 +42,9 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Upload,
+        Self::Materials,
         Self::Project,
         Self::PullPush,
         Self::Apply,
@@ -63,6 +66,7 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Upload => "upload",
+            Self::Materials => "materials",
             Self::Project => "project",
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
@@ -93,6 +97,8 @@ pub enum Reason {
     LightsRecoloured(usize),
     /// Sky, emission, bounces or the tier changed.
     SettingsChanged,
+    /// Base colours or emission of materials are not those that the device has.
+    MaterialsChanged,
     /// A light went away.
     LightRemoved,
     /// The scene is in this view.
@@ -114,6 +120,7 @@ impl fmt::Display for Reason {
             Self::LightsMoved(n) => write!(f, "{n} light slot(s) new or moved"),
             Self::LightsRecoloured(n) => write!(f, "{n} light slot(s) changed colour"),
             Self::SettingsChanged => f.write_str("sky, emission, bounces or tier changed"),
+            Self::MaterialsChanged => f.write_str("materials changed colour or emission"),
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),

@@ -94,10 +94,14 @@ pub struct SceneState {
     pub idle_frames: u32,
     /// Somebody wants the coefficients back on the CPU (the gizmos).
     pub read_back: bool,
+    /// The materials of a bake that lets them change are not those that the device last had.
+    pub materials_changed: bool,
     /// The bake knows light in free space.
     pub probes: bool,
     /// What cameras without a G-buffer ask of it.
     pub volume: VolumeState,
+    /// What becomes of the sky.
+    pub sky: SkyUse,
     /// What lamps with soft shadows ask of it.
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
@@ -121,12 +125,36 @@ impl SceneState {
             stale: false,
             idle_frames: 0,
             read_back: false,
+            materials_changed: false,
             probes: false,
             volume: VolumeState::default(),
+            sky: SkyUse::Uniform,
             soft: SoftState::default(),
             tier: None,
             no_octree: None,
         }
+    }
+}
+
+/// What becomes of a scene's sky.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SkyUse {
+    /// It is the same in all directions, or there is none.
+    #[default]
+    Uniform,
+    /// It varies, and the bake knows its terms.
+    Terms,
+    /// It varies, and the bake knows a uniform sky only: its mean shines.
+    Mean,
+}
+
+impl fmt::Display for SkyUse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Uniform => "a uniform sky",
+            Self::Terms => "eight terms of a sky that varies",
+            Self::Mean => "the mean of its sky: the bake knows a uniform one only",
+        })
     }
 }
 

@@ -16,9 +16,10 @@ use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
-    FrameState, Plan, SceneId, SceneState, SlotTable, Slots, Stage, ViewId, ViewState, falls_back,
+    FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId, ViewState,
+    falls_back,
 };
-use crate::scene::Bounds;
+use crate::scene::{Bounds, MaterialFactors};
 use bevy::ecs::prelude::*;
 use bevy::log::{error, warn, warn_once};
 use bevy::math::Vec3;
@@ -36,6 +37,8 @@ pub(crate) struct SceneRuntime {
     volume: SceneVolume,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
+    /// The factors of the materials that the device's surfaces are of; none for those of the bake.
+    painted: Vec<MaterialFactors>,
     idle_frames: u32,
     /// From a failed upload: bytes of a buffer that did not fit the device, and how many slots there were.
     too_large: Option<(u64, usize)>,
@@ -69,7 +72,7 @@ fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
     let lighting = &scene.lighting;
     FrameSettings {
         tier: (scene.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
-        sky: Vec3::new(lighting.sky.red, lighting.sky.green, lighting.sky.blue).max(Vec3::ZERO),
+        sky: scene.sky,
         emission: lighting.emission.max(0.0),
         ..FrameSettings::bounces(lighting.bounces)
     }
@@ -152,6 +155,11 @@ impl GiRender {
             read_back,
             probes: scene.bake.as_ref().is_some_and(|b| b.probes.is_some()),
             tier: scene.tier.clone(),
+            sky: match (&scene.bake, scene.sky.is_uniform()) {
+                (_, true) | (None, _) => SkyUse::Uniform,
+                (Some(bake), false) if bake.sky.is_some() => SkyUse::Terms,
+                (Some(_), false) => SkyUse::Mean,
+            },
             ..SceneState::new(scene.id)
         };
         let Some(bake) = &scene.bake else {
@@ -173,6 +181,7 @@ impl GiRender {
             soft: SceneSoft::default(),
             volume: SceneVolume::default(),
             solved: None,
+            painted: Vec::new(),
             idle_frames: 0,
             too_large: None,
             read_back: None,
@@ -211,6 +220,7 @@ impl GiRender {
             }
         }
         state.resident = runtime.frame.is_some();
+        state.materials_changed = runtime.painted(scene);
         state.settings_changed = runtime.solved != Some(frame_settings(scene));
         state.idle_frames = runtime.idle_frames;
         // Fewer lights need less.
@@ -235,6 +245,7 @@ impl GiRender {
         runtime.volume = SceneVolume::default();
         runtime.slots.forget();
         runtime.solved = None;
+        runtime.painted.clear();
         runtime.read_back = None;
     }
 
@@ -315,6 +326,7 @@ impl GiRender {
         }
         dispatched(Stage::Composite, total.composites - self.counted.composites);
         dispatched(Stage::Upload, self.plan.count(Stage::Upload) as u64);
+        dispatched(Stage::Materials, self.plan.count(Stage::Materials) as u64);
         dispatched(Stage::ReadBack, self.plan.count(Stage::ReadBack) as u64);
         counters.projected_slots = (total.projected - self.counted.projected) as u32;
         self.counted = total;
@@ -438,6 +450,7 @@ pub(crate) fn compute(
             scene.id,
             &plan,
             &settings,
+            &scene.materials,
             kernels,
             &queue,
             &recorder,
@@ -475,6 +488,18 @@ pub(crate) fn compute(
 }
 
 impl SceneRuntime {
+    /// Whether the device's surfaces are not those of the materials.
+    fn painted(&self, scene: &ExtractedScene) -> bool {
+        let Some(live) = &self.bake.materials else {
+            return false;
+        };
+        let has = match self.painted.is_empty() {
+            true => &live.factors,
+            false => &self.painted,
+        };
+        *has != scene.materials
+    }
+
     /// Uploads, projects and solves, as far as the plan says so for this scene.
     #[expect(
         clippy::too_many_arguments,
@@ -485,6 +510,7 @@ impl SceneRuntime {
         id: SceneId,
         plan: &Plan,
         settings: &FrameSettings,
+        materials: &[MaterialFactors],
         kernels: &Kernels,
         queue: &RenderQueue,
         recorder: &impl RecordDiagnostics,
@@ -501,6 +527,10 @@ impl SceneRuntime {
         let Some(frame) = &mut self.frame else {
             return Ok(());
         };
+        if plan.find(Stage::Materials, id).is_some() {
+            frame.set_materials(queue, &self.bake, materials);
+            self.painted = materials.to_vec();
+        }
         if plan.find(Stage::Apply, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;
             let span = recorder.time_span(encoder, span_name(id.0));

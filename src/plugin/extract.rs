@@ -12,13 +12,15 @@ use super::components::{
 use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::gloss::MeshlessGiGloss;
+use super::materials::{MeshlessGiMaterials, factors, unknown};
 use super::quality::MeshlessGiTier;
 use super::reflective::MeshlessGiCapture;
+use super::sky::MeshlessGiSky;
 use super::transform::Placement;
 use super::volume::MeshlessGiVolume;
 use crate::asset::BakedScene;
 use crate::plan::{Picked, SceneId, ViewId};
-use crate::scene::Light;
+use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::camera::{Camera, Hdr, primitives::Aabb, primitives::Frustum};
@@ -29,7 +31,8 @@ use bevy::ecs::query::QueryData;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::light::{DirectionalLight, PointLight, RectLight, SpotLight};
 use bevy::log::warn;
-use bevy::math::Vec3;
+use bevy::math::{Mat3, Vec3};
+use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
 use bevy::transform::components::GlobalTransform;
@@ -45,6 +48,10 @@ pub(crate) struct ExtractedScene {
     pub shown: bool,
     pub layers: RenderLayers,
     pub lighting: MeshlessGiLighting,
+    /// The sky's radiance in the bake's local space.
+    pub sky: SkyRadiance,
+    /// The factors of its materials, where they may change.
+    pub materials: Vec<MaterialFactors>,
     /// The tier and why; none while the bake loads.
     pub tier: Option<Picked>,
 }
@@ -102,6 +109,8 @@ type Scenes<'w, 's> = Query<
         &'static GlobalTransform,
         &'static InheritedVisibility,
         Option<&'static RenderLayers>,
+        Option<&'static MeshlessGiSky>,
+        Option<&'static MeshlessGiMaterials>,
     ),
 >;
 
@@ -245,6 +254,28 @@ pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &Render
         && frustum.intersects_obb(&bounds, &placement.world_from_local, true, true)
 }
 
+/// All that the sky sheds, in the local space of a bake.
+fn sky_of(
+    lighting: &MeshlessGiLighting,
+    sky: Option<&MeshlessGiSky>,
+    placement: Option<&Placement>,
+) -> SkyRadiance {
+    let LinearRgba {
+        red, green, blue, ..
+    } = lighting.sky;
+    let uniform = SkyRadiance::from(Vec3::new(red, green, blue).max(Vec3::ZERO));
+    let (Some(sky), Some(placement)) = (sky, placement) else {
+        return uniform;
+    };
+    let varied = sky.radiance();
+    if !varied.is_finite() {
+        return uniform;
+    }
+    // Its linear part is a rotation over the scale.
+    let turn = Mat3::from(placement.local_from_world().matrix3) * placement.scale;
+    uniform + varied.turned(turn)
+}
+
 /// Whether a camera has all that [`MeshlessGiCamera`] brought.
 pub(crate) fn draws_gbuffer(
     hdr: bool,
@@ -274,16 +305,20 @@ pub(crate) fn extract(
     rects: Extract<Query<(LightParts, &RectLight)>>,
     volumes: Extract<Query<(), With<MeshlessGiVolume>>>,
     mut warned: Local<HashSet<Entity>>,
+    mut flat: Local<HashSet<Entity>>,
+    standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
+    mut strange: Local<HashSet<Entity>>,
 ) {
     out.keep_frames = settings.keep_frames;
     out.read_back = gizmos
         .as_ref()
         .and_then(|store| store.get_config::<MeshlessGiGizmos>())
         .is_some_and(wants_coefficients);
+    let standard = standard.as_deref();
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
-    for (entity, gi, lighting, tier, transform, visibility, layers) in &scenes {
+    for (entity, gi, lighting, tier, transform, visibility, layers, sky, materials) in &scenes {
         let placement = Placement::new(transform);
         if placement.is_some_and(|p| p.distorted) && warned.insert(entity) {
             warn!(
@@ -291,9 +326,32 @@ pub(crate) fn extract(
                  the mean scale; bake the level in its final shape instead."
             );
         }
+        let bake = assets.get(&gi.0).map(|asset| asset.scene.clone());
+        let sky = sky_of(lighting, sky, placement.as_ref());
+        if !sky.is_uniform()
+            && (bake.as_ref()).is_some_and(|b| b.sky.is_none())
+            && flat.insert(entity)
+        {
+            warn!(
+                "`MeshlessGiSky` varies, and the bake of {entity} knows a uniform sky only: its mean is used. Bake with `sky: Harmonics` in \
+                 the recipe, or with `--sky harmonics`."
+            );
+        }
+        if let (Some(materials), Some(bake)) = (materials, &bake) {
+            let names = unknown(bake.materials.as_ref(), materials);
+            if !names.is_empty() && strange.insert(entity) {
+                warn!(
+                    "`MeshlessGiMaterials` of {entity} names what its bake does not know: {names:?}. Names are those of the level's file, and the bake \
+                     needs `live_materials: true` in the recipe, or `--live-materials`."
+                );
+            }
+        }
         out.scenes.push(ExtractedScene {
             id: SceneId(entity.to_bits()),
-            bake: assets.get(&gi.0).map(|asset| asset.scene.clone()),
+            materials: (bake.as_ref().and_then(|b| b.materials.as_ref()))
+                .map_or_else(Vec::new, |live| factors(live, materials, standard)),
+            bake,
+            sky,
             placement,
             shown: visibility.get(),
             layers: layers.cloned().unwrap_or_default(),

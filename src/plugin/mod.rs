@@ -65,12 +65,14 @@ mod gloss;
 #[cfg(feature = "gltf")]
 mod level;
 mod loader;
+mod materials;
 mod points;
 pub mod prelude;
 mod quality;
 mod readback;
 mod reflective;
 mod sets;
+mod sky;
 mod soft;
 mod transform;
 mod volume;
@@ -99,6 +101,7 @@ pub use level::{
     RecipeLoadError,
 };
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
+pub use materials::MeshlessGiMaterials;
 pub use points::{
     MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiPointsError, MeshlessGiPointsLoader,
     MeshlessGiPointsSettings,
@@ -109,6 +112,7 @@ pub use reflective::{
     CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
 };
 pub use sets::MeshlessGiSystems;
+pub use sky::{MeshlessGiSky, MeshlessGiSkyError};
 pub use soft::MeshlessGiSoftShadow;
 pub use transform::Placement;
 pub use volume::MeshlessGiVolume;
@@ -152,10 +156,12 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
+            .register_type::<MeshlessGiSky>()
             .register_type::<MeshlessGiSoftShadow>()
             .register_type::<MeshlessGiView>()
             .register_type::<MeshlessGiVolume>()

@@ -7,7 +7,7 @@ use crate::accuracy::{
 use crate::asset::BakedScene;
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
 use crate::samples::{Random, find_viewpoints, trace_particles};
-use crate::scene::{Geometry, Light};
+use crate::scene::{Geometry, Light, SkyRadiance};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -172,7 +172,7 @@ impl Exam {
     pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> Grade {
         let settings = FrameSettings {
             emission: 0.0,
-            sky: Vec3::ZERO,
+            sky: SkyRadiance::BLACK,
             ..*settings
         };
         let mut frame = CpuFrame::new(scene);

@@ -2,7 +2,7 @@
 //!
 //! Fields that are not known are ignored; values that light can't have are errors that name their place.
 
-use super::{Light, SceneError};
+use super::{Light, SceneError, SkyRadiance};
 use glam::Vec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -48,7 +48,11 @@ enum RawLight {
         radiance: [f32; 3],
     },
     Sky {
-        radiance: [f32; 3],
+        radiance: Option<[f32; 3]>,
+        zenith: Option<[f32; 3]>,
+        horizon: Option<[f32; 3]>,
+        ground: Option<[f32; 3]>,
+        harmonics: Option<[[f32; 3]; 9]>,
     },
 }
 
@@ -181,9 +185,47 @@ fn light(raw: RawLight) -> Result<Light, String> {
                 radiance: strength("radiance", radiance)?,
             }
         }
-        RawLight::Sky { radiance } => Light::Sky {
-            radiance: strength("radiance", radiance)?,
+        RawLight::Sky {
+            radiance: Some(radiance),
+            zenith: None,
+            horizon: None,
+            ground: None,
+            harmonics: None,
+        } => Light::Sky {
+            radiance: strength("radiance", radiance)?.into(),
         },
+        RawLight::Sky {
+            radiance: None,
+            zenith: Some(zenith),
+            horizon: Some(horizon),
+            ground: Some(ground),
+            harmonics: None,
+        } => Light::Sky {
+            radiance: SkyRadiance::gradient(
+                strength("zenith", zenith)?,
+                strength("horizon", horizon)?,
+                strength("ground", ground)?,
+            ),
+        },
+        RawLight::Sky {
+            radiance: None,
+            zenith: None,
+            horizon: None,
+            ground: None,
+            harmonics: Some([mean, terms @ ..]),
+        } => {
+            let mut radiance: SkyRadiance = strength("harmonics[0]", mean)?.into();
+            for (k, term) in terms.into_iter().enumerate() {
+                radiance.terms[k] = place(&format!("harmonics[{}]", k + 1), term)?;
+            }
+            Light::Sky { radiance }
+        }
+        RawLight::Sky { .. } => {
+            return Err(
+                "a sky has `radiance`, or `zenith`, `horizon` and `ground`, or nine `harmonics`"
+                    .into(),
+            );
+        }
     })
 }
 
@@ -222,6 +264,24 @@ mod tests {
     }
 
     #[test]
+    fn skies_of_three_kinds_are_read() {
+        let all = parse(
+            r#"{"type":"sky","radiance":[1,2,3]},
+               {"type":"sky","zenith":[1,2,3],"horizon":[1,1,1],"ground":[0,0,0]},
+               {"type":"sky","harmonics":[[1,1,1],[0,0,0],[-0.5,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,0.25,0]]}"#,
+        )
+        .unwrap();
+        let sky = |i: usize| match all.lights[i] {
+            Light::Sky { radiance } => radiance,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(sky(0), Vec3::new(1.0, 2.0, 3.0).into());
+        assert!((sky(1).towards(Vec3::Y) - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-6);
+        assert_eq!(sky(2).terms[1], Vec3::new(-0.5, 0.0, 0.0));
+        assert_eq!(sky(2).terms[7], Vec3::new(0.0, 0.25, 0.0));
+    }
+
+    #[test]
     fn what_light_cannot_have_is_named() {
         let text = |l: &str| parse(l).unwrap_err().to_string();
         let sky = r#"{"type":"sky","radiance":[1,1,1]},"#;
@@ -229,6 +289,12 @@ mod tests {
             text(&format!(r#"{sky}{{"type":"sky","radiance":[1,-1,1]}}"#)),
             "s.json: lights[1]: radiance is negative: [1, -1, 1]"
         );
+        let half = r#"{"type":"sky","zenith":[1,1,1],"ground":[0,0,0]}"#;
+        assert!(text(half).contains("a sky has `radiance`"));
+        let both = r#"{"type":"sky","radiance":[1,1,1],"zenith":[1,1,1],"horizon":[1,1,1],"ground":[0,0,0]}"#;
+        assert!(text(both).contains("a sky has `radiance`"));
+        let below = r#"{"type":"sky","zenith":[1,1,1],"horizon":[1,1,1],"ground":[0,-1,0]}"#;
+        assert!(text(below).contains("ground is negative"));
         assert!(text(r#"{"type":"lamp"}"#).contains("lights[0]: unknown variant `lamp`"));
         assert!(
             text(r#"{"type":"point","position":[0,0,0]}"#).contains("missing field `intensity`")

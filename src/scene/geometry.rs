@@ -1,5 +1,6 @@
 //! The one interface between light transport and geometry ([L08] §5.1): cast, occlusion, surface.
 
+use super::MaterialFactors;
 use glam::Vec3;
 
 /// An axis-aligned box, in metres.
@@ -114,6 +115,17 @@ pub struct Site {
     pub lit: bool,
 }
 
+/// What a material's factors are multiplied with at a hit: the textures alone, the side seen, and what metal leaves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coating {
+    /// Index of the material among [`Geometry::materials`].
+    pub material: u32,
+    /// Diffuse reflectance for a base colour of one. Black on the back of a single-sided material.
+    pub albedo: Vec3,
+    /// Emitted radiance for an emissive factor of one. Black on the back of a single-sided material.
+    pub emission: Vec3,
+}
+
 /// What light transport asks of a scene, and all that it asks.
 ///
 /// Implementations are pure: the same ray gives the same answer on any thread.
@@ -138,6 +150,16 @@ pub trait Geometry: Sync {
             normal: surface.normal,
             lit: surface.front || surface.albedo != Vec3::ZERO,
         }
+    }
+
+    /// The material where `ray` met `hit`; none where the geometry has no materials that could change.
+    fn coating(&self, _ray: &Ray, _hit: &Hit) -> Option<Coating> {
+        None
+    }
+
+    /// The materials that [`coating`](Self::coating) names: names and factors. The same names may come again.
+    fn materials(&self) -> Vec<(String, MaterialFactors)> {
+        Vec::new()
     }
 
     /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.

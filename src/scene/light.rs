@@ -1,5 +1,6 @@
 //! Light sources as the frame knows them: metres, W/sr, W/m², linear RGB.
 
+use super::SkyRadiance;
 use glam::Vec3;
 
 /// A light source. Units follow glTF and Bevy: E = I cos θ / d² at a surface.
@@ -47,9 +48,9 @@ pub enum Light {
         /// W/(m² sr).
         radiance: Vec3,
     },
-    /// Uniform radiance from every direction that meets nothing.
+    /// Radiance from every direction that meets nothing.
     Sky {
         /// W/(m² sr).
-        radiance: Vec3,
+        radiance: SkyRadiance,
     },
 }

@@ -1,5 +1,6 @@
 //! Diffuse materials and the textures that vary them over a surface. All light is linear RGB.
 
+use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 
 /// What a texture coordinate outside [0, 1] means.
@@ -188,6 +189,18 @@ pub struct Material {
     pub double_sided: bool,
     /// Where alpha is below this there is no surface. None: alpha means nothing.
     pub alpha_cutoff: Option<f32>,
+    /// What it is called; empty for no name. Light knows nothing of it, and neither does the content's hash.
+    pub name: String,
+}
+
+/// The numbers of a material that may change in a running game: its textures stay.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MaterialFactors {
+    /// Linear RGB in [0, 1].
+    pub base_color: [f32; 3],
+    /// Emitted radiance, W/(m² sr), linear RGB.
+    pub emissive: [f32; 3],
 }
 
 impl Default for Material {
@@ -209,6 +222,7 @@ impl Material {
             emissive_texture: None,
             double_sided: true,
             alpha_cutoff: None,
+            name: String::new(),
         }
     }
 
@@ -218,6 +232,15 @@ impl Material {
         Self {
             emissive: radiance,
             ..Self::diffuse(albedo)
+        }
+    }
+
+    /// Its factors.
+    #[must_use]
+    pub fn factors(&self) -> MaterialFactors {
+        MaterialFactors {
+            base_color: self.base_color.truncate().to_array(),
+            emissive: self.emissive.to_array(),
         }
     }
 

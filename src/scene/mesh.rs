@@ -8,7 +8,9 @@ use super::bvh_build::build_wide;
 use super::geometry::mesh_lift;
 use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
-use super::{Bounds, Bvh, Geometry, Hit, Material, Ray, Site, Surface, Texture};
+use super::{
+    Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, Ray, Site, Surface, Texture,
+};
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 use obvhs::cwbvh::CwBvh;
@@ -321,6 +323,29 @@ impl TriangleMesh {
         }
     }
 
+    /// The textures at a hit: of the base colour (white without one), how metallic the surface is, and of the emission (white without one).
+    fn texels(&self, face: &Face, hit: &Hit) -> (Vec3, f32, Vec3) {
+        let material = &self.materials[face.material as usize];
+        let (mut colour, mut metallic, mut glow) = (Vec3::ONE, material.metallic, Vec3::ONE);
+        if let Some(uvs) = self.uvs.get(face.index as usize) {
+            let texture = |t: u32| &self.textures[t as usize];
+            if let Some(t) = material.base_color_texture {
+                colour = texture(t)
+                    .colour(interpolate(uvs.base_color, hit.uv))
+                    .truncate();
+            }
+            if let Some(t) = material.metallic_texture {
+                metallic *= texture(t).data(interpolate(uvs.metallic, hit.uv)).z;
+            }
+            if let Some(t) = material.emissive_texture {
+                glow = texture(t)
+                    .colour(interpolate(uvs.emissive, hit.uv))
+                    .truncate();
+            }
+        }
+        (colour, metallic, glow)
+    }
+
     /// A digest of everything that a bake reads from this mesh: geometry, materials, textures.
     #[must_use]
     pub fn content_hash(&self) -> [u8; 32] {
@@ -572,26 +597,9 @@ impl Geometry for TriangleMesh {
         let material = &self.materials[face.material as usize];
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
         if front || material.double_sided {
-            albedo = material.base_color.truncate();
-            emission = PI * material.emissive;
-            let mut metallic = material.metallic;
-            if let Some(uvs) = self.uvs.get(face.index as usize) {
-                let texture = |t: u32| &self.textures[t as usize];
-                if let Some(t) = material.base_color_texture {
-                    albedo *= texture(t)
-                        .colour(interpolate(uvs.base_color, hit.uv))
-                        .truncate();
-                }
-                if let Some(t) = material.metallic_texture {
-                    metallic *= texture(t).data(interpolate(uvs.metallic, hit.uv)).z;
-                }
-                if let Some(t) = material.emissive_texture {
-                    emission *= texture(t)
-                        .colour(interpolate(uvs.emissive, hit.uv))
-                        .truncate();
-                }
-            }
-            albedo *= 1.0 - metallic;
+            let (colour, metallic, glow) = self.texels(face, hit);
+            albedo = material.base_color.truncate() * colour * (1.0 - metallic);
+            emission = PI * material.emissive * glow;
         }
         Surface {
             position,
@@ -600,6 +608,26 @@ impl Geometry for TriangleMesh {
             emission,
             front,
         }
+    }
+
+    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<Coating> {
+        let face = &self.faces[*self.place.get(hit.primitive as usize)? as usize];
+        let (_, _, front) = arrive(face, ray, hit);
+        let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
+        if front || self.materials[face.material as usize].double_sided {
+            let (colour, metallic, glow) = self.texels(face, hit);
+            (albedo, emission) = (colour * (1.0 - metallic), glow);
+        }
+        Some(Coating {
+            material: face.material,
+            albedo,
+            emission,
+        })
+    }
+
+    fn materials(&self) -> Vec<(String, MaterialFactors)> {
+        let all = self.materials.iter();
+        all.map(|m| (m.name.clone(), m.factors())).collect()
     }
 
     fn site(&self, ray: &Ray, hit: &Hit) -> Site {

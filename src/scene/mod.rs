@@ -21,6 +21,7 @@ mod material;
 mod mesh;
 mod ply;
 mod points;
+mod sky;
 mod statue;
 mod watertight;
 
@@ -29,16 +30,17 @@ pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "cli")]
 pub use description::SceneDescription;
 pub use error::SceneError;
-pub use geometry::{Bounds, Geometry, Hit, Ray, Site, Surface};
+pub use geometry::{Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
 #[cfg(feature = "gltf")]
 pub use level::{LoadedGeometry, load_geometry};
 pub use light::Light;
-pub use material::{Material, Texture, Wrap};
+pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{MeshProblems, TriangleMesh, TriangleUvs};
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, write_ply};
 pub use points::{LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes};
+pub use sky::SkyRadiance;
 pub use statue::{statue, statue_room};
 pub use watertight::{TriangleHit, WatertightRay};

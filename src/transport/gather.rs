@@ -8,7 +8,7 @@
 
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
-use crate::scene::{Geometry, Ray, Site};
+use crate::scene::{Geometry, Ray, Site, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
 
 /// Which sender levels a hit is written to.
@@ -231,6 +231,36 @@ pub fn look_out(
         }
     }
     (sky / whole, unlit / whole)
+}
+
+/// What the terms of a sky that is not uniform give receiver `i` at (`x`, `n`): (1/π) ∫ p_k(ω) ω dω over the directions that meet nothing, by the rays that
+/// [`gather`] casts.
+#[must_use]
+pub fn look_up(
+    geometry: &dyn Geometry,
+    x: Vec3,
+    n: Vec3,
+    i: usize,
+    rays: u32,
+    seed: u64,
+) -> [Vec3; SkyRadiance::TERMS] {
+    let (t, b) = tangents(n);
+    let start = x + n * geometry.lift(x);
+    let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
+    let shift = Vec2::new(random.unit(), random.unit());
+    let (mut terms, mut whole) = ([Vec3::ZERO; SkyRadiance::TERMS], 0.0);
+    for k in 0..rays {
+        let (d, weight) = gather_direction(k, rays, shift);
+        whole += weight * d.z;
+        let direction = (t * d.x + b * d.y + n * d.z).normalize();
+        if geometry.cast(&Ray::new(start, direction)).is_none() {
+            let parts = SkyRadiance::polynomials(direction);
+            for (term, p) in terms.iter_mut().zip(parts) {
+                *term += direction * (weight * p);
+            }
+        }
+    }
+    terms.map(|t| t / whole)
 }
 
 /// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something: the yardstick for everything else.

@@ -16,7 +16,7 @@ mod tiers;
 mod training;
 
 pub use bounded::SenderTree;
-pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather, look_out};
+pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather, look_out, look_up};
 pub use handed::Handed;
 pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{

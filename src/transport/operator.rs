@@ -20,7 +20,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the sky.
+    /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the sky (the last nine, where the bake knows its terms).
     pub const MAX_SENDERS: usize = 65_535;
 
     /// Packs `vector / scale` and `sender`. `scale` must be positive and no component larger than it.
@@ -103,7 +103,8 @@ pub struct Operator {
     /// One row a point.
     pub rows: Vec<Row>,
     /// All links: tier after tier, row after row within a tier, senders ascending within a row. The links of a tier and those below it are a prefix. The sender
-    /// with the index "number of senders" (of columns, in the form of components) is the sky: its coefficient is π times the sky's radiance.
+    /// with the index "number of senders" (of columns, in the form of components) is the sky: its coefficient is π times the sky's radiance. Behind it stand the
+    /// eight terms of a sky that is not uniform ([`SkyRadiance`](crate::scene::SkyRadiance)), where the bake knows them.
     pub links: Vec<Link>,
     /// From senders to the columns that links of the form of components name in place of senders; None in every other form.
     pub compression: Option<Compression>,

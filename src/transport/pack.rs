@@ -2,6 +2,7 @@
 
 use super::refine::RawRow;
 use super::{Link, Operator, Row, SenderForm, row_order};
+use crate::scene::SkyRadiance;
 use glam::{Vec3, Vec3A};
 
 /// An operator and the largest error that packing put on any link, relative to the largest link of its row.
@@ -13,16 +14,17 @@ pub struct Packed {
 }
 
 /// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes
-/// each active row's last link, to the sender `senders` (see [`Operator::links`]). In the form of components, `senders` counts columns.
+/// each active row's last link, to the sender `senders` (see [`Operator::links`]); `terms`, where there are any, those behind it. In the form of components, `senders` counts columns.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
     tiers: &[u32],
     sky: &[Vec3],
+    terms: &[[Vec3; SkyRadiance::TERMS]],
     senders: usize,
     form: SenderForm,
 ) -> Packed {
-    debug_assert!(senders <= Link::MAX_SENDERS);
+    debug_assert!(senders + terms.first().map_or(0, |t| t.len()) <= Link::MAX_SENDERS);
     let mut operator = Operator {
         form,
         rows: (rows.iter().zip(tiers))
@@ -39,7 +41,13 @@ pub fn pack(
         let i = i as usize;
         let sky = (form.rows_stand_alone() && sky[i] != Vec3::ZERO)
             .then(|| (senders as u32, Vec3A::from(sky[i])));
-        let all = || rows[i].links.iter().copied().chain(sky);
+        let terms = terms.get(i).into_iter().flatten();
+        let terms = (senders as u32 + 1..).zip(terms.map(|&t| Vec3A::from(t)));
+        let all = || {
+            (rows[i].links.iter().copied())
+                .chain(sky)
+                .chain(terms.clone())
+        };
         let scale = all().fold(0.0f32, |a, (_, v)| a.max(v.abs().max_element()));
         let start = operator.links.len() as u32;
         if scale > 0.0 {
@@ -80,6 +88,7 @@ mod tests {
             &rows,
             &[1, 1],
             &[Vec3::new(0.0, 1e-7, 0.0), Vec3::Y],
+            &[],
             8,
             SenderForm::Averages,
         );
@@ -108,7 +117,15 @@ mod tests {
         };
         let rows = [row(0), row(1), RawRow::default(), row(2), row(3)];
         let tiers = [1, 3, 1, 2, 1];
-        let mut packed = pack(&rows, &tiers, &[Vec3::ZERO; 5], 8, SenderForm::Averages).operator;
+        let mut packed = pack(
+            &rows,
+            &tiers,
+            &[Vec3::ZERO; 5],
+            &[],
+            8,
+            SenderForm::Averages,
+        )
+        .operator;
         let senders: Vec<u32> = packed.links.iter().map(|l| l.sender()).collect();
         assert_eq!(senders, [0, 1, 3, 4, 2, 3, 1, 2]);
         assert_eq!(packed.tier_sizes(), [(2, 4), (3, 6), (4, 8)]);

@@ -16,7 +16,7 @@ use super::gather::{GatherScene, Gathered};
 use super::{RawRow, SenderTree, Training};
 use crate::basis::WeightEntry;
 use crate::samples::{Random, lattice, uniform_sphere};
-use crate::scene::Ray;
+use crate::scene::{Ray, SkyRadiance};
 use glam::{Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
@@ -30,6 +30,8 @@ pub struct ProbeGather {
     pub rows: Vec<RawRow>,
     /// What the sky gives to each row: the same numbers of the directions that meet nothing.
     pub sky: Vec<Vec3>,
+    /// The same of the terms of a sky that is not uniform; empty where nobody asked.
+    pub terms: Vec<[Vec3; SkyRadiance::TERMS]>,
     /// Part of the directions that met a surface which no sender covers, or the back of one, in the mean over all probes.
     pub lost: f64,
     /// Rays that it took.
@@ -47,13 +49,14 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     ]
 }
 
-/// Gathers and cuts the rows of the probes at `places`. None where `told`, which hears how much is done, says stop. The same for any number of threads.
+/// Gathers and cuts the rows of the probes at `places`, with the terms of a sky that is not uniform where `sky_terms` asks for them. None where `told`, which hears how much is done, says stop. The same for any number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
     places: &[Vec3],
     tree: &SenderTree,
     training: &Training,
     epsilon: f32,
+    sky_terms: bool,
     told: &(dyn Fn(f32) -> bool + Sync),
 ) -> Option<ProbeGather> {
     let senders = tree.parent.len();
@@ -73,6 +76,9 @@ pub fn probe_rows(
         for probe in found {
             out.rows.extend(probe.rows);
             out.sky.extend(probe.sky.map(Vec3::from));
+            if sky_terms {
+                out.terms.extend(probe.terms.map(|row| row.map(Vec3::from)));
+            }
             lost += f64::from(probe.lost);
         }
         out.rays += some.len() as u64 * u64::from(scene.rays);
@@ -87,6 +93,7 @@ pub fn probe_rows(
 struct Probe {
     rows: [RawRow; PROBE_ROWS],
     sky: [Vec3A; PROBE_ROWS],
+    terms: [[Vec3A; SkyRadiance::TERMS]; PROBE_ROWS],
     lost: f32,
 }
 
@@ -129,6 +136,7 @@ fn one(
     let mut out = Probe {
         rows: Default::default(),
         sky: [Vec3A::ZERO; PROBE_ROWS],
+        terms: [[Vec3A::ZERO; SkyRadiance::TERMS]; PROBE_ROWS],
         lost: 0.0,
     };
     room.gathered.reset();
@@ -139,6 +147,10 @@ fn one(
         let Some(hit) = scene.geometry.cast(&ray) else {
             let parts = harmonics(way, weight);
             out.sky.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
+            for (row, part) in out.terms.iter_mut().zip(parts) {
+                let terms = row.iter_mut().zip(SkyRadiance::polynomials(way));
+                terms.for_each(|(t, p)| *t += part * p);
+            }
             continue;
         };
         let site = scene.geometry.site(&ray, &hit);

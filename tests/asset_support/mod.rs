@@ -7,10 +7,13 @@
 #[path = "../twins/by_hand.rs"]
 mod by_hand;
 
-use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
+use bevy_meshless_gi::asset::{
+    BakeInfo, BakedScene, Display, LiveMaterials, MaterialShare, Places, PointSurface, SkySight,
+    TierInfo,
+};
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
-use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, MaterialFactors};
 use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use bevy_meshless_gi::transport::pca::{Column, Compression};
 use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
@@ -61,6 +64,10 @@ pub struct Make {
     pub triangles: usize,
     /// An octree, with links beside it or in their place.
     pub octree: Option<bool>,
+    /// Links to the terms of a sky that varies.
+    pub sky: bool,
+    /// Materials that change.
+    pub live: bool,
 }
 
 /// One scene of each sort.
@@ -74,6 +81,8 @@ pub fn makes() -> Vec<Make> {
         own_grid: false,
         triangles: 3,
         octree: None,
+        sky: false,
+        live: false,
     };
     vec![
         plain,
@@ -121,7 +130,43 @@ pub fn makes() -> Vec<Make> {
             octree: Some(true),
             ..plain
         },
+        Make {
+            seed: 9,
+            sky: true,
+            ..plain
+        },
+        Make {
+            seed: 10,
+            live: true,
+            ..plain
+        },
     ]
+}
+
+/// Three materials, and none to two shares of them a sender.
+fn materials(r: &mut Random, senders: u32) -> LiveMaterials {
+    let mut live = LiveMaterials {
+        names: ["wall", "", "sign"].map(String::from).to_vec(),
+        factors: (0..3)
+            .map(|_| MaterialFactors {
+                base_color: [r.unit(); 3],
+                emissive: [3.0 * r.unit(); 3],
+            })
+            .collect(),
+        starts: vec![0],
+        shares: Vec::new(),
+    };
+    for j in 0..senders {
+        for k in 0..j % 3 {
+            live.shares.push(MaterialShare {
+                material: (j + k) % 3,
+                albedo: [0.5 * r.unit(); 3],
+                emission: [0.5 * r.unit(); 3],
+            });
+        }
+        live.starts.push(live.shares.len() as u32);
+    }
+    live
 }
 
 fn row(random: &mut Random, range: std::ops::Range<u32>, most: usize) -> Vec<WeightEntry> {
@@ -218,8 +263,10 @@ pub fn build(make: &Make) -> BakedScene {
             let active = i % 3 != 2;
             let optional = make.form.rows_stand_alone() && !parents[i].is_empty();
             if active {
-                for s in (0..=coefficients)
+                let most = coefficients + if make.sky { 8 } else { 0 };
+                for s in (0..=most)
                     .filter(|s| !(s + i as u32).is_multiple_of(3))
+                    .skip(if make.sky { i % 7 } else { 0 })
                     .take(6)
                 {
                     links.push(Link::pack(r.signed() * 0.05, 0.05, s as u16));
@@ -275,6 +322,12 @@ pub fn build(make: &Make) -> BakedScene {
         probes: None,
         fmm: None,
         illumination: Vec::new(),
+        materials: make.live.then(|| materials(r, senders)),
+        sky: make.sky.then(|| SkySight {
+            senders: (0..senders)
+                .map(|_| std::array::from_fn(|_| r.signed().x))
+                .collect(),
+        }),
         bvh: Bvh {
             nodes: chain(triangles.len()),
             triangles,

@@ -152,7 +152,7 @@ fn no_lamp_is_too_bright_for_numbers() {
             for sweeps in [0, 3, 255] {
                 let settings = FrameSettings {
                     sweeps,
-                    sky,
+                    sky: sky.into(),
                     emission: f32::MAX,
                     ..FrameSettings::default()
                 };
@@ -162,7 +162,7 @@ fn no_lamp_is_too_bright_for_numbers() {
             frame.converge(
                 &scene,
                 &FrameSettings {
-                    sky,
+                    sky: sky.into(),
                     ..FrameSettings::default()
                 },
                 1e-3,

@@ -9,7 +9,7 @@ use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::scene::{
-    Bounds, Bvh, BvhNode, BvhTriangle, Geometry, Hit, Light, Ray, Surface,
+    Bounds, Bvh, BvhNode, BvhTriangle, Coating, Geometry, Hit, Light, MaterialFactors, Ray, Surface,
 };
 use std::sync::{Arc, OnceLock};
 
@@ -252,6 +252,26 @@ impl Geometry for Room {
             emission: Vec3::ZERO,
             front,
         }
+    }
+
+    /// A quad is its own material.
+    fn coating(&self, _ray: &Ray, hit: &Hit) -> Option<Coating> {
+        Some(Coating {
+            material: hit.primitive,
+            albedo: Vec3::ONE,
+            emission: Vec3::ONE,
+        })
+    }
+
+    fn materials(&self) -> Vec<(String, MaterialFactors)> {
+        let factors = |q: &Quad| MaterialFactors {
+            base_color: q.colour.to_array(),
+            emissive: [0.0; 3],
+        };
+        let named = self.0.iter().enumerate();
+        named
+            .map(|(k, q)| (format!("quad {k}"), factors(q)))
+            .collect()
     }
 }
 

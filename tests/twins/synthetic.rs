@@ -192,6 +192,8 @@ pub fn scene(form: SenderForm) -> BakedScene {
         probes: None,
         fmm: None,
         illumination: Vec::new(),
+        sky: None,
+        materials: None,
         bounces: Some(bounces),
         display: Display {
             radius: 0.85,

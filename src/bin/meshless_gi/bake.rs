@@ -5,7 +5,7 @@ use super::output::{self, Table};
 use super::progress;
 use bevy_meshless_gi::asset::check_writable;
 use bevy_meshless_gi::bake::{
-    BakeError, BakeLevelError, BakeStats, Baked, Preset, Recipe, RecipeError, Rule, Settings,
+    BakeError, BakeLevelError, BakeStats, Baked, Preset, Recipe, RecipeError, Rule, Settings, Sky,
     bake_level, cast_gather_rays,
 };
 use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry};
@@ -108,6 +108,12 @@ struct Options {
         allow_hyphen_values = true
     )]
     probe_spacing: Option<f32>,
+    /// Which skies may light the level: the same radiance from everywhere, or one that varies (spherical harmonics).
+    #[arg(long, value_name = "KIND", value_parser = sky())]
+    sky: Option<Sky>,
+    /// Bake what materials cover each sender, for base colours and emission that change in the running game.
+    #[arg(long)]
+    live_materials: bool,
     /// Bake what points see, for lights with soft shadows.
     #[arg(long)]
     soft_shadows: bool,
@@ -157,6 +163,13 @@ fn rule() -> impl TypedValueParser<Value = Rule> {
     })
 }
 
+fn sky() -> impl TypedValueParser<Value = Sky> {
+    PossibleValuesParser::new(["uniform", "harmonics"]).map(|word| match word.as_str() {
+        "harmonics" => Sky::Harmonics,
+        _ => Sky::Uniform,
+    })
+}
+
 fn viewpoint(text: &str) -> Result<[f32; 3], String> {
     let mut parts = text.split(',').map(|c| c.trim().parse::<f32>());
     match (parts.next(), parts.next(), parts.next(), parts.next()) {
@@ -178,6 +191,8 @@ impl Options {
         recipe.preset = self.preset.unwrap_or(recipe.preset);
         recipe.rule = self.rule.unwrap_or(recipe.rule);
         recipe.seed = self.seed.unwrap_or(recipe.seed);
+        recipe.sky = self.sky.unwrap_or(recipe.sky);
+        recipe.live_materials |= self.live_materials;
         if !self.viewpoints.is_empty() {
             recipe.viewpoints.clone_from(&self.viewpoints);
         }

@@ -61,6 +61,13 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let description = SceneDescription::read(&args.scene)?;
     let places = points::read(&args.points)?;
     check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
+    let varies = |light: &Light| matches!(light, Light::Sky { radiance } if !radiance.is_uniform());
+    if baked.sky.is_none() && description.lights.iter().any(varies) {
+        return Err(ToolError::Input(
+            "the bake knows a uniform sky only: bake with `--sky harmonics` for one that varies"
+                .into(),
+        ));
+    }
     let meshes = geometry(&baked, &description)?;
 
     let step = progress::Step::new(format!("{} points", output::count(places.len() as u64)));

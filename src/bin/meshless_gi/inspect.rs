@@ -173,6 +173,23 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             },
         )
         .row(
+            "sky",
+            match stats.sky_terms {
+                0 => "uniform".into(),
+                terms => format!("may vary: {terms} terms"),
+            },
+        )
+        .row(
+            "materials",
+            match stats.materials {
+                0 => "as baked".into(),
+                count => format!(
+                    "{count} may change, {} shares of senders",
+                    output::count(stats.material_shares)
+                ),
+            },
+        )
+        .row(
             "visibility",
             match &scene.visibility {
                 None => "none: lights cast no soft shadows".into(),

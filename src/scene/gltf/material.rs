@@ -115,6 +115,7 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
                 // Light passes or does not: what is more opaque than not is opaque.
                 AlphaMode::Blend => Some(0.5),
             },
+            name: m.name.clone().unwrap_or_default(),
         },
         placements: [
             Placement::of(base_info.as_ref()),

@@ -1,0 +1,211 @@
+//! Which materials the senders are covered by, and how, so that base colours and emission may change in a running game: in memory, in the file, and whether a
+//! frame can run on them. Four sections that are there together or not at all.
+
+use super::baked::BakedScene;
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::AssetError;
+use super::sections::{COUNT, broken, counts, items, section, starts};
+use super::validate::{BRIGHTEST, Check, TOLERANCE};
+use crate::scene::MaterialFactors;
+use crate::transport::SenderForm;
+use bytemuck::{Pod, Zeroable};
+
+/// What a material has of a sender. 28 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct MaterialShare {
+    /// Index of the material.
+    pub material: u32,
+    /// Mean over the sender's places of the reflectance for a base colour of one, zero where another material is: RGB, 0 to the material's share of the places.
+    pub albedo: [f32; 3],
+    /// The same of the radiance for an emissive factor of one.
+    pub emission: [f32; 3],
+}
+
+/// The materials of a baked scene that may change: a sender's albedo is Σ share · base colour, its emitted radiosity π Σ share · emissive factor.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LiveMaterials {
+    /// What the materials are called; names may be empty, and come again.
+    pub names: Vec<String>,
+    /// Their factors when they were baked.
+    pub factors: Vec<MaterialFactors>,
+    /// Where each sender's shares start; one more than there are senders. A sender without any keeps the surface that it was baked with.
+    pub starts: Vec<u32>,
+    /// The shares, sender after sender.
+    pub shares: Vec<MaterialShare>,
+}
+
+impl LiveMaterials {
+    /// The shares of sender `j`.
+    #[must_use]
+    #[inline]
+    pub fn row(&self, j: usize) -> &[MaterialShare] {
+        &self.shares[self.starts[j] as usize..self.starts[j + 1] as usize]
+    }
+
+    /// Bytes in memory.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let bytes = |length: usize, size: u64| length as u64 * size;
+        let names: usize = self.names.iter().map(String::len).sum();
+        bytes(names, 1)
+            + bytes(self.factors.len(), 24)
+            + bytes(self.starts.len(), 4)
+            + bytes(self.shares.len(), 28)
+    }
+}
+
+const FACTORS: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4),
+    Field::word(5),
+]);
+const SHARE: Layout = Layout::columns(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+]);
+
+/// Its kinds of sections, ascending.
+pub(super) const KINDS: [Kind; 4] = [
+    Kind {
+        code: 46,
+        name: "material names",
+        version: 1,
+        raw: 1,
+        // The text, what it says, and what its reader needs: an empty name takes three bytes of text, and a string.
+        memory: 32,
+        most: 1 << 20,
+    },
+    Kind {
+        code: 47,
+        name: "material factors",
+        version: 1,
+        raw: FACTORS.item_bytes() as u64,
+        memory: size_of::<MaterialFactors>() as u64,
+        most: u32::MAX as u64,
+    },
+    Kind {
+        code: 48,
+        name: "material counts",
+        version: 1,
+        raw: 4,
+        memory: 8,
+        most: u32::MAX as u64,
+    },
+    Kind {
+        code: 49,
+        name: "material shares",
+        version: 1,
+        raw: SHARE.item_bytes() as u64,
+        memory: size_of::<MaterialShare>() as u64,
+        most: u32::MAX as u64,
+    },
+];
+
+/// The sections of `live`; `kinds` are those of [`KINDS`] in the table.
+pub(super) fn sections(
+    live: &LiveMaterials,
+    kinds: &'static [Kind],
+) -> Result<Vec<Section>, AssetError> {
+    let names = ron::to_string(&live.names).map_err(|e| broken(&kinds[0], e))?;
+    if names.len() as u64 > kinds[0].most {
+        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].most);
+        return Err(broken(&kinds[0], found));
+    }
+    Ok(vec![
+        Section {
+            kind: &kinds[0],
+            items: names.len(),
+            raw: names.into_bytes(),
+        },
+        section(&kinds[1], FACTORS, &live.factors),
+        section(&kinds[2], COUNT, &counts(&live.starts)),
+        section(&kinds[3], SHARE, &live.shares),
+    ])
+}
+
+/// The materials of a file, if it has any.
+pub(super) fn read(
+    file: &Container<'_>,
+    kinds: &'static [Kind],
+) -> Result<Option<LiveMaterials>, AssetError> {
+    let Some((_, names)) = file.section(&kinds[0])? else {
+        return match kinds.iter().find(|k| file.has(k)) {
+            Some(kind) => Err(broken(
+                kind,
+                "is there, but the section `material names` is not",
+            )),
+            None => Ok(None),
+        };
+    };
+    let names = std::str::from_utf8(&names).map_err(|e| broken(&kinds[0], e))?;
+    Ok(Some(LiveMaterials {
+        names: ron::from_str(names).map_err(|e| broken(&kinds[0], e))?,
+        factors: items(file, &kinds[1], FACTORS)?,
+        starts: starts(file, &kinds[2])?,
+        shares: items(file, &kinds[3], SHARE)?,
+    }))
+}
+
+impl BakedScene {
+    /// Every look-up of a frame stays within the arrays, and no sender reflects more than it gets.
+    pub(super) fn check_materials(&self, check: &mut Check) {
+        let Some(live) = &self.materials else { return };
+        let senders = self.senders();
+        let (starts, count) = (&live.starts, live.factors.len());
+        check.whole(live.names.len() == count, "material names", || {
+            format!("{} for {count} materials", live.names.len())
+        });
+        let sound = starts.len() == senders + 1
+            && starts.first() == Some(&0)
+            && starts.is_sorted()
+            && starts.last().map(|&s| s as usize) == Some(live.shares.len());
+        check.whole(sound, "material counts", || {
+            "do not ascend over the senders to the end of the shares".into()
+        });
+        let live_form = self.operator.form == SenderForm::Averages
+            && self.bounces.is_none()
+            && self.fmm.is_none();
+        check.whole(live_form, "material shares", || {
+            "are there, but the bake holds reflectance elsewhere".into()
+        });
+        for (i, f) in live.factors.iter().enumerate() {
+            let within = |v: [f32; 3], most: f32| v.iter().all(|c| (0.0..=most).contains(c));
+            let sound = within(f.base_color, 1.0) && within(f.emissive, BRIGHTEST);
+            check.item(sound, "material factors", i, || format!("{f:?}"));
+        }
+        if !check.0.is_empty() {
+            return;
+        }
+        for j in 0..senders {
+            let mut sums = [0.0f32; 6];
+            for share in live.row(j) {
+                let known = (share.material as usize) < count;
+                check.item(known, "material shares", j, || {
+                    format!("material {} of {count}", share.material)
+                });
+                for (sum, v) in sums
+                    .iter_mut()
+                    .zip(share.albedo.iter().chain(&share.emission))
+                {
+                    // A number below zero, or none, is no sum.
+                    *sum += if *v >= 0.0 { *v } else { f32::NAN };
+                }
+            }
+            let sound = sums.iter().all(|s| *s <= 1.0 + TOLERANCE);
+            check.item(sound, "material shares", j, || format!("sum to {sums:?}"));
+            if check.full() {
+                return;
+            }
+        }
+    }
+}

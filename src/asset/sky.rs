@@ -1,0 +1,87 @@
+//! What a bake knows of a sky that is not uniform: in memory, in the file, and whether a frame can run on it. Links to the eight terms
+//! ([`SkyRadiance`]) stand among the operator's; here is what the senders have straight from them.
+
+use super::baked::BakedScene;
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::AssetError;
+use super::sections::{items, section};
+use super::validate::Check;
+use crate::scene::SkyRadiance;
+use crate::transport::SenderForm;
+
+/// What the senders see of the sky's terms.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SkySight {
+    /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the polynomials p_k of the sky's terms: dimensionless, within ±1.
+    pub senders: Vec<[f32; SkyRadiance::TERMS]>,
+}
+
+const TERMS: Layout = Layout::rows(&[
+    Field::word(0),
+    Field::word(1),
+    Field::word(2),
+    Field::word(3),
+    Field::word(4),
+    Field::word(5),
+    Field::word(6),
+    Field::word(7),
+]);
+
+/// Its kind of section.
+pub(super) const KIND: Kind = Kind {
+    code: 45,
+    name: "sky terms",
+    version: 1,
+    raw: TERMS.item_bytes() as u64,
+    memory: size_of::<[f32; SkyRadiance::TERMS]>() as u64,
+    most: u32::MAX as u64,
+};
+
+/// The section of `sky`; `kind` is [`KIND`] in the table.
+pub(super) fn sections(sky: &SkySight, kind: &'static Kind) -> Section {
+    section(kind, TERMS, &sky.senders)
+}
+
+/// The sight of a file, if it has one.
+pub(super) fn read(
+    file: &Container<'_>,
+    kind: &'static Kind,
+) -> Result<Option<SkySight>, AssetError> {
+    if !file.has(kind) {
+        return Ok(None);
+    }
+    Ok(Some(SkySight {
+        senders: items(file, kind, TERMS)?,
+    }))
+}
+
+impl BakedScene {
+    /// Numbers of the sky's terms that links may name behind the sky's own.
+    pub(super) fn sky_terms(&self) -> usize {
+        match self.sky {
+            Some(_) => SkyRadiance::TERMS,
+            None => 0,
+        }
+    }
+
+    /// One entry a sender, and rows that may name the terms.
+    pub(super) fn check_sky(&self, check: &mut Check) {
+        let Some(sky) = &self.sky else { return };
+        let (found, senders) = (sky.senders.len(), self.senders());
+        check.whole(found == senders, "sky terms", || {
+            format!("{found} instead of {senders}")
+        });
+        let averages = self.operator.form == SenderForm::Averages && self.fmm.is_none();
+        check.whole(averages, "sky terms", || {
+            "are there, but the operator has no links to them".into()
+        });
+        for (i, terms) in sky.senders.iter().enumerate() {
+            let sound = terms.iter().all(|t| (-1.01..=1.01).contains(t));
+            check.item(sound, "sky terms", i, || format!("{terms:?}"));
+            if check.full() {
+                return;
+            }
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! The bake of live materials: which materials the places of each sender are covered by, and how.
+
+use crate::asset::{LiveMaterials, MaterialShare, Places};
+use crate::basis::{Hierarchy, Weights};
+use crate::scene::{Coating, Geometry, Ray};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// The materials of `geometry` and what each sender has of them; none where the geometry has no materials that could change. The finest senders have
+/// places; coarser ones that `pull` fills have no light of their own, and no shares. Also says how many rays it took.
+pub(super) fn cover(
+    geometry: &dyn Geometry,
+    hierarchy: &Hierarchy,
+    places: &Places,
+    pull: &Weights,
+) -> (Option<LiveMaterials>, u64) {
+    let (names, factors): (Vec<_>, Vec<_>) = geometry.materials().into_iter().unzip();
+    if factors.is_empty() {
+        return (None, 0);
+    }
+    let finest = hierarchy.level(hierarchy.senders.len() - 1);
+    let count = places.per_sender as usize;
+    let rows: Vec<(Vec<MaterialShare>, u64)> = (0..finest.end)
+        .into_par_iter()
+        .map(|j| {
+            let s = &hierarchy.surfaces[j];
+            let own = (s.position, s.normal);
+            let spread = count > 0 && finest.contains(&j);
+            let at: Vec<(Vec3, Vec3)> = if spread {
+                let first = (j - finest.start) * count;
+                let list = &places.list[first..first + count];
+                list.iter().map(|p| (p.x(), p.n())).collect()
+            } else if j < finest.start && !pull.row(j).is_empty() {
+                Vec::new()
+            } else {
+                vec![own]
+            };
+            let mut shares: Vec<MaterialShare> = Vec::new();
+            let part = 1.0 / at.len().max(1) as f32;
+            for &(x, n) in &at {
+                let Some(coating) = below(geometry, x, n) else {
+                    continue;
+                };
+                let known = shares.iter().position(|s| s.material == coating.material);
+                let k = known.unwrap_or_else(|| {
+                    shares.push(MaterialShare {
+                        material: coating.material,
+                        ..MaterialShare::default()
+                    });
+                    shares.len() - 1
+                });
+                let share = &mut shares[k];
+                share.albedo = (Vec3::from_array(share.albedo) + part * coating.albedo).to_array();
+                let emission = Vec3::from_array(share.emission) + part * coating.emission;
+                share.emission = emission.to_array();
+            }
+            shares.sort_unstable_by_key(|s| s.material);
+            (shares, at.len() as u64)
+        })
+        .collect();
+    let rays = rows.iter().map(|r| r.1).sum();
+    let mut live = LiveMaterials {
+        names,
+        factors,
+        starts: vec![0],
+        shares: Vec::new(),
+    };
+    for (shares, _) in rows {
+        live.shares.extend(shares);
+        live.starts.push(live.shares.len() as u32);
+    }
+    (Some(live), rays)
+}
+
+/// The material under a place on the surface, seen from its side.
+fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<Coating> {
+    let up = 2.0 * geometry.lift(x);
+    let ray = Ray::segment(x + n * up, -n, 2.0 * up);
+    let hit = geometry.cast(&ray)?;
+    geometry.coating(&ray, &hit)
+}

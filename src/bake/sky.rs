@@ -1,0 +1,51 @@
+//! What a recipe says of the sky, and the bake of one that is not uniform: links to its eight terms, and what the senders have straight from them.
+
+use super::Settings;
+use crate::basis::Hierarchy;
+use crate::scene::{Geometry, SkyRadiance};
+use crate::transport::{RawRow, look_up};
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Which skies a bake can be lit by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Sky {
+    /// The same radiance from everywhere: one link a row.
+    #[default]
+    Uniform,
+    /// Spherical harmonics up to the second degree ([`SkyRadiance`]): eight links a row more, and as many rays again.
+    Harmonics,
+}
+
+impl Sky {
+    /// For what is left out of settings.
+    pub(super) fn is_uniform(&self) -> bool {
+        *self == Self::Uniform
+    }
+}
+
+/// The terms' vectors of each point with a row, zero of the others, where the settings ask for them: by the rays that its row was gathered with. Also says how many those
+/// were.
+pub(super) fn terms(
+    geometry: &dyn Geometry,
+    hierarchy: &Hierarchy,
+    rows: &[RawRow],
+    settings: &Settings,
+) -> (Vec<[Vec3; SkyRadiance::TERMS]>, u64) {
+    if settings.sky == Sky::Uniform {
+        return (Vec::new(), 0);
+    }
+    let rays_of = |i: usize| {
+        let level = hierarchy.level_starts.partition_point(|&s| s as usize <= i);
+        settings.rays_of_level(level.saturating_sub(1))
+    };
+    let found = (hierarchy.surfaces.par_iter().zip(rows).enumerate())
+        .map(|(i, (s, row))| match row.active {
+            true => look_up(geometry, s.position, s.normal, i, rays_of(i), settings.seed),
+            false => Default::default(),
+        })
+        .collect();
+    let active = (0..rows.len()).filter(|&i| rows[i].active);
+    (found, active.map(|i| u64::from(rays_of(i))).sum())
+}

@@ -1,0 +1,73 @@
+//! Live materials: the surfaces of the senders for the factors that their materials have now (design D1: reflectance and emission are no part of a link).
+//!
+//! Not a kernel: it runs in frames in which a factor changed, over some thousand senders, and the device is given the result.
+
+use super::light::BRIGHTEST;
+use crate::asset::{BakedScene, LiveMaterials, PointSurface};
+use crate::scene::MaterialFactors;
+use glam::Vec3;
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// No material that changes reflects more, but what was baked so: light must die away whatever the game says, and the bake's own guard (design D12) has
+/// seen the baked colours only.
+pub const MOST_ALBEDO: f32 = 0.99;
+
+/// `factors` as light can have them: base colours in [0, 1], emission from 0 to [`BRIGHTEST`], zero for what is no number; one a material of `live`, those that
+/// are missing as they were baked.
+#[must_use]
+pub fn sound_factors(live: &LiveMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {
+    let within = |v: [f32; 3], most: f32| {
+        v.map(|c| match c.is_nan() {
+            true => 0.0,
+            false => c.clamp(0.0, most),
+        })
+    };
+    (live.factors.iter().enumerate())
+        .map(|(m, baked)| {
+            factors.get(m).map_or(*baked, |f| MaterialFactors {
+                base_color: within(f.base_color, 1.0),
+                emissive: within(f.emissive, BRIGHTEST / 4.0),
+            })
+        })
+        .collect()
+}
+
+/// The surface of sender `j`, baked as `baked`. `factors` are [`sound_factors`].
+#[must_use]
+pub fn live_surface(
+    live: &LiveMaterials,
+    factors: &[MaterialFactors],
+    baked: &PointSurface,
+    j: usize,
+) -> PointSurface {
+    let row = live.row(j);
+    if row.is_empty() {
+        return *baked;
+    }
+    let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
+    for share in row {
+        let f = &factors[share.material as usize];
+        albedo += Vec3::from_array(share.albedo) * Vec3::from_array(f.base_color);
+        emission += Vec3::from_array(share.emission) * Vec3::from_array(f.emissive);
+    }
+    let most = Vec3::from_array(baked.albedo).max(Vec3::splat(MOST_ALBEDO));
+    PointSurface {
+        albedo: albedo.min(most).to_array(),
+        emission: (PI * emission).to_array(),
+        ..*baked
+    }
+}
+
+/// The surfaces of all senders of `scene` for these factors, one a material; nothing where the bake knows no materials.
+#[must_use]
+pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<Vec<PointSurface>> {
+    let live = scene.materials.as_ref()?;
+    let factors = sound_factors(live, factors);
+    let senders = &scene.surfaces[..scene.senders()];
+    let all = senders.par_iter().enumerate();
+    Some(
+        all.map(|(j, baked)| live_surface(live, &factors, baked, j))
+            .collect(),
+    )
+}

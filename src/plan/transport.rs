@@ -1,0 +1,45 @@
+//! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, and the operator.
+
+use super::effect::{Plan, active_scenes};
+use super::{FrameState, Reason, Skip, SkyUse, SlotChange, Stage};
+
+pub(super) fn materials(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state).filter(|s| s.materials_changed) {
+        let reason = Reason::MaterialsChanged;
+        plan.push("materials", Stage::Materials, scene.id, reason);
+    }
+}
+
+pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state) {
+        if let Some(picked) = &scene.tier {
+            plan.tiers.push((scene.id, picked.clone()));
+        }
+        if let Some(why) = scene.no_octree {
+            plan.linked.push((scene.id, why));
+        }
+        if scene.sky != SkyUse::Uniform {
+            plan.skies.push((scene.id, scene.sky));
+        }
+        let of = |change| scene.slots.iter().filter(|s| **s == change).count();
+        let reason = if !scene.resident {
+            Reason::NewBake
+        } else if of(SlotChange::Geometry) > 0 {
+            Reason::LightsMoved(of(SlotChange::Geometry))
+        } else if of(SlotChange::Colour) > 0 {
+            Reason::LightsRecoloured(of(SlotChange::Colour))
+        } else if scene.settings_changed {
+            Reason::SettingsChanged
+        } else if scene.materials_changed {
+            Reason::MaterialsChanged
+        } else if scene.stale {
+            Reason::LightRemoved
+        } else {
+            plan.skipped.push((scene.id, None, Skip::AtRest));
+            continue;
+        };
+        for stage in [Stage::PullPush, Stage::Apply, Stage::Flatten] {
+            plan.push("transport", stage, scene.id, reason.clone());
+        }
+    }
+}

@@ -1,0 +1,263 @@
+//! The radiance of the sky as nine numbers a colour: spherical harmonics up to the second degree \[RH01\], which hold all that diffuse surfaces see of it but
+//! for a hundredth.
+//!
+//! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and without trace, as probes have it (`transport::probes`): the nine polynomials 1; x, y, z; x² − z², y² − z², 2xy, 2xz,
+//! 2yz and the coefficients c; d; Q_xx, Q_yy, Q_xy, Q_xz, Q_yz. A uniform sky is c alone.
+
+use glam::{Mat3, Vec3};
+use std::f32::consts::PI;
+
+/// Radiance of the sky, W/(m² sr), in directions ω towards it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SkyRadiance {
+    /// c, the mean over all directions.
+    pub mean: Vec3,
+    /// d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz: RGB each.
+    pub terms: [Vec3; SkyRadiance::TERMS],
+}
+
+impl From<Vec3> for SkyRadiance {
+    fn from(radiance: Vec3) -> Self {
+        Self {
+            mean: radiance,
+            ..Self::default()
+        }
+    }
+}
+
+impl SkyRadiance {
+    /// Coefficients beside the mean.
+    pub const TERMS: usize = 8;
+    /// No sky.
+    pub const BLACK: Self = Self {
+        mean: Vec3::ZERO,
+        terms: [Vec3::ZERO; Self::TERMS],
+    };
+
+    /// The polynomials that the terms multiply, in direction `way` of unit length: each within ±1.
+    #[must_use]
+    #[inline]
+    pub fn polynomials(way: Vec3) -> [f32; Self::TERMS] {
+        let Vec3 { x, y, z } = way;
+        [
+            x,
+            y,
+            z,
+            x * x - z * z,
+            y * y - z * z,
+            2.0 * x * y,
+            2.0 * x * z,
+            2.0 * y * z,
+        ]
+    }
+
+    /// Radiance from direction `way`, of unit length. The series may fall below zero beside something very bright.
+    #[must_use]
+    pub fn towards(&self, way: Vec3) -> Vec3 {
+        let terms = self.terms.iter().zip(Self::polynomials(way));
+        self.mean + terms.map(|(term, p)| *term * p).sum::<Vec3>()
+    }
+
+    /// The sky that has three colours straight up (+Y), at the horizon and straight down, and between them the only polynomial of the second degree in the height.
+    #[must_use]
+    pub fn gradient(zenith: Vec3, horizon: Vec3, ground: Vec3) -> Self {
+        // L = horizon + b y + a y²; y² = 1/3 + (y² − 1/3), and Q = a diag(−1/3, 2/3, −1/3).
+        let a = 0.5 * (zenith + ground) - horizon;
+        let mut sky = Self::from(horizon + a / 3.0);
+        sky.terms[1] = 0.5 * (zenith - ground);
+        sky.terms[3] = -a / 3.0;
+        sky.terms[4] = 2.0 / 3.0 * a;
+        sky
+    }
+
+    /// The nine coefficients of a map: `samples` are directions of unit length, the solid angle that each stands for (steradians, relative: they are scaled to the
+    /// sphere's), and the radiance there. Black without samples.
+    #[must_use]
+    pub fn of_map(samples: impl IntoIterator<Item = (Vec3, f32, Vec3)>) -> Self {
+        let mut sum = [[0.0f64; 3]; 9];
+        let mut sphere = 0.0f64;
+        for (way, angle, radiance) in samples {
+            if !(way.is_finite() && angle.is_finite() && radiance.is_finite()) {
+                continue;
+            }
+            sphere += f64::from(angle);
+            // By duality: with unit sphere averages <1> = 1, <ω ωᵀ> = I/3, and <(ω ωᵀ − I/3) ω·Qω> = 2Q/15.
+            let Vec3 { x, y, z } = way;
+            let square = [x * x - 1.0 / 3.0, y * y - 1.0 / 3.0, x * y, x * z, y * z];
+            let factors = [1.0, 3.0 * x, 3.0 * y, 3.0 * z]
+                .into_iter()
+                .chain(square.map(|s| 7.5 * s));
+            for (sum, factor) in sum.iter_mut().zip(factors) {
+                for (sum, c) in sum.iter_mut().zip(radiance.to_array()) {
+                    *sum += f64::from(angle) * f64::from(factor) * f64::from(c);
+                }
+            }
+        }
+        if sphere <= 0.0 {
+            return Self::BLACK;
+        }
+        let all = sum.map(|s| Vec3::from_array(s.map(|c| (c / sphere) as f32)));
+        Self {
+            mean: all[0],
+            terms: std::array::from_fn(|k| all[k + 1]),
+        }
+    }
+
+    /// The same sky for one who sees it turned: `turn` takes directions of the old axes to those of the new ones, without scale.
+    #[must_use]
+    pub fn turned(&self, turn: Mat3) -> Self {
+        let mut out = Self::from(self.mean);
+        let t = &self.terms;
+        for c in 0..3 {
+            let d = turn * Vec3::new(t[0][c], t[1][c], t[2][c]);
+            let (xx, yy, xy, xz, yz) = (t[3][c], t[4][c], t[5][c], t[6][c], t[7][c]);
+            let q = Mat3::from_cols(
+                Vec3::new(xx, xy, xz),
+                Vec3::new(xy, yy, yz),
+                Vec3::new(xz, yz, -xx - yy),
+            );
+            let q = turn * q * turn.transpose();
+            let numbers = [
+                d.x, d.y, d.z, q.x_axis.x, q.y_axis.y, q.y_axis.x, q.z_axis.x, q.z_axis.y,
+            ];
+            for (term, number) in out.terms.iter_mut().zip(numbers) {
+                term[c] = number;
+            }
+        }
+        out
+    }
+
+    /// Whether it is the same in all directions.
+    #[must_use]
+    pub fn is_uniform(&self) -> bool {
+        self.terms == [Vec3::ZERO; Self::TERMS]
+    }
+
+    /// Whether it sheds no light.
+    #[must_use]
+    pub fn is_black(&self) -> bool {
+        *self == Self::BLACK
+    }
+
+    /// All coefficients are numbers.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.mean.is_finite() && self.terms.iter().all(|t| t.is_finite())
+    }
+
+    /// Irradiance of a plane of normal `n` that nothing hides, W/m²: \[RH01\] Eq. (12) in these polynomials.
+    #[must_use]
+    pub fn irradiance(&self, n: Vec3) -> Vec3 {
+        let factors = [2.0 / 3.0; 3].into_iter().chain([0.25; 5]);
+        let terms = self.terms.iter().zip(Self::polynomials(n)).zip(factors);
+        PI * (self.mean + terms.map(|((t, p), f)| *t * (p * f)).sum::<Vec3>())
+    }
+}
+
+impl std::ops::Add for SkyRadiance {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            mean: self.mean + other.mean,
+            terms: std::array::from_fn(|k| self.terms[k] + other.terms[k]),
+        }
+    }
+}
+
+impl std::iter::Sum for SkyRadiance {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::BLACK, |a, b| a + b)
+    }
+}
+
+impl std::ops::Mul<f32> for SkyRadiance {
+    type Output = Self;
+
+    fn mul(self, factor: f32) -> Self {
+        Self {
+            mean: self.mean * factor,
+            terms: self.terms.map(|t| t * factor),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{Random, cosine_hemisphere, lattice, tangents, uniform_sphere};
+    use glam::{Quat, Vec2};
+
+    fn any(seed: u64) -> SkyRadiance {
+        let mut random = Random::new(seed, 1, 2);
+        let mut colour = || Vec3::new(random.unit(), random.unit(), random.unit()) - 0.4;
+        SkyRadiance {
+            mean: colour() + 1.0,
+            terms: std::array::from_fn(|_| colour()),
+        }
+    }
+
+    fn ways(count: u32) -> impl Iterator<Item = Vec3> {
+        (0..count).map(move |k| uniform_sphere(lattice(k, count, Vec2::splat(0.3))).normalize())
+    }
+
+    #[test]
+    fn a_map_of_the_series_gives_the_series_back() {
+        let sky = any(3);
+        let found = SkyRadiance::of_map(ways(20_000).map(|w| (w, 2.0, sky.towards(w))));
+        let pairs = found.terms.iter().zip(&sky.terms);
+        let off = pairs.map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
+        assert!(
+            off < 2e-3 && (found.mean - sky.mean).length() < 1e-3,
+            "{off}"
+        );
+        assert!(SkyRadiance::of_map([]).is_black());
+    }
+
+    #[test]
+    fn a_gradient_has_its_three_colours() {
+        let colours = [
+            Vec3::new(0.1, 0.3, 0.9),
+            Vec3::new(0.9, 0.8, 0.7),
+            Vec3::new(0.2, 0.1, 0.05),
+        ];
+        let sky = SkyRadiance::gradient(colours[0], colours[1], colours[2]);
+        let ways = [Vec3::Y, Vec3::new(0.6, 0.0, -0.8), Vec3::NEG_Y];
+        for (colour, way) in colours.iter().zip(ways) {
+            assert!((sky.towards(way) - *colour).length() < 1e-6, "{way}");
+        }
+        assert!(!sky.is_uniform());
+        let even = SkyRadiance::gradient(Vec3::ONE, Vec3::ONE, Vec3::ONE);
+        assert!(even.is_uniform() && even.mean == Vec3::ONE);
+    }
+
+    #[test]
+    fn a_turned_sky_shines_from_turned_directions() {
+        let sky = any(5);
+        let turn = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7));
+        let turned = sky.turned(turn);
+        for way in ways(50) {
+            let d = turned.towards(turn * way) - sky.towards(way);
+            assert!(d.length() < 1e-5, "{d}");
+        }
+        assert!((turned.towards(Vec3::X) - sky.towards(Vec3::X)).length() > 0.01);
+    }
+
+    #[test]
+    fn irradiance_is_the_integral() {
+        let sky = any(7);
+        for n in ways(5) {
+            let (t, b) = tangents(n);
+            let count = 20_000;
+            let sum: Vec3 = (0..count)
+                .map(|k| {
+                    let d = cosine_hemisphere(lattice(k, count, Vec2::ZERO));
+                    sky.towards((t * d.x + b * d.y + n * d.z).normalize())
+                })
+                .sum();
+            let right = sum * (PI / count as f32);
+            let off = (sky.irradiance(n) - right).length();
+            assert!(off < 2e-3 * right.length(), "{off} of {right}");
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! Skies that vary and materials that change, in the running plugin: pictures are those of the CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Recipe, Sky};
+use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::frame::materials::live_surfaces;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{MeshlessGiMaterials, MeshlessGiSky};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::SkyRadiance;
+use glam::Mat3;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::flip::flip;
+use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::stage::{
+    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+};
+use std::sync::{Arc, OnceLock};
+
+/// The room's left wall, and its block's top.
+const LEFT: usize = 3;
+const TOP: usize = 9;
+
+/// The Cornell room, baked for all that this file asks of it.
+fn cornell() -> (Room, Arc<BakedScene>) {
+    static BAKED: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    let room = Room::cornell();
+    let recipe = Recipe {
+        viewpoints: vec![[0.0, 1.0, 0.6]],
+        coarse_radius: Some(0.4),
+        levels: Some(3),
+        sender_levels: Some(2),
+        rays: Some(128),
+        sky: Sky::Harmonics,
+        live_materials: true,
+        ..default()
+    };
+    let baked = BAKED.get_or_init(|| room.bake_as(&recipe)).clone();
+    (room, baked)
+}
+
+/// The room on its root before a camera that shows indirect light alone.
+fn stage(app: &mut App, bake: &Arc<BakedScene>, root: Transform) -> (Entity, Handle<Image>) {
+    let scene = bake.clone();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene });
+    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+    Room::cornell().spawn(app, root);
+    let image = target(app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    (root, image)
+}
+
+#[test]
+fn a_sky_that_varies_shines_from_the_worlds_directions() {
+    let (room, bake) = cornell();
+    let mut app = app();
+    let turn = Quat::from_euler(EulerRot::YXZ, 0.5, 0.2, -0.1);
+    let placed = Transform::from_rotation(turn);
+    let (root, image) = stage(&mut app, &bake, placed);
+    let (zenith, horizon, ground) = (
+        LinearRgba::rgb(100.0, 200.0, 700.0),
+        LinearRgba::rgb(600.0, 500.0, 400.0),
+        LinearRgba::rgb(50.0, 40.0, 30.0),
+    );
+    let mut sky = MeshlessGiSky::gradient(zenith, horizon, ground);
+    // Brighter from where the room is open.
+    sky.coefficients[3] = Vec3::new(400.0, 200.0, 100.0);
+    app.world_mut().entity_mut(root).insert(sky);
+    run(&mut app, 3);
+    let plan = counters(&app).plan;
+    assert!(plan.contains("eight terms of a sky that varies"), "{plan}");
+    let cpu = |sky: SkyRadiance| {
+        let settings = FrameSettings { sky, ..settings() };
+        cpu_indirect(&room, &bake, placed, view(), &[], &settings)
+    };
+    let local = sky.radiance().turned(Mat3::from_quat(turn.inverse()));
+    let right = cpu(local);
+    assert_alike("sky_that_varies", &right, &picture(&mut app, &image));
+    // It matters where it comes from.
+    assert!(flip(&right, &cpu(sky.radiance())) > MOST);
+    assert!(flip(&right, &cpu(local.mean.into())) > MOST);
+    run(&mut app, 1);
+    assert_eq!(work(&counters(&app)), [0; 4], "at rest");
+
+    // A bake that knows a uniform sky only takes the mean, and says so.
+    let plain = room.bake(1);
+    let scene = plain.clone();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene });
+    app.world_mut().entity_mut(root).insert(MeshlessGi(asset));
+    run(&mut app, 3);
+    let plan = counters(&app).plan;
+    assert!(plan.contains("the mean of its sky"), "{plan}");
+    let settings = FrameSettings {
+        sky: local.mean.into(),
+        ..settings()
+    };
+    let mean = cpu_indirect(&room, &plain, placed, view(), &[], &settings);
+    assert_alike("mean_of_the_sky", &mean, &picture(&mut app, &image));
+}
+
+#[test]
+fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_change() {
+    let (room, bake) = cornell();
+    let mut app = app();
+    let (root, image) = stage(&mut app, &bake, Transform::IDENTITY);
+    let place = Vec3::new(0.0, 1.7, 0.2);
+    let at = Transform::from_translation(place);
+    app.world_mut().spawn((bevy_lamp(), at));
+    // The quads' materials, in their order.
+    let children: Vec<Entity> = app.world().get::<Children>(root).unwrap().to_vec();
+    let handle = |app: &App, k: usize| {
+        let material = app
+            .world()
+            .get::<MeshMaterial3d<StandardMaterial>>(children[k]);
+        material.unwrap().0.clone()
+    };
+    let named = [LEFT, TOP].map(|k| (format!("quad {k}"), handle(&app, k)));
+    let [left, top] = named.clone().map(|n| n.1);
+    let all = MeshlessGiMaterials(named.to_vec());
+    app.world_mut().entity_mut(root).insert(all);
+    run(&mut app, 3);
+    let lights = [lamp(place)];
+    let before = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights,
+        &settings(),
+    );
+    assert_alike("as_baked", &before, &picture(&mut app, &image));
+    run(&mut app, 1);
+    let c = counters(&app);
+    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), ([0; 4], 0));
+
+    // The sign on the block pulses, and the wall is painted.
+    let mut last = before;
+    for (glow, paint) in [
+        (0.0, Vec3::new(0.05, 0.1, 0.7)),
+        (1.5, Vec3::new(0.05, 0.1, 0.7)),
+        (0.4, Vec3::new(0.6, 0.6, 0.1)),
+    ] {
+        {
+            let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+            let mut wall = assets.get_mut(&left).unwrap();
+            wall.base_color = Color::linear_rgb(paint.x, paint.y, paint.z);
+            drop(wall);
+            let mut sign = assets.get_mut(&top).unwrap();
+            sign.emissive = LinearRgba::rgb(glow, 0.5 * glow, 0.1 * glow);
+        }
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(c.dispatches_of(Stage::Materials), 1, "{}", c.plan);
+        assert!(c.plan.contains("materials changed"), "{}", c.plan);
+        assert!(c.projected_slots == 0 && c.dispatches_of(Stage::Apply) > 0);
+        let mut factors = bake.materials.as_ref().unwrap().factors.clone();
+        factors[LEFT].base_color = paint.to_array();
+        factors[TOP].emissive = [glow, 0.5 * glow, 0.1 * glow];
+        let mut now = (*bake).clone();
+        let surfaces = live_surfaces(&bake, &factors).unwrap();
+        now.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
+        let wall = room.0[LEFT].colour;
+        let seen = room.recoloured(|c| if c == wall { paint } else { c });
+        let right = cpu_indirect(
+            &seen,
+            &now,
+            Transform::IDENTITY,
+            view(),
+            &lights,
+            &settings(),
+        );
+        let found = picture(&mut app, &image);
+        assert_alike("live", &right, &found);
+        assert!(flip(&last, &right) > MOST, "the change shows");
+        last = right;
+        run(&mut app, 1);
+        let c = counters(&app);
+        let none = ([0; 4], 0);
+        assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+    }
+}

@@ -1,0 +1,345 @@
+//! All that shines is a sender: emissive surfaces, the sky, a rectangular light, and base colours that change after the bake, on two scenes, beside the reference
+//! integrator. Medium preset, four reflections, at most 4 % of the indirect irradiance; prints what it measures (`-- --nocapture`). Every comparison is made a second
+//! time with a wrong input, where it must fail.
+#![cfg(feature = "cli")]
+
+use bevy_meshless_gi::accuracy::{
+    Bounces, Errors, Evaluator, Irradiance, ReferenceSettings, errors, irradiance_at_all,
+};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, Sky, bake_level};
+use bevy_meshless_gi::frame::materials::live_surfaces;
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::samples::trace_particles;
+use bevy_meshless_gi::scene::{
+    Light, Material, MaterialFactors, SkyRadiance, TriangleMesh, load_gltf,
+};
+use glam::Vec3;
+use std::path::Path;
+
+/// Most of the error, and most of the bias, relative to the light.
+const MOST: f64 = 0.04;
+/// What the panel of each scene emits, W/(m² sr).
+const GLOW: Vec3 = Vec3::new(8.0, 5.0, 2.0);
+
+/// A scene of which parts may be replaced: triangles and the material of each.
+struct Parts {
+    triangles: Vec<[Vec3; 3]>,
+    material_of: Vec<u32>,
+    materials: Vec<Material>,
+}
+
+impl Parts {
+    fn published(name: &str) -> Self {
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/{name}/{name}.glb"));
+        let mesh = load_gltf(&file).unwrap().mesh;
+        let mut parts = Self {
+            triangles: Vec::new(),
+            material_of: Vec::new(),
+            materials: Vec::new(),
+        };
+        for t in 0..mesh.len() {
+            parts.add(mesh.triangle(t).unwrap(), mesh.material(t).unwrap().clone());
+        }
+        parts
+    }
+
+    fn add(&mut self, triangle: [Vec3; 3], material: Material) {
+        let known = self.materials.iter().position(|m| *m == material);
+        let material = known.unwrap_or_else(|| {
+            self.materials.push(material);
+            self.materials.len() - 1
+        });
+        self.triangles.push(triangle);
+        self.material_of.push(material as u32);
+    }
+
+    fn quad(&mut self, [a, b, c, d]: [Vec3; 4], material: Material) {
+        self.add([a, b, c], material.clone());
+        self.add([a, c, d], material);
+    }
+
+    fn mesh(&self) -> TriangleMesh {
+        let parts = self.clone_parts();
+        TriangleMesh::new(parts.0, parts.1, parts.2)
+    }
+
+    fn clone_parts(&self) -> (Vec<[Vec3; 3]>, Vec<u32>, Vec<Material>) {
+        (
+            self.triangles.clone(),
+            self.material_of.clone(),
+            self.materials.clone(),
+        )
+    }
+}
+
+/// A box with a panel on its back wall, open at the front.
+fn cornell() -> Parts {
+    let mut parts = Parts::published("cornell");
+    let at = |x, y| Vec3::new(x, y, 5.5);
+    // It faces the opening.
+    let corners = [at(1.5, 3.4), at(1.5, 4.9), at(4.0, 4.9), at(4.0, 3.4)];
+    parts.quad(corners, panel());
+    parts
+}
+
+/// Two rooms with a panel in the first, and a hole in the ceiling of the second.
+fn rooms() -> Parts {
+    let all = Parts::published("rooms_open");
+    let mut parts = Parts {
+        triangles: Vec::new(),
+        material_of: Vec::new(),
+        materials: Vec::new(),
+    };
+    let mut ceiling = None;
+    for (triangle, &m) in all.triangles.iter().zip(&all.material_of) {
+        let material = all.materials[m as usize].clone();
+        if triangle.iter().all(|v| v.y == 2.8) {
+            ceiling = Some(material);
+        } else {
+            parts.add(*triangle, material);
+        }
+    }
+    let ceiling = ceiling.expect("a ceiling");
+    let at = |x, z| Vec3::new(x, 2.8, z);
+    for [left, right, front, back] in [
+        [0.0, 5.0, 0.0, 4.0],
+        [7.0, 8.02, 0.0, 4.0],
+        [5.0, 7.0, 0.0, 1.0],
+        [5.0, 7.0, 3.0, 4.0],
+    ] {
+        let corners = [
+            at(left, front),
+            at(right, front),
+            at(right, back),
+            at(left, back),
+        ];
+        parts.quad(corners, ceiling.clone());
+    }
+    let at = |x, y| Vec3::new(x, y, 0.03);
+    parts.quad(
+        [at(0.8, 1.2), at(2.6, 1.2), at(2.6, 2.2), at(0.8, 2.2)],
+        panel(),
+    );
+    parts
+}
+
+fn panel() -> Material {
+    Material::emissive(Vec3::splat(0.3), GLOW)
+}
+
+/// A scene, its bake, and places where its light is asked for.
+struct Case {
+    name: &'static str,
+    parts: Parts,
+    scene: BakedScene,
+    places: Vec<(Vec3, Vec3)>,
+}
+
+impl Case {
+    fn new(name: &'static str, parts: Parts) -> Self {
+        let mesh = parts.mesh();
+        let recipe = Recipe {
+            preset: Preset::Medium,
+            sky: Sky::Harmonics,
+            live_materials: true,
+            ..Recipe::default()
+        };
+        let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+            .unwrap()
+            .scene;
+        let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+        // Not the particles that the bake asked.
+        let landed = trace_particles(&mesh, &viewpoints, 0..2048, 0x5417e, false).candidates;
+        let places = landed
+            .iter()
+            .map(|c| (c.surface.position, c.surface.normal));
+        let places = places.take(400).collect();
+        Self {
+            name,
+            parts,
+            scene,
+            places,
+        }
+    }
+
+    /// The reference at the places.
+    fn truth(&self, mesh: &TriangleMesh, lights: &[Light]) -> Vec<Irradiance> {
+        let settings = ReferenceSettings {
+            // What glows is met by chance.
+            paths: match lights {
+                [Light::Rect { .. }] => 1024,
+                _ => 4096,
+            },
+            bounces: Some(4),
+            seed: 9,
+        };
+        irradiance_at_all(mesh, lights, &self.places, &settings)
+    }
+
+    /// Ours of `scene` beside the truth.
+    fn compare(&self, scene: &BakedScene, lights: &[Light], truth: &[Irradiance]) -> Errors {
+        // Direct light, for which it would need the geometry, is not asked for.
+        let ours = Evaluator::new(scene, &[], lights, Bounces::Count(4));
+        let found = (0..).zip(&self.places).map(|(k, &(x, n))| {
+            let light = ours.at(x, n, k);
+            light.indirect.unwrap_or(Vec3::splat(f32::MAX.sqrt()))
+        });
+        let found: Vec<Vec3> = found.collect();
+        let (right, noise): (Vec<Vec3>, Vec<Vec3>) =
+            truth.iter().map(|e| (e.indirect, e.indirect_error)).unzip();
+        errors(&found, &right, &noise)
+    }
+
+    /// Holds `scene` under `lights` against the truth of `mesh` and those lights, and `wrong` against the same.
+    fn holds(
+        &self,
+        what: &str,
+        mesh: &TriangleMesh,
+        [scene, wrong]: [&BakedScene; 2],
+        [lights, wrong_lights]: [&[Light]; 2],
+    ) {
+        let truth = self.truth(mesh, lights);
+        let right = self.compare(scene, lights, &truth);
+        let off = self.compare(wrong, wrong_lights, &truth);
+        println!("{}, {what}: {right:?}; spoiled {:.3}", self.name, off.nrmse);
+        assert!(right.nrmse <= MOST, "{}, {what}: {right:?}", self.name);
+        assert!(off.nrmse > MOST, "{}, {what}, spoiled: {off:?}", self.name);
+    }
+}
+
+/// `scene` with the factors of its materials changed, as a frame has it.
+fn painted(scene: &BakedScene, change: impl Fn(&mut MaterialFactors)) -> BakedScene {
+    let live = scene.materials.as_ref().expect("live materials");
+    let mut factors = live.factors.clone();
+    factors.iter_mut().for_each(change);
+    let surfaces = live_surfaces(scene, &factors).unwrap();
+    let mut out = scene.clone();
+    out.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
+    // The same through a frame, which notices what changes and nothing else.
+    let lamp = [FrameLight::point(
+        scene.points[0].x() + scene.points[0].n(),
+        Vec3::ONE,
+        f32::INFINITY,
+    )];
+    let settings = FrameSettings::bounces(3);
+    let solve = |scene: &BakedScene, factors: &[MaterialFactors]| {
+        let mut frame = CpuFrame::new(scene);
+        frame.set_lights(scene, &lamp);
+        frame.solve(scene, &settings);
+        let changed = frame.set_materials(scene, factors);
+        assert_eq!(frame.solve(scene, &settings), changed);
+        assert!(!frame.set_materials(scene, factors) && !frame.solve(scene, &settings));
+        frame
+    };
+    let whole = solve(scene, &factors);
+    let replaced = solve(&out, &[]);
+    let before = solve(scene, &[]);
+    assert_eq!(whole.values(), replaced.values());
+    assert_ne!(whole.values(), before.values());
+    out
+}
+
+/// The scene with the panel off.
+fn dark(case: &Case) -> (BakedScene, TriangleMesh) {
+    let scene = painted(&case.scene, |f| f.emissive = [0.0; 3]);
+    let (triangles, of, mut materials) = case.parts.clone_parts();
+    for material in &mut materials {
+        material.emissive = Vec3::ZERO;
+    }
+    (scene, TriangleMesh::new(triangles, of, materials))
+}
+
+fn all_kinds(case: &Case, rect: [Vec3; 3], colours: [Vec3; 2]) {
+    let lit = case.parts.mesh();
+    let mut dimmer = case.scene.clone();
+    for surface in &mut dimmer.surfaces {
+        surface.emission = surface.emission.map(|e| 0.9 * e);
+    }
+    case.holds("emissive surface", &lit, [&case.scene, &dimmer], [&[], &[]]);
+
+    let (scene, mesh) = dark(case);
+    let sky = |f: f32| Light::Sky {
+        radiance: (f * Vec3::new(0.5, 0.7, 1.0)).into(),
+    };
+    case.holds("sky", &mesh, [&scene, &scene], [&[sky(1.0)], &[sky(0.9)]]);
+
+    // The mean alone is no gradient.
+    let radiance = SkyRadiance::gradient(
+        Vec3::new(0.3, 0.6, 1.6),
+        Vec3::new(0.9, 0.8, 0.7),
+        Vec3::new(0.1, 0.08, 0.05),
+    );
+    let aside = SkyRadiance {
+        terms: std::array::from_fn(|k| match k {
+            0 => Vec3::new(0.5, 0.3, 0.1),
+            2 => Vec3::new(-0.2, 0.0, 0.3),
+            5 => Vec3::splat(0.2),
+            _ => Vec3::ZERO,
+        }),
+        ..SkyRadiance::BLACK
+    };
+    let radiance = radiance + aside;
+    let varied = [Light::Sky { radiance }];
+    let mean = [Light::Sky {
+        radiance: radiance.mean.into(),
+    }];
+    case.holds("sky that varies", &mesh, [&scene, &scene], [&varied, &mean]);
+
+    let lamp = |aside: f32| Light::Rect {
+        center: rect[0] + aside * rect[1],
+        u: rect[1],
+        v: rect[2],
+        radiance: Vec3::new(9.0, 8.0, 6.0),
+    };
+    let moved = [&[lamp(0.0)][..], &[lamp(1.0)]];
+    case.holds("rectangular light", &mesh, [&scene, &scene], moved);
+
+    let [before, after] = colours;
+    let (triangles, of, mut materials) = case.parts.clone_parts();
+    for material in &mut materials {
+        material.emissive = Vec3::ZERO;
+        if (material.base_color.truncate() - before).length() < 1e-3 {
+            material.base_color = after.extend(1.0);
+        }
+    }
+    let repainted = TriangleMesh::new(triangles, of, materials);
+    let changed = painted(&case.scene, |f| {
+        f.emissive = [0.0; 3];
+        if (Vec3::from_array(f.base_color) - before).length() < 1e-3 {
+            f.base_color = after.to_array();
+        }
+    });
+    let lights = [lamp(0.0)];
+    case.holds(
+        "changed albedo",
+        &repainted,
+        [&changed, &scene],
+        [&lights, &lights],
+    );
+}
+
+#[test]
+fn all_that_shines_in_the_cornell_box() {
+    let case = Case::new("cornell", cornell());
+    let rect = [
+        Vec3::new(2.78, 5.4, 2.5),
+        Vec3::new(0.6, 0.0, 0.0),
+        Vec3::new(0.0, 0.0, 0.5),
+    ];
+    let colours = [Vec3::new(0.63, 0.065, 0.05), Vec3::new(0.1, 0.2, 0.8)];
+    all_kinds(&case, rect, colours);
+}
+
+#[test]
+fn all_that_shines_in_two_rooms() {
+    let case = Case::new("rooms", rooms());
+    let rect = [
+        Vec3::new(1.5, 2.7, 2.0),
+        Vec3::new(0.5, 0.0, 0.0),
+        Vec3::new(0.0, 0.0, 0.5),
+    ];
+    let colours = [Vec3::new(0.5, 0.38, 0.28), Vec3::new(0.2, 0.3, 0.7)];
+    all_kinds(&case, rect, colours);
+}
