@@ -145,7 +145,7 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     let before = counters(&s.app);
     assert_eq!((before.buffers, before.bytes, before.pipelines), (0, 0, 0));
     let dark = picture(&mut s.app, &s.forward);
-    let ask = |app: &mut App, root, volume| {
+    let ask = |app: &mut App, root: Entity, volume: MeshlessGiVolume| {
         app.world_mut().entity_mut(root).insert(volume);
     };
     ask(&mut s.app, s.root, MeshlessGiVolume::default());

@@ -193,7 +193,10 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &[Arc<BakedScene>; 2], size: U
         .add(MeshlessGiAsset { scene: bake });
     let mut root = world.spawn((MeshlessGi(asset), Transform::IDENTITY));
     if scene.forward {
-        root.insert(MeshlessGiVolume::default());
+        root.insert(MeshlessGiVolume {
+            most: 4096,
+            ..default()
+        });
     }
     let root = root.id();
     world
