@@ -3,6 +3,7 @@
 mod plugin_support;
 
 use bevy::light::IrradianceVolume;
+use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
@@ -10,7 +11,7 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiSettings};
 use bevy_meshless_gi::prelude::*;
 use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::flip;
+use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room};
 use plugin_support::stage::{counters, keep, spawn_lamp, view, work};
 use std::sync::{Arc, OnceLock};
@@ -56,13 +57,15 @@ struct Shown {
     app: App,
     root: Entity,
     lamp: Entity,
-    forward: Handle<Image>,
-    deferred: Handle<Image>,
+    image: Handle<Image>,
 }
 
-/// An app with the room below a root that stands so in the world, a lamp, and both cameras, or the forward one alone.
-fn stage(bake: &Arc<BakedScene>, placed: Transform, both: bool) -> Shown {
+/// An app with the room below a root that stands so in the world, a lamp, and a camera: deferred with our display, or forward with four samples a pixel.
+fn stage(bake: &Arc<BakedScene>, placed: Transform, deferred: bool) -> Shown {
     let mut app = app();
+    if !deferred {
+        app.insert_resource(DefaultOpaqueRendererMethod::forward());
+    }
     let asset = app
         .world_mut()
         .resource_mut::<Assets<MeshlessGiAsset>>()
@@ -71,21 +74,40 @@ fn stage(bake: &Arc<BakedScene>, placed: Transform, both: bool) -> Shown {
         });
     let root = app.world_mut().spawn((MeshlessGi(asset), placed)).id();
     with_panel().spawn(&mut app, root);
-    let [forward, deferred] = [0; 2].map(|_| target(&mut app));
-    let eye = placed * view();
-    app.world_mut()
-        .spawn((camera(&forward, eye), bevy::camera::Hdr, Msaa::Sample4));
-    if both {
-        app.world_mut()
-            .spawn((camera(&deferred, eye), MeshlessGiCamera::default()));
+    let image = target(&mut app);
+    let mut eye = app.world_mut().spawn(camera(&image, placed * view()));
+    if deferred {
+        eye.insert(MeshlessGiCamera::default());
+    } else {
+        eye.insert((bevy::camera::Hdr, Msaa::Sample4));
     }
     let lamp = spawn_lamp(&mut app, placed * LAMP);
     Shown {
         app,
         root,
         lamp,
-        forward,
-        deferred,
+        image,
+    }
+}
+
+impl Shown {
+    fn picture(&mut self) -> Picture {
+        picture(&mut self.app, &self.image)
+    }
+
+    fn ask(&mut self, volume: MeshlessGiVolume) {
+        self.app.world_mut().entity_mut(self.root).insert(volume);
+        run(&mut self.app, 4);
+    }
+
+    fn move_lamp(&mut self, place: Vec3) {
+        let mut lamp = self
+            .app
+            .world_mut()
+            .get_mut::<Transform>(self.lamp)
+            .unwrap();
+        lamp.translation = place;
+        run(&mut self.app, 1);
     }
 }
 
@@ -93,49 +115,60 @@ fn stage(bake: &Arc<BakedScene>, placed: Transform, both: bool) -> Shown {
 fn both_kinds_of_cameras_show_the_same_light() {
     let turned = Transform::from_xyz(3.0, -1.0, 2.0).with_rotation(Quat::from_rotation_y(0.6));
     for (name, placed) in [("volume", Transform::IDENTITY), ("volume_turned", turned)] {
-        let mut s = stage(&bake(true), placed, true);
-        run(&mut s.app, 4);
-        let expected = picture(&mut s.app, &s.deferred);
+        let [mut deferred, mut forward] = [true, false].map(|d| stage(&bake(true), placed, d));
+        run(&mut deferred.app, 4);
+        run(&mut forward.app, 4);
+        let expected = deferred.picture();
         // Not asked for: the forward camera shows direct light alone, and nothing of a volume is there.
-        let dark = picture(&mut s.app, &s.forward);
-        let none = counters(&s.app);
-        assert_eq!(none.dispatches_of(Stage::Volume), 0);
+        let dark = forward.picture();
+        let none = counters(&forward.app);
+        assert_eq!((none.buffers, none.bytes, none.pipelines), (0, 0, 0));
         assert!(!none.plan.contains("volume"), "{}", none.plan);
-        s.app
-            .world_mut()
-            .entity_mut(s.root)
-            .insert(MeshlessGiVolume::default());
-        run(&mut s.app, 4);
-        let lit = picture(&mut s.app, &s.forward);
+        forward.ask(MeshlessGiVolume::default());
+        let lit = forward.picture();
         keep(name, &expected.beside(&lit));
         keep(&format!("{name}_without"), &expected.beside(&dark));
         let [d, without] = [&lit, &dark].map(|p| flip(&expected, p));
         println!("{name}: FLIP {d:.4}, {without:.4} without the volume");
         assert!(d <= MOST, "{name}: {d}");
         assert!(without > 2.0 * MOST, "{name}: {without}");
-        // The deferred camera shows what it showed: nothing is counted twice.
-        assert_eq!(picture(&mut s.app, &s.deferred).pixels, expected.pixels);
-        assert!(s.app.world().resource::<MeshlessGiFindings>().0.is_empty());
+        assert!(
+            forward
+                .app
+                .world()
+                .resource::<MeshlessGiFindings>()
+                .0
+                .is_empty()
+        );
         // At rest nothing is written.
-        run(&mut s.app, 2);
-        let rest = counters(&s.app);
-        assert_eq!(rest.dispatches_of(Stage::Volume), 0);
-        assert!(rest.buffers == none.buffers + 1 && rest.bytes > none.bytes);
+        run(&mut forward.app, 2);
+        assert_eq!(counters(&forward.app).dispatches_of(Stage::Volume), 0);
         // A lamp moves: both follow in that frame.
         let moved = placed * Vec3::new(-0.6, 1.2, 0.9);
-        s.app
-            .world_mut()
-            .get_mut::<Transform>(s.lamp)
-            .unwrap()
-            .translation = moved;
-        run(&mut s.app, 1);
-        assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
-        let [expected, lit] =
-            [s.deferred.clone(), s.forward.clone()].map(|i| picture(&mut s.app, &i));
-        let d = flip(&expected, &lit);
+        deferred.move_lamp(moved);
+        forward.move_lamp(moved);
+        assert_eq!(counters(&forward.app).dispatches_of(Stage::Volume), 1);
+        let d = flip(&deferred.picture(), &forward.picture());
         println!("{name}, lamp moved: FLIP {d:.4}");
         assert!(d <= MOST, "{name}, lamp moved: {d}");
     }
+}
+
+#[test]
+fn deferred_cameras_do_not_see_a_volume() {
+    let mut s = stage(&bake(true), Transform::IDENTITY, true);
+    run(&mut s.app, 4);
+    let before = s.picture();
+    let buffers = counters(&s.app).buffers;
+    // A forward camera beside it, for which the volume is written.
+    let other = target(&mut s.app);
+    let eye = (camera(&other, view()), bevy::camera::Hdr, Msaa::Sample4);
+    s.app.world_mut().spawn(eye);
+    s.ask(MeshlessGiVolume::default());
+    assert_eq!(s.picture().pixels, before.pixels);
+    assert_eq!(counters(&s.app).buffers, buffers + 1);
+    s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
+    assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
 }
 
 #[test]
@@ -144,13 +177,9 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     run(&mut s.app, 4);
     let before = counters(&s.app);
     assert_eq!((before.buffers, before.bytes, before.pipelines), (0, 0, 0));
-    let dark = picture(&mut s.app, &s.forward);
-    let ask = |app: &mut App, root: Entity, volume: MeshlessGiVolume| {
-        app.world_mut().entity_mut(root).insert(volume);
-    };
-    ask(&mut s.app, s.root, MeshlessGiVolume::default());
-    run(&mut s.app, 4);
-    let lit = picture(&mut s.app, &s.forward);
+    let dark = s.picture();
+    s.ask(MeshlessGiVolume::default());
+    let lit = s.picture();
     assert!(
         lit.mean() > 1.2 * dark.mean(),
         "{} {}",
@@ -168,10 +197,9 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
         voxel: Some(0.5),
         most: 64,
     };
-    ask(&mut s.app, s.root, coarse);
-    run(&mut s.app, 4);
+    s.ask(coarse);
     assert_eq!(volumes(&mut s.app), 1);
-    let blurred = picture(&mut s.app, &s.forward);
+    let blurred = s.picture();
     let d = flip(&lit, &blurred);
     println!("64 voxels: FLIP {d:.4} to the usual number");
     assert!(d > 0.0 && d < 0.2, "{d}");
@@ -186,18 +214,14 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
         .remove::<MeshlessGiVolume>();
     run(&mut s.app, 6);
     assert_eq!(volumes(&mut s.app), 0);
-    assert_eq!(picture(&mut s.app, &s.forward).pixels, dark.pixels);
+    assert_eq!(s.picture().pixels, dark.pixels);
     assert_eq!((counters(&s.app).buffers, counters(&s.app).bytes), (0, 0));
 }
 
 #[test]
 fn a_bake_without_light_in_free_space_says_so() {
     let mut s = stage(&bake(false), Transform::IDENTITY, false);
-    s.app
-        .world_mut()
-        .entity_mut(s.root)
-        .insert(MeshlessGiVolume::default());
-    run(&mut s.app, 4);
+    s.ask(MeshlessGiVolume::default());
     assert_eq!(
         s.app.world().resource::<MeshlessGiFindings>().0,
         [MeshlessGiFinding::NoFreeSpace]

@@ -2,6 +2,7 @@
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::RectLight;
+use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
@@ -31,7 +32,7 @@ pub struct Scene {
     bounce: bool,
     /// A panel with soft shadows, and it moves.
     panel: bool,
-    /// A forward camera beside or in place of the deferred one.
+    /// A forward camera beside the deferred one, where it draws what is not deferred, or in its place.
     forward: bool,
     /// No deferred camera.
     no_deferred: bool,
@@ -100,7 +101,7 @@ pub const SCENES: [Scene; 10] = [
         rich: true,
         forward: true,
         no_deferred: true,
-        runs: &[Project, PullPush, Apply, Flatten, Probe, Volume],
+        runs: &[Project, PullPush, Apply, Flatten, Volume],
         ..NONE
     },
     Scene {
@@ -187,6 +188,9 @@ pub struct Moves(Vec3);
 /// Puts a scene into an empty world.
 pub fn spawn(app: &mut App, scene: &Scene, bakes: &[Arc<BakedScene>; 2], size: UVec2) {
     let world = app.world_mut();
+    if scene.no_deferred {
+        world.insert_resource(DefaultOpaqueRendererMethod::forward());
+    }
     let bake = bakes[usize::from(scene.rich)].clone();
     let asset = world
         .resource_mut::<Assets<MeshlessGiAsset>>()

@@ -135,8 +135,8 @@ use bevy::transform::TransformSystems;
 /// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
 #[derive(Clone, Debug)]
 pub struct MeshlessGiPlugin {
-    /// Makes deferred the default for opaque materials, as the composite needs it. Cameras without a deferred prepass still draw
-    /// them forward. Turn it off to choose material by material.
+    /// Makes deferred the default for opaque materials, as the composite needs it. Bevy draws such materials in views with a deferred prepass alone: turn it off for
+    /// forward cameras ([`MeshlessGiVolume`]), or to choose material by material.
     pub deferred: bool,
 }
 
