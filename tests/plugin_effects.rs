@@ -7,7 +7,7 @@ mod plugin_support;
 mod scenes;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::Preset;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::MeshlessGiCounters;
 use plugin_support::app::{app, run};
@@ -18,7 +18,23 @@ const SIZE: UVec2 = UVec2::new(128, 96);
 
 #[test]
 fn every_scene_runs_what_it_calls_for_and_nothing_else() {
-    let bakes = bakes(Preset::Draft).expect("two bakes");
+    let recipe = Recipe {
+        coarse_radius: Some(0.4),
+        levels: Some(3),
+        sender_levels: Some(2),
+        rays: Some(64),
+        probes: Some(FreeSpaceLight {
+            spacing: Some(0.4),
+            rays: None,
+        }),
+        soft_shadows: Some(SoftShadows {
+            directions: 252,
+            coefficients: 20,
+            cluster_points: 100,
+        }),
+        ..Recipe::default()
+    };
+    let bakes = bakes(&recipe).expect("two bakes");
     let mut seen: Vec<MeshlessGiCounters> = Vec::new();
     for scene in &SCENES {
         let mut app = app();

@@ -19,7 +19,7 @@ use bevy::render::render_resource::PollType;
 use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_meshless_gi::bake::Preset;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, SoftShadows};
 use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus};
 use bevy_meshless_gi::prelude::*;
 use scenes::{SCENES, Scene};
@@ -63,7 +63,12 @@ fn main() -> ExitCode {
 }
 
 fn table() -> Result<String, String> {
-    let bakes = scenes::bakes(Preset::Draft)?;
+    let bakes = scenes::bakes(&Recipe {
+        preset: Preset::Draft,
+        probes: Some(FreeSpaceLight::default()),
+        soft_shadows: Some(SoftShadows::default()),
+        ..Recipe::default()
+    })?;
     let mut rows = String::new();
     let mut device = String::new();
     for scene in &SCENES {

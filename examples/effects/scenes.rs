@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
 use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, SoftShadows, bake_level};
+use bevy_meshless_gi::bake::{Progress, Recipe, bake_level};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
@@ -163,18 +163,16 @@ fn quads() -> Vec<Quad> {
     quads
 }
 
-/// The box baked plainly, and with light in free space and visibility.
+/// The box baked as `recipe` says, without its light in free space and its visibility, and with them.
 ///
 /// # Errors
 /// In words.
-pub fn bakes(preset: Preset) -> Result<[Arc<BakedScene>; 2], String> {
+pub fn bakes(recipe: &Recipe) -> Result<[Arc<BakedScene>; 2], String> {
     let bake = |rich: bool| {
-        let recipe = Recipe {
-            preset,
-            probes: rich.then(FreeSpaceLight::default),
-            soft_shadows: rich.then(SoftShadows::default),
-            ..Recipe::default()
-        };
+        let mut recipe = recipe.clone();
+        if !rich {
+            (recipe.probes, recipe.soft_shadows) = (None, None);
+        }
         let made = bake_level(&mesh_of_quads(&quads()), &recipe, 0, &Progress::default());
         made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
     };
