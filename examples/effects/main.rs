@@ -86,6 +86,11 @@ fn table() -> Result<String, String> {
             }
         }
         let seen = app.world().resource::<MeshlessGiStatus>().get();
+        let mut wanted = scene.runs.to_vec();
+        wanted.sort_unstable();
+        if !seen.dispatches.keys().eq(&wanted) {
+            return Err(format!("{}: ran {}", scene.name, ran(&seen)));
+        }
         let _ = writeln!(
             rows,
             "| {} | {} | {} | {} | {:.2} | {} | {} |",
