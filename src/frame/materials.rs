@@ -13,7 +13,7 @@ use std::f32::consts::PI;
 /// seen the baked colours only.
 pub const MOST_ALBEDO: f32 = 0.99;
 
-/// `factors` as light can have them: base colours in [0, 1], emission from 0 to [`BRIGHTEST`], zero for what is no number; one a material of `live`, those that
+/// `factors` as light can have them: base colours in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
 /// are missing as they were baked.
 #[must_use]
 pub fn sound_factors(live: &LiveMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {

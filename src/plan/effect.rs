@@ -243,17 +243,17 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
         })
     } else if !scene.shown {
         Err(Skip::Hidden)
-    } else if !(scene.volume.asked && scene.volume.seen) && !displayed(state, scene) {
+    } else if !displayed(state, scene) {
         Err(Skip::NotInView)
     } else {
         Ok(())
     }
 }
 
-/// Whether a view shows the scene over its G-buffer.
+/// Whether a view shows the scene over its G-buffer, or a camera without one by its volume.
 fn displayed(state: &FrameState, scene: &SceneState) -> bool {
     let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
-    state.views.iter().any(shows)
+    scene.volume.asked && scene.volume.seen || state.views.iter().any(shows)
 }
 
 /// The active scenes; without a note about the others.

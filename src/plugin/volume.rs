@@ -161,10 +161,13 @@ pub(crate) fn shape(
     }
 }
 
+/// Cameras with a display of their own.
+type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
+
 /// Cameras with a display of their own do not see our volumes. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
-    mut cameras: Query<&mut VisibleEntities, Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>>,
+    mut cameras: Query<&mut VisibleEntities, WithDisplay>,
 ) {
     if volumes.is_empty() {
         return;
