@@ -2,7 +2,7 @@
 //! dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into FOLDER/EFFECTS.md.
 //!
 //! ```text
-//! cargo run --release --features cli,engine --example effects -- [-o FOLDER]
+//! cargo run --features cli,engine --example effects -- [-o FOLDER]
 //! ```
 
 #[path = "../common/mod.rs"]
@@ -108,7 +108,7 @@ fn table() -> Result<String, String> {
     }
     Ok(format!(
         "# What scenes call for\n\n\
-         Made by `cargo run --release --features cli,engine --example effects -- -o docs`. Do not edit.\n\n\
+         Made by `cargo run --features cli,engine --example effects -- -o docs`. Do not edit.\n\n\
          Ten scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite), what there is on the device, and milliseconds of that \
          device's own clock: what all cameras share, and what the deferred camera's display takes, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
          buffer; `cargo test --features cli,engine --test plugin_effects` holds every scene to that.\n\n\
