@@ -362,7 +362,7 @@ fn stage_of(pass: Pass) -> Stage {
         Pass::ProbeNodes | Pass::ProbeOver => Stage::Probe,
         Pass::Volume => Stage::Volume,
         Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
-        // Light between points is not recorded by the plugin yet; where it is, it stands in for the operator.
+        // Light between points stands in for the operator.
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
         Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
