@@ -15,7 +15,7 @@
 //! - **Each cluster knows its error**: beside mean and components stands, for each direction, the root mean square of what they leave out. It says how soft a comparison
 //!   with a depth must be.
 //! - **Components are signed 8-bit numbers**, means, errors and coefficients signed 16-bit ones, with a scale for each component of each cluster: \[P14\] §4.4 stores 16 bits of all. Components are what
-//!   takes the room, and more directions in the same room are worth more than more exact ones (docs/PCA.md). The error that a cluster knows has their rounding in it.
+//!   takes the room, and more directions in the same room are worth more than more exact ones. The error that a cluster knows has their rounding in it.
 
 use super::{HemisphereGrid, cluster, decompose};
 use crate::samples::tangents;
