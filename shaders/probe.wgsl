@@ -1,4 +1,4 @@
-// probe: light in free space, for what moves: where no function on a surface covers a pixel or a node. Twin: src/frame/probe.rs. `params` has the probes' grid.
+// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a node's light. Twin: src/frame/probe.rs. `params` has the probes' grid.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -38,12 +38,12 @@ fn probe_over(@builtin(global_invocation_id) id: vec3u) {
     var texel = textureLoad(earlier, id.xy, 0);
     let depth = textureLoad(depths, id.xy, 0);
     let surface = textureLoad(gbuffer, id.xy, 0);
-    if texel.a == 0.0 && depth > 0.0 && !gbuffer_is_unlit(surface) {
+    if texel.a < 1.0 && depth > 0.0 && !gbuffer_is_unlit(surface) {
         let at = place(id.xy, depth, surface);
         let light = probe(at.x);
         if light.reached {
             let e = space_irradiance(light, at.n) * params.scale;
-            texel = vec4f(min(e, vec3f(LARGEST_HALF)), 1.0);
+            texel = vec4f(min(mix(e, texel.rgb, texel.a), vec3f(LARGEST_HALF)), 1.0);
         }
     }
     textureStore(output, id.xy, texel);
@@ -59,8 +59,9 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
             continue;
         }
         let node = nodes[item.at];
-        // Covered by a surface's functions, or nothing is there to be lit.
-        if node_is(node, COVERED) || !node_is(node, KNOWN) {
+        // Functions on surfaces say all, or nothing is there to be lit.
+        let missing = node_missing(node);
+        if missing <= 0.0 || !node_is(node, KNOWN) {
             continue;
         }
         let pixel = item.cell << vec2u(k);
@@ -68,8 +69,12 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
         let there = place(pixel, textureLoad(depths, pixel, 0), surface);
         let light = probe(there.x);
         if light.reached {
+            let space = to_world(around(light, there.n));
+            var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+            add_scaled(&sum, 1.0 - missing, node_light(node));
+            add_scaled(&sum, missing, space);
             nodes[item.at] = node_new(
-                to_world(around(light, there.n)),
+                sum,
                 node_foretold(node),
                 EVALUATED | KNOWN | COVERED,
             );

@@ -18,10 +18,20 @@
 @group(0) @binding(13) var<storage, read> lists: array<u32>;
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
-// Vector irradiance, and whether any function covers the place.
+// Vector irradiance, the share of the light that it has, and whether any function covers the place.
 struct Covered {
     e: VectorIrradiance,
+    share: f32,
     covered: bool,
+}
+
+// All of the light from `seam` on.
+fn share_of(cover: f32) -> f32 {
+    if cover >= params.seam {
+        return 1.0;
+    }
+    let t = cover / params.seam;
+    return t * t * (3.0 - 2.0 * t);
 }
 
 fn vector_at(x: vec3f, n: vec3f) -> Covered {
@@ -44,13 +54,13 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
     if cover > NO_COVER {
         add_scaled(&e, 1.0 / denominator, numerator);
     }
-    return Covered(e, cover > NO_COVER);
+    return Covered(e, share_of(cover), cover > NO_COVER);
 }
 
-// Irradiance and, in alpha, 1 where any function covers the place.
+// Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the place.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
-    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, 1.0, found.covered));
+    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, found.share, found.covered));
 }
 
 fn splat_node(pixel: vec2u, node: Node) -> Node {
@@ -65,7 +75,7 @@ fn splat_node(pixel: vec2u, node: Node) -> Node {
     if !found.covered {
         return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
     }
-    return node_new(to_world(found.e), node_foretold(node), EVALUATED | KNOWN | COVERED);
+    return node_new(to_world(found.e), node_foretold(node), EVALUATED | KNOWN | COVERED | missing_bits(found.share));
 }
 
 fn splat_pixel(pixel: vec2u) -> vec4f {

@@ -8,9 +8,10 @@ use bevy_meshless_gi::asset::{BakedScene, Limits, Probes};
 use bevy_meshless_gi::bake::{
     FreeSpaceLight, Preset, Progress, Recipe, RecipeError, Rule, bake_level,
 };
+use bevy_meshless_gi::frame::splat::{SEAM, splat_covered};
 use bevy_meshless_gi::frame::volume::volume;
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VolumeParams, voxels_of};
-use bevy_meshless_gi::samples::{Random, lattice, uniform_sphere};
+use bevy_meshless_gi::samples::{Random, lattice, trace_particles, uniform_sphere};
 use bevy_meshless_gi::scene::{
     Light, Material, Quad, SceneDescription, TriangleMesh, cornell_box, load_gltf, mesh_of_quads,
 };
@@ -483,4 +484,75 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
         };
         assert!(matches!(wrong.check(), Err(RecipeError::OutOfRange { .. })));
     }
+}
+
+/// A dome on the floor is lit by functions of the floor below and by probes above: its light does not jump between the two.
+#[test]
+fn surfaces_and_space_meet_without_a_seam() {
+    let mesh = mesh_of_quads(&cornell_box());
+    let scene = baked(&mesh, draft());
+    let lamp = Light::Point {
+        position: Vec3::new(0.0, 1.8, 0.0),
+        intensity: Vec3::ONE,
+        range: f32::INFINITY,
+    };
+    let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
+    let meshes = std::slice::from_ref(&mesh);
+    let lights = [lamp];
+    let lit = Evaluator::new(&scene, meshes, &lights, Bounces::Count(4));
+    // Nearly all places of the level itself have cover enough to be left alone.
+    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let landed = trace_particles(&mesh, &viewpoints, 0..4000, 5, false).candidates;
+    let covers = landed.iter().map(|c| {
+        let (x, n) = (c.surface.position, c.surface.normal);
+        let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
+        found.map_or(0.0, |(_, cover)| cover)
+    });
+    let mut covers: Vec<f32> = covers.collect();
+    covers.sort_by(f32::total_cmp);
+    let below = covers.partition_point(|&c| c < SEAM);
+    println!(
+        "{below} of {} places have cover below {SEAM}; the thousandth part below {}, the median {}",
+        covers.len(),
+        covers[covers.len() / 1000],
+        covers[covers.len() / 2]
+    );
+    assert!(below * 200 < covers.len());
+
+    // Up a flat dome on the floor, in steps of a millimetre: the largest step of the light, in parts of the mean.
+    let (radius, center) = (0.4, Vec3::new(-0.55, -0.3, 0.6));
+    let steps = (PI * radius / 1e-3) as u32;
+    let largest = |light: &dyn Fn(Vec3, Vec3) -> Option<Vec3>| {
+        let (mut most, mut sum, mut count) = (0.0f32, 0.0, 0);
+        for turn in 0..12u32 {
+            let (sin, cos) = (turn as f32 / 12.0 * 2.0 * PI).sin_cos();
+            let mut last: Option<f32> = None;
+            for k in 0..=steps {
+                let (s, c) = (k as f32 / steps as f32 * PI).sin_cos();
+                let n = Vec3::new(s * cos, -c, s * sin);
+                let x = center + radius * n;
+                let Some(e) = (x.y > 1e-3).then(|| light(x, n)).flatten() else {
+                    last = None;
+                    continue;
+                };
+                if let Some(last) = last {
+                    most = most.max((e.y - last).abs());
+                }
+                (sum, count, last) = (sum + e.y, count + 1, Some(e.y));
+            }
+        }
+        most / (sum / count as f32)
+    };
+    let with = largest(&|x, n| lit.at(x, n, 0).indirect);
+    let space = largest(&|x, n| lit.in_space(x, n));
+    // Must fail: whichever covers.
+    let without = largest(&|x, n| {
+        let surface = frame.irradiance(&scene, x, n);
+        surface.or_else(|| Some(frame.in_space(&scene, x)?.irradiance(n)))
+    });
+    println!(
+        "largest step of a millimetre: {with:.4} of the mean, by probes alone {space:.4}, with a seam {without:.4}"
+    );
+    assert!(with < 0.05, "{with}");
+    assert!(without > 5.0 * with, "{without} {with}");
 }

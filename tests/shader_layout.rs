@@ -151,7 +151,8 @@ fn layouts() -> Vec<Layout> {
             size,
             slot_mask,
             cell_size,
-            scale
+            scale,
+            seam
         }),
         layout!(VolumeParams {
             low,
@@ -351,6 +352,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("KNOWN", Some(f64::from(state::KNOWN))),
         ("COVERED", Some(f64::from(state::COVERED))),
         ("EVALUATED", Some(f64::from(state::EVALUATED))),
+        ("MISSING", Some(f64::from(state::MISSING))),
         ("RED", Some(f64::from(LUMINANCE.x))),
         ("GREEN", Some(f64::from(LUMINANCE.y))),
         ("BLUE", Some(f64::from(LUMINANCE.z))),

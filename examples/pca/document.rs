@@ -10,7 +10,11 @@ pub fn chart(found: &[Found]) -> String {
     let series = |f: &Found, k: usize| {
         let points = f.by_count[k].iter();
         let points = points.map(|&(count, e)| (f64::from(count), 100.0 * e));
-        let name = format!("{}, {}", f.name, ["defaults", "2016 directions"][k]);
+        let name = format!(
+            "{}, {}",
+            f.name,
+            ["defaults", "2016 directions", "8064 directions"][k]
+        );
         Series::new(name, Style::LineAndPoints, points)
     };
     Chart {
@@ -19,7 +23,7 @@ pub fn chart(found: &[Found]) -> String {
             .into(),
         x: Axis::log("coefficients a point", Format::Number),
         y: Axis::log("NRMSE in the penumbra, %", Format::Number),
-        series: (found.iter().flat_map(|f| [series(f, 0), series(f, 1)])).collect(),
+        series: (found.iter().flat_map(|f| [0, 1, 2].map(|k| series(f, k)))).collect(),
         guides: vec![(10.0, "10 %".into())],
     }
     .svg()
@@ -78,17 +82,18 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
     }
     out += "\nThese are the first so many of one bake's. \"Rays instead\" is what points and display alone leave: the same samples, each with a shadow ray at the points.\n\n\
         ## Other panels\n\n\
-        The constants of `soft` were chosen with the panel above. Panels of other places and sizes, with the defaults, %:\n\n\
-        | scene | panel | places in the penumbra | from memory | by rays |\n|---|---|---|---|---|\n";
+        The constants of `soft` were chosen with the panel above. Panels of other places and sizes, %:\n\n\
+        | scene | panel | places in the penumbra | the defaults | 8064 directions, 150 points a cluster | by rays |\n|---|---|---|---|---|---|\n";
     for f in found {
         for o in &f.others {
             let _ = writeln!(
                 out,
-                "| {} | {} | {} | {:.1} | {:.1} |",
+                "| {} | {} | {} | {:.1} | {:.1} | {:.1} |",
                 f.name,
                 o.what,
                 o.places,
-                100.0 * o.penumbra,
+                100.0 * o.penumbra[0],
+                100.0 * o.penumbra[1],
                 100.0 * o.rays
             );
         }

@@ -115,10 +115,11 @@ fn memory(
     shadow_errors(scene, &deficits, places)
 }
 
-/// The two bakes of visibility that are measured.
-pub const BAKES: [&str; 2] = [
+/// The bakes of visibility that are measured.
+pub const BAKES: [&str; 3] = [
     "the defaults",
     "2016 directions, 1000 points a cluster, 100 coefficients",
+    "8064 directions, 150 points a cluster",
 ];
 
 /// Numbers of coefficients that are tried.
@@ -144,7 +145,8 @@ pub struct Variant {
 pub struct Other {
     pub what: &'static str,
     pub places: usize,
-    pub penumbra: f64,
+    /// With the defaults, and with the finest bake.
+    pub penumbra: [f64; 2],
     pub rays: f64,
 }
 
@@ -153,7 +155,7 @@ pub struct Found {
     pub name: String,
     pub places: (usize, usize),
     /// Errors by the number of coefficients, of each bake.
-    pub by_count: [Vec<(u32, f64)>; 2],
+    pub by_count: [Vec<(u32, f64)>; 3],
     pub rays: f64,
     pub penumbra: [Errors; 3],
     pub lit: [Errors; 3],
@@ -271,10 +273,15 @@ pub fn measure(
             tolerance: 0.0,
             ..usual
         })?,
+        bake(&VisibilitySettings {
+            grid: HemisphereGrid::of(8064),
+            cluster_points: 150,
+            ..usual
+        })?,
     ];
     // The first of a bake's components are those of a bake of fewer.
-    let by_count = [0, 1].map(|k| {
-        let most = [usual.components, 100][k];
+    let by_count = [0, 1, 2].map(|k| {
+        let most = [usual.components, 100, usual.components][k];
         let counts = COUNTS.into_iter().filter(|&count| count <= most);
         let error = |count| {
             let few = bakes[k].0.truncated(count);
@@ -282,14 +289,32 @@ pub fn measure(
         };
         counts.map(error).collect()
     });
-    let [(own, own_seconds), (theirs, their_seconds)] = bakes;
+    let [
+        (own, own_seconds),
+        (theirs, their_seconds),
+        (fine, fine_seconds),
+    ] = bakes;
     let fifty = theirs.truncated(50);
+    let mut others = Vec::new();
+    for (what, light) in other_lamps(name) {
+        let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
+        let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
+        let error = |visibility: &Visibility| memory(scene, visibility, &lamp, &shade).nrmse;
+        let deficits = deficits_by_rays(scene, mesh, &lamp, known);
+        others.push(Other {
+            what,
+            places: shade.len(),
+            penumbra: [error(&own), error(&fine)],
+            rays: shadow_errors(scene, &deficits, &shade).nrmse,
+        });
+    }
     let mut variants = Vec::new();
     let mut shown = None;
     for (what, visibility, seconds) in [
         (BAKES[0], own, Some(own_seconds)),
         (BAKES[1], theirs, Some(their_seconds)),
         ("the first 50 of these, as [P14]", fifty, None),
+        (BAKES[2], fine, Some(fine_seconds)),
     ] {
         let error = |places: &[ShadowPlace]| compare(scene, &visibility, &lamp, places);
         let (penumbra, all) = (error(&shade), error(&lit));
@@ -319,21 +344,6 @@ pub fn measure(
     }
     let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
     let visibility = with.visibility.as_ref().ok_or("lost")?;
-    let mut others = Vec::new();
-    for (what, light) in other_lamps(name) {
-        let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
-        let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
-        let by_rays = |known: usize| {
-            let deficits = deficits_by_rays(scene, mesh, &lamp, known);
-            shadow_errors(scene, &deficits, &shade).nrmse
-        };
-        others.push(Other {
-            what,
-            places: shade.len(),
-            penumbra: memory(scene, visibility, &lamp, &shade).nrmse,
-            rays: by_rays(known),
-        });
-    }
     let races = race(name, mesh, scene, visibility, &light)?;
     picture(name, mesh, &with, &light, folder)?;
     Ok(Found {

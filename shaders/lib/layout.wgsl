@@ -122,9 +122,9 @@ struct SplatParams {
     slot_mask: u32,
     cell_size: f32,
     scale: f32,
+    seam: f32,
     pad0: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 struct SubsplatParams {

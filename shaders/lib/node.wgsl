@@ -3,6 +3,7 @@
 const KNOWN: u32 = 1u;
 const COVERED: u32 = 2u;
 const EVALUATED: u32 = 4u;
+const MISSING: u32 = 0xff00u;
 
 fn pack_halves(a: f32, b: f32) -> u32 {
     return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));
@@ -30,6 +31,19 @@ fn node_light(node: Node) -> VectorIrradiance {
 
 fn node_foretold(node: Node) -> f32 {
     return unpack2x16float(node.words[4]).y;
+}
+
+// What functions on surfaces leave to light in free space, as bits of the state.
+fn missing_bits(share: f32) -> u32 {
+    return u32(255.0 * (1.0 - share) + 0.5) << 8u;
+}
+
+// Part of its light that is missing: all of a node that no function on a surface covers.
+fn node_missing(node: Node) -> f32 {
+    if !node_is(node, COVERED) {
+        return 1.0;
+    }
+    return f32((node.words[5] & MISSING) >> 8u) / 255.0;
 }
 
 fn node_is(node: Node, bits: u32) -> bool {

@@ -149,8 +149,15 @@ impl<'a> Evaluator<'a> {
             })
             .sum();
         let values = &self.solved.points;
-        let indirect = splat::splat(&scene.points, &scene.display, values, x, n)
-            .or_else(|| self.in_space(x, n));
+        let (points, display) = (&scene.points, &scene.display);
+        let indirect = match splat::splat_covered(points, display, values, x, n) {
+            Some((e, cover)) => {
+                let (e, share) = (e.dot(n).max(Vec3::ZERO), splat::share(cover, splat::SEAM));
+                let rest = (share < 1.0).then(|| self.in_space(x, n)).flatten();
+                Some(rest.map_or(e, |space| space.lerp(e, share)))
+            }
+            None => self.in_space(x, n),
+        };
         Evaluated {
             direct: finite(lamps + self.glow.irradiance(x, n, stream)),
             indirect: indirect.map(finite),

@@ -130,8 +130,10 @@ pub struct SplatParams {
     pub cell_size: f32,
     /// Multiplies the irradiance before it is stored as halves (the exposure, so that daylight fits).
     pub scale: f32,
+    /// Cover, the sum of weights (dimensionless), from which functions on surfaces count alone; with less, light in free space has the rest. 0 where there is none.
+    pub seam: f32,
     /// Not used.
-    pub pad: [u32; 3],
+    pub pad: [u32; 2],
 }
 
 impl SplatParams {
@@ -172,7 +174,8 @@ impl SplatParams {
             slot_mask: grid.slot_mask,
             cell_size: grid.cell_size,
             scale,
-            pad: [0; 3],
+            seam: 0.0,
+            pad: [0; 2],
         }
     }
 }

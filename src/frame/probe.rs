@@ -84,7 +84,7 @@ pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3) -> Option<Sp
     Some(out)
 }
 
-/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there, which stays where any covers it. `params` has the probes' grid.
+/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there, which keeps the share that its alpha says. `params` has the probes' grid.
 #[must_use]
 pub fn probe_pixel(
     params: &SplatParams,
@@ -95,12 +95,13 @@ pub fn probe_pixel(
     texel: [u32; 4],
     earlier: [f32; 4],
 ) -> [f32; 4] {
-    if earlier[3] != 0.0 || depth <= 0.0 || gbuffer::is_unlit(texel) {
+    if earlier[3] >= 1.0 || depth <= 0.0 || gbuffer::is_unlit(texel) {
         return earlier;
     }
     let (x, n) = place(params, pixel, depth, texel);
     match probe(probes, values, x) {
         Some(light) => (light.irradiance(n) * params.scale)
+            .lerp(Vec4::from_array(earlier).truncate(), earlier[3])
             .min(Vec3::splat(LARGEST_HALF))
             .extend(1.0)
             .to_array(),
@@ -108,7 +109,7 @@ pub fn probe_pixel(
     }
 }
 
-/// Entry point `probe_nodes`, for one node of a list: its light, where something is there that no function on a surface covers, in the axes of the world.
+/// Entry point `probe_nodes`, for one node of a list: what is missing of its light, where something is there that functions on surfaces do not wholly cover, in the axes of the world.
 pub fn probe_node(
     params: &SplatParams,
     probes: &Probes,
@@ -118,13 +119,17 @@ pub fn probe_node(
     texel: [u32; 4],
     node: &mut Node,
 ) {
-    if node.is(state::COVERED) || !node.is(state::KNOWN) {
+    let missing = node.missing();
+    if missing <= 0.0 || !node.is(state::KNOWN) {
         return;
     }
     let (x, n) = place(params, pixel, depth, texel);
     if let Some(light) = probe(probes, values, x) {
+        let mut sum = VectorIrradiance::default();
+        sum.add_scaled(1.0 - missing, &node.light());
+        sum.add_scaled(missing, &to_world(params, &light.around(n)));
         *node = Node::new(
-            &to_world(params, &light.around(n)),
+            &sum,
             node.foretold(),
             state::EVALUATED | state::KNOWN | state::COVERED,
         );

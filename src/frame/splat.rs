@@ -4,6 +4,9 @@
 //! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each function counts with (w / r)²: r² is the surface that it
 //! spreads over, so that a wide one says nothing where narrow ones know better, and the square keeps to the nearest where light changes within
 //! a radius, as beside a lit ledge.
+//!
+//! Where a scene has light in free space too, surfaces and space meet without a seam: functions on surfaces have a share of the light that goes to
+//! zero with the cover that they give ([`share`]), and kernel `probe` puts in the rest. [L08] has no such place: all that it draws is baked.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -16,6 +19,20 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// A half holds no more; what is brighter must not become infinite.
 pub const LARGEST_HALF: f32 = 65_504.0;
 
+/// The usual [`SplatParams::seam`] of a scene with light in free space. Of places on baked surfaces next to none have less cover (`--test probes` prints how many), so that they
+/// look as they do without probes.
+pub const SEAM: f32 = 0.5;
+
+/// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all of it from `seam` on.
+#[must_use]
+pub fn share(cover: f32, seam: f32) -> f32 {
+    if cover >= seam {
+        return 1.0;
+    }
+    let t = cover / seam;
+    t * t * (3.0 - 2.0 * t)
+}
+
 /// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no function covers the place.
 #[must_use]
 pub fn splat_vector(
@@ -25,6 +42,18 @@ pub fn splat_vector(
     x: Vec3,
     n: Vec3,
 ) -> Option<VectorIrradiance> {
+    splat_covered(points, display, values, x, n).map(|(e, _)| e)
+}
+
+/// The same, with the cover: the sum of the weights there.
+#[must_use]
+pub fn splat_covered(
+    points: &[Point],
+    display: &Display,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<(VectorIrradiance, f32)> {
     if !x.is_finite() || !n.is_finite() {
         return None;
     }
@@ -46,7 +75,7 @@ pub fn splat_vector(
     }
     let mut out = VectorIrradiance::default();
     out.add_scaled(1.0 / denominator, &numerator);
-    Some(out)
+    Some((out, cover))
 }
 
 /// Irradiance at (x, n), W/m².
@@ -61,8 +90,8 @@ pub fn splat(
     splat_vector(points, display, values, x, n).map(|e| e.dot(n).max(Vec3::ZERO))
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: irradiance × `scale`; alpha: 1 where covered, else
-/// all is 0.
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: irradiance × `scale`; alpha: the [`share`]
+/// that this has, 1 where it is all; where nothing covers the texel all is 0.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
@@ -77,10 +106,10 @@ pub fn splat_pixel(
         return [0.0; 4];
     }
     let (x, n) = place(params, pixel, depth, texel);
-    match splat(&scene.points, &scene.display, values, x, n) {
-        Some(e) => (e * params.scale)
+    match splat_covered(&scene.points, &scene.display, values, x, n) {
+        Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(LARGEST_HALF))
-            .extend(1.0)
+            .extend(share(cover, params.seam))
             .to_array(),
         None => [0.0; 4],
     }
@@ -105,11 +134,14 @@ pub fn splat_node(
         return;
     }
     let (x, n) = place(params, pixel, depth, texel);
-    *node = match splat_vector(&scene.points, &scene.display, values, x, n) {
-        Some(e) => Node::new(
+    *node = match splat_covered(&scene.points, &scene.display, values, x, n) {
+        Some((e, cover)) => Node::new(
             &to_world(params, &e),
             foretold,
-            state::EVALUATED | state::KNOWN | state::COVERED,
+            state::EVALUATED
+                | state::KNOWN
+                | state::COVERED
+                | state::missing(share(cover, params.seam)),
         ),
         None => Node::new(
             &VectorIrradiance::default(),

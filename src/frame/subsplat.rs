@@ -147,6 +147,14 @@ pub mod state {
     pub const COVERED: u32 = 2;
     /// Evaluated here, not interpolated.
     pub const EVALUATED: u32 = 4;
+    /// Bits that hold what is missing: the part of the light that functions on surfaces leave to light in free space, in 255ths.
+    pub const MISSING: u32 = 0xff00;
+
+    /// These bits, for a share of the light that is there.
+    #[must_use]
+    pub fn missing(share: f32) -> u32 {
+        ((255.0 * (1.0 - share) + 0.5) as u32) << 8
+    }
 }
 
 /// Light at a node, as half floats. 24 bytes.
@@ -199,6 +207,16 @@ impl Node {
     #[must_use]
     pub fn state(&self) -> u32 {
         self.words[5]
+    }
+
+    /// Part of its light that is missing, 0 to 1: all of a node that no function on a surface covers.
+    #[must_use]
+    pub fn missing(&self) -> f32 {
+        if self.is(state::COVERED) {
+            ((self.words[5] & state::MISSING) >> 8) as f32 / 255.0
+        } else {
+            1.0
+        }
     }
 
     /// True where all of `bits` are set.

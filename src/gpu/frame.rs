@@ -7,6 +7,7 @@ use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use crate::asset::BakedScene;
 use crate::frame::materials::live_surfaces;
+use crate::frame::splat::SEAM;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use crate::scene::MaterialFactors;
 use glam::Mat4;
@@ -273,14 +274,18 @@ impl GpuFrame {
         size: [u32; 2],
         scale: f32,
     ) -> SplatParams {
-        SplatParams::new(
+        let params = SplatParams::new(
             world_from_clip,
             local_from_world,
             viewport,
             size,
             scale,
             self.buffers.grid,
-        )
+        );
+        SplatParams {
+            seam: if self.has_probes() { SEAM } else { 0.0 },
+            ..params
+        }
     }
 
     /// Writes the irradiance of each pixel of a view.

@@ -129,14 +129,19 @@ impl Scene {
     }
 
     fn splat_params(&self) -> SplatParams {
-        SplatParams::new(
+        let params = SplatParams::new(
             self.view.world_from_clip,
             Mat4::IDENTITY,
             [0.0, 0.0, SIZE[0] as f32, SIZE[1] as f32],
             SIZE,
             SCALE,
             (&self.scene.display.grid).into(),
-        )
+        );
+        SplatParams {
+            // So wide that surfaces and space share many pixels.
+            seam: self.scene.probes.as_ref().map_or(0.0, |_| 2.5),
+            ..params
+        }
     }
 
     fn on_cpu(&self, settings: &SubsplatSettings, scene: &BakedScene) -> Subsplats {
@@ -499,6 +504,23 @@ fn probe() {
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
     let lit = (0..gpu.len()).filter(|&i| before[i][3] == 0.0 && gpu[i][3] == 1.0);
     assert!(lit.count() > 500);
+    // Shares of surfaces and space.
+    let mixed = (0..gpu.len()).filter(|&i| before[i][3] > 0.0 && before[i][3] < 1.0);
+    assert!(mixed.count() > 200);
+    let shares = |seam: f32| {
+        let params = SplatParams { seam, ..params };
+        let values = of.twin.values();
+        (0..gpu.len())
+            .filter(|&i| {
+                let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
+                let (depth, texel) = (of.view.depth[i], of.view.gbuffer[i]);
+                let twin = splat::splat_pixel(&params, &of.scene, values, pixel, depth, texel);
+                (twin[3] - before[i][3]).abs() > 2e-3
+            })
+            .count()
+    };
+    assert!(shares(params.seam) <= 2, "{}", shares(params.seam));
+    assert!(shares(1.02 * params.seam) > 200);
     let mut moved = values.clone();
     moved.rotate_left(3);
     assert!(differing(&gpu, &expected(&moved, &probing)) > 200);

@@ -420,14 +420,14 @@ fn bake_cluster(
         row.iter_mut().zip(&weights).for_each(|(e, w)| *e *= w);
     }
     let found = decompose(&rows, length, most, settings.seed ^ c as u64);
-    let count = found.count();
+    let stride = found.count();
     let component = |j: usize, i: usize| found.vector(j)[i] / weights[i];
 
     // [P14] Eq. (8).
     let coefficients: Vec<f32> = rows
         .chunks_exact(length)
         .flat_map(|row| {
-            (0..count).map(|j| {
+            (0..stride).map(|j| {
                 let products = row.iter().zip(found.vector(j));
                 products
                     .map(|(e, v)| f64::from(*e) * f64::from(*v))
@@ -436,10 +436,15 @@ fn bake_cluster(
         })
         .collect();
     let largest_of = |j: usize| {
-        let all = coefficients.iter().skip(j).step_by(count.max(1));
+        let all = coefficients.iter().skip(j).step_by(stride.max(1));
         all.fold(0.0f32, |most, v| most.max(v.abs()))
     };
-    let most: Vec<f32> = (0..count).map(largest_of).collect();
+    let most: Vec<f32> = (0..stride).map(largest_of).collect();
+    // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
+    let least = settings.tolerance * (length as f32).sqrt();
+    // Components that no point keeps are not stored.
+    let used = (most.iter()).rposition(|&v| v >= least && v > 0.0);
+    let count = used.map_or(0, |last| last + 1);
     // Components of largest number one, and what that took goes to their coefficients.
     let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
     let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
@@ -451,8 +456,6 @@ fn bake_cluster(
         .flat_map(|j| (0..length).map(move |i| (j, i)))
         .map(|(j, i)| to_short(over(component(j, i), basis_scale[j])))
         .collect();
-    // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
-    let least = settings.tolerance * (length as f32).sqrt();
     // What is left of the rows when all that is stored is taken off is the error.
     let points: Vec<([u32; 4], Vec<u16>)> = rows
         .chunks_exact_mut(length)
@@ -462,7 +465,7 @@ fn bake_cluster(
             let mut mask = [0u32; 4];
             let mut kept = Vec::new();
             for j in 0..count {
-                let v = coefficients[m * count + j];
+                let v = coefficients[m * stride + j];
                 if v.abs() >= least && v != 0.0 {
                     mask[j / 32] |= 1 << (j % 32);
                     let bits = to_snorm(v / most[j]);
