@@ -6,7 +6,7 @@ use super::draw::draw_composite;
 use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use crate::asset::BakedScene;
-use crate::frame::materials::live_surfaces;
+use crate::frame::materials::present;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use crate::scene::MaterialFactors;
 use glam::Mat4;
@@ -92,6 +92,9 @@ pub struct SplatTargets<'a> {
 pub struct GpuFrame {
     buffers: SceneBuffers,
     lights: usize,
+    /// What the device's surfaces are of: factors of the materials, and what passes each set of occluders; empty as baked.
+    factors: Vec<MaterialFactors>,
+    passing: Vec<f32>,
     counters: GpuCounters,
 }
 
@@ -119,6 +122,8 @@ impl GpuFrame {
         Self {
             buffers,
             lights: 0,
+            factors: Vec::new(),
+            passing: Vec::new(),
             counters: GpuCounters::default(),
         }
     }
@@ -163,10 +168,28 @@ impl GpuFrame {
         scene: &BakedScene,
         factors: &[MaterialFactors],
     ) -> u64 {
-        let surfaces = live_surfaces(scene, factors).unwrap_or_default();
+        if scene.materials.is_none() {
+            return 0;
+        }
+        self.factors = factors.to_vec();
+        self.paint(queue, scene)
+    }
+
+    /// Notes what passes each set of occluders, and sends what that changes of the senders' surfaces.
+    pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
+        self.passing = passing;
+        self.paint(queue, scene);
+    }
+
+    /// Sends the senders' surfaces as they are now; says how many bytes those are.
+    fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
+        let (surfaces, seen) = present(scene, &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers.surfaces, 0, bytes);
+        }
+        if let (Some(sky), false) = (&self.buffers.sky, self.passing.is_empty()) {
+            queue.write_buffer(sky, 0, bytemuck::cast_slice(&seen));
         }
         bytes.len() as u64
     }

@@ -16,7 +16,7 @@
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`Harness`] | a device without a window |
 //!
-//! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
+//! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
 
 mod draw;
@@ -27,6 +27,7 @@ mod gloss;
 mod harness;
 mod kernels;
 mod links;
+mod occlude;
 mod pass;
 mod pipelines;
 mod probes;

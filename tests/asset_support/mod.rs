@@ -320,6 +320,7 @@ pub fn build(make: &Make) -> BakedScene {
     let mut scene = BakedScene {
         visibility: None,
         probes: None,
+        occluders: None,
         fmm: None,
         illumination: Vec::new(),
         materials: make.live.then(|| materials(r, senders)),
