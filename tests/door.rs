@@ -135,8 +135,22 @@ fn lit_room() -> Vec<(Vec3, Vec3)> {
     places(0.02, 3.88)
 }
 
+/// The room behind the door, the side of the wall that looks into it, and what of the opening lies beyond the door.
 fn dark_room() -> Vec<(Vec3, Vec3)> {
-    places(4.12, 7.98)
+    let mut out = places(4.12, 7.98);
+    let [left, right, top] = OPENING;
+    for k in 0..20 {
+        let t = (k as f32 + 0.5) / 20.0;
+        let (x, y, z) = (4.025 + 0.075 * t, 0.99 * t * top, left + t * (right - left));
+        out.extend([
+            (Vec3::new(WALL[1], 2.1 + 0.02 * k as f32, z), Vec3::X),
+            (Vec3::new(WALL[1], y, 0.9 * left * t), Vec3::X),
+            (Vec3::new(x, 0.0, z), Vec3::Y),
+            (Vec3::new(x, y, left), Vec3::Z),
+            (Vec3::new(x, y, right), Vec3::NEG_Z),
+        ]);
+    }
+    out
 }
 
 /// Direct and indirect light together at the places, and the mean over all around at probes' height in the second room.
@@ -219,6 +233,12 @@ fn a_shut_door_leaves_nothing_beyond_it() {
     let left = root_mean_square(&off) / bright;
     println!("shut, beyond: {left:.2e} of the open light");
     assert!(left <= 0.01, "{left}");
+    let worst = off.iter().fold(0.0f32, |a, o| a.max(o.abs()));
+    println!(
+        "the brightest of {} places: {worst:.2e}, {bright:.2e} when open",
+        off.len()
+    );
+    assert!(f64::from(worst) <= 0.01 * bright, "{worst}");
     let space = in_space(&shut, &with);
     let open_space = in_space(&open, &with);
     let left = root_mean_square(&space) / root_mean_square(&open_space);

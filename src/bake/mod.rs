@@ -43,7 +43,7 @@ use crate::asset::{
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
 use crate::scene::{Bvh, Doorways, Geometry, Occluder};
-use crate::transport::pca::{Compression, bake_visibility};
+use crate::transport::pca::Compression;
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, Gathering, Passing, RawRow, Receivers, Refined,
     SenderForm, SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
@@ -414,42 +414,10 @@ fn bake_once(
         progress,
     )?;
     let baked = octree::grow(geometry, &settings, cells, baked, progress)?;
-    let mut baked = see(source, &settings, baked, progress)?;
+    let mut baked = soft_shadows::see(source, &settings, baked, progress)?;
     baked.scene.probes = free_space;
     baked.scene.occluders = occluders::known(&source.occluders, &passing, &space_passing)?;
     finish(source, recipe, baked, began, progress)
-}
-
-/// What the points see, where the recipe asks for it: the senders and one level behind them, for edges of shadows are finer than what senders are spread for.
-fn see(
-    source: &BakeSource<'_>,
-    settings: &Settings,
-    mut baked: Baked,
-    progress: &Progress,
-) -> Result<Baked, BakeError> {
-    let Some(soft) = &settings.soft_shadows else {
-        return Ok(baked);
-    };
-    let began = Instant::now();
-    let levels = (baked.scene.sender_levels as usize + 1).min(baked.scene.levels());
-    let known = baked.scene.level_starts[levels] as usize;
-    let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
-        .map(|p| (p.x(), p.n()))
-        .collect();
-    let told = |done| progress.set(Stage::Visibility, done);
-    let (visibility, rays) = bake_visibility(
-        source.geometry,
-        &points,
-        &soft.settings(settings.seed),
-        &told,
-    )
-    .ok_or(BakeError::Cancelled)?;
-    baked.stats.rays += rays;
-    baked.stats.visibility_bytes = visibility.bytes() as u64;
-    baked.stats.visibility_kept = visibility.kept();
-    baked.stats.seconds.visibility = began.elapsed().as_secs_f64();
-    baked.scene.visibility = Some(visibility);
-    Ok(baked)
 }
 
 /// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its

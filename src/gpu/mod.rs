@@ -19,6 +19,7 @@
 //! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
 
+mod counters;
 mod draw;
 mod error;
 mod fmm;
@@ -38,10 +39,11 @@ mod soft;
 mod subsplats;
 mod volume;
 
+pub use counters::GpuCounters;
 pub use draw::{draw_composite, draw_gloss, draw_shade};
 pub use error::GpuError;
 pub use fmm::GpuFmm;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use frame::{GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind};
