@@ -144,8 +144,8 @@ fn gloss_of(i: u32, at: Receiver) -> vec2f {
     let e = vpls[i].flux;
     // A gloss may be brighter than a white matt surface.
     let most = max(e.x, max(e.y, e.z)) * arrives * max(PI * (found.x + found.y), 1.0);
-    if lit.nodes > 0u && most >= lit.dim && vpl_hidden(i, at.start) {
-        return vec2f(0.0);
+    if lit.nodes > 0u && most >= lit.dim {
+        return arrives * vpl_reaches(i, at.start) * found;
     }
     return arrives * found;
 }

@@ -69,10 +69,10 @@ fn place_normal(bits: u32) -> vec3f {
 
 fn project_at(light: FrameLight, x: vec3f, n: vec3f, apart: f32) -> f32 {
     let e = unshadowed(light, x, n, apart);
-    if e > 0.0 && shadowed(light, x, n, params.extent) {
-        return 0.0;
+    if e <= 0.0 {
+        return e;
     }
-    return e;
+    return e * reaches(light, x, n, params.extent);
 }
 
 @compute @workgroup_size(64)

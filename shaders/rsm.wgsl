@@ -136,9 +136,7 @@ fn shadow(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: 
     }
     let x = (shade.local_from_space * vec4f(lit_texels[i].position, 1.0)).xyz;
     let turned = (shade.local_from_space * vec4f(lit_texels[i].normal, 0.0)).xyz;
-    if shadowed(shade.light, x, turned / max(length(turned), TINY), shade.extent) {
-        lit_texels[i].flux = vec3f(0.0);
-    }
+    lit_texels[i].flux *= reaches(shade.light, x, turned / max(length(turned), TINY), shade.extent);
 }
 
 fn importance(flux: vec3f) -> f32 {

@@ -31,6 +31,7 @@ fn baked(recipe: &Recipe, threads: usize) -> BakedScene {
         bvh: mesh.bvh(),
         primitives: mesh.len() as u64,
         content_hash: mesh.content_hash(),
+        occluders: Vec::new(),
     };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)

@@ -297,6 +297,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
         emissive: [2.0; 3],
     };
     frame.set_materials(scene, &[painted; 2]);
+    frame.set_occluders(scene, &[0.5, 0.0]);
     for baked_bounces in [false, true] {
         frame.solve(
             scene,

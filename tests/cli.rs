@@ -521,6 +521,36 @@ fn validate_finds_what_is_stale() {
 }
 
 #[test]
+fn a_part_of_a_level_is_an_occluder_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (level, out) = (
+        data("rooms_open/rooms_open.glb"),
+        folder.path().join("o.mgi"),
+    );
+    let bake = |name: &str, code: i32| {
+        let all = [
+            "bake",
+            &level,
+            "-o",
+            text(&out),
+            "--preset",
+            "draft",
+            "--rays",
+            "64",
+        ];
+        expect(code, &[&all[..], &["--occluder", name]].concat())
+    };
+    bake("blue", DONE);
+    assert!(expect(DONE, &["inspect", text(&out)]).0.contains("blue, "));
+    // It is part of the level: the bake is not stale.
+    expect(DONE, &["validate", text(&out), "--level", &level]);
+    let (_, why) = bake("gate", INPUT);
+    assert!(why.contains("`gate`"), "{why}");
+    let (_, why) = bake("", USAGE);
+    assert!(why.contains("occluders"), "{why}");
+}
+
+#[test]
 fn validate_finds_what_is_damaged() {
     let (folder, bake, _) = baked();
     assert!(

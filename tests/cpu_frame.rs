@@ -58,6 +58,7 @@ fn furnace(to_sky: bool) -> BakedScene {
         },
         visibility: None,
         probes: None,
+        occluders: None,
         fmm: None,
         illumination: Vec::new(),
         sky: None,

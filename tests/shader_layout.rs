@@ -22,7 +22,7 @@ use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use bevy_meshless_gi::transport::pca::{
     Column, MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint,
 };
-use bevy_meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Row};
+use bevy_meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Passage, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -79,6 +79,7 @@ fn layouts() -> Vec<Layout> {
             tier
         }),
         layout!(Link { xy, z_sender }),
+        layout!(Passage { link, xy, z_set }),
         layout!(Column {
             member,
             count,
@@ -197,7 +198,13 @@ fn layouts() -> Vec<Layout> {
             max,
             count
         }),
-        layout!(BvhTriangle { a, b, c }),
+        layout!(BvhTriangle {
+            a,
+            occluder,
+            b,
+            gain,
+            c
+        }),
         layout!(RsmParams {
             space_from_clip,
             light,

@@ -14,6 +14,9 @@ mod fmm;
 #[path = "twins/gloss.rs"]
 mod gloss;
 mod gloss_support;
+#[cfg(feature = "gltf")]
+#[path = "twins/occlude.rs"]
+mod occlude;
 #[path = "twins/reflective.rs"]
 mod reflective;
 #[path = "twins/screen.rs"]

@@ -48,11 +48,15 @@ fn meets(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool
     return t > 0.0 && t < max_t;
 }
 
-// True when any triangle meets the ray with t in (0, max_t).
-fn occluded(origin: vec3f, direction: vec3f, max_t: f32) -> bool {
+// Which part of the light passes along the ray with t in (0, max_t): 0 behind any triangle that stays, else the product of the gains of the occluders in
+// between, each once.
+fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
     if bvh_nodes() == 0u {
-        return false;
+        return 1.0;
     }
+    var gain = 1.0;
+    // A bit for each occluder.
+    var crossed = vec2u(0u);
     // No infinities, so that nothing is 0 · ∞.
     let inverse = 1.0 / select(direction, vec3f(SMALLEST), abs(direction) < vec3f(SMALLEST));
     let shear = shear_of(direction);
@@ -80,10 +84,23 @@ fn occluded(origin: vec3f, direction: vec3f, max_t: f32) -> bool {
             continue;
         }
         for (var i = node.first; i < node.first + node.count; i++) {
-            if meets(shear, origin, max_t, triangles[i]) {
-                return true;
+            if !meets(shear, origin, max_t, triangles[i]) {
+                continue;
+            }
+            let occluder = triangles[i].occluder;
+            if occluder == 0u {
+                return 0.0;
+            }
+            let k = occluder - 1u;
+            let bit = select(vec2u(0u, 1u), vec2u(1u, 0u), k % 64u < 32u) << vec2u(k % 32u);
+            if all((crossed & bit) == vec2u(0u)) {
+                crossed |= bit;
+                gain *= triangles[i].gain;
+            }
+            if gain <= 0.0 {
+                return 0.0;
             }
         }
     }
-    return false;
+    return gain;
 }

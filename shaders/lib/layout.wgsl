@@ -67,6 +67,15 @@ struct Link {
     z_sender: u32,
 }
 
+// What of a link passes one set of occluders.
+struct Passage {
+    link: u32,
+    // x in the low half, y in the high half.
+    xy: u32,
+    // z in the low half, the index of the set in the high half.
+    z_set: u32,
+}
+
 struct Column {
     member: u32,
     count: u32,
@@ -188,9 +197,11 @@ struct BvhNode {
 
 struct BvhTriangle {
     a: vec3f,
-    pad0: u32,
+    // 0 for what stays, else one more than the occluder's number.
+    occluder: u32,
     b: vec3f,
-    pad1: u32,
+    // What passes an occluder.
+    gain: f32,
     c: vec3f,
     pad2: u32,
 }

@@ -9,17 +9,18 @@ fn lift(x: vec3f, extent: f32) -> f32 {
     return max(1e-5 * extent, 8.0 * EPSILON * max(max(a.x, max(a.y, a.z)), extent));
 }
 
-fn shadowed(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> bool {
+// What of its light gets from `light` to (x, n).
+fn reaches(light: FrameLight, x: vec3f, n: vec3f, extent: f32) -> f32 {
     let off = lift(x, extent);
     let origin = x + n * off;
     if light.kind == LIGHT_DIRECTIONAL {
-        return occluded(origin, -light.direction, FAR);
+        return passes(origin, -light.direction, FAR);
     }
     let to = light.position - origin;
     let distance = sqrt(dot(to, to));
     let max_t = distance - off;
     if max_t <= 0.0 {
-        return false;
+        return 1.0;
     }
-    return occluded(origin, to / distance, max_t);
+    return passes(origin, to / distance, max_t);
 }

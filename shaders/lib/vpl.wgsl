@@ -115,13 +115,16 @@ fn vpl_start(x: vec3f, n: vec3f) -> vec3f {
     return at + turned / max(length(turned), TINY) * (LIFTS * lift(at, lit.extent));
 }
 
-// True where the baked scene keeps light `i` from the place that a ray leaves at `start` (local).
-fn vpl_hidden(i: u32, start: vec3f) -> bool {
+// What of light `i` the baked scene lets through to the place that a ray leaves at `start` (local).
+fn vpl_reaches(i: u32, start: vec3f) -> f32 {
     let end = (lit.local_from_space * vec4f(vpls[i].position, 1.0)).xyz;
     let ray = end - start;
     let distance = length(ray);
     let max_t = distance - lift(end, lit.extent);
-    return max_t > 0.0 && occluded(start, ray / distance, max_t);
+    if max_t <= 0.0 {
+        return 1.0;
+    }
+    return passes(start, ray / distance, max_t);
 }
 
 // The vector irradiance at (x, n) of the lights above the surface's horizon.
@@ -134,10 +137,14 @@ fn vpl_at(x: vec3f, n: vec3f) -> VectorIrradiance {
         if arrives <= 0.0 {
             continue;
         }
-        let e = vpls[i].flux;
+        var e = vpls[i].flux;
         let most = max(e.x, max(e.y, e.z)) * arrives;
-        if lit.nodes > 0u && most >= lit.dim && vpl_hidden(i, start) {
-            continue;
+        if lit.nodes > 0u && most >= lit.dim {
+            let reached = vpl_reaches(i, start);
+            if reached <= 0.0 {
+                continue;
+            }
+            e *= reached;
         }
         sum.x += vec4f(e * g.x, 0.0);
         sum.y += vec4f(e * g.y, 0.0);

@@ -4,6 +4,7 @@
 //! `sender_levels` levels are the senders: sender j is point j.
 
 use super::materials::LiveMaterials;
+use super::occluders::Occluders;
 use super::probes::Probes;
 use super::sky::SkySight;
 use crate::basis::Weights;
@@ -94,6 +95,8 @@ pub struct BakedScene {
     pub materials: Option<LiveMaterials>,
     /// The light in free space, where the recipe asked for it.
     pub probes: Option<Probes>,
+    /// What comes and goes, where the recipe names any.
+    pub occluders: Option<Occluders>,
     /// The display basis.
     pub display: Display,
     /// What casts shadows.

@@ -54,7 +54,7 @@ const POINT: Layout = Layout::rows(&[
 /// Words of the section "probes".
 const SHAPE_WORDS: usize = 1;
 /// Numbers of a direction are at most so large beside its part of the sphere: 15/8 · 2/3.
-const LARGEST: f32 = 2.0;
+pub(super) const LARGEST: f32 = 2.0;
 
 const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
     Kind {

@@ -9,7 +9,7 @@ use super::container::{Container, Kind, Section, assemble};
 use super::error::{AssetError, Limits};
 use super::fmm;
 use super::info::BakeInfo;
-use super::{materials, probes, sky, visibility};
+use super::{materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights, support_bounds};
 use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
@@ -127,7 +127,7 @@ const fn kind_of_counts(code: u32, name: &'static str) -> Kind {
 }
 
 /// All kinds of sections, ascending.
-static KINDS: [Kind; 44] = [
+static KINDS: [Kind; 49] = [
     Kind {
         code: 1,
         name: "info",
@@ -202,7 +202,15 @@ static KINDS: [Kind; 44] = [
     MATERIALS[1],
     MATERIALS[2],
     MATERIALS[3],
+    OCCLUDERS[0],
+    OCCLUDERS[1],
+    OCCLUDERS[2],
+    OCCLUDERS[3],
+    OCCLUDERS[4],
 ];
+const OCCLUDERS: [Kind; 5] = occluders::KINDS;
+/// Where those of the occluders start.
+const FIRST_OCCLUDER: usize = 44;
 const MATERIALS: [Kind; 4] = materials::KINDS;
 /// Where those of the materials start.
 const FIRST_MATERIAL: usize = 40;
@@ -326,7 +334,11 @@ impl BakedScene {
             sections.push(sky::sections(sky, SKY));
         }
         if let Some(live) = &self.materials {
-            sections.extend(materials::sections(live, &KINDS[FIRST_MATERIAL..])?);
+            let kinds = &KINDS[FIRST_MATERIAL..FIRST_OCCLUDER];
+            sections.extend(materials::sections(live, kinds)?);
+        }
+        if let Some(o) = &self.occluders {
+            sections.extend(occluders::sections(o, &self.bvh, &KINDS[FIRST_OCCLUDER..])?);
         }
         Ok(assemble(&sections))
     }
@@ -398,6 +410,9 @@ impl BakedScene {
             other => return Err(broken(SHAPE, format!("{other} is neither yes nor no"))),
         };
         let fmm = fmm::read(&file, &KINDS[FIRST_OCTREE..ILLUMINATED], &surfaces)?;
+        let mut triangles: Vec<BvhTriangle> = items(&file, TRIANGLES, TRIANGLE)?;
+        let kinds = &KINDS[FIRST_OCCLUDER..];
+        let occluders = occluders::read(&file, &mut triangles, kinds)?;
         let scene = Self {
             points,
             surfaces,
@@ -419,7 +434,7 @@ impl BakedScene {
             visibility: visibility::read(&file, &KINDS[FIRST_VISIBLE..FIRST_OCTREE])?,
             fmm,
             sky: sky::read(&file, SKY)?,
-            materials: materials::read(&file, &KINDS[FIRST_MATERIAL..])?,
+            materials: materials::read(&file, &KINDS[FIRST_MATERIAL..FIRST_OCCLUDER])?,
             illumination: match file.has(ILLUMINATION) {
                 true => items(&file, ILLUMINATION, COLOUR)?,
                 false => Vec::new(),
@@ -432,8 +447,9 @@ impl BakedScene {
             },
             bvh: Bvh {
                 nodes: items(&file, NODES, NODE)?,
-                triangles: items(&file, TRIANGLES, TRIANGLE)?,
+                triangles,
             },
+            occluders,
             info: info(&file)?,
         };
         scene.validate().map_err(AssetError::Invalid)?;

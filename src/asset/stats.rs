@@ -2,6 +2,7 @@
 
 use super::baked::BakedScene;
 use super::materials::LiveMaterials;
+use super::occluders::Occluders;
 use super::probes::Probes;
 use crate::basis::Weights;
 use crate::samples::GridSlot;
@@ -67,6 +68,10 @@ pub struct BakedStats {
     pub materials: u64,
     /// Their shares of senders.
     pub material_shares: u64,
+    /// Occluders; 0 where nothing comes and goes.
+    pub occluders: u64,
+    /// Parts of links that they are in the way of.
+    pub passages: u64,
     /// Terms of a sky that varies; 0 for a uniform one.
     pub sky_terms: u64,
     /// Bytes of all arrays.
@@ -88,6 +93,9 @@ impl BakedScene {
             probes: probes.map_or(0, |p| p.points.len() as u64),
             probe_links: probes.map_or(0, |p| p.links.len() as u64),
             materials: (self.materials.as_ref()).map_or(0, |m| m.factors.len() as u64),
+            occluders: (self.occluders.as_ref()).map_or(0, |o| o.names.len() as u64),
+            passages: (self.occluders.as_ref())
+                .map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
             material_shares: (self.materials.as_ref()).map_or(0, |m| m.shares.len() as u64),
             sky_terms: self.sky_terms() as u64,
             fmm_nodes: octree.map_or(0, |o| o.nodes.len() as u64),
@@ -137,6 +145,7 @@ impl BakedScene {
                 + probes.map_or(0, Probes::bytes)
                 + octree.map_or(0, FmmOperator::bytes)
                 + self.materials.as_ref().map_or(0, LiveMaterials::bytes)
+                + self.occluders.as_ref().map_or(0, Occluders::bytes)
                 + self.sky.as_ref().map_or(0, |s| bytes(s.senders.len(), 32))
                 + bytes(self.illumination.len(), 12)
                 + bytes(self.points.len(), 32 + 48 + 16)

@@ -103,6 +103,7 @@ impl BakedScene {
             self.check_fmm(&mut check);
             self.check_materials(&mut check);
             self.check_illumination(&mut check);
+            self.check_occluders(&mut check);
         }
         let depth = self.check_bvh(&mut check);
         if check.0.is_empty() {

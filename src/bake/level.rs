@@ -1,5 +1,6 @@
 //! A level's bake from the outside: threads of its own, and no panic that reaches the caller. What the tool and the plugin share.
 
+use super::occluders::node_names;
 use super::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
 use crate::scene::TriangleMesh;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -41,11 +42,19 @@ pub fn bake_level(
         if !progress.set(Stage::Bvh, 0.0) {
             return Err(BakeError::Cancelled);
         }
+        let nodes = node_names(&recipe.occluders);
+        let held = (!nodes.is_empty()).then(|| level.hold_out(&nodes));
+        let (staying, occluders) = match held {
+            Some((rest, held)) => (Some(rest), held),
+            None => (None, Vec::new()),
+        };
+        let geometry = staying.as_ref().unwrap_or(level);
         let source = BakeSource {
-            geometry: level,
-            bvh: level.bvh(),
+            geometry,
+            bvh: geometry.bvh(),
             primitives: level.len() as u64,
             content_hash: level.content_hash(),
+            occluders,
         };
         let seconds = began.elapsed().as_secs_f64();
         let mut baked = bake(&source, recipe, progress)?;

@@ -12,10 +12,12 @@ mod estimate;
 mod examples;
 mod level;
 mod materials;
+mod occluders;
 mod octree;
 mod probes;
 mod progress;
 mod recipe;
+mod remote;
 mod signals;
 mod sky;
 mod soft_shadows;
@@ -25,6 +27,7 @@ mod stats;
 use care::Care;
 pub use estimate::{Estimate, estimate_errors};
 pub use level::{BakeLevelError, bake_level};
+pub use occluders::{OccluderBox, OccluderShape};
 pub use octree::OctreeSettings;
 pub use probes::FreeSpaceLight;
 pub use progress::{Progress, Stage};
@@ -39,11 +42,11 @@ use crate::asset::{
 };
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
-use crate::scene::{Bounds, Bvh, Geometry};
-use crate::transport::pca::{Compression, bake_visibility};
+use crate::scene::{Bvh, Doorways, Geometry, Occluder};
+use crate::transport::pca::Compression;
 use crate::transport::{
-    BounceScene, BoundedSettings, Deposit, Gathering, RawRow, Receivers, Refined, SenderForm,
-    SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
+    BounceScene, BoundedSettings, Deposit, Gathering, Passing, RawRow, Receivers, Refined,
+    SenderForm, SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -62,6 +65,8 @@ pub struct BakeSource<'a> {
     pub primitives: u64,
     /// Hash of the geometry and its materials, for the fingerprint.
     pub content_hash: [u8; 32],
+    /// Parts of the level that are not in the geometry: those that the recipe's occluders name.
+    pub occluders: Vec<Occluder>,
 }
 
 /// A finished bake.
@@ -100,6 +105,20 @@ pub enum BakeError {
         /// Distance between neighbouring coordinates there, metres.
         spacing: f32,
     },
+    /// An occluder that the level has no part for.
+    #[error(
+        "the level has nothing called `{name}` for the occluder of that name: it must be the name of a node with triangles, or have boxes"
+    )]
+    NoOccluder {
+        /// The occluder's name.
+        name: String,
+    },
+    /// More sets of occluders that light passes one after the other than can be told apart.
+    #[error("light passes the occluders in more than {most} combinations")]
+    TooManyPassages {
+        /// How many can be told apart.
+        most: usize,
+    },
     /// The points make no octree.
     #[error("the octree: {0}")]
     Octree(#[from] crate::transport::fmm::FmmError),
@@ -118,6 +137,26 @@ pub fn bake(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     recipe.check()?;
+    let occluders = occluders::find(&recipe.occluders, &source.occluders)?;
+    if !occluders.is_empty() {
+        let shapes: Vec<_> = occluders.iter().map(|o| o.triangles.clone()).collect();
+        let open = BakeSource {
+            geometry: &Doorways::new(source.geometry, &occluders),
+            bvh: source.bvh.clone().with_occluders(&shapes),
+            occluders,
+            ..*source
+        };
+        return bake_known(&open, recipe, progress);
+    }
+    bake_known(source, recipe, progress)
+}
+
+/// Bakes what [`bake`] has found to be sound, once or until the error is met.
+fn bake_known(
+    source: &BakeSource<'_>,
+    recipe: &Recipe,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
     let Some(most) = recipe.max_error else {
         return bake_once(source, recipe, &recipe.preset.care(), progress);
     };
@@ -169,7 +208,9 @@ fn bake_once(
         ..BakeStats::default()
     };
 
-    stats.warnings.extend(remoteness(&geometry.bounds())?);
+    stats
+        .warnings
+        .extend(remote::remoteness(&geometry.bounds())?);
 
     // Viewpoints and the size of things.
     go_on(Stage::Points, 0.0)?;
@@ -249,7 +290,7 @@ fn bake_once(
     };
     let told = |done| progress.set(Stage::Transport, done);
     let mut compression = None;
-    let mut free_space = None;
+    let (mut free_space, mut space_passing) = (None, Vec::new());
     let (refined, form) = match settings.rule {
         Rule::Fmm if !linked => (
             Some(Refined::without_rows(hierarchy.len())),
@@ -322,7 +363,8 @@ fn bake_once(
                     drop_first,
                     stats: &mut stats,
                 };
-                free_space = Some(probes::bake(light, &mut room, progress)?);
+                let (probes, passing) = probes::bake(light, &mut room, progress)?;
+                (free_space, space_passing) = (Some(probes), passing);
             }
             if let Some(handed) = refined.as_ref().and_then(|r| r.handed.as_ref()) {
                 pull = handed.pull(&tree, &shown);
@@ -355,7 +397,7 @@ fn bake_once(
     stats.seconds.refine = transport_seconds - stats.seconds.gather;
 
     let cells = octree::Cells::find(geometry, &hierarchy, &settings);
-    let baked = assemble(
+    let (baked, passing) = assemble(
         source,
         recipe,
         &settings,
@@ -372,65 +414,10 @@ fn bake_once(
         progress,
     )?;
     let baked = octree::grow(geometry, &settings, cells, baked, progress)?;
-    let mut baked = see(source, &settings, baked, progress)?;
+    let mut baked = soft_shadows::see(source, &settings, baked, progress)?;
     baked.scene.probes = free_space;
+    baked.scene.occluders = occluders::known(&source.occluders, &passing, &space_passing)?;
     finish(source, recipe, baked, began, progress)
-}
-
-/// What the points see, where the recipe asks for it: the senders and one level behind them, for edges of shadows are finer than what senders are spread for.
-fn see(
-    source: &BakeSource<'_>,
-    settings: &Settings,
-    mut baked: Baked,
-    progress: &Progress,
-) -> Result<Baked, BakeError> {
-    let Some(soft) = &settings.soft_shadows else {
-        return Ok(baked);
-    };
-    let began = Instant::now();
-    let levels = (baked.scene.sender_levels as usize + 1).min(baked.scene.levels());
-    let known = baked.scene.level_starts[levels] as usize;
-    let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
-        .map(|p| (p.x(), p.n()))
-        .collect();
-    let told = |done| progress.set(Stage::Visibility, done);
-    let (visibility, rays) = bake_visibility(
-        source.geometry,
-        &points,
-        &soft.settings(settings.seed),
-        &told,
-    )
-    .ok_or(BakeError::Cancelled)?;
-    baked.stats.rays += rays;
-    baked.stats.visibility_bytes = visibility.bytes() as u64;
-    baked.stats.visibility_kept = visibility.kept();
-    baked.stats.seconds.visibility = began.elapsed().as_secs_f64();
-    baked.scene.visibility = Some(visibility);
-    Ok(baked)
-}
-
-/// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
-const MOST_LIFT: f32 = 0.1;
-/// From how much on it is worth a warning: a level of 2 m then lies 2 km away.
-const NOTED_LIFT: f32 = 1e-3;
-
-/// A warning of a level that lies so far from its origin that roundings show.
-fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
-    let far = bounds.min.abs().max(bounds.max.abs()).max_element();
-    let size = bounds.size().max_element();
-    let spacing = f32::EPSILON * far;
-    // Nothing at all is somebody else's error.
-    let lift = 8.0 * spacing / size;
-    if size <= 0.0 || lift.is_nan() || lift <= NOTED_LIFT {
-        return Ok(None);
-    }
-    if lift > MOST_LIFT {
-        return Err(BakeError::TooFar { far, size, spacing });
-    }
-    Ok(Some(format!(
-        "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: rays start {:.1} % of its size off their surfaces. Move it to its origin, and place its root instead",
-        100.0 * lift
-    )))
 }
 
 /// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its
@@ -475,12 +462,12 @@ fn assemble(
     places: Places,
     pull: Weights,
     parents: Weights,
-    refined: Refined,
+    mut refined: Refined,
     form: SenderForm,
     compression: Option<Compression>,
     mut stats: BakeStats,
     progress: &Progress,
-) -> Result<Baked, BakeError> {
+) -> Result<(Baked, Vec<Passing>), BakeError> {
     let sender_levels = settings.sender_levels as usize;
     let senders = hierarchy.level_starts[sender_levels] as usize;
     stats.rays += refined.rays;
@@ -523,7 +510,13 @@ fn assemble(
     let coefficients = compression
         .as_ref()
         .map_or(senders, Compression::components);
-    let (sky_terms, rays) = sky::terms(source.geometry, &hierarchy, &refined.rows, settings);
+    let (sky_terms, rays) = sky::terms(
+        source.geometry,
+        &hierarchy,
+        &mut refined.rows,
+        coefficients,
+        settings,
+    );
     stats.rays += rays;
     let mut packed = pack(
         &refined.rows,
@@ -567,6 +560,7 @@ fn assemble(
         bounces: None,
         visibility: None,
         probes: None,
+        occluders: None,
         display: Display {
             radius: flat.points.first().map_or(0.0, |p| p.radius),
             planes: flat.planes,
@@ -632,7 +626,7 @@ fn assemble(
         return Err(BakeError::Cancelled);
     }
 
-    Ok(Baked { scene, stats })
+    Ok((Baked { scene, stats }, packed.passing))
 }
 
 /// Measures the error and closes the statistics.

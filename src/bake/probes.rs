@@ -6,7 +6,7 @@ use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
 use crate::samples::{FreeSpaceSettings as PlaceSettings, fill_free_space};
 use crate::scene::Bounds;
-use crate::transport::{Gathering, SenderForm, SenderTree, Training, pack, probe_rows};
+use crate::transport::{Gathering, Passing, SenderForm, SenderTree, Training, pack, probe_rows};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -83,12 +83,12 @@ pub(super) struct Room<'a> {
     pub stats: &'a mut BakeStats,
 }
 
-/// Spreads probes over free space and gathers their rows.
+/// Spreads probes over free space and gathers their rows. Also says what of their links crosses occluders.
 pub(super) fn bake(
     light: &FreeSpaceLight,
     room: &mut Room<'_>,
     progress: &Progress,
-) -> Result<Probes, BakeError> {
+) -> Result<(Probes, Vec<Passing>), BakeError> {
     let began = Instant::now();
     let geometry = room.gathering.geometry;
     let settings = light.settings(&geometry.bounds(), room.gathering.rays);
@@ -144,11 +144,12 @@ pub(super) fn bake(
     stats.probe_links = packed.operator.links.len() as u64;
     stats.probes_lost = gathered.lost;
     stats.seconds.probes = began.elapsed().as_secs_f64();
-    Ok(Probes {
+    let probes = Probes {
         points: basis.points,
         planes: basis.planes,
         grid: basis.grid,
         rows: packed.operator.rows,
         links: packed.operator.links,
-    })
+    };
+    Ok((probes, packed.passing))
 }

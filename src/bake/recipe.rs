@@ -2,6 +2,7 @@
 //! scene's size.
 
 use super::care::Care;
+use super::occluders::{OccluderShape, check_shapes};
 use super::octree::OctreeSettings;
 use super::probes::FreeSpaceLight;
 use super::sky::Sky;
@@ -109,6 +110,8 @@ pub struct Recipe {
     pub sky: Sky,
     /// Base colours and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
     pub live_materials: bool,
+    /// Doors, lifts and what else comes and goes in the running game, 64 at most: the light through them gets a gain (rule `Bounded`, bounce mode `Live`).
+    pub occluders: Vec<OccluderShape>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
@@ -186,6 +189,9 @@ pub struct Settings {
     /// See [`Recipe::live_materials`].
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub live_materials: bool,
+    /// See [`Recipe::occluders`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub occluders: Vec<OccluderShape>,
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
@@ -286,6 +292,17 @@ impl Recipe {
                 allowed: "on with rule Bounded and bounces Live only",
             });
         }
+        if !self.occluders.is_empty() && !live {
+            return Err(RecipeError::OutOfRange {
+                field: "occluders",
+                value: format!(
+                    "there with rule {:?} and bounces {:?}",
+                    self.rule, self.bounce_mode
+                ),
+                allowed: "there with rule Bounded and bounces Live only",
+            });
+        }
+        check_shapes(&self.occluders)?;
         within("places", self.places, 1, Places::MOST, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
         within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
@@ -401,6 +418,7 @@ impl Recipe {
             probes: self.probes,
             sky: self.sky,
             live_materials: self.live_materials,
+            occluders: self.occluders.clone(),
         })
     }
 }

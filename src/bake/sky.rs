@@ -3,7 +3,7 @@
 use super::Settings;
 use crate::basis::Hierarchy;
 use crate::scene::{Geometry, SkyRadiance};
-use crate::transport::{RawRow, look_up};
+use crate::transport::{Part, RawRow, look_up, merge_parts};
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,8 @@ impl Sky {
 pub(super) fn terms(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,
-    rows: &[RawRow],
+    rows: &mut [RawRow],
+    senders: usize,
     settings: &Settings,
 ) -> (Vec<[Vec3; SkyRadiance::TERMS]>, u64) {
     if settings.sky == Sky::Uniform {
@@ -40,12 +41,36 @@ pub(super) fn terms(
         let level = hierarchy.level_starts.partition_point(|&s| s as usize <= i);
         settings.rays_of_level(level.saturating_sub(1))
     };
-    let found = (hierarchy.surfaces.par_iter().zip(rows).enumerate())
-        .map(|(i, (s, row))| match row.active {
-            true => look_up(geometry, s.position, s.normal, i, rays_of(i), settings.seed),
-            false => Default::default(),
+    let surfaces = hierarchy.surfaces.par_iter();
+    let found = surfaces.zip(rows.par_iter_mut()).enumerate();
+    let found = found
+        .map(|(i, (s, row))| {
+            if !row.active {
+                return Default::default();
+            }
+            let parts = &mut row.parts;
+            let (x, n) = (s.position, s.normal);
+            look_up(
+                geometry,
+                x,
+                n,
+                i,
+                rays_of(i),
+                settings.seed,
+                |crossed, values| {
+                    let terms = (senders as u32 + 1..).zip(values);
+                    parts.extend(terms.map(|(sender, &value)| Part {
+                        sender,
+                        crossed,
+                        value: value.into(),
+                    }));
+                },
+            )
         })
         .collect();
+    for row in rows.iter_mut() {
+        merge_parts(&mut row.parts);
+    }
     let active = (0..rows.len()).filter(|&i| rows[i].active);
     (found, active.map(|i| u64::from(rays_of(i))).sum())
 }

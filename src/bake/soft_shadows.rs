@@ -1,8 +1,11 @@
 //! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in how many numbers.
 
 use super::recipe::RecipeError;
-use crate::transport::pca::{HemisphereGrid, Visibility, VisibilitySettings};
+use super::{BakeError, BakeSource, Baked, Progress, Settings, Stage};
+use crate::transport::pca::{HemisphereGrid, Visibility, VisibilitySettings, bake_visibility};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
+use std::time::Instant;
 
 /// Visibility of the senders and of one level behind them, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,4 +75,40 @@ impl SoftShadows {
             ..VisibilitySettings::default()
         }
     }
+}
+
+/// What the points see, where the recipe asks for it: the senders and one level behind them, for edges of shadows are finer than what senders are spread for.
+pub(super) fn see(
+    source: &BakeSource<'_>,
+    settings: &Settings,
+    mut baked: Baked,
+    progress: &Progress,
+) -> Result<Baked, BakeError> {
+    let Some(soft) = &settings.soft_shadows else {
+        return Ok(baked);
+    };
+    let began = Instant::now();
+    let levels = (baked.scene.sender_levels as usize + 1).min(baked.scene.levels());
+    let known = baked.scene.level_starts[levels] as usize;
+    let points: Vec<(Vec3, Vec3)> = (baked.scene.points[..known].iter())
+        .map(|p| (p.x(), p.n()))
+        .collect();
+    let told = |done| progress.set(Stage::Visibility, done);
+    let (visibility, rays) = bake_visibility(
+        source.geometry,
+        &points,
+        &soft.settings(settings.seed),
+        &told,
+    )
+    .ok_or(BakeError::Cancelled)?;
+    baked.stats.rays += rays;
+    baked.stats.visibility_bytes = visibility.bytes() as u64;
+    baked.stats.visibility_kept = visibility.kept();
+    baked.stats.seconds.visibility = began.elapsed().as_secs_f64();
+    baked.scene.visibility = Some(visibility);
+    if !source.occluders.is_empty() {
+        let note = "what points see for soft shadows is seen with all occluders open: such lamps' direct light passes them when they shut";
+        baked.stats.warnings.push(note.into());
+    }
+    Ok(baked)
 }

@@ -90,6 +90,8 @@ pub fn clip_planes(
     around: impl Iterator<Item = (Vec3, Vec3)>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
+    // Occluders stand open for light, but functions end at them: else what is lit on one side would shine on the other when they shut.
+    let geometry = geometry.shut().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let lift = (EYE * radius).max(geometry.lift(x_j));
     let height = eye_height(geometry, x_j, n_j, radius, rays);

@@ -2,14 +2,16 @@
 //! between threads.
 
 use super::anderson::Anderson;
-use super::materials::{live_surfaces, sound_factors};
+use super::materials::{present, sound_factors};
+use super::occlude::{occlude, passing, sound_gains};
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
     bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
 use crate::asset::PointSurface;
-use crate::scene::MaterialFactors;
+use crate::scene::{Bvh, MaterialFactors};
+use crate::transport::Link;
 use crate::transport::fmm::Passes;
 use crate::transport::fmm::passes::Field;
 use glam::Vec3;
@@ -51,9 +53,22 @@ pub struct CpuFrame {
     factors: Vec<MaterialFactors>,
     /// The senders' surfaces, where they are not those of the bake.
     surfaces: Vec<PointSurface>,
+    /// The scene as its occluders let it be; none where all are open, or the bake knows none.
+    occluded: Option<Occluded>,
     /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays were made for.
     made_for: [usize; 5],
     counters: FrameCounters,
+}
+
+/// What occluders change of a scene.
+#[derive(Clone, Debug)]
+struct Occluded {
+    gains: Vec<f32>,
+    links: Vec<Link>,
+    probe_links: Vec<Link>,
+    bvh: Bvh,
+    /// What the senders see of the sky's terms.
+    seen: Vec<[f32; 8]>,
 }
 
 impl CpuFrame {
@@ -97,7 +112,7 @@ impl CpuFrame {
                 continue;
             }
             let out = &mut self.projected[slot * senders..(slot + 1) * senders];
-            project::project(scene, extent, apart, light, out);
+            project::project(scene, bvh(&self.occluded, scene), extent, apart, light, out);
             self.projected_for[slot] = *light;
             count += 1;
         }
@@ -120,10 +135,74 @@ impl CpuFrame {
         if factors == *now {
             return false;
         }
-        self.surfaces = live_surfaces(scene, &factors).unwrap_or_default();
         self.factors = factors;
-        self.solved = None;
+        self.paint(scene);
         true
+    }
+
+    /// Sets what passes the occluders, one each in [0, 1]; those that are missing are open. Only a bake that knows occluders has any. Returns whether that changed
+    /// anything: the lights are projected again then, and the next [`solve`](Self::solve) runs.
+    pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
+        self.check(scene);
+        let Some(known) = &scene.occluders else {
+            return false;
+        };
+        let gains = sound_gains(known, gains);
+        let same = match &self.occluded {
+            Some(now) => now.gains == gains,
+            None => gains.iter().all(|&g| g == 1.0),
+        };
+        if same {
+            return false;
+        }
+        let probe_links = scene.probes.as_ref().map_or(&[][..], |p| &p.links);
+        let occluded = self.occluded.get_or_insert_with(|| Occluded {
+            gains: Vec::new(),
+            links: scene.operator.links.clone(),
+            probe_links: probe_links.to_vec(),
+            bvh: scene.bvh.clone(),
+            seen: Vec::new(),
+        });
+        let passing = passing(known, &gains);
+        occlude(&known.links, &passing, &mut occluded.links);
+        occlude(&known.probes, &passing, &mut occluded.probe_links);
+        occluded.bvh.set_gains(&gains);
+        occluded.gains = gains;
+        self.paint(scene);
+        self.projected_for.fill(FrameLight::default());
+        let lights = std::mem::take(&mut self.lights);
+        self.set_lights(scene, &lights);
+        true
+    }
+
+    /// The senders' surfaces anew, for the materials and the occluders as they are.
+    fn paint(&mut self, scene: &BakedScene) {
+        let passing = match (&self.occluded, &scene.occluders) {
+            (Some(now), Some(known)) => passing(known, &now.gains),
+            _ => Vec::new(),
+        };
+        let (surfaces, seen) = present(scene, &self.factors, &passing);
+        self.surfaces = surfaces;
+        if let Some(occluded) = &mut self.occluded {
+            occluded.seen = seen;
+        }
+        self.solved = None;
+    }
+
+    /// The scene's BVH with the gains that its occluders have now.
+    #[must_use]
+    pub fn bvh<'a>(&'a self, scene: &'a BakedScene) -> &'a Bvh {
+        bvh(&self.occluded, scene)
+    }
+
+    /// The operator's links and the probes' as the occluders let them be.
+    #[must_use]
+    pub fn links<'a>(&'a self, scene: &'a BakedScene) -> [&'a [Link]; 2] {
+        let probes = scene.probes.as_ref().map_or(&[][..], |p| &p.links);
+        match &self.occluded {
+            Some(o) => [&o.links, &o.probe_links],
+            None => [&scene.operator.links, probes],
+        }
     }
 
     /// The senders' surfaces as they are now.
@@ -148,7 +227,7 @@ impl CpuFrame {
             &self.projected,
             &scene.points,
             surfaces(&self.surfaces, scene),
-            seen(scene),
+            seen(&self.occluded, scene),
             &mut self.senders,
         );
         for level in &steps.pull {
@@ -264,7 +343,7 @@ impl CpuFrame {
             params,
             &scene.points,
             surfaces(&self.surfaces, scene),
-            seen(scene),
+            seen(&self.occluded, scene),
             &scene.pull,
             &self.direct,
             &self.values,
@@ -333,10 +412,14 @@ impl CpuFrame {
                 }
                 None => &self.senders,
             };
+            let links = match &self.occluded {
+                Some(occluded) => &occluded.links,
+                None => &operator.links,
+            };
             apply::apply(
                 params,
                 &operator.rows,
-                &operator.links,
+                links,
                 points,
                 coefficients,
                 &mut self.values,
@@ -357,7 +440,11 @@ impl CpuFrame {
     fn light_space(&mut self, scene: &BakedScene, params: &SolveParams) {
         if let Some(probes) = &scene.probes {
             let all = 0..probes.rows.len();
-            let (rows, links) = (&probes.rows, &probes.links);
+            let links = match &self.occluded {
+                Some(occluded) => &occluded.probe_links,
+                None => &probes.links,
+            };
+            let rows = &probes.rows;
             apply::apply(params, rows, links, all, &self.senders, &mut self.probes);
         }
     }
@@ -387,7 +474,7 @@ impl CpuFrame {
         let mut e = Vec3::ZERO;
         for light in &self.lights {
             e += Vec3::from_array(light.color)
-                * project::project_at(&scene.bvh, extent, light, x, n);
+                * project::project_at(self.bvh(scene), extent, light, x, n);
         }
         e
     }
@@ -491,8 +578,16 @@ fn surfaces<'a>(own: &'a [PointSurface], scene: &'a BakedScene) -> &'a [PointSur
 }
 
 /// What the senders see of the sky's terms; nothing where the bake knows a uniform sky only.
-fn seen(scene: &BakedScene) -> &[[f32; 8]] {
-    scene.sky.as_ref().map_or(&[], |sky| &sky.senders)
+fn seen<'a>(occluded: &'a Option<Occluded>, scene: &'a BakedScene) -> &'a [[f32; 8]] {
+    match occluded {
+        Some(o) => &o.seen,
+        None => scene.sky.as_ref().map_or(&[], |sky| &sky.senders),
+    }
+}
+
+/// The BVH: that of the frame, where it has one.
+fn bvh<'a>(occluded: &'a Option<Occluded>, scene: &'a BakedScene) -> &'a Bvh {
+    occluded.as_ref().map_or(&scene.bvh, |o| &o.bvh)
 }
 
 /// Who is to get light.

@@ -23,7 +23,7 @@ use super::reflective::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{COARSEST, LUMINANCE, Levels, SubsplatParams, SubsplatSettings};
 use super::upsample::PLANE;
-use super::vpl::{hidden, place, share, start};
+use super::vpl::{place, reaches, share, start};
 use crate::scene::Bvh;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -262,17 +262,11 @@ pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
     let toward = Vec3::from_array(light.position) - at.x;
     let spread = light.square / (toward.dot(toward) + light.square);
     let found = brdf::gloss(&at.facet, g / g.length(), spread);
-    if found.straight + found.grazing <= 0.0
-        || hidden(
-            lights.lit,
-            lights.bvh,
-            light,
-            at.start,
-            arrives * brightest(&found),
-        )
-    {
+    if found.straight + found.grazing <= 0.0 {
         return Gloss::default();
     }
+    let bright = arrives * brightest(&found);
+    let arrives = arrives * reaches(lights.lit, lights.bvh, light, at.start, bright);
     Gloss {
         straight: arrives * found.straight,
         grazing: arrives * found.grazing,

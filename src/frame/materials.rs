@@ -3,8 +3,9 @@
 //! Not a kernel: it runs in frames in which a factor changed, over some thousand senders, and the device is given the result.
 
 use super::light::BRIGHTEST;
+use super::occlude::occlude_sky;
 use crate::asset::{BakedScene, LiveMaterials, PointSurface};
-use crate::scene::MaterialFactors;
+use crate::scene::{MaterialFactors, SkyRadiance};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -70,4 +71,24 @@ pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<
         all.map(|(j, baked)| live_surface(live, &factors, baked, j))
             .collect(),
     )
+}
+
+/// The senders' surfaces as they are now, and what they see of the sky's terms: for these factors of the materials, and where so much passes each set of occluders. What is
+/// left empty is as baked. What the senders see is empty where the bake knows a uniform sky only.
+#[must_use]
+pub fn present(
+    scene: &BakedScene,
+    factors: &[MaterialFactors],
+    passing: &[f32],
+) -> (Vec<PointSurface>, Vec<[f32; SkyRadiance::TERMS]>) {
+    let live = match factors.is_empty() {
+        true => None,
+        false => live_surfaces(scene, factors),
+    };
+    let mut surfaces = live.unwrap_or_else(|| scene.surfaces[..scene.senders()].to_vec());
+    let mut seen = scene.sky.as_ref().map_or(Vec::new(), |s| s.senders.clone());
+    if !passing.is_empty() {
+        occlude_sky(scene, passing, &mut surfaces, &mut seen);
+    }
+    (surfaces, seen)
 }

@@ -3,6 +3,7 @@
 //!
 //! | kernel | does |
 //! |---|---|
+//! | [`occlude`] | gains of doors and lifts → the links that those are in the way of; only when one changed |
 //! | [`project`] | light → irradiance at the lit points, shadows included; only for lights that moved |
 //! | [`radiosity`] | all lights and the sky → radiosity at the lit points |
 //! | [`pull`] | → the senders' coefficients, fine to coarse |
@@ -42,6 +43,7 @@ pub mod gloss;
 pub mod layout;
 mod light;
 pub mod materials;
+pub mod occlude;
 pub mod probe;
 pub mod project;
 pub mod pull;

@@ -140,15 +140,15 @@ pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) 
     )
 }
 
-/// `e` where `light` sees (x, n), 0 elsewhere.
+/// What of `e` gets from `light` to (x, n): all, what occluders let through, or nothing.
 #[inline]
 fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32) -> f32 {
     if e <= 0.0 {
         return 0.0;
     }
     match shadow_ray(light, x, n, extent) {
-        Some(ray) if bvh.occluded(&ray) => 0.0,
-        _ => e,
+        Some(ray) => e * bvh.passes(&ray),
+        None => e,
     }
 }
 
@@ -167,20 +167,21 @@ pub fn places_for<'a>(
     own.iter().skip(stride / 2).step_by(stride)
 }
 
-/// Irradiance of sender `j` from `light` with colour one.
+/// Irradiance of sender `j` from `light` with colour one. `bvh` is the scene's, with the gains that its occluders have now.
 #[must_use]
 #[inline]
 pub fn project_sender(
     scene: &BakedScene,
+    bvh: &Bvh,
     extent: f32,
     apart: f32,
     light: &FrameLight,
     j: usize,
 ) -> f32 {
-    let at = |x, n| project_at(&scene.bvh, extent, light, x, n);
+    let at = |x, n| project_at(bvh, extent, light, x, n);
     let near = |x, n| {
         let e = unshadowed_within(light, x, n, extent, apart);
-        shadowed(&scene.bvh, extent, light, x, n, e)
+        shadowed(bvh, extent, light, x, n, e)
     };
     let count = scene.places.per_sender as usize;
     let finest = scene.finest_senders().start;
@@ -195,9 +196,16 @@ pub fn project_sender(
 }
 
 /// Fills `out`, one value a sender.
-pub fn project(scene: &BakedScene, extent: f32, apart: f32, light: &FrameLight, out: &mut [f32]) {
+pub fn project(
+    scene: &BakedScene,
+    bvh: &Bvh,
+    extent: f32,
+    apart: f32,
+    light: &FrameLight,
+    out: &mut [f32],
+) {
     out.par_iter_mut()
         .with_min_len(16)
         .enumerate()
-        .for_each(|(j, e)| *e = project_sender(scene, extent, apart, light, j));
+        .for_each(|(j, e)| *e = project_sender(scene, bvh, extent, apart, light, j));
 }

@@ -149,15 +149,15 @@ pub fn texels(params: &RsmParams, depth: &[f32], gbuffer: &[[u32; 4]]) -> Vec<Rs
     out
 }
 
-/// True where a baked scene keeps the light from a texel.
+/// What of its light a baked scene lets through to a texel.
 #[must_use]
-pub fn hidden(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> bool {
+pub fn reaches(params: &RsmShadowParams, bvh: &Bvh, texel: &RsmTexel) -> f32 {
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let x = local.transform_point3(texel.position.into());
     let n = local.transform_vector3(texel.normal.into());
     let n = n / n.length().max(f32::MIN_POSITIVE);
     // What moves is not in the tree: the lift is for rounding alone.
-    shadow_ray(&params.light, x, n, params.extent).is_some_and(|ray| bvh.occluded(&ray))
+    shadow_ray(&params.light, x, n, params.extent).map_or(1.0, |ray| bvh.passes(&ray))
 }
 
 /// Takes the flux from the texels that a baked scene keeps the light from. Once for each scene.
@@ -166,8 +166,9 @@ pub fn shadow(params: &RsmShadowParams, bvh: &Bvh, texels: &mut [RsmTexel]) {
         return;
     }
     for texel in &mut texels[..params.texels as usize] {
-        if texel.flux != [0.0; 3] && hidden(params, bvh, texel) {
-            texel.flux = [0.0; 3];
+        if texel.flux != [0.0; 3] {
+            let passes = reaches(params, bvh, texel);
+            texel.flux = texel.flux.map(|f| f * passes);
         }
     }
 }

@@ -144,19 +144,22 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent))
 }
 
-/// True where the baked scene keeps a light from the place with this [`start`], whose share of the light's flux would be `arrives`.
+/// What of a light the baked scene lets through to the place with this [`start`], whose share of the light's flux would be `arrives`.
 #[must_use]
 #[inline]
-pub fn hidden(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives: f32) -> bool {
+pub fn reaches(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives: f32) -> f32 {
     if params.nodes == 0 || Vec3::from_array(light.flux).max_element() * arrives < params.dim {
-        return false;
+        return 1.0;
     }
     let local = Mat4::from_cols_array_2d(&params.local_from_space);
     let end = local.transform_point3(light.position.into());
     let ray = end - start;
     let length = ray.length();
     let max_t = length - lift(end, params.extent);
-    max_t > 0.0 && bvh.occluded(&Ray::segment(start, ray / length, max_t))
+    match max_t > 0.0 {
+        true => bvh.passes(&Ray::segment(start, ray / length, max_t)),
+        false => 1.0,
+    }
 }
 
 /// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the surface's horizon: its dot product with `n` is the sum
@@ -175,9 +178,11 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
         if arrives <= 0.0 {
             continue;
         }
-        if hidden(params, bvh, light, start, arrives) {
+        let passes = reaches(params, bvh, light, start, arrives);
+        if passes <= 0.0 {
             continue;
         }
+        let e = passes * e;
         let add =
             |axis: [f32; 4], d: f32| (Vec4::from_array(axis) + (e * d).extend(0.0)).to_array();
         sum.x = add(sum.x, g.x);

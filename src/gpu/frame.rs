@@ -1,12 +1,11 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
-use super::GpuError;
-use super::Pass;
 use super::draw::draw_composite;
 use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
+use super::{GpuCounters, GpuError, Pass};
 use crate::asset::BakedScene;
-use crate::frame::materials::live_surfaces;
+use crate::frame::materials::present;
 use crate::frame::splat::SEAM;
 use crate::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use crate::scene::MaterialFactors;
@@ -15,65 +14,6 @@ use glam::Mat4;
 /// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of slots is bound at a multiple of
 /// 256 bytes, the largest alignment of WebGPU.
 const SLOTS_A_DISPATCH: usize = 65_535 / 64 * 64;
-
-/// What a frame has recorded since it was made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct GpuCounters {
-    /// Dispatches of each pass, in the order of [`Pass::ALL`].
-    pub dispatches: [u64; Pass::COUNT],
-    /// Light slots projected.
-    pub projected: u64,
-    /// Solves recorded.
-    pub solves: u64,
-    /// Triangles drawn by `composite`.
-    pub composites: u64,
-}
-
-impl Default for GpuCounters {
-    fn default() -> Self {
-        Self {
-            dispatches: [0; Pass::COUNT],
-            projected: 0,
-            solves: 0,
-            composites: 0,
-        }
-    }
-}
-
-impl GpuCounters {
-    /// Dispatches of `pass`.
-    #[must_use]
-    pub fn of(&self, pass: Pass) -> u64 {
-        self.dispatches[pass as usize]
-    }
-
-    /// Adds what another has recorded.
-    pub fn add(&mut self, more: &Self) {
-        for (sum, more) in self.dispatches.iter_mut().zip(more.dispatches) {
-            *sum += more;
-        }
-        self.projected += more.projected;
-        self.solves += more.solves;
-        self.composites += more.composites;
-    }
-
-    /// What was recorded since it was `before`.
-    #[must_use]
-    pub fn since(&self, before: &Self) -> Self {
-        Self {
-            dispatches: core::array::from_fn(|i| self.dispatches[i] - before.dispatches[i]),
-            projected: self.projected - before.projected,
-            solves: self.solves - before.solves,
-            composites: self.composites - before.composites,
-        }
-    }
-
-    /// All dispatches.
-    #[must_use]
-    pub fn total(&self) -> u64 {
-        self.dispatches.iter().sum()
-    }
-}
 
 /// The textures that `splat` reads and writes. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +33,9 @@ pub struct SplatTargets<'a> {
 pub struct GpuFrame {
     buffers: SceneBuffers,
     lights: usize,
+    /// What the device's surfaces are of: factors of the materials, and what passes each set of occluders; empty as baked.
+    factors: Vec<MaterialFactors>,
+    passing: Vec<f32>,
     counters: GpuCounters,
 }
 
@@ -120,6 +63,8 @@ impl GpuFrame {
         Self {
             buffers,
             lights: 0,
+            factors: Vec::new(),
+            passing: Vec::new(),
             counters: GpuCounters::default(),
         }
     }
@@ -164,10 +109,28 @@ impl GpuFrame {
         scene: &BakedScene,
         factors: &[MaterialFactors],
     ) -> u64 {
-        let surfaces = live_surfaces(scene, factors).unwrap_or_default();
+        if scene.materials.is_none() {
+            return 0;
+        }
+        self.factors = factors.to_vec();
+        self.paint(queue, scene)
+    }
+
+    /// Notes what passes each set of occluders, and sends what that changes of the senders' surfaces.
+    pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
+        self.passing = passing;
+        self.paint(queue, scene);
+    }
+
+    /// Sends the senders' surfaces as they are now; says how many bytes those are.
+    fn paint(&mut self, queue: &wgpu::Queue, scene: &BakedScene) -> u64 {
+        let (surfaces, seen) = present(scene, &self.factors, &self.passing);
         let bytes: &[u8] = bytemuck::cast_slice(&surfaces);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffers.surfaces, 0, bytes);
+        }
+        if let (Some(sky), false) = (&self.buffers.sky, self.passing.is_empty()) {
+            queue.write_buffer(sky, 0, bytemuck::cast_slice(&seen));
         }
         bytes.len() as u64
     }

@@ -17,7 +17,7 @@ use crate::frame::{
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, VisibilityCluster, VisiblePoint};
-use crate::transport::{BounceLink, Link, Row};
+use crate::transport::{BounceLink, Link, Passage, Row};
 
 /// What is bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,7 +172,18 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
 ];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 22] = [
+pub const KERNELS: [Kernel; 23] = [
+    Kernel {
+        name: "occlude",
+        source: shader!("occlude"),
+        bindings: &[
+            SPAN,
+            bind(2, "passages", Read(size_of::<Passage>())),
+            bind(3, "passing", Read(4)),
+            bind(4, "links", Write(size_of::<Link>())),
+        ],
+        entries: &[each(Pass::Occlude, "occlude", &[1, 2, 3, 4])],
+    },
     Kernel {
         name: "project",
         source: shader!("project", "bvh", "shadow"),

@@ -16,9 +16,10 @@
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`Harness`] | a device without a window |
 //!
-//! One frame: `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
+//! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
 
+mod counters;
 mod draw;
 mod error;
 mod fmm;
@@ -27,6 +28,7 @@ mod gloss;
 mod harness;
 mod kernels;
 mod links;
+mod occlude;
 mod pass;
 mod pipelines;
 mod probes;
@@ -37,10 +39,11 @@ mod soft;
 mod subsplats;
 mod volume;
 
+pub use counters::GpuCounters;
 pub use draw::{draw_composite, draw_gloss, draw_shade};
 pub use error::GpuError;
 pub use fmm::GpuFmm;
-pub use frame::{GpuCounters, GpuFrame, SplatTargets};
+pub use frame::{GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
 pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind};

@@ -5,6 +5,8 @@ use super::kernels::{Entry, KERNELS};
 /// A compute entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Pass {
+    /// `occlude`.
+    Occlude,
     /// `project`.
     Project,
     /// `radiosity`.
@@ -87,10 +89,11 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 39;
+    pub const COUNT: usize = 40;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
+        Self::Occlude,
         Self::Project,
         Self::Radiosity,
         Self::Pull,

@@ -4,6 +4,7 @@ use super::GpuError;
 use super::Pass;
 use super::fmm::GpuFmm;
 use super::links::{LinkPart, cut};
+use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use crate::asset::BakedScene;
 use crate::frame::{
@@ -87,6 +88,8 @@ pub struct SceneBuffers {
     pub(super) values: wgpu::Buffer,
     /// Where the bake knows light in free space.
     pub(super) probes: Option<ProbeBuffers>,
+    /// Where the bake knows occluders.
+    pub(super) occluders: Option<OccluderBuffers>,
     pub(super) slots: u32,
 }
 
@@ -228,6 +231,9 @@ impl SceneBuffers {
         let probes = (scene.probes.as_ref())
             .map(|probes| ProbeBuffers::new(&make, &mut table, probes))
             .transpose()?;
+        let occluders = (scene.occluders.as_ref())
+            .map(|known| OccluderBuffers::new(&make, &mut table, scene, known, &ordered))
+            .transpose()?;
         let coefficients = |what| make.empty::<[f32; 4]>(what, shape.coefficients() as u64);
         let sky = (scene.sky.as_ref()).map(|s| make.upload("sky terms", &s.senders));
         let bounces = match &scene.bounces {
@@ -289,6 +295,7 @@ impl SceneBuffers {
             fmm,
             values: make.empty::<VectorIrradiance>("vector irradiance", points)?,
             probes,
+            occluders,
             slots,
             shape,
         })
@@ -380,6 +387,8 @@ impl SceneBuffers {
         match pass {
             Pass::Project => Some(&self.projected),
             Pass::Radiosity | Pass::Pull | Pass::Sweep | Pass::Add => Some(&self.senders),
+            // The first part, if there are several.
+            Pass::Occlude => self.links.first(),
             Pass::Compress => self.components.as_ref().map(|c| &c.components),
             Pass::Push => self.differences.as_ref().map(|d| &d[0]),
             Pass::Apply => self
@@ -451,6 +460,7 @@ impl SceneBuffers {
             .chain(components)
             .chain(self.fmm.iter().flat_map(GpuFmm::named))
             .chain(self.probes.iter().flat_map(ProbeBuffers::named))
+            .chain(self.occluders.iter().flat_map(OccluderBuffers::named))
     }
 }
 

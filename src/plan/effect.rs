@@ -42,6 +42,11 @@ pub const EFFECTS: &[Effect] = &[
         schedule: super::transport::materials,
     },
     Effect {
+        name: "occluders",
+        summary: "opens and shuts the links that doors and lifts are in the way of, where one of those moved",
+        schedule: super::transport::occluders,
+    },
+    Effect {
         name: "lights",
         summary: "projects the light slots that are new or moved",
         schedule: lights,
@@ -285,7 +290,10 @@ fn lights(state: &FrameState, plan: &mut Plan) {
             .map(|i| i as u32)
             .collect();
         if !slots.is_empty() {
-            let reason = Reason::LightsMoved(slots.len());
+            let reason = match scene.occluders_changed {
+                0 => Reason::LightsMoved(slots.len()),
+                moved => Reason::OccludersMoved(moved),
+            };
             plan.push("lights", Stage::Project, scene.id, reason).slots = slots;
         }
     }
@@ -400,6 +408,16 @@ mod tests {
             plan.find(Stage::Apply, A).unwrap().reason,
             Reason::LightsRecoloured(1)
         );
+    }
+
+    #[test]
+    fn a_door_that_moves_runs_the_transport() {
+        let mut state = at_rest();
+        state.scenes[0].occluders_changed = 1;
+        let plan = Plan::new(&state);
+        assert_eq!(stages(&plan)[..2], [Stage::Occlude, Stage::PullPush]);
+        let reason = &plan.find(Stage::Apply, A).unwrap().reason;
+        assert_eq!(*reason, Reason::OccludersMoved(1));
     }
 
     #[test]

@@ -257,11 +257,16 @@ impl<K: Copy + Ord> SlotTable<K> {
         self.lost = false;
     }
 
-    /// The device holds nothing any more.
-    pub fn forget(&mut self) {
+    /// What casts shadows changed: no projection is of use any more.
+    pub fn unproject(&mut self) {
         for slot in self.slots.iter_mut().flatten() {
             slot.projected = None;
         }
+    }
+
+    /// The device holds nothing any more.
+    pub fn forget(&mut self) {
+        self.unproject();
         self.applied.fill([0.0; 3]);
         self.lost = false;
     }

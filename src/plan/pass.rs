@@ -10,6 +10,8 @@ pub enum Stage {
     Upload,
     /// The senders' surfaces, where materials changed.
     Materials,
+    /// The links that doors and lifts are in the way of, where one of those moved.
+    Occlude,
     /// Lights onto the points, slot by slot.
     Project,
     /// Radiosity of the lit points, pull-push to the senders, and the live bounces between them.
@@ -42,9 +44,10 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Upload,
         Self::Materials,
+        Self::Occlude,
         Self::Project,
         Self::PullPush,
         Self::Apply,
@@ -67,6 +70,7 @@ impl Stage {
         match self {
             Self::Upload => "upload",
             Self::Materials => "materials",
+            Self::Occlude => "occlude",
             Self::Project => "project",
             Self::PullPush => "pull_push",
             Self::Apply => "apply",
@@ -99,6 +103,8 @@ pub enum Reason {
     SettingsChanged,
     /// Base colours or emission of materials are not those that the device has.
     MaterialsChanged,
+    /// So many occluders opened or shut, or moved between.
+    OccludersMoved(usize),
     /// A light went away.
     LightRemoved,
     /// The scene is in this view.
@@ -121,6 +127,7 @@ impl fmt::Display for Reason {
             Self::LightsRecoloured(n) => write!(f, "{n} light slot(s) changed colour"),
             Self::SettingsChanged => f.write_str("sky, emission, bounces or tier changed"),
             Self::MaterialsChanged => f.write_str("materials changed colour or emission"),
+            Self::OccludersMoved(n) => write!(f, "{n} occluder(s) opened or shut"),
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),
             Self::Asked => f.write_str("the coefficients were asked for"),

@@ -96,6 +96,8 @@ pub struct SceneState {
     pub read_back: bool,
     /// The materials of a bake that lets them change are not those that the device last had.
     pub materials_changed: bool,
+    /// So many occluders of the bake do not stand as the device last had them.
+    pub occluders_changed: usize,
     /// The bake knows light in free space.
     pub probes: bool,
     /// What cameras without a G-buffer ask of it.
@@ -126,6 +128,7 @@ impl SceneState {
             idle_frames: 0,
             read_back: false,
             materials_changed: false,
+            occluders_changed: 0,
             probes: false,
             volume: VolumeState::default(),
             sky: SkyUse::Uniform,

@@ -1,4 +1,4 @@
-//! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, and the operator.
+//! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, links that occluders are in the way of, and the operator.
 
 use super::effect::{Plan, active_scenes};
 use super::{FrameState, Reason, Skip, SkyUse, SlotChange, Stage};
@@ -7,6 +7,13 @@ pub(super) fn materials(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.materials_changed) {
         let reason = Reason::MaterialsChanged;
         plan.push("materials", Stage::Materials, scene.id, reason);
+    }
+}
+
+pub(super) fn occluders(state: &FrameState, plan: &mut Plan) {
+    for scene in active_scenes(state).filter(|s| s.occluders_changed > 0) {
+        let reason = Reason::OccludersMoved(scene.occluders_changed);
+        plan.push("occluders", Stage::Occlude, scene.id, reason);
     }
 }
 
@@ -24,6 +31,8 @@ pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
         let of = |change| scene.slots.iter().filter(|s| **s == change).count();
         let reason = if !scene.resident {
             Reason::NewBake
+        } else if scene.occluders_changed > 0 {
+            Reason::OccludersMoved(scene.occluders_changed)
         } else if of(SlotChange::Geometry) > 0 {
             Reason::LightsMoved(of(SlotChange::Geometry))
         } else if of(SlotChange::Colour) > 0 {

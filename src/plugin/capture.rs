@@ -163,8 +163,8 @@ pub(crate) struct Reflections {
     shadowed_by: Vec<Shadower>,
 }
 
-/// A bake, where it stood, and whose it was: (instance, address, local from world).
-type Shadower = (SceneId, usize, DMat4);
+/// A bake, where it stood, whose it was, and what passed its occluders: (instance, address, local from world, gains).
+type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 
 fn shadowers(
     world: &ExtractedGi,
@@ -172,8 +172,12 @@ fn shadowers(
 ) -> Vec<Shadower> {
     let address =
         |id: &SceneId| (scenes.get(id)).map_or(0, |s| std::sync::Arc::as_ptr(&s.bake) as usize);
+    let gains = |id: &SceneId| {
+        let scene = world.scenes.iter().find(|s| s.id == *id);
+        scene.map_or_else(Vec::new, |s| s.gains.clone())
+    };
     bakes(world, scenes)
-        .map(|(id, local, _)| (id, address(&id), local))
+        .map(|(id, local, _)| (id, address(&id), local, gains(&id)))
         .collect()
 }
 

@@ -39,6 +39,8 @@ pub(crate) struct SceneRuntime {
     solved: Option<FrameSettings>,
     /// The factors of the materials that the device's surfaces are of; none for those of the bake.
     painted: Vec<MaterialFactors>,
+    /// What passes the occluders in what the device has; none for all open.
+    gains: Vec<f32>,
     idle_frames: u32,
     /// From a failed upload: bytes of a buffer that did not fit the device, and how many slots there were.
     too_large: Option<(u64, usize)>,
@@ -182,6 +184,7 @@ impl GiRender {
             volume: SceneVolume::default(),
             solved: None,
             painted: Vec::new(),
+            gains: Vec::new(),
             idle_frames: 0,
             too_large: None,
             read_back: None,
@@ -207,6 +210,11 @@ impl GiRender {
                     )
                 })
                 .collect();
+            state.occluders_changed = runtime.moved(scene);
+            if state.occluders_changed > 0 {
+                // No shadow is where it was.
+                runtime.slots.unproject();
+            }
             let Slots { changes, stale } = runtime.slots.update(&lights, bounds(bake));
             state.slots = changes;
             state.stale = stale;
@@ -246,6 +254,7 @@ impl GiRender {
         runtime.slots.forget();
         runtime.solved = None;
         runtime.painted.clear();
+        runtime.gains.clear();
         runtime.read_back = None;
     }
 
@@ -337,6 +346,7 @@ impl GiRender {
 /// The stage of the plan that a dispatch belongs to.
 fn stage_of(pass: Pass) -> Stage {
     match pass {
+        Pass::Occlude => Stage::Occlude,
         Pass::Project => Stage::Project,
         Pass::Radiosity
         | Pass::Pull
@@ -450,7 +460,7 @@ pub(crate) fn compute(
             scene.id,
             &plan,
             &settings,
-            &scene.materials,
+            scene,
             kernels,
             &queue,
             &recorder,
@@ -500,6 +510,13 @@ impl SceneRuntime {
         *has != scene.materials
     }
 
+    /// How many occluders do not stand as the device has them.
+    fn moved(&self, scene: &ExtractedScene) -> usize {
+        let has = |k: usize| self.gains.get(k).copied().unwrap_or(1.0);
+        let now = scene.gains.iter().enumerate();
+        now.filter(|&(k, &gain)| gain != has(k)).count()
+    }
+
     /// Uploads, projects and solves, as far as the plan says so for this scene.
     #[expect(
         clippy::too_many_arguments,
@@ -510,7 +527,7 @@ impl SceneRuntime {
         id: SceneId,
         plan: &Plan,
         settings: &FrameSettings,
-        materials: &[MaterialFactors],
+        scene: &ExtractedScene,
         kernels: &Kernels,
         queue: &RenderQueue,
         recorder: &impl RecordDiagnostics,
@@ -528,8 +545,12 @@ impl SceneRuntime {
             return Ok(());
         };
         if plan.find(Stage::Materials, id).is_some() {
-            frame.set_materials(queue, &self.bake, materials);
-            self.painted = materials.to_vec();
+            frame.set_materials(queue, &self.bake, &scene.materials);
+            self.painted.clone_from(&scene.materials);
+        }
+        if plan.find(Stage::Occlude, id).is_some() {
+            frame.set_occluders(kernels, queue, encoder, &self.bake, &scene.gains);
+            self.gains.clone_from(&scene.gains);
         }
         if plan.find(Stage::Apply, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;

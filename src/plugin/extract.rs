@@ -13,6 +13,7 @@ use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::gloss::MeshlessGiGloss;
 use super::materials::{MeshlessGiMaterials, factors, unknown};
+use super::occluders::{MeshlessGiOccluder, gains};
 use super::quality::MeshlessGiTier;
 use super::reflective::MeshlessGiCapture;
 use super::sky::MeshlessGiSky;
@@ -52,6 +53,8 @@ pub(crate) struct ExtractedScene {
     pub sky: SkyRadiance,
     /// The factors of its materials, where they may change.
     pub materials: Vec<MaterialFactors>,
+    /// What passes its occluders, where it knows any.
+    pub gains: Vec<f32>,
     /// The tier and why; none while the bake loads.
     pub tier: Option<Picked>,
 }
@@ -308,6 +311,7 @@ pub(crate) fn extract(
     mut flat: Local<HashSet<Entity>>,
     standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
     mut strange: Local<HashSet<Entity>>,
+    occluders: Extract<Query<(Entity, &MeshlessGiOccluder)>>,
 ) {
     out.keep_frames = settings.keep_frames;
     out.read_back = gizmos
@@ -350,6 +354,10 @@ pub(crate) fn extract(
             id: SceneId(entity.to_bits()),
             materials: (bake.as_ref().and_then(|b| b.materials.as_ref()))
                 .map_or_else(Vec::new, |live| factors(live, materials, standard)),
+            gains: (bake.as_ref().and_then(|b| b.occluders.as_ref()))
+                .map_or_else(Vec::new, |known| {
+                    gains(known, occluders.iter().map(|o| o.1))
+                }),
             bake,
             sky,
             placement,
@@ -358,6 +366,19 @@ pub(crate) fn extract(
             lighting: lighting.clone(),
             tier: tier.picked(),
         });
+    }
+    let whole = !out.scenes.is_empty() && out.scenes.iter().all(|s| s.bake.is_some());
+    for (entity, occluder) in occluders.iter().filter(|_| whole) {
+        let knows = |scene: &ExtractedScene| {
+            let known = scene.bake.as_ref().and_then(|b| b.occluders.as_ref());
+            known.is_some_and(|o| o.names.contains(&occluder.name))
+        };
+        if !out.scenes.iter().any(knows) && strange.insert(entity) {
+            warn!(
+                "`MeshlessGiOccluder` of {entity} names what no bake knows: `{}`. Name it in the recipe (`occluders: [(name: \"{}\")]`), or with `--occluder`.",
+                occluder.name, occluder.name
+            );
+        }
     }
     // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
     out.scenes.sort_unstable_by_key(|scene| scene.id);

@@ -66,6 +66,7 @@ mod gloss;
 mod level;
 mod loader;
 mod materials;
+mod occluders;
 mod points;
 pub mod prelude;
 mod quality;
@@ -102,6 +103,7 @@ pub use level::{
 };
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
 pub use materials::MeshlessGiMaterials;
+pub use occluders::MeshlessGiOccluder;
 pub use points::{
     MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiPointsError, MeshlessGiPointsLoader,
     MeshlessGiPointsSettings,
@@ -157,6 +159,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
             .register_type::<MeshlessGiMaterials>()
+            .register_type::<MeshlessGiOccluder>()
             .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()

@@ -2,7 +2,7 @@
 
 pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
-    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiPlugin,
-    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSky,
-    MeshlessGiSoftShadow, MeshlessGiSystems, MeshlessGiVolume,
+    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder,
+    MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality,
+    MeshlessGiReflective, MeshlessGiSky, MeshlessGiSoftShadow, MeshlessGiSystems, MeshlessGiVolume,
 };

@@ -1,4 +1,5 @@
-//! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU alike.
+//! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU alike. The triangles of occluders, which a game opens and
+//! shuts, stand behind all others and carry what passes them.
 
 use super::Ray;
 use bytemuck::{Pod, Zeroable};
@@ -24,12 +25,12 @@ pub struct BvhNode {
 pub struct BvhTriangle {
     /// First vertex, metres.
     pub a: [f32; 3],
-    /// Not used.
-    pub pad0: u32,
+    /// 0 for what stays, else one more than the number of the occluder that it belongs to.
+    pub occluder: u32,
     /// Second vertex.
     pub b: [f32; 3],
-    /// Not used.
-    pub pad1: u32,
+    /// What passes it: 0 where it stays, the occluder's gain in [0, 1] else.
+    pub gain: f32,
     /// Third vertex.
     pub c: [f32; 3],
     /// Not used.
@@ -51,11 +52,65 @@ impl Bvh {
     /// Components of a direction that are smaller are taken for this.
     pub const SMALLEST: f32 = 1e-18;
 
-    /// True when any triangle meets `ray` with t in (0, `ray.max_t`).
+    /// Most occluders: one bit each of what a walk has crossed.
+    pub const MOST_OCCLUDERS: usize = 64;
+
+    /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle that stays, else the product of the gains of the occluders in
+    /// between, each once.
+    #[must_use]
+    pub fn passes(&self, ray: &Ray) -> f32 {
+        let (mut passes, mut crossed) = (1.0, 0u64);
+        self.walk(ray, |triangle| {
+            let bit = bit_of(triangle);
+            if crossed & bit == 0 {
+                crossed |= bit;
+                passes *= match bit {
+                    0 => 0.0,
+                    _ => triangle.gain,
+                };
+            }
+            passes <= 0.0
+        });
+        passes
+    }
+
+    /// The occluders that `ray` crosses with t in (0, `ray.max_t`), bit k for number k; what stays is looked through.
+    #[must_use]
+    pub fn crossed(&self, ray: &Ray) -> u64 {
+        let mut crossed = 0;
+        self.walk(ray, |triangle| {
+            crossed |= bit_of(triangle);
+            false
+        });
+        crossed
+    }
+
+    /// True when no light passes along `ray` with t in (0, `ray.max_t`).
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
+        self.passes(ray) <= 0.0
+    }
+
+    /// Where the occluders' triangles start.
+    #[must_use]
+    pub fn first_occluder(&self) -> usize {
+        self.triangles.partition_point(|t| t.occluder == 0)
+    }
+
+    /// Sets what passes each occluder, by number; those that are missing are open.
+    pub fn set_gains(&mut self, gains: &[f32]) {
+        let first = self.first_occluder();
+        for triangle in &mut self.triangles[first..] {
+            let k = triangle.occluder as usize - 1;
+            triangle.gain = gains.get(k).copied().unwrap_or(1.0);
+        }
+    }
+
+    /// Shows `meet` the triangles that `ray` meets, in no order, until it says that it has seen enough.
+    #[inline]
+    fn walk(&self, ray: &Ray, mut meet: impl FnMut(&BvhTriangle) -> bool) {
         if self.nodes.is_empty() {
-            return false;
+            return;
         }
         // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts as one that it crosses very late.
         let guard = |d: f32| {
@@ -89,11 +144,18 @@ impl Bvh {
             }
             let first = node.first as usize;
             let leaf = &self.triangles[first..first + node.count as usize];
-            if leaf.iter().any(|t| shear.meets(ray, t)) {
-                return true;
+            if leaf.iter().any(|t| shear.meets(ray, t) && meet(t)) {
+                return;
             }
         }
-        false
+    }
+}
+
+/// The bit of a triangle's occluder; none for what stays.
+fn bit_of(triangle: &BvhTriangle) -> u64 {
+    match triangle.occluder {
+        0 => 0,
+        k => 1 << ((k - 1) % 64),
     }
 }
 

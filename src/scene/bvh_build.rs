@@ -105,6 +105,54 @@ impl Bvh {
     }
 }
 
+impl Bvh {
+    /// This BVH with the triangles of occluders behind its own, the `k`-th of `occluders` as number k and open. The tree is one level deeper: its root has what stays on
+    /// one side, and what moves on the other.
+    #[must_use]
+    pub fn with_occluders(self, occluders: &[Vec<[Vec3; 3]>]) -> Self {
+        let all: Vec<Corners> = occluders.iter().flatten().copied().collect();
+        let numbers: Vec<u32> = (1..)
+            .zip(occluders)
+            .flat_map(|(k, own)| std::iter::repeat_n(k, own.len()))
+            .collect();
+        let (mut moving, order) = Self::build(&all);
+        for (triangle, &i) in moving.triangles.iter_mut().zip(&order) {
+            triangle.occluder = numbers[i as usize];
+            triangle.gain = 1.0;
+        }
+        match (self.nodes.as_slice(), moving.nodes.as_slice()) {
+            (_, []) => self,
+            ([], _) => moving,
+            ([a, ..], [b, ..]) => {
+                let corner = |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| {
+                    std::array::from_fn(|c| f(a[c], b[c]))
+                };
+                let root = BvhNode {
+                    min: corner(f32::min, a.min, b.min),
+                    first: 1,
+                    max: corner(f32::max, a.max, b.max),
+                    count: 0,
+                };
+                // The two old roots side by side, then what is below the one and below the other.
+                let (staying, count) = (self.nodes.len() as u32, self.triangles.len() as u32);
+                let moved = |node: &BvhNode, nodes: u32, triangles: u32| BvhNode {
+                    first: node.first + if node.count == 0 { nodes } else { triangles },
+                    ..*node
+                };
+                let own = |node| moved(node, 2, 0);
+                let other = |node| moved(node, staying + 1, count);
+                let nodes = [root, own(a), other(b)].into_iter();
+                let nodes = nodes.chain(self.nodes[1..].iter().map(own));
+                let nodes = nodes.chain(moving.nodes[1..].iter().map(other));
+                Self {
+                    nodes: nodes.collect(),
+                    triangles: [self.triangles, moving.triangles].concat(),
+                }
+            }
+        }
+    }
+}
+
 /// Nodes breadth first, children side by side behind their parent, triangles in leaf order.
 fn flatten(binary: &Bvh2, triangles: &[Corners]) -> (Bvh, Vec<u32>) {
     let mut bvh = Bvh {
@@ -208,6 +256,7 @@ fn balanced(boxes: &[Padded], leaf: u32) -> Bvh2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Ray;
 
     /// Triangles whose sizes and distances grow by powers of two, which makes greedy builders lean to one side.
     fn lopsided(count: usize) -> Vec<Corners> {
@@ -267,6 +316,43 @@ mod tests {
             assert!(wide_depth(&build_wide(&triangles)) <= DEEPEST_WIDE);
             assert_eq!(Bvh::build(&triangles).0, bvh, "twice the same");
         }
+    }
+
+    #[test]
+    fn occluders_stand_behind_what_stays() {
+        let wall = |x: f32, from: f32, to: f32| {
+            let at = |y, z| Vec3::new(x, y, z);
+            vec![
+                [at(0.0, from), at(2.0, from), at(0.0, to)],
+                [at(2.0, from), at(2.0, to), at(0.0, to)],
+            ]
+        };
+        let level: Vec<Corners> = (0..9).flat_map(|i| wall(i as f32, 2.0, 4.0)).collect();
+        let doors = [
+            wall(1.5, 0.0, 2.0),
+            [wall(3.25, 0.0, 2.0), wall(3.75, 0.0, 2.0)].concat(),
+        ];
+        let mut bvh = Bvh::build(&level).0.with_occluders(&doors);
+        assert_eq!(bvh.first_occluder(), 18);
+        let from = |z: f32, length| Ray::segment(Vec3::new(-1.0, 0.9, z), Vec3::X, length);
+        for (length, crossed) in [(2.0, 0b00), (3.0, 0b01), (4.5, 0b11), (9.0, 0b11)] {
+            assert_eq!(bvh.crossed(&from(1.1, length)), crossed, "{length} m");
+            assert_eq!(bvh.passes(&from(1.1, length)), 1.0);
+        }
+        assert_eq!(bvh.passes(&from(3.1, 0.5)), 1.0);
+        assert_eq!(bvh.passes(&from(3.1, 1.5)), 0.0);
+        // The second has two sides, and holds back once.
+        bvh.set_gains(&[0.5, 0.25]);
+        assert_eq!(bvh.passes(&from(1.1, 3.0)), 0.5);
+        assert_eq!(bvh.passes(&from(1.1, 9.0)), 0.125);
+        bvh.set_gains(&[0.0]);
+        assert!(bvh.occluded(&from(1.1, 3.0)) && bvh.occluded(&from(1.1, 9.0)));
+        let alone = Bvh::default().with_occluders(&doors);
+        assert_eq!(alone.crossed(&from(1.1, 9.0)), 0b11);
+        assert_eq!(
+            Bvh::build(&level).0.with_occluders(&[]),
+            Bvh::build(&level).0
+        );
     }
 
     #[test]

@@ -162,6 +162,16 @@ pub trait Geometry: Sync {
         Vec::new()
     }
 
+    /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and [`cast`](Self::cast) knows nothing of them.
+    fn crossed(&self, _ray: &Ray) -> u64 {
+        0
+    }
+
+    /// The same geometry with all occluders shut, where there are any: functions end at them as at walls, open or not.
+    fn shut(&self) -> Option<&dyn Geometry> {
+        None
+    }
+
     /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
     fn lift(&self, p: Vec3) -> f32 {
         mesh_lift(self.bounds().size().max_element(), p)

@@ -15,7 +15,12 @@ impl TriangleMesh {
         let textured = parts.iter().any(|p| p.texture_count() > 0);
         let (mut triangles, mut material_of, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
         let (mut materials, mut textures, mut lifts) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut nodes, mut node_of) = (Vec::new(), Vec::new());
         for part in parts {
+            let part = part.into_parts();
+            let (own_nodes, own_node_of) = part.nodes_behind(nodes.len() as u32);
+            nodes.extend(own_nodes);
+            node_of.extend(own_node_of);
             let FaceParts {
                 triangles: own_triangles,
                 material_of: own_material_of,
@@ -23,7 +28,8 @@ impl TriangleMesh {
                 materials: own_materials,
                 textures: own_textures,
                 lifts: own_lifts,
-            } = part.into_parts();
+                ..
+            } = part;
             let (first_material, first_texture) = (materials.len() as u32, textures.len() as u32);
             material_of.extend(own_material_of.iter().map(|m| m + first_material));
             if textured {
@@ -45,6 +51,9 @@ impl TriangleMesh {
         }
         let mut mesh = Self::textured(triangles, material_of, materials, uvs, textures);
         mesh.set_lifts(lifts);
+        if !nodes.is_empty() {
+            mesh.set_nodes(nodes, node_of);
+        }
         mesh
     }
 }

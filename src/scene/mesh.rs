@@ -6,10 +6,12 @@
 
 use super::bvh_build::build_wide;
 use super::geometry::mesh_lift;
+use super::occluder::MeshNode;
 use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{
-    Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, Ray, Site, Surface, Texture,
+    Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, MeshProblems, Ray, Site,
+    Surface, Texture,
 };
 use core::f32::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
@@ -34,45 +36,6 @@ pub struct TriangleUvs {
     pub emissive: [Vec2; 3],
 }
 
-/// What was left out or corrected when a mesh was built, counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MeshProblems {
-    /// Triangles dropped because a coordinate was not finite, or beyond 10⁹ m.
-    pub not_finite: u64,
-    /// Triangles dropped because they have no area.
-    pub no_area: u64,
-    /// Triangles dropped because a vertex index was out of range.
-    pub bad_index: u64,
-    /// Triangles whose material index was out of range: they got the default material.
-    pub bad_material: u64,
-    /// Materials whose reflectance was not within [0, 1]: clamped.
-    pub albedo_clamped: u64,
-    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m² sr): it was lowered to that.
-    pub bad_emission: u64,
-    /// Materials that named a texture that is not there: used without it.
-    pub bad_texture: u64,
-}
-
-impl MeshProblems {
-    /// Triangles that are not in the mesh.
-    #[must_use]
-    pub fn dropped(&self) -> u64 {
-        self.not_finite + self.no_area + self.bad_index
-    }
-
-    /// Adds what was wrong elsewhere.
-    #[cfg(feature = "cli")]
-    pub(super) fn add(&mut self, other: &Self) {
-        self.not_finite += other.not_finite;
-        self.no_area += other.no_area;
-        self.bad_index += other.bad_index;
-        self.bad_material += other.bad_material;
-        self.albedo_clamped += other.albedo_clamped;
-        self.bad_emission += other.bad_emission;
-        self.bad_texture += other.bad_texture;
-    }
-}
-
 /// What a mesh is made of, triangles in their order.
 pub(super) struct FaceParts {
     pub(super) triangles: Vec<[Vec3; 3]>,
@@ -82,6 +45,9 @@ pub(super) struct FaceParts {
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     pub(super) lifts: Vec<Lifts>,
+    pub(super) nodes: Vec<MeshNode>,
+    /// Empty where there are no nodes.
+    pub(super) node_of: Vec<u32>,
 }
 
 /// A triangle as traversal reads it. 48 bytes.
@@ -110,6 +76,10 @@ pub struct TriangleMesh {
     problems: MeshProblems,
     /// Where the cells of points are rough.
     lifts: Vec<Lifts>,
+    /// The nodes of the file that it came from; none where there was no file, or one without any.
+    nodes: Vec<MeshNode>,
+    /// Which of them each triangle belongs to.
+    node_of: Vec<u32>,
 }
 
 impl TriangleMesh {
@@ -139,10 +109,7 @@ impl TriangleMesh {
         let mut faces = Vec::with_capacity(triangles.len());
         let mut kept_uvs = Vec::new();
         for (i, corners) in triangles.iter().enumerate() {
-            if !corners
-                .iter()
-                .all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
-            {
+            if !within_reach(corners) {
                 problems.not_finite += 1;
                 continue;
             }
@@ -200,6 +167,8 @@ impl TriangleMesh {
             bvh_time,
             problems,
             lifts: Vec::new(),
+            nodes: Vec::new(),
+            node_of: Vec::new(),
         }
     }
 
@@ -272,6 +241,8 @@ impl TriangleMesh {
     pub(super) fn into_parts(self) -> FaceParts {
         let in_order = || self.place.iter().map(|&k| &self.faces[k as usize]);
         FaceParts {
+            nodes: self.nodes,
+            node_of: self.node_of,
             triangles: in_order().map(|f| f.corners).collect(),
             material_of: in_order().map(|f| f.material).collect(),
             uvs: self.uvs,
@@ -279,6 +250,34 @@ impl TriangleMesh {
             textures: self.textures,
             lifts: self.lifts,
         }
+    }
+
+    /// The nodes that its triangles came from, by the index of a triangle.
+    pub(super) fn nodes(&self) -> (&[MeshNode], &[u32]) {
+        (&self.nodes, &self.node_of)
+    }
+
+    /// Says which node each triangle came from.
+    pub(super) fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
+        (self.nodes, self.node_of) = (nodes, node_of);
+    }
+
+    /// The mesh of the triangles whose index `keeps` likes, with the same materials.
+    pub(super) fn keep(&self, keeps: impl Fn(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.len()).filter(|&i| keeps(i)).collect();
+        let face = |&i: &usize| &self.faces[self.place[i] as usize];
+        let some = |all: &[u32]| kept.iter().filter_map(|&i| all.get(i).copied()).collect();
+        let mut mesh = Self::textured(
+            kept.iter().map(|i| face(i).corners).collect(),
+            kept.iter().map(|i| face(i).material).collect(),
+            self.materials.clone(),
+            (kept.iter().filter_map(|&i| self.uvs.get(i).copied())).collect(),
+            self.textures.clone(),
+        );
+        mesh.problems = self.problems;
+        mesh.lifts.clone_from(&self.lifts);
+        mesh.set_nodes(self.nodes.clone(), some(&self.node_of));
+        mesh
     }
 
     /// Lifts that rays need on top of [`Geometry::lift`]'s own.
@@ -422,6 +421,17 @@ fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     let cross = (b - a).cross(c - a);
     let length = cross.length();
     (length > 0.0).then(|| (cross / length).as_vec3())
+}
+
+/// Whether a triangle's coordinates are numbers that rays can reckon with.
+fn within_reach(corners: &[Vec3; 3]) -> bool {
+    (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
+}
+
+/// Whether a mesh keeps a triangle: all others are left out and counted.
+#[cfg(feature = "gltf")]
+pub(super) fn kept(corners: &[Vec3; 3]) -> bool {
+    within_reach(corners) && has_area(corners)
 }
 
 /// Whether rays can meet a triangle.

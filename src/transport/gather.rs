@@ -6,6 +6,7 @@
 //! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map and no allocation per ray
 //! (design D4). Two half sums, of even and of odd rays, tell real variation from noise.
 
+use super::passage::Part;
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, Ray, Site, SkyRadiance};
@@ -75,6 +76,8 @@ pub struct Gathered {
     pub touched: Vec<u32>,
     /// (1/π) ∫ ω dω over the directions that met nothing.
     pub sky: Vec3A,
+    /// What of the sums, and of the sky (as the sender behind the last), crossed occluders: ray after ray.
+    pub parts: Vec<Part>,
     /// The part of the normal component that met a surface which no sender covers.
     pub uncovered: f32,
     /// The part that met the back of a single-sided surface, from where no light comes.
@@ -92,6 +95,8 @@ struct Hit {
     value: Vec3A,
     /// 0 for an even ray, 1 for an odd one.
     half: usize,
+    /// The occluders on the way.
+    crossed: u64,
 }
 
 impl Gathered {
@@ -102,6 +107,7 @@ impl Gathered {
             sums: vec![[Vec3A::ZERO; 2]; senders],
             touched: Vec::new(),
             sky: Vec3A::ZERO,
+            parts: Vec::new(),
             uncovered: 0.0,
             unlit: 0.0,
             marks: vec![false; senders],
@@ -119,6 +125,7 @@ impl Gathered {
         }
         self.touched.clear();
         self.sky = Vec3A::ZERO;
+        self.parts.clear();
         self.uncovered = 0.0;
         self.unlit = 0.0;
     }
@@ -132,6 +139,15 @@ impl Gathered {
             self.touched.push(sender);
         }
         self.sums[j][half] += value;
+    }
+
+    /// Notes that `value` of the link to `sender` crossed occluders.
+    fn part(&mut self, sender: u32, crossed: u64, value: Vec3A) {
+        self.parts.push(Part {
+            sender,
+            crossed,
+            value,
+        });
     }
 
     /// The link F_ij so far.
@@ -166,12 +182,19 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
         let value = Vec3A::from(direction) * (w * norm);
         let Some(hit) = scene.geometry.cast(&ray) else {
             out.sky += value;
+            let crossed = scene.geometry.crossed(&ray);
+            if crossed != 0 {
+                out.part(out.sums.len() as u32, crossed, value);
+            }
             continue;
         };
         hits.push(Hit {
             site: scene.geometry.site(&ray, &hit),
             value,
             half: k & 1,
+            crossed: scene
+                .geometry
+                .crossed(&Ray::segment(start, direction, hit.t)),
         });
     }
     let mut found = std::mem::take(&mut out.found);
@@ -183,7 +206,11 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
                 covered = true;
                 let first = scene.hierarchy.level_starts[l];
                 for entry in &found {
-                    out.deposit(first + entry.index, hit.half, hit.value * entry.weight);
+                    let (j, value) = (first + entry.index, hit.value * entry.weight);
+                    out.deposit(j, hit.half, value);
+                    if hit.crossed != 0 {
+                        out.part(j, hit.crossed, value);
+                    }
                 }
                 if scene.deposit == Deposit::Finest {
                     break;
@@ -234,7 +261,7 @@ pub fn look_out(
 }
 
 /// What the terms of a sky that is not uniform give receiver `i` at (`x`, `n`): (1/π) ∫ p_k(ω) ω dω over the directions that meet nothing, by the rays that
-/// [`gather`] casts.
+/// [`gather`] casts. What of it crosses occluders is told to `part`, ray after ray.
 #[must_use]
 pub fn look_up(
     geometry: &dyn Geometry,
@@ -243,20 +270,28 @@ pub fn look_up(
     i: usize,
     rays: u32,
     seed: u64,
+    mut part: impl FnMut(u64, &[Vec3; SkyRadiance::TERMS]),
 ) -> [Vec3; SkyRadiance::TERMS] {
     let (t, b) = tangents(n);
     let start = x + n * geometry.lift(x);
     let mut random = Random::new(seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
-    let (mut terms, mut whole) = ([Vec3::ZERO; SkyRadiance::TERMS], 0.0);
-    for k in 0..rays {
-        let (d, weight) = gather_direction(k, rays, shift);
-        whole += weight * d.z;
+    let directions: Vec<(Vec3, f32)> = (0..rays)
+        .map(|k| gather_direction(k, rays, shift))
+        .collect();
+    let whole: f32 = directions.iter().fold(0.0, |sum, (d, w)| sum + w * d.z);
+    let mut terms = [Vec3::ZERO; SkyRadiance::TERMS];
+    for (d, weight) in directions {
         let direction = (t * d.x + b * d.y + n * d.z).normalize();
-        if geometry.cast(&Ray::new(start, direction)).is_none() {
-            let parts = SkyRadiance::polynomials(direction);
-            for (term, p) in terms.iter_mut().zip(parts) {
-                *term += direction * (weight * p);
+        let ray = Ray::new(start, direction);
+        if geometry.cast(&ray).is_none() {
+            let parts = SkyRadiance::polynomials(direction).map(|p| direction * (weight * p));
+            for (term, p) in terms.iter_mut().zip(&parts) {
+                *term += *p;
+            }
+            let crossed = geometry.crossed(&ray);
+            if crossed != 0 {
+                part(crossed, &parts.map(|p| p / whole));
             }
         }
     }

@@ -110,6 +110,7 @@ pub fn refine_l08(
                     let row = RawRow {
                         active: !kept.is_empty(),
                         links: kept,
+                        ..RawRow::default()
                     };
                     let row_sum = sum.dot(hierarchy.surfaces[i].normal.into());
                     Some((

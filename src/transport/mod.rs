@@ -9,6 +9,7 @@ mod leaves;
 mod neumann;
 mod operator;
 mod pack;
+mod passage;
 pub mod pca;
 mod probes;
 mod refine;
@@ -23,6 +24,7 @@ pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
 };
 pub use pack::{Packed, pack};
+pub use passage::{Part, Passage, Passing, link_of_parts, merge_parts, number_sets};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
 pub use refine::{BoundedSettings, RawRow, Receivers, Refined, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};

@@ -1,5 +1,6 @@
 //! From rows in full precision to the operator's eight bytes a link, with the error that it costs.
 
+use super::passage::{Part, Passing, link_of_parts, pack_parts};
 use super::refine::RawRow;
 use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;
@@ -9,6 +10,8 @@ use glam::{Vec3, Vec3A};
 pub struct Packed {
     /// The operator.
     pub operator: Operator,
+    /// What of its links crosses occluders: ascending by link.
+    pub passing: Vec<Passing>,
     /// See above, dimensionless.
     pub error: f32,
 }
@@ -37,6 +40,7 @@ pub fn pack(
         compression: None,
     };
     let mut error = 0.0f32;
+    let mut passing = Vec::new();
     for i in row_order(&operator.rows) {
         let i = i as usize;
         let sky = (form.rows_stand_alone() && sky[i] != Vec3::ZERO)
@@ -48,15 +52,25 @@ pub fn pack(
                 .chain(sky)
                 .chain(terms.clone())
         };
-        let scale = all().fold(0.0f32, |a, (_, v)| a.max(v.abs().max_element()));
+        let parts = &rows[i].parts;
+        let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
+        let scale = sizes.fold(0.0f32, |a, v| a.max(v.abs().max_element()));
         let start = operator.links.len() as u32;
         if scale > 0.0 {
             for (j, v) in all() {
-                let link = Link::pack(v.into(), scale, j as u16);
+                let mut link = Link::pack(v.into(), scale, j as u16);
+                let own = parts_of(parts, j);
+                let mut split = Vec::new();
+                if !own.is_empty() {
+                    split = pack_parts(operator.links.len() as u32, v.into(), own, scale);
+                    // With all occluders open a link is what its parts sum to, to the bit.
+                    link = link_of_parts(split.iter().map(|p| p.packed.vector()), j);
+                }
                 error = error.max((link.vector() - Vec3::from(v) / scale).abs().max_element());
                 // What rounds to nothing carries nothing.
-                if link.vector() != Vec3::ZERO {
+                if link.vector() != Vec3::ZERO || !split.is_empty() {
                     operator.links.push(link);
+                    passing.append(&mut split);
                 }
             }
         }
@@ -65,7 +79,18 @@ pub fn pack(
         row.count = operator.links.len() as u32 - start;
         row.scale = scale;
     }
-    Packed { operator, error }
+    Packed {
+        operator,
+        passing,
+        error,
+    }
+}
+
+/// The parts of the link to `sender` among a row's.
+fn parts_of(parts: &[Part], sender: u32) -> &[Part] {
+    let first = parts.partition_point(|p| p.sender < sender);
+    let own = &parts[first..];
+    &own[..own.partition_point(|p| p.sender == sender)]
 }
 
 #[cfg(test)]
@@ -81,6 +106,7 @@ mod tests {
                     (7, Vec3A::new(5e-7, 0.0, 1e-9)),
                 ],
                 active: true,
+                ..RawRow::default()
             },
             RawRow::default(),
         ];
@@ -114,6 +140,7 @@ mod tests {
         let row = |j: u32| RawRow {
             links: vec![(j, Vec3A::X), (j + 1, Vec3A::Y)],
             active: true,
+            ..RawRow::default()
         };
         let rows = [row(0), row(1), RawRow::default(), row(2), row(3)];
         let tiers = [1, 3, 1, 2, 1];

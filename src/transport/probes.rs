@@ -13,6 +13,7 @@
 
 use super::bounded::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
+use super::passage::{Part, merge_parts};
 use super::{RawRow, SenderTree, Training};
 use crate::basis::WeightEntry;
 use crate::samples::{Random, lattice, uniform_sphere};
@@ -73,7 +74,12 @@ pub fn probe_rows(
                 |room, (k, &x)| one(scene, chunk * AT_ONCE + k, x, tree, &measure, room),
             )
             .collect();
-        for probe in found {
+        for mut probe in found {
+            if !sky_terms {
+                // Nobody links to what is behind the sky.
+                let rows = probe.rows.iter_mut();
+                rows.for_each(|row| row.parts.retain(|p| p.sender as usize <= senders));
+            }
             out.rows.extend(probe.rows);
             out.sky.extend(probe.sky.map(Vec3::from));
             if sky_terms {
@@ -102,8 +108,8 @@ struct Room {
     gathered: Gathered,
     cut: CutScratch,
     found: Vec<WeightEntry>,
-    /// Senders that directions met, with what they met of them.
-    met: Vec<(u32, f32, Vec3)>,
+    /// Senders that directions met, with what they met of them and the occluders on the way.
+    met: Vec<(u32, f32, Vec3, u64)>,
     /// Where in the row a sender's link is.
     place: Vec<u32>,
 }
@@ -151,6 +157,14 @@ fn one(
                 let terms = row.iter_mut().zip(SkyRadiance::polynomials(way));
                 terms.for_each(|(t, p)| *t += part * p);
             }
+            let crossed = scene.geometry.crossed(&ray);
+            if crossed != 0 {
+                // The sky, and its terms behind it.
+                let factors = [1.0].into_iter().chain(SkyRadiance::polynomials(way));
+                for (sender, p) in (tree.parent.len() as u32..).zip(factors) {
+                    note(&mut out.rows, sender, crossed, &parts.map(|part| part * p));
+                }
+            }
             continue;
         };
         let site = scene.geometry.site(&ray, &hit);
@@ -161,12 +175,13 @@ fn one(
             out.lost += weight;
             continue;
         };
+        let crossed = scene.geometry.crossed(&Ray::segment(x, way, hit.t));
         let first = scene.hierarchy.level_starts[l];
         for entry in &room.found {
             let (j, w) = (first + entry.index, entry.weight * weight);
             // The cut sees what each sender gives to c.
             room.gathered.deposit(j, (k & 1) as usize, Vec3A::Z * w);
-            room.met.push((j, w, way));
+            room.met.push((j, w, way, crossed));
         }
     }
     let cut = cut_row(&mut room.gathered, tree, Vec3A::Z, measure, &mut room.cut);
@@ -174,7 +189,7 @@ fn one(
         room.place[j as usize] = at as u32;
     }
     let mut links = vec![[Vec3A::ZERO; PROBE_ROWS]; cut.len()];
-    for &(j, w, way) in &room.met {
+    for &(j, w, way, crossed) in &room.met {
         // Who was handed up is with the first ancestor that stayed.
         let mut k = j;
         while room.place[k as usize] == NONE && tree.parent[k as usize] != k {
@@ -183,6 +198,9 @@ fn one(
         if let Some(link) = links.get_mut(room.place[k as usize] as usize) {
             let parts = harmonics(way, w);
             link.iter_mut().zip(parts).for_each(|(s, p)| *s += p);
+            if crossed != 0 {
+                note(&mut out.rows, k, crossed, &parts);
+            }
         }
     }
     for (&(j, _), link) in cut.iter().zip(&links) {
@@ -192,6 +210,20 @@ fn one(
             row.links.push((j, *part));
         }
     }
-    out.rows.iter_mut().for_each(|row| row.active = true);
+    for row in &mut out.rows {
+        row.active = true;
+        merge_parts(&mut row.parts);
+    }
     out
+}
+
+/// Notes what of a probe's links to `sender` crossed occluders.
+fn note(rows: &mut [RawRow; PROBE_ROWS], sender: u32, crossed: u64, values: &[Vec3A; PROBE_ROWS]) {
+    for (row, &value) in rows.iter_mut().zip(values) {
+        row.parts.push(Part {
+            sender,
+            crossed,
+            value,
+        });
+    }
 }

@@ -14,6 +14,7 @@ use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, Gathered, Gathering, gather};
 use super::handed::Handed;
 use super::leaves::Leaves;
+use super::passage::{Part, cut_parts};
 use super::pca::{CompressScratch, LightBasis};
 use super::training::{SIGNALS, Signals, Training};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
@@ -30,6 +31,8 @@ type Response = [[Vec3A; SIGNALS + 1]; 2];
 pub struct RawRow {
     /// Senders and their F_ij, senders ascending.
     pub links: Vec<(u32, Vec3A)>,
+    /// What of them, of the sky and of its terms crosses occluders: ascending by sender, then by occluders.
+    pub parts: Vec<Part>,
     /// False where the point takes its value from its parents.
     pub active: bool,
 }
@@ -399,8 +402,20 @@ fn receive(
         Some(basis) => basis.compress(gathered, n, measure.epsilon, compress),
         None => cut_row(gathered, tree, n, measure, cut),
     };
-    if let Some(handed) = handed {
-        note_handed(handed, tree, &links, masses, kept);
+    let mut parts = Vec::new();
+    if handed.is_some() || !gathered.parts.is_empty() {
+        for &(k, _) in &links {
+            kept[k as usize] = true;
+        }
+        if let Some(handed) = handed {
+            note_handed(handed, tree, masses, kept);
+        }
+        if basis.is_none() {
+            parts = cut_parts(tree, &gathered.parts, |k| kept[k as usize]);
+        }
+        for &(k, _) in &links {
+            kept[k as usize] = false;
+        }
     }
     if judged {
         let coherent = difference(
@@ -415,6 +430,7 @@ fn receive(
     Gather1 {
         row: RawRow {
             links,
+            parts,
             active: true,
         },
         leaves,
@@ -429,17 +445,8 @@ fn receive(
     }
 }
 
-/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link.
-fn note_handed(
-    handed: &Handed,
-    tree: &SenderTree,
-    links: &[(u32, Vec3A)],
-    masses: &[(u32, f32)],
-    kept: &mut [bool],
-) {
-    for &(k, _) in links {
-        kept[k as usize] = true;
-    }
+/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link, and is `kept`.
+fn note_handed(handed: &Handed, tree: &SenderTree, masses: &[(u32, f32)], kept: &[bool]) {
     for &(j, mass) in masses {
         let mut k = j;
         while !kept[k as usize] && tree.parent[k as usize] != k {
@@ -448,9 +455,6 @@ fn note_handed(
         if kept[k as usize] {
             handed.add(tree, j, k, mass);
         }
-    }
-    for &(k, _) in links {
-        kept[k as usize] = false;
     }
 }
 

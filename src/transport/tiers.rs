@@ -81,6 +81,7 @@ mod tests {
                 true => RawRow {
                     links: (0..4).map(|j| (j, Vec3A::X)).collect(),
                     active: true,
+                    ..RawRow::default()
                 },
                 false => RawRow::default(),
             })

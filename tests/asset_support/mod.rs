@@ -8,15 +8,17 @@
 mod by_hand;
 
 use bevy_meshless_gi::asset::{
-    BakeInfo, BakedScene, Display, LiveMaterials, MaterialShare, Places, PointSurface, SkySight,
-    TierInfo,
+    BakeInfo, BakedScene, Display, LiveMaterials, MaterialShare, Occluders, Places, PointSurface,
+    SkySight, TierInfo,
 };
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, MaterialFactors};
 use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use bevy_meshless_gi::transport::pca::{Column, Compression};
-use bevy_meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use bevy_meshless_gi::transport::{
+    BounceLink, BounceOperator, Link, Operator, Passage, Row, SenderForm, link_of_parts,
+};
 use by_hand::operator;
 use glam::Vec3;
 
@@ -68,6 +70,8 @@ pub struct Make {
     pub sky: bool,
     /// Materials that change.
     pub live: bool,
+    /// Doors.
+    pub occluded: bool,
 }
 
 /// One scene of each sort.
@@ -83,6 +87,7 @@ pub fn makes() -> Vec<Make> {
         octree: None,
         sky: false,
         live: false,
+        occluded: false,
     };
     vec![
         plain,
@@ -138,6 +143,12 @@ pub fn makes() -> Vec<Make> {
         Make {
             seed: 10,
             live: true,
+            ..plain
+        },
+        Make {
+            seed: 11,
+            occluded: true,
+            sky: true,
             ..plain
         },
     ]
@@ -320,6 +331,7 @@ pub fn build(make: &Make) -> BakedScene {
     let mut scene = BakedScene {
         visibility: None,
         probes: None,
+        occluders: None,
         fmm: None,
         illumination: Vec::new(),
         materials: make.live.then(|| materials(r, senders)),
@@ -369,8 +381,38 @@ pub fn build(make: &Make) -> BakedScene {
             scene.operator.links.clear();
         }
     }
+    if make.occluded {
+        occlude(&mut scene);
+    }
     scene.info.tiers = TierInfo::of(&scene);
     scene
+}
+
+/// Two occluders, of one triangle each; half of every third link passes the first, and one way or another the second.
+fn occlude(scene: &mut BakedScene) {
+    let count = scene.bvh.triangles.len();
+    for (k, triangle) in scene.bvh.triangles[count - 2..].iter_mut().enumerate() {
+        (triangle.occluder, triangle.gain) = (k as u32 + 1, 1.0);
+    }
+    let mut passages = Vec::new();
+    for (at, link) in scene.operator.links.iter_mut().enumerate().step_by(3) {
+        for set in [at as u16 % 2, 2] {
+            let half = Link::pack(0.5 * link.vector(), 1.0, set);
+            passages.push(Passage {
+                link: at as u32,
+                xy: half.xy,
+                z_set: half.z_sender,
+            });
+        }
+        let parts = passages[passages.len() - 2..].iter();
+        *link = link_of_parts(parts.map(|p| p.vector()), link.sender());
+    }
+    scene.occluders = Some(Occluders {
+        names: vec!["door".into(), "lift \"1\"".into()],
+        sets: vec![0, 1, 3],
+        links: passages,
+        probes: Vec::new(),
+    });
 }
 
 /// An octree whose four lists all have entries, over a place that has nothing to do with the scene: two walls that face each other, and a floor.

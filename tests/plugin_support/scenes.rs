@@ -144,6 +144,7 @@ impl Room {
             bvh: self.bvh(),
             primitives: 2 * self.0.len() as u64,
             content_hash: [7; 32],
+            occluders: Vec::new(),
         };
         let baked = bake(&source, recipe, &Progress::default()).expect("the room bakes");
         Arc::new(baked.scene)

@@ -38,6 +38,7 @@ pub fn bake_box(recipe: &Recipe) -> BakedScene {
         bvh: level.mesh.bvh(),
         primitives: level.mesh.len() as u64,
         content_hash: level.mesh.content_hash(),
+        occluders: Vec::new(),
     };
     bake(&source, recipe, &Progress::default()).unwrap().scene
 }

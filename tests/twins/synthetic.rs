@@ -190,6 +190,7 @@ pub fn scene(form: SenderForm) -> BakedScene {
         },
         visibility: None,
         probes: None,
+        occluders: None,
         fmm: None,
         illumination: Vec::new(),
         sky: None,

@@ -5,8 +5,8 @@ use super::output::{self, Table};
 use super::progress;
 use bevy_meshless_gi::asset::check_writable;
 use bevy_meshless_gi::bake::{
-    BakeError, BakeLevelError, BakeStats, Baked, Preset, Recipe, RecipeError, Rule, Settings, Sky,
-    bake_level, cast_gather_rays,
+    BakeError, BakeLevelError, BakeStats, Baked, OccluderShape, Preset, Recipe, RecipeError, Rule,
+    Settings, Sky, bake_level, cast_gather_rays,
 };
 use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -114,6 +114,9 @@ struct Options {
     /// Bake what materials cover each sender, for base colours and emission that change in the running game.
     #[arg(long)]
     live_materials: bool,
+    /// A door or a lift that the running game opens and shuts: the name of a node of the level; again for several, 64 at most.
+    #[arg(long = "occluder", value_name = "NAME")]
+    occluders: Vec<String>,
     /// Bake what points see, for lights with soft shadows.
     #[arg(long)]
     soft_shadows: bool,
@@ -193,6 +196,12 @@ impl Options {
         recipe.seed = self.seed.unwrap_or(recipe.seed);
         recipe.sky = self.sky.unwrap_or(recipe.sky);
         recipe.live_materials |= self.live_materials;
+        for name in &self.occluders {
+            // One that the recipe knows already has its boxes there.
+            if !recipe.occluders.iter().any(|o| o.name == *name) {
+                recipe.occluders.push(OccluderShape::node(name));
+            }
+        }
         if !self.viewpoints.is_empty() {
             recipe.viewpoints.clone_from(&self.viewpoints);
         }

@@ -190,6 +190,18 @@ fn as_table(path: &Path, scene: &BakedScene, stats: &BakedStats, size: u64) -> S
             },
         )
         .row(
+            "occluders",
+            match &scene.occluders {
+                None => "none".into(),
+                Some(o) => format!(
+                    "{}, {} parts of links pass them, {}",
+                    o.names.join(", "),
+                    output::count(stats.passages),
+                    output::bytes(o.bytes())
+                ),
+            },
+        )
+        .row(
             "visibility",
             match &scene.visibility {
                 None => "none: lights cast no soft shadows".into(),

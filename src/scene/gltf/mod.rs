@@ -19,6 +19,8 @@ mod accessor;
 mod container;
 mod material;
 
+use super::mesh::kept;
+use super::occluder::MeshNode;
 use super::{Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
@@ -110,7 +112,7 @@ pub fn load_gltf_bytes(
     };
     let mut builder = Builder::new(file, &buffers, resolve)?;
     for node in first_nodes(&root).map_err(format)? {
-        builder.node(node, DMat4::IDENTITY, 0)?;
+        builder.node(node, DMat4::IDENTITY, None, 0)?;
     }
     builder.finish()
 }
@@ -177,6 +179,9 @@ struct Builder<'a> {
     triangles: Vec<[Vec3; 3]>,
     material_of: Vec<u32>,
     uvs: Vec<TriangleUvs>,
+    nodes: Vec<MeshNode>,
+    /// The node of each triangle that the mesh keeps.
+    node_of: Vec<u32>,
     materials: Vec<Placed>,
     textures: Vec<super::Texture>,
     lights: Vec<Light>,
@@ -211,6 +216,8 @@ impl<'a> Builder<'a> {
             triangles: Vec::new(),
             material_of: Vec::new(),
             uvs: Vec::new(),
+            nodes: Vec::new(),
+            node_of: Vec::new(),
             materials,
             textures,
             lights: Vec::new(),
@@ -233,7 +240,13 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn node(&mut self, index: usize, parent: DMat4, depth: usize) -> Result<(), SceneError> {
+    fn node(
+        &mut self,
+        index: usize,
+        parent: DMat4,
+        above: Option<u32>,
+        depth: usize,
+    ) -> Result<(), SceneError> {
         let root = self.buffers.root;
         let Some(node) = root.nodes.get(index) else {
             return Err(self.wrong(format!("node {index} is not there")));
@@ -245,13 +258,21 @@ impl<'a> Builder<'a> {
             return Err(self.wrong(format!("node {index} has more than one parent")));
         }
         let transform = parent * local_transform(node);
+        let own = self.nodes.len() as u32;
+        self.nodes.push(MeshNode {
+            name: node.name.clone().unwrap_or_default(),
+            parent: above,
+        });
         if let Some(mesh) = node.mesh {
             if node.skin.is_some() {
                 self.note(
                     "skinned meshes are taken in the pose that their vertices are stored in".into(),
                 );
             }
+            let first = self.triangles.len();
             self.mesh(mesh.value(), &transform)?;
+            let kept = self.triangles[first..].iter().filter(|t| kept(t)).count();
+            self.node_of.extend(std::iter::repeat_n(own, kept));
         }
         if let Some(light) = node
             .extensions
@@ -261,7 +282,7 @@ impl<'a> Builder<'a> {
             self.light(light.light.value(), &transform, node.name.as_deref())?;
         }
         for child in node.children.iter().flatten() {
-            self.node(child.value(), transform, depth + 1)?;
+            self.node(child.value(), transform, Some(own), depth + 1)?;
         }
         Ok(())
     }
@@ -475,6 +496,7 @@ impl<'a> Builder<'a> {
             self.textures,
         );
         mesh.add_bad_indices(self.bad_indices);
+        mesh.set_nodes(self.nodes, self.node_of);
         let problems = *mesh.problems();
         if mesh.is_empty() {
             return Err(SceneError::Empty {

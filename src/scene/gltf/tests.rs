@@ -129,6 +129,26 @@ fn rich() -> Vec<u8> {
 }
 
 #[test]
+fn nodes_keep_their_names_and_what_is_below_them() {
+    let mut pack = Pack::default();
+    let primitive = square(&mut pack);
+    let bytes = pack.file(&format!(
+        r#""scene":0,"scenes":[{{"nodes":[2,0]}}],
+        "nodes":[{{"name":"door","children":[1,3],"translation":[0,0,2]}},{{"mesh":1}},{{"mesh":0,"name":"wall"}},{{"name":"handle","mesh":0}}],
+        "meshes":[{{"primitives":[{{{primitive}}}]}},{{"primitives":[{{{primitive}}},{{{primitive}}}]}}]"#
+    ));
+    let mesh = load(&bytes).unwrap().mesh;
+    assert_eq!(mesh.len(), 8);
+    let (rest, held) = mesh.hold_out(&["door", "handle", "gate"]);
+    assert_eq!(rest.len(), 2);
+    let counts: Vec<usize> = held.iter().map(|o| o.triangles.len()).collect();
+    assert_eq!(counts, [4, 2, 0]);
+    let z = |o: &crate::scene::Occluder| o.triangles[0][0].z;
+    assert_eq!([z(&held[0]), z(&held[1])], [2.0, 2.0]);
+    assert_eq!(rest.triangle(0).unwrap()[0].z, 0.0);
+}
+
+#[test]
 fn materials_textures_and_mirrors() {
     let scene = load(&rich()).unwrap();
     assert_eq!(

@@ -249,7 +249,7 @@ impl PointCloud {
 }
 
 /// How far rays are lifted off cells that do not lie in their neighbours' planes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Lifts {
     tree: PointTree,
     /// Of each point of the tree: its lift, and how far from it that counts; metres.

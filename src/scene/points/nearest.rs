@@ -27,7 +27,7 @@ pub(super) struct Neighbour {
 }
 
 /// The tree.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct PointTree {
     entries: Vec<Entry>,
     /// Along which axis the entry in the middle of a range splits it.

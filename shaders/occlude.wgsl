@@ -1,0 +1,33 @@
+// occlude: the links that occluders are in the way of, for what passes those now. Twin: src/frame/occlude.rs. A thread a part; the first of a link sums all of them.
+
+@group(0) @binding(1) var<uniform> span: Span;
+@group(0) @binding(2) var<storage, read> passages: array<Passage>;
+// For each set of occluders.
+@group(0) @binding(3) var<storage, read> passing: array<f32>;
+// The first of them is the operator's link `span.base`.
+@group(0) @binding(4) var<storage, read_write> links: array<Link>;
+
+@compute @workgroup_size(64)
+fn occlude(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let i = flat_group(group, groups) * 64u + local;
+    if i >= span.count {
+        return;
+    }
+    let link = passages[i].link;
+    if i > 0u && passages[i - 1u].link == link {
+        return;
+    }
+    var sum = vec3f(0.0);
+    for (var at = i; at < span.count && passages[at].link == link; at++) {
+        let part = passages[at];
+        let v = vec3f(unpack2x16float(part.xy), unpack2x16float(part.z_set).x);
+        sum += passing[part.z_set >> 16u] * v;
+    }
+    let sender = links[link - span.base].z_sender & 0xffff0000u;
+    let z = pack2x16float(vec2f(sum.z, 0.0)) & 0xffffu;
+    links[link - span.base] = Link(pack2x16float(sum.xy), z | sender);
+}

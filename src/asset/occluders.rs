@@ -1,0 +1,306 @@
+//! What a bake knows of its occluders, so that doors and lifts may open and shut in a running game: in memory, in the file, and whether a frame can run on it. Five sections
+//! that are there together or not at all (that of the probes where there are probes). The occluders' triangles are the last of the BVH.
+
+use super::baked::BakedScene;
+use super::codec::{Field, Layout};
+use super::container::{Container, Kind, Section};
+use super::error::AssetError;
+use super::probes::LARGEST;
+use super::sections::{COUNT, broken, items, section};
+use super::validate::{Check, LARGEST_ROW_SUM, TOLERANCE};
+use crate::scene::{Bvh, BvhTriangle};
+use crate::transport::{Link, PROBE_ROWS, Passage, Row, SenderForm, link_of_parts};
+use glam::Vec3;
+
+/// The occluders of a baked scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Occluders {
+    /// What they are called, by number; no name comes twice.
+    pub names: Vec<String>,
+    /// The sets of occluders that light passes one after the other, bit k for number k: ascending, the empty one first.
+    pub sets: Vec<u64>,
+    /// The parts of those of the operator's links that occluders are in the way of: ascending by link, then by set. With all open a link is what its parts sum to.
+    pub links: Vec<Passage>,
+    /// The same of the probes' links.
+    pub probes: Vec<Passage>,
+}
+
+impl Occluders {
+    /// Bytes in memory.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let bytes = |length: usize, size: u64| length as u64 * size;
+        let names: usize = self.names.iter().map(String::len).sum();
+        bytes(names, 1)
+            + bytes(self.sets.len(), 8)
+            + bytes(self.links.len() + self.probes.len(), 12)
+    }
+}
+
+const SET: Layout = Layout::rows(&[Field::word(0), Field::word(1)]);
+const PASSAGE: Layout = Layout::columns(&[
+    Field::word(0).delta(),
+    Field::low(1),
+    Field::high(1),
+    Field::low(2),
+    Field::high(2).delta(),
+]);
+
+const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
+    Kind {
+        code,
+        name,
+        version: 1,
+        raw: layout.item_bytes() as u64,
+        memory: size_of::<T>() as u64,
+        most: u32::MAX as u64,
+    }
+}
+
+/// Its kinds of sections, ascending.
+pub(super) const KINDS: [Kind; 5] = [
+    Kind {
+        code: 50,
+        name: "occluder names",
+        version: 1,
+        raw: 1,
+        // The text, what it says, and what its reader needs.
+        memory: 32,
+        most: 1 << 16,
+    },
+    kind::<u32>(51, "occluder triangles", COUNT),
+    Kind {
+        most: Passage::MOST_SETS as u64,
+        ..kind::<u64>(52, "occluder sets", SET)
+    },
+    kind::<Passage>(53, "passages", PASSAGE),
+    kind::<Passage>(54, "probe passages", PASSAGE),
+];
+
+/// The sections of `occluders`, whose triangles are the last of `bvh`; `kinds` are those of [`KINDS`] in the table.
+pub(super) fn sections(
+    occluders: &Occluders,
+    bvh: &Bvh,
+    kinds: &'static [Kind],
+) -> Result<Vec<Section>, AssetError> {
+    let names = ron::to_string(&occluders.names).map_err(|e| broken(&kinds[0], e))?;
+    if names.len() as u64 > kinds[0].most {
+        let found = format!("{} bytes of text, at most {}", names.len(), kinds[0].most);
+        return Err(broken(&kinds[0], found));
+    }
+    let triangles = &bvh.triangles[bvh.first_occluder()..];
+    let numbers: Vec<u32> = triangles.iter().map(|t| t.occluder).collect();
+    Ok(vec![
+        Section {
+            kind: &kinds[0],
+            items: names.len(),
+            raw: names.into_bytes(),
+        },
+        section(&kinds[1], COUNT, &numbers),
+        section(&kinds[2], SET, &occluders.sets),
+        section(&kinds[3], PASSAGE, &occluders.links),
+        section(&kinds[4], PASSAGE, &occluders.probes),
+    ])
+}
+
+/// The occluders of a file, if it has any; the last of `triangles` get their numbers.
+pub(super) fn read(
+    file: &Container<'_>,
+    triangles: &mut [BvhTriangle],
+    kinds: &'static [Kind],
+) -> Result<Option<Occluders>, AssetError> {
+    let Some((_, names)) = file.section(&kinds[0])? else {
+        return match kinds.iter().find(|k| file.has(k)) {
+            Some(kind) => Err(broken(
+                kind,
+                "is there, but the section `occluder names` is not",
+            )),
+            None => Ok(None),
+        };
+    };
+    let names = std::str::from_utf8(&names).map_err(|e| broken(&kinds[0], e))?;
+    let numbers: Vec<u32> = items(file, &kinds[1], COUNT)?;
+    let count = triangles.len();
+    let Some(first) = count.checked_sub(numbers.len()) else {
+        let found = format!("{}, but the BVH has {count} triangles", numbers.len());
+        return Err(broken(&kinds[1], found));
+    };
+    for (triangle, number) in triangles[first..].iter_mut().zip(numbers) {
+        (triangle.occluder, triangle.gain) = (number, 1.0);
+    }
+    Ok(Some(Occluders {
+        names: ron::from_str(names).map_err(|e| broken(&kinds[0], e))?,
+        sets: items(file, &kinds[2], SET)?,
+        links: items(file, &kinds[3], PASSAGE)?,
+        probes: items(file, &kinds[4], PASSAGE)?,
+    }))
+}
+
+impl BakedScene {
+    /// Every look-up of the kernel `occlude` stays within the arrays, and no gains make more light than there is.
+    pub(super) fn check_occluders(&self, check: &mut Check) {
+        let known = self.occluders.as_ref().map_or(0, |o| o.names.len());
+        let triangles = &self.bvh.triangles;
+        let first = triangles.iter().take_while(|t| t.occluder == 0).count();
+        for (i, t) in triangles.iter().enumerate() {
+            let sound = match i < first {
+                true => t.gain == 0.0,
+                false => (1..=known).contains(&(t.occluder as usize)) && t.gain == 1.0,
+            };
+            check.item(sound, "occluder triangles", i, || {
+                format!("of occluder {} of {known}, gain {}", t.occluder, t.gain)
+            });
+        }
+        let Some(occluders) = &self.occluders else {
+            return;
+        };
+        let names = &occluders.names;
+        check.whole(
+            (1..=Bvh::MOST_OCCLUDERS).contains(&known),
+            "occluder names",
+            || format!("{known}, but 1 to {}", Bvh::MOST_OCCLUDERS),
+        );
+        for (i, name) in names.iter().enumerate().take(Bvh::MOST_OCCLUDERS) {
+            let sound = !name.is_empty() && !names[..i].contains(name);
+            check.item(sound, "occluder names", i, || {
+                format!("`{name}` is empty, or comes twice")
+            });
+        }
+        let sets = &occluders.sets;
+        let count = sets.len();
+        let ascend = sets.first() == Some(&0) && sets.windows(2).all(|w| w[0] < w[1]);
+        check.whole(
+            ascend && count <= Passage::MOST_SETS,
+            "occluder sets",
+            || format!("{count} do not ascend from the empty one"),
+        );
+        let all = u64::MAX.checked_shr(64 - known.min(64) as u32).unwrap_or(0);
+        for (i, set) in sets.iter().enumerate() {
+            check.item(set & !all == 0, "occluder sets", i, || {
+                format!("{set:#x} of {known} occluders")
+            });
+            if check.full() {
+                return;
+            }
+        }
+        let form = self.operator.form == SenderForm::Averages
+            && self.bounces.is_none()
+            && self.fmm.is_none();
+        check.whole(form, "passages", || {
+            "are there, but the bake holds light elsewhere".into()
+        });
+        check_passages(
+            check,
+            "passages",
+            &occluders.links,
+            &self.operator.links,
+            count,
+        );
+        let space = self.probes.as_ref().map_or(&[][..], |p| &p.links);
+        check_passages(check, "probe passages", &occluders.probes, space, count);
+        if !check.0.is_empty() {
+            return;
+        }
+        let (rows, links) = (&self.operator.rows, &self.operator.links);
+        for (i, (row, point)) in rows.iter().zip(&self.points).enumerate() {
+            let n = point.n();
+            let sum = self.most_light(row, links, &occluders.links, |v| {
+                Vec3::splat(v.dot(n).abs())
+            });
+            check.item(sum.x <= LARGEST_ROW_SUM, "passages", i, || {
+                format!("of row {i} sum to {}: more light than there is", sum.x)
+            });
+        }
+        let Some(probes) = &self.probes else { return };
+        for (i, row) in probes.rows.iter().enumerate() {
+            let sum = self.most_light(row, &probes.links, &occluders.probes, Vec3::abs);
+            let most = LARGEST + TOLERANCE;
+            check.item(
+                sum.max_element() <= most,
+                "probe passages",
+                i / PROBE_ROWS,
+                || format!("sum to {sum}: more light than there is"),
+            );
+        }
+    }
+
+    /// The most that a row's links may sum to, by the size that `size` gives each: their parts one by one, where they have any. The sky's terms have signs, and are parts
+    /// of its light.
+    fn most_light(
+        &self,
+        row: &Row,
+        links: &[Link],
+        passages: &[Passage],
+        size: impl Fn(Vec3) -> Vec3,
+    ) -> Vec3 {
+        let range = row.start..row.start + row.count;
+        let of_row = |p: &Passage| p.link < range.start;
+        let mut parts = &passages[passages.partition_point(of_row)..];
+        let mut sum = Vec3::ZERO;
+        for at in range.clone() {
+            let link = links[at as usize];
+            let own = parts.partition_point(|p| p.link <= at);
+            if link.sender() as usize <= self.senders() {
+                sum += match own {
+                    0 => size(link.vector()),
+                    _ => parts[..own].iter().map(|p| size(p.vector())).sum(),
+                };
+            }
+            parts = &parts[own..];
+        }
+        sum * row.scale
+    }
+}
+
+/// Each passage names a link and a set, in order, and each link is what its parts sum to.
+fn check_passages(
+    check: &mut Check,
+    place: &'static str,
+    passages: &[Passage],
+    links: &[Link],
+    sets: usize,
+) {
+    let mut before: Option<(u32, u32)> = None;
+    for (i, p) in passages.iter().enumerate() {
+        let now = (p.link, p.set());
+        check.item(before < Some(now), place, i, || {
+            format!("link {} and set {} do not ascend", p.link, p.set())
+        });
+        before = Some(now);
+        let inside = (p.link as usize) < links.len() && (p.set() as usize) < sets;
+        check.item(inside, place, i, || {
+            format!(
+                "link {} of {}, set {} of {sets}",
+                p.link,
+                links.len(),
+                p.set()
+            )
+        });
+        let v = p.vector();
+        let sound = v.is_finite() && v.abs().max_element() <= 1.0 + TOLERANCE;
+        check.item(sound, place, i, || format!("vector {v}"));
+        if check.full() {
+            return;
+        }
+    }
+    if !check.0.is_empty() {
+        return;
+    }
+    let mut at = 0;
+    for own in passages.chunk_by(|a, b| a.link == b.link) {
+        let link = links[own[0].link as usize];
+        let sum = link_of_parts(own.iter().map(|p| p.vector()), link.sender());
+        check.item(sum == link, place, at, || {
+            format!(
+                "sum to {}, but link {} is {}",
+                sum.vector(),
+                own[0].link,
+                link.vector()
+            )
+        });
+        at += own.len();
+        if check.full() {
+            return;
+        }
+    }
+}

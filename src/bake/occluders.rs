@@ -1,0 +1,174 @@
+//! Occluders of a recipe: parts of the level by the names of their nodes, or boxes; and what a bake knows of the light that passes them.
+
+use super::BakeError;
+use super::recipe::RecipeError;
+use crate::asset::Occluders;
+use crate::scene::{Bvh, Occluder};
+use crate::transport::{Passage, Passing, number_sets};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// Most boxes of an occluder.
+const MOST_BOXES: usize = 4096;
+/// Longest name, bytes.
+const LONGEST_NAME: usize = 256;
+
+/// A door or a lift: what a game opens and shuts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OccluderShape {
+    /// What the game calls it; without boxes also the name of the level's node that it is, with all nodes below that.
+    pub name: String,
+    /// What it is where the level has no such node.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub boxes: Vec<OccluderBox>,
+}
+
+/// A box along the axes of the bake's space.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OccluderBox {
+    /// Its middle, metres.
+    pub center: [f32; 3],
+    /// Half of its edges, metres.
+    pub half_edges: [f32; 3],
+}
+
+impl OccluderShape {
+    /// The node of this name.
+    #[must_use]
+    pub fn node(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            boxes: Vec::new(),
+        }
+    }
+}
+
+impl OccluderBox {
+    /// Its sides, two triangles each.
+    fn triangles(&self) -> [[Vec3; 3]; 12] {
+        let (center, half) = (Vec3::from(self.center), Vec3::from(self.half_edges));
+        // A side for each axis and sign; its corners go round it.
+        std::array::from_fn(|i| {
+            let (axis, sign) = (i / 4, if i & 2 == 0 { 1.0 } else { -1.0 });
+            let corner = |u: f32, v: f32| {
+                let mut at = Vec3::ZERO;
+                at[axis] = sign;
+                at[(axis + 1) % 3] = u;
+                at[(axis + 2) % 3] = v;
+                center + half * at
+            };
+            let last = if i & 1 == 0 { (1.0, -1.0) } else { (-1.0, 1.0) };
+            [corner(-1.0, -1.0), corner(1.0, 1.0), corner(last.0, last.1)]
+        })
+    }
+}
+
+/// Whether the occluders of a recipe make sense, whatever the level.
+pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> {
+    let wrong = |value: String, allowed| RecipeError::OutOfRange {
+        field: "occluders",
+        value,
+        allowed,
+    };
+    if shapes.len() > Bvh::MOST_OCCLUDERS {
+        return Err(wrong(format!("{} of them", shapes.len()), "64 at most"));
+    }
+    for (i, shape) in shapes.iter().enumerate() {
+        if !(1..=LONGEST_NAME).contains(&shape.name.len()) {
+            let value = format!("one with a name of {} bytes", shape.name.len());
+            return Err(wrong(value, "called something, in 256 bytes at most"));
+        }
+        if shapes[..i].iter().any(|other| other.name == shape.name) {
+            let value = format!("two called `{}`", shape.name);
+            return Err(wrong(value, "called something different each"));
+        }
+        if shape.boxes.len() > MOST_BOXES {
+            let value = format!("{} boxes of `{}`", shape.boxes.len(), shape.name);
+            return Err(wrong(value, "4096 boxes each at most"));
+        }
+        let sound = |b: &OccluderBox| {
+            b.center.iter().all(|c| c.abs() < 1e9)
+                && b.half_edges.iter().all(|h| (1e-9..1e9).contains(h))
+        };
+        if let Some(b) = shape.boxes.iter().find(|b| !sound(b)) {
+            let value = format!("`{}` with {b:?}", shape.name);
+            let allowed = "boxes with a middle within 1e9 metres and half edges from 1e-9 to 1e9";
+            return Err(wrong(value, allowed));
+        }
+    }
+    Ok(())
+}
+
+/// The names of the nodes that occluders without boxes are.
+pub(super) fn node_names(shapes: &[OccluderShape]) -> Vec<&str> {
+    let nodes = shapes.iter().filter(|s| s.boxes.is_empty());
+    nodes.map(|s| s.name.as_str()).collect()
+}
+
+/// The triangles of each occluder: its boxes', or those of the part of the level that is called so.
+pub(super) fn find(
+    shapes: &[OccluderShape],
+    parts: &[Occluder],
+) -> Result<Vec<Occluder>, BakeError> {
+    let one = |shape: &OccluderShape| {
+        let boxes = shape.boxes.iter().flat_map(OccluderBox::triangles);
+        let mut triangles: Vec<[Vec3; 3]> = boxes.collect();
+        if shape.boxes.is_empty() {
+            let part = parts.iter().find(|p| p.name == shape.name);
+            triangles.extend(part.iter().flat_map(|p| &p.triangles));
+        }
+        let name = shape.name.clone();
+        match triangles.is_empty() {
+            true => Err(BakeError::NoOccluder { name }),
+            false => Ok(Occluder { name, triangles }),
+        }
+    };
+    shapes.iter().map(one).collect()
+}
+
+/// What the scene knows of `occluders`: which parts of the operator's links and of the probes' cross them. None where there are none.
+pub(super) fn known(
+    occluders: &[Occluder],
+    passing: &[Passing],
+    space: &[Passing],
+) -> Result<Option<Occluders>, BakeError> {
+    if occluders.is_empty() {
+        return Ok(None);
+    }
+    let most = Passage::MOST_SETS;
+    let (sets, [links, probes]) =
+        number_sets([passing, space]).ok_or(BakeError::TooManyPassages { most })?;
+    Ok(Some(Occluders {
+        names: occluders.iter().map(|o| o.name.clone()).collect(),
+        sets,
+        links,
+        probes,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_has_six_sides() {
+        let b = OccluderBox {
+            center: [1.0, 2.0, 3.0],
+            half_edges: [0.5, 1.0, 2.0],
+        };
+        let all = b.triangles();
+        let area: f32 = (all.iter())
+            .map(|[a, b, c]| 0.5 * (*b - *a).cross(*c - *a).length())
+            .sum();
+        assert!(
+            (area - 2.0 * (1.0 * 2.0 + 2.0 * 4.0 + 4.0 * 1.0)).abs() < 1e-4,
+            "{area}"
+        );
+        for corner in all.iter().flatten() {
+            let off = (*corner - Vec3::from(b.center)).abs();
+            assert_eq!(off, Vec3::from(b.half_edges));
+        }
+    }
+}

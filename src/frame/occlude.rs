@@ -1,0 +1,141 @@
+//! Kernel `occlude`: the links that occluders are in the way of, for the gains that those have now: F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. Runs in frames in which a gain
+//! changed, and on bakes that know occluders; the links stay for those that follow. The shader gives each part a thread; the first of a link sums all of them.
+//!
+//! What is not a link follows on the CPU, over some thousand senders: what they have straight from the sky is what their own links to it say.
+
+use crate::asset::{BakedScene, Occluders, PointSurface};
+use crate::scene::SkyRadiance;
+use crate::transport::{Link, Operator, Passage, link_of_parts};
+use glam::Vec3;
+
+/// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for those that are missing.
+#[must_use]
+pub fn sound_gains(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+    let count = occluders.names.len();
+    let sound = |g: f32| if g.is_nan() { 0.0 } else { g.clamp(0.0, 1.0) };
+    (0..count)
+        .map(|k| gains.get(k).map_or(1.0, |&g| sound(g)))
+        .collect()
+}
+
+/// What passes each set of occluders: the product of their gains, which are [`sound_gains`].
+#[must_use]
+pub fn passing(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
+    let product = |set: &u64| {
+        let own = gains.iter().enumerate().filter(|(k, _)| set >> k & 1 == 1);
+        own.fold(1.0, |passes, (_, gain)| passes * gain)
+    };
+    occluders.sets.iter().map(product).collect()
+}
+
+/// The link whose parts are `parts`, where so much passes each set.
+#[must_use]
+#[inline]
+pub fn occluded_link(parts: &[Passage], passing: &[f32], link: Link) -> Link {
+    let passes = |p: &Passage| passing[p.set() as usize] * p.vector();
+    link_of_parts(parts.iter().map(passes), link.sender())
+}
+
+/// Rewrites the links that have parts.
+pub fn occlude(passages: &[Passage], passing: &[f32], links: &mut [Link]) {
+    for parts in passages.chunk_by(|a, b| a.link == b.link) {
+        let link = &mut links[parts[0].link as usize];
+        *link = occluded_link(parts, passing, *link);
+    }
+}
+
+/// What the senders have straight from the sky, where so much passes each set: changes `surfaces`, one a sender and as baked, and `seen`, what they see of the sky's terms
+/// where the bake knows those.
+pub fn occlude_sky(
+    scene: &BakedScene,
+    passing: &[f32],
+    surfaces: &mut [PointSurface],
+    seen: &mut [[f32; SkyRadiance::TERMS]],
+) {
+    let Some(occluders) = &scene.occluders else {
+        return;
+    };
+    let Operator { rows, links, .. } = &scene.operator;
+    let sky = scene.senders();
+    for (j, surface) in surfaces.iter_mut().enumerate() {
+        let row = &rows[j];
+        let range = row.start as usize..(row.start + row.count) as usize;
+        // The sky and its terms are the last of a row.
+        for at in range.rev() {
+            let link = links[at];
+            let Some(term) = (link.sender() as usize).checked_sub(sky) else {
+                break;
+            };
+            let first = occluders.links.partition_point(|p| (p.link as usize) < at);
+            let parts = &occluders.links[first..];
+            let parts = &parts[..parts.partition_point(|p| p.link as usize == at)];
+            if parts.is_empty() {
+                continue;
+            }
+            let now = occluded_link(parts, passing, link).vector();
+            let lost = row.scale * (link.vector() - now);
+            match term.checked_sub(1) {
+                None => surface.sky = (Vec3::from(surface.sky) - lost).to_array(),
+                Some(k) => {
+                    if let Some(terms) = seen.get_mut(j) {
+                        terms[k] -= lost.dot(scene.points[j].n());
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn occluders() -> Occluders {
+        Occluders {
+            names: vec!["door".into(), "lift".into()],
+            sets: vec![0, 1, 3],
+            ..Occluders::default()
+        }
+    }
+
+    fn passage(link: u32, set: u32, z: f32) -> Passage {
+        let packed = Link::pack(Vec3::Z * z, 1.0, set as u16);
+        Passage {
+            link,
+            xy: packed.xy,
+            z_set: packed.z_sender,
+        }
+    }
+
+    #[test]
+    fn gains_are_what_light_can_have() {
+        let known = occluders();
+        assert_eq!(sound_gains(&known, &[2.0, -1.0, 0.5]), [1.0, 0.0]);
+        assert_eq!(sound_gains(&known, &[f32::NAN]), [0.0, 1.0]);
+        assert_eq!(passing(&known, &[0.5, 0.25]), [1.0, 0.5, 0.125]);
+    }
+
+    #[test]
+    fn links_are_what_passes() {
+        let link = |z: f32, sender| Link::pack(Vec3::Z * z, 1.0, sender);
+        let open = [link(0.5, 3), link(1.0, 7), link(0.75, 9)];
+        let passages = [
+            passage(1, 0, 0.25),
+            passage(1, 1, 0.5),
+            passage(1, 2, 0.25),
+            passage(2, 2, 0.75),
+        ];
+        let known = occluders();
+        for (gains, right) in [
+            ([1.0, 1.0], [0.5, 1.0, 0.75]),
+            ([0.5, 1.0], [0.5, 0.625, 0.375]),
+            ([0.5, 0.0], [0.5, 0.5, 0.0]),
+            ([0.0, 1.0], [0.5, 0.25, 0.0]),
+        ] {
+            let mut links = open;
+            occlude(&passages, &passing(&known, &gains), &mut links);
+            assert_eq!(links.map(|l| l.vector().z), right, "{gains:?}");
+            assert_eq!(links.map(Link::sender), [3, 7, 9]);
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! What was recorded, counted.
+
+use super::Pass;
+
+/// What a frame has recorded since it was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuCounters {
+    /// Dispatches of each pass, in the order of [`Pass::ALL`].
+    pub dispatches: [u64; Pass::COUNT],
+    /// Light slots projected.
+    pub projected: u64,
+    /// Solves recorded.
+    pub solves: u64,
+    /// Triangles drawn by `composite`.
+    pub composites: u64,
+}
+
+impl Default for GpuCounters {
+    fn default() -> Self {
+        Self {
+            dispatches: [0; Pass::COUNT],
+            projected: 0,
+            solves: 0,
+            composites: 0,
+        }
+    }
+}
+
+impl GpuCounters {
+    /// Dispatches of `pass`.
+    #[must_use]
+    pub fn of(&self, pass: Pass) -> u64 {
+        self.dispatches[pass as usize]
+    }
+
+    /// Adds what another has recorded.
+    pub fn add(&mut self, more: &Self) {
+        for (sum, more) in self.dispatches.iter_mut().zip(more.dispatches) {
+            *sum += more;
+        }
+        self.projected += more.projected;
+        self.solves += more.solves;
+        self.composites += more.composites;
+    }
+
+    /// What was recorded since it was `before`.
+    #[must_use]
+    pub fn since(&self, before: &Self) -> Self {
+        Self {
+            dispatches: core::array::from_fn(|i| self.dispatches[i] - before.dispatches[i]),
+            projected: self.projected - before.projected,
+            solves: self.solves - before.solves,
+            composites: self.composites - before.composites,
+        }
+    }
+
+    /// All dispatches.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.dispatches.iter().sum()
+    }
+}

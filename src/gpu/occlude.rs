@@ -1,0 +1,149 @@
+//! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene without occluders makes no such buffers.
+
+use super::frame::{MOST_GROUPS, compute};
+use super::links::cut;
+use super::pipelines::Kernels;
+use super::scene_buffers::{Maker, SpanList, SpanTable};
+use super::{GpuError, GpuFrame, Pass};
+use crate::asset::{BakedScene, Occluders};
+use crate::frame::Span;
+use crate::frame::occlude::{passing, sound_gains};
+use crate::scene::Bvh;
+use crate::transport::{Passage, Row};
+
+/// The parts of the operator's links, or of the probes'.
+#[derive(Debug)]
+pub(super) struct PassageBuffers {
+    /// For each part of the links its passages, whose first link is the base.
+    parts: SpanList,
+    passages: Vec<wgpu::Buffer>,
+}
+
+/// The occluders of a baked scene.
+#[derive(Debug)]
+pub(super) struct OccluderBuffers {
+    links: PassageBuffers,
+    probes: PassageBuffers,
+    /// What passes each set.
+    passing: wgpu::Buffer,
+}
+
+impl PassageBuffers {
+    /// For rows in the order of their links.
+    fn new(
+        make: &Maker<'_>,
+        table: &mut SpanTable<'_>,
+        rows: &[Row],
+        passages: &[Passage],
+    ) -> Result<Self, GpuError> {
+        let (mut spans, mut buffers) = (Vec::new(), Vec::new());
+        for part in cut(rows, make.limit)? {
+            let of = |link: u32| passages.partition_point(|p| p.link < link);
+            let own = &passages[of(part.links.start)..of(part.links.end)];
+            spans.push(Span {
+                first: 0,
+                count: own.len() as u32,
+                base: part.links.start,
+                pad: 0,
+            });
+            buffers.push(make.upload("passages", own)?);
+        }
+        Ok(Self {
+            parts: table.list(spans),
+            passages: buffers,
+        })
+    }
+}
+
+impl OccluderBuffers {
+    /// `ordered` are the operator's rows in the order of their links.
+    pub fn new(
+        make: &Maker<'_>,
+        table: &mut SpanTable<'_>,
+        scene: &BakedScene,
+        occluders: &Occluders,
+        ordered: &[Row],
+    ) -> Result<Self, GpuError> {
+        let rows = scene.probes.as_ref().map_or(&[][..], |p| &p.rows);
+        Ok(Self {
+            links: PassageBuffers::new(make, table, ordered, &occluders.links)?,
+            probes: PassageBuffers::new(make, table, rows, &occluders.probes)?,
+            passing: make.empty::<f32>("what passes occluders", occluders.sets.len() as u64)?,
+        })
+    }
+
+    /// Every buffer with its name.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, &wgpu::Buffer)> {
+        let passages = self.links.passages.iter().chain(&self.probes.passages);
+        (passages.map(|b| ("passages", b)))
+            .chain(std::iter::once(("what passes occluders", &self.passing)))
+    }
+}
+
+impl GpuFrame {
+    /// Sets what passes the occluders of `scene`, which the frame was made of: one each in [0, 1], those that are missing are open. Rewrites their links, what the senders
+    /// have from the sky and what shadow rays see of them, for the frame that is submitted next; at most once a submission. Says how many dispatches that took, 0 where the bake knows no
+    /// occluders. The lights' shadows change: [`project`](Self::project) all slots after it.
+    pub fn set_occluders(
+        &mut self,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &BakedScene,
+        gains: &[f32],
+    ) -> u64 {
+        let Some(known) = &scene.occluders else {
+            return 0;
+        };
+        let gains = sound_gains(known, gains);
+        let passes = passing(known, &gains);
+        let before = self.counters().of(Pass::Occlude);
+        let buffers = self.buffers();
+        if let Some(own) = &buffers.occluders {
+            queue.write_buffer(&own.passing, 0, bytemuck::cast_slice(&passes));
+            let first = scene.bvh.first_occluder();
+            let mut moving = Bvh {
+                nodes: Vec::new(),
+                triangles: scene.bvh.triangles[first..].to_vec(),
+            };
+            moving.set_gains(&gains);
+            let triangles: &[u8] = bytemuck::cast_slice(&moving.triangles);
+            let size = size_of::<crate::scene::BvhTriangle>();
+            queue.write_buffer(&buffers.triangles, (first * size) as u64, triangles);
+            let probe_links = buffers.probes.as_ref().map_or(&[][..], |p| &p.links);
+            let operator = own.links.parts.at.iter().zip(&own.links.passages);
+            let operator = operator.zip(&buffers.links);
+            let space = own.probes.parts.at.iter().zip(&own.probes.passages);
+            let mut dispatched = 0;
+            let mut pass = compute(encoder, "meshless_gi occlude");
+            pass.set_pipeline(&kernels.pass(Pass::Occlude).pipeline);
+            for ((&(offset, span), passages), links) in operator.chain(space.zip(probe_links)) {
+                if span.count == 0 {
+                    continue;
+                }
+                let spans = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: &buffers.spans,
+                    offset: 0,
+                    size: std::num::NonZeroU64::new(size_of::<Span>() as u64),
+                });
+                let bind = kernels.bind(
+                    Pass::Occlude,
+                    &[
+                        (1, spans),
+                        (2, passages.as_entire_binding()),
+                        (3, own.passing.as_entire_binding()),
+                        (4, links.as_entire_binding()),
+                    ],
+                );
+                pass.set_bind_group(0, &bind, &[offset]);
+                let groups = span.count.div_ceil(64);
+                pass.dispatch_workgroups(groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS), 1);
+                dispatched += 1;
+            }
+            drop(pass);
+            (0..dispatched).for_each(|_| self.count(Pass::Occlude));
+        }
+        self.occluded(queue, scene, passes);
+        self.counters().of(Pass::Occlude) - before
+    }
+}

@@ -1,0 +1,212 @@
+//! Which parts of a link pass occluders: what a gather notes of its rays, a row of its links, and the operator in twelve bytes a part.
+//!
+//! A link is the sum of its parts, one for each set of occluders that rays crossed together: F_ij = Σ_m F_ij^m, the first of them through none at all. With the gains g_k in
+//! [0, 1] of a frame it is F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k: exact for any gains of any number of occluders in a row. Links that no occluder is in the way of have no
+//! parts, and cost nothing.
+
+use super::{Link, SenderTree};
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec3A};
+use std::collections::BTreeSet;
+
+/// A part of a row's link before packing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    /// The link's sender; the number of senders for the sky, those behind it for the sky's terms.
+    pub sender: u32,
+    /// The occluders on the way, bit k for number k.
+    pub crossed: u64,
+    /// What of F_ij.
+    pub value: Vec3A,
+}
+
+/// Sums the parts of the same link through the same occluders, in their order; ascending by link, then by occluders.
+pub fn merge_parts(parts: &mut Vec<Part>) {
+    parts.sort_by_key(|p| (p.sender, p.crossed));
+    parts.dedup_by(|next, first| {
+        let same = (next.sender, next.crossed) == (first.sender, first.crossed);
+        if same {
+            first.value += next.value;
+        }
+        same
+    });
+}
+
+/// The parts of a row after its cut, which handed each sender's mass to the nearest of itself and its ancestors that is `kept`; what is with none of them rounded to
+/// nothing. Numbers behind the senders are the sky's.
+pub(super) fn cut_parts(
+    tree: &SenderTree,
+    parts: &[Part],
+    kept: impl Fn(u32) -> bool,
+) -> Vec<Part> {
+    let senders = tree.parent.len() as u32;
+    let mut out: Vec<Part> = (parts.iter())
+        .filter_map(|part| {
+            let mut k = part.sender;
+            while k < senders && !kept(k) {
+                let parent = tree.parent[k as usize];
+                if parent == k {
+                    return None;
+                }
+                k = parent;
+            }
+            Some(Part { sender: k, ..*part })
+        })
+        .collect();
+    merge_parts(&mut out);
+    out
+}
+
+/// What of an operator's link passes one set of occluders. 12 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Passage {
+    /// Index of the link.
+    pub link: u32,
+    /// x in the low half, y in the high half, both f16, relative to the row's scale as in a [`Link`].
+    pub xy: u32,
+    /// z as f16 in the low half, the index of the set in the high half.
+    pub z_set: u32,
+}
+
+impl Passage {
+    /// Most sets: the index has 16 bits.
+    pub const MOST_SETS: usize = 1 << 16;
+
+    /// The vector relative to the row's scale.
+    #[must_use]
+    #[inline]
+    pub fn vector(self) -> Vec3 {
+        Link {
+            xy: self.xy,
+            z_sender: self.z_set,
+        }
+        .vector()
+    }
+
+    /// The index of the set.
+    #[must_use]
+    #[inline]
+    pub fn set(self) -> u32 {
+        self.z_set >> 16
+    }
+}
+
+/// A packed part whose set has no index yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Passing {
+    /// As [`Passage::link`], [`Passage::xy`] and the low half of [`Passage::z_set`].
+    pub packed: Passage,
+    /// The occluders on the way.
+    pub crossed: u64,
+}
+
+/// The parts of a link relative to its row's `scale`, packed; what passes no occluder first. The `parts` are those of the link, ascending; the link is their sum and what
+/// `whole` has beyond it.
+pub(super) fn pack_parts(link: u32, whole: Vec3, parts: &[Part], scale: f32) -> Vec<Passing> {
+    let free = whole - parts.iter().map(|p| Vec3::from(p.value)).sum::<Vec3>();
+    let all = std::iter::once((0, free)).chain(parts.iter().map(|p| (p.crossed, p.value.into())));
+    all.filter_map(|(crossed, value)| {
+        let Link { xy, z_sender } = Link::pack(value, scale, 0);
+        let packed = Passage {
+            link,
+            xy,
+            z_set: z_sender,
+        };
+        // What rounds to nothing carries nothing.
+        (packed.vector() != Vec3::ZERO).then_some(Passing { packed, crossed })
+    })
+    .collect()
+}
+
+/// The link to `sender` as its parts make it: each is what of its vector passes.
+#[must_use]
+#[inline]
+pub fn link_of_parts(parts: impl Iterator<Item = Vec3>, sender: u32) -> Link {
+    Link::pack(parts.sum(), 1.0, sender as u16)
+}
+
+/// The sets of occluders that occur, ascending, the empty one first; and the parts of several operators with their indices. None where there are more sets than an index
+/// holds.
+#[must_use]
+pub fn number_sets<const N: usize>(
+    parts: [&[Passing]; N],
+) -> Option<(Vec<u64>, [Vec<Passage>; N])> {
+    let all = parts.iter().flat_map(|own| own.iter().map(|p| p.crossed));
+    let sets: BTreeSet<u64> = all.chain([0]).collect();
+    let sets: Vec<u64> = sets.into_iter().collect();
+    if sets.len() > Passage::MOST_SETS {
+        return None;
+    }
+    let numbered = parts.map(|own| {
+        let passages = own.iter().map(|p| {
+            let set = sets.partition_point(|&s| s < p.crossed) as u32;
+            Passage {
+                z_set: p.packed.z_set & 0xffff | set << 16,
+                ..p.packed
+            }
+        });
+        passages.collect()
+    });
+    Some((sets, numbered))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(sender: u32, crossed: u64, value: f32) -> Part {
+        Part {
+            sender,
+            crossed,
+            value: Vec3A::new(value, 0.0, 2.0 * value),
+        }
+    }
+
+    #[test]
+    fn parts_follow_their_senders_mass() {
+        // Two roots, two children each.
+        let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1], &[0, 2, 6]);
+        let found = [
+            part(3, 1, 0.25),
+            part(6, 2, 1.0),
+            part(2, 1, 0.5),
+            part(4, 1, 0.125),
+            part(3, 3, 0.5),
+            part(2, 1, 1.0),
+        ];
+        let cut = cut_parts(&tree, &found, |k| k == 0 || k == 3);
+        let right = [
+            part(0, 1, 1.5),
+            part(3, 1, 0.25),
+            part(3, 3, 0.5),
+            part(6, 2, 1.0),
+        ];
+        assert_eq!(cut, right);
+    }
+
+    #[test]
+    fn a_packed_link_is_the_sum_of_its_parts() {
+        let parts = [part(3, 1, 0.25), part(3, 5, 0.125)];
+        let whole = Vec3::new(0.5, 0.0, 1.0);
+        let packed = pack_parts(7, whole, &parts, 1.0);
+        assert_eq!(
+            packed.iter().map(|p| p.crossed).collect::<Vec<_>>(),
+            [0, 1, 5]
+        );
+        let sum: Vec3 = packed.iter().map(|p| p.packed.vector()).sum();
+        assert_eq!(sum, whole);
+        // A link of which all passes has no part that passes nothing.
+        let all = pack_parts(7, Vec3::new(0.375, 0.0, 0.75), &parts, 1.0);
+        assert_eq!(all.iter().map(|p| p.crossed).collect::<Vec<_>>(), [1, 5]);
+        let (sets, [first, second]) = number_sets([&packed, &all]).unwrap();
+        assert_eq!(sets, [0, 1, 5]);
+        let indices = |own: &[Passage]| own.iter().map(|p| p.set()).collect::<Vec<_>>();
+        assert_eq!(
+            (indices(&first), indices(&second)),
+            (vec![0, 1, 2], vec![1, 2])
+        );
+        assert!(first.iter().all(|p| p.link == 7));
+        assert_eq!(number_sets([&[]]), Some((vec![0], [Vec::new()])));
+    }
+}

@@ -1,0 +1,156 @@
+//! A screen across a room that opens and shuts, in the running plugin: pictures are those of the CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{OccluderBox, OccluderShape, Recipe};
+use bevy_meshless_gi::frame::CpuFrame;
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::flip::{Picture, flip};
+use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::stage::{
+    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+};
+use std::sync::Arc;
+
+/// The Cornell room with a screen from floor to ceiling across its middle, which no camera sees.
+fn cornell() -> (Room, Arc<BakedScene>) {
+    let room = Room::cornell();
+    let screen = OccluderShape {
+        name: "screen".into(),
+        boxes: vec![OccluderBox {
+            center: [-0.45, 1.0, 0.0],
+            half_edges: [0.01, 1.0, 1.0],
+        }],
+    };
+    let baked = room.bake_as(&Recipe {
+        viewpoints: vec![[0.2, 1.0, 0.6], [-0.8, 1.0, 0.6]],
+        coarse_radius: Some(0.4),
+        levels: Some(3),
+        sender_levels: Some(2),
+        rays: Some(128),
+        occluders: vec![screen],
+        ..default()
+    });
+    (room, baked)
+}
+
+/// Where the lamp is: in the small part, behind the screen.
+const PLACE: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
+
+/// The CPU's picture where so much passes the screen.
+fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+    let mut frame = CpuFrame::new(bake);
+    frame.set_occluders(bake, &[gain]);
+    let mut now = bake.clone();
+    now.operator.links = frame.links(bake)[0].to_vec();
+    now.bvh = frame.bvh(bake).clone();
+    let surfaces = frame.surfaces(bake);
+    now.surfaces[..surfaces.len()].copy_from_slice(surfaces);
+    let placed = Transform::IDENTITY;
+    cpu_indirect(room, &now, placed, view(), &[lamp(PLACE)], &settings())
+}
+
+#[test]
+fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
+    let (room, bake) = cornell();
+    let mut app = app();
+    let scene = bake.clone();
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene });
+    let root = app
+        .world_mut()
+        .spawn((MeshlessGi(asset), Transform::IDENTITY))
+        .id();
+    room.spawn(&mut app, root);
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(PLACE)));
+    run(&mut app, 3);
+    let open = right(&room, &bake, 1.0);
+    assert_alike("open", &open, &picture(&mut app, &image));
+
+    // Somebody names it and leaves it open; somebody else names what is not there.
+    let say = |app: &mut App, name: &str, openness: f32| {
+        let name = name.into();
+        let occluder = MeshlessGiOccluder { name, openness };
+        app.world_mut().spawn(occluder).id()
+    };
+    let door = say(&mut app, "screen", 1.0);
+    say(&mut app, "gate", 0.0);
+    run(&mut app, 1);
+    let none = ([0; 4], 0);
+    let c = counters(&app);
+    assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), none);
+
+    let mut last = open.clone();
+    for openness in [0.0, 0.4, 1.0] {
+        let mut moved = app.world_mut().get_mut::<MeshlessGiOccluder>(door).unwrap();
+        moved.openness = openness;
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!(c.dispatches_of(Stage::Occlude), 1, "{}", c.plan);
+        assert!(c.plan.contains("opened or shut"), "{}", c.plan);
+        assert!(c.projected_slots == 1 && c.dispatches_of(Stage::Apply) > 0);
+        let now = right(&room, &bake, openness);
+        let found = picture(&mut app, &image);
+        assert_alike("door", &now, &found);
+        assert!(flip(&last, &now) > MOST, "the change shows");
+        last = now;
+        run(&mut app, 1);
+        let c = counters(&app);
+        assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), none);
+    }
+    assert!(flip(&last, &open) < 1e-6, "open again");
+
+    // Of two that say something of it the least open counts; who goes away leaves it open.
+    let other = say(&mut app, "screen", 0.0);
+    run(&mut app, 1);
+    assert_eq!(counters(&app).dispatches_of(Stage::Occlude), 1);
+    let shut = right(&room, &bake, 0.0);
+    assert_alike("two of them", &shut, &picture(&mut app, &image));
+    app.world_mut().despawn(other);
+    app.world_mut().despawn(door);
+    run(&mut app, 1);
+    assert_eq!(counters(&app).dispatches_of(Stage::Occlude), 1);
+    assert_alike("gone", &open, &picture(&mut app, &image));
+}
+
+#[test]
+fn a_level_without_doors_has_nothing_of_them() {
+    let room = Room::cornell();
+    let mut app = app();
+    let scene = room.bake(1);
+    let asset = app
+        .world_mut()
+        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .add(MeshlessGiAsset { scene });
+    let root = app
+        .world_mut()
+        .spawn((MeshlessGi(asset), Transform::IDENTITY))
+        .id();
+    room.spawn(&mut app, root);
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    app.world_mut()
+        .spawn((bevy_lamp(), Transform::from_translation(PLACE)));
+    run(&mut app, 3);
+    let before = counters(&app);
+    app.world_mut().spawn(MeshlessGiOccluder {
+        name: "screen".into(),
+        openness: 0.0,
+    });
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), ([0; 4], 0));
+    assert_eq!(
+        (c.pipelines, c.buffers, c.bytes),
+        (before.pipelines, before.buffers, before.bytes)
+    );
+}
