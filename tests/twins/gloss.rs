@@ -3,7 +3,8 @@
 use super::compare::HALF;
 use super::depth::depth_texture;
 use super::gloss_support::{Scene, room, virtual_lights};
-use super::{harness, synthetic, wide};
+use super::picture::wide;
+use super::{harness, synthetic};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::gloss::Glosses;
 use bevy_meshless_gi::frame::{

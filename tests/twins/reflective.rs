@@ -2,9 +2,10 @@
 
 use super::compare::{HALF, SINGLE, Scale, differing};
 use super::depth::depth_texture;
+use super::picture::wide;
 use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
-use super::{cpu, harness, settings, wide};
+use super::{cpu, harness, settings};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::reflective::{light_in_space, local_from_space, space_from_clip};
 use bevy_meshless_gi::frame::{
@@ -292,7 +293,7 @@ fn vpl() {
     assert!(!twin.values().is_empty());
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
     let screen = Screen::new();
-    let size = super::SIZE;
+    let size = super::screen::SIZE;
     let viewport = [3.0, 2.0, size[0] as f32 - 5.0, size[1] as f32 - 2.0];
     let local = local_from_space(&local_from_world(), ORIGIN);
 

@@ -1,9 +1,10 @@
 //! The kernel `shade` and what is drawn of it against their twins, on the baked box of `soft` as a camera sees it.
 
 use super::depth::depth_texture;
+use super::harness;
+use super::picture::{pixels_differing, wide};
 use super::screen::SIZE;
 use super::soft::{baked, lights};
-use super::{harness, pixels_differing, wide};
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::shade::{self, ShadeParams, Tables};

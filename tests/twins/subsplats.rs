@@ -5,7 +5,8 @@ mod volume;
 
 use super::compare::HALF;
 use super::depth::depth_texture;
-use super::{baked, cpu, harness, settings, solved, wide};
+use super::picture::wide;
+use super::{baked, cpu, harness, settings, solved};
 use bevy_meshless_gi::accuracy::DrawnView;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
@@ -138,8 +139,8 @@ impl Scene {
             (&self.scene.display.grid).into(),
         );
         SplatParams {
-            // So wide that surfaces and space share many pixels.
-            seam: self.scene.probes.as_ref().map_or(0.0, |_| 2.5),
+            // Wide, so that surfaces and space share many pixels of the level itself.
+            seam: self.scene.probes.as_ref().map_or(0.0, |_| 1.2),
             ..params
         }
     }
@@ -506,7 +507,7 @@ fn probe() {
     assert!(lit.count() > 500);
     // Shares of surfaces and space.
     let mixed = (0..gpu.len()).filter(|&i| before[i][3] > 0.0 && before[i][3] < 1.0);
-    assert!(mixed.count() > 200);
+    assert!(mixed.count() > 100);
     let shares = |seam: f32| {
         let params = SplatParams { seam, ..params };
         let values = of.twin.values();
@@ -520,7 +521,7 @@ fn probe() {
             .count()
     };
     assert!(shares(params.seam) <= 2, "{}", shares(params.seam));
-    assert!(shares(1.02 * params.seam) > 200);
+    assert!(shares(1.02 * params.seam) > 100);
     let mut moved = values.clone();
     moved.rotate_left(3);
     assert!(differing(&gpu, &expected(&moved, &probing)) > 200);

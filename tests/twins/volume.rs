@@ -2,7 +2,8 @@
 
 use super::Scene;
 use crate::compare::{HALF, Scale, differing};
-use crate::{harness, settings, solved, wide};
+use crate::picture::wide;
+use crate::{harness, settings, solved};
 use bevy_meshless_gi::frame::volume::volume;
 use bevy_meshless_gi::frame::{VectorIrradiance, VolumeParams};
 use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};

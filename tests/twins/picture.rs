@@ -1,0 +1,273 @@
+//! The kernels `splat` and `composite` against their twins, over a picture.
+
+use super::compare::{HALF, Scale, differing};
+use super::screen::{self, SIZE, Screen};
+use super::{cpu, depth, harness, settings, synthetic};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::{
+    CompositeParams, CpuFrame, SplatParams, VectorIrradiance, composite, splat,
+};
+use bevy_meshless_gi::gpu::{GpuFrame, Harness, Kernels, Pass, SplatTargets, ViewBuffers};
+use bevy_meshless_gi::transport::SenderForm;
+use half::f16;
+use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
+
+/// The textures of a picture, and what the kernels make of them.
+struct Pictures {
+    frame: GpuFrame,
+    irradiance: Vec<[f16; 4]>,
+    over: Vec<[f16; 4]>,
+    picture: Vec<[f16; 4]>,
+}
+
+fn draw(
+    harness: &Harness,
+    scene: &BakedScene,
+    twin: &CpuFrame,
+    screen: &Screen,
+    params: &SplatParams,
+    (composite, replace): (&CompositeParams, bool),
+) -> Pictures {
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap();
+    let values = frame.buffers().output(Pass::Averages).unwrap();
+    harness
+        .queue
+        .write_buffer(values, 0, bytemuck::cast_slice(twin.values()));
+    let mut view = ViewBuffers::new(&harness.device);
+    view.write(&harness.queue, params, composite);
+
+    let read = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC;
+    let half4 = TextureFormat::Rgba16Float;
+    let depth = depth::depth_texture(harness, SIZE, &screen.depth);
+    let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&screen.gbuffer));
+    let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(&screen.passes));
+    let earlier = harness.texture(SIZE, half4, read, Some(&screen.earlier));
+    let out = [0; 2].map(|_| {
+        harness.texture::<[f16; 4]>(SIZE, half4, read | TextureUsages::STORAGE_BINDING, None)
+    });
+    let picture = harness.texture(
+        SIZE,
+        half4,
+        read | TextureUsages::RENDER_ATTACHMENT,
+        Some(&screen.lit),
+    );
+    let view_of = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (depth_view, gbuffer_view) = (view_of(&depth), view_of(&gbuffer));
+    let out_views = [view_of(&out[0]), view_of(&out[1])];
+    let (earlier_view, passes_view, picture_view) =
+        (view_of(&earlier), view_of(&passes), view_of(&picture));
+    harness
+        .run(|encoder| {
+            for (output, earlier) in [(&out_views[0], None), (&out_views[1], Some(&earlier_view))] {
+                let targets = SplatTargets {
+                    depth: &depth_view,
+                    gbuffer: &gbuffer_view,
+                    earlier,
+                    output,
+                };
+                frame.splat(&kernels, encoder, &view, &targets);
+            }
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &picture_view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            frame.composite(
+                &kernels,
+                &mut pass,
+                half4,
+                replace,
+                &view,
+                &out_views[0],
+                &gbuffer_view,
+                &passes_view,
+            );
+        })
+        .unwrap();
+    Pictures {
+        irradiance: harness.read_texture(&out[0]).unwrap(),
+        over: harness.read_texture(&out[1]).unwrap(),
+        picture: harness.read_texture(&picture).unwrap(),
+        frame,
+    }
+}
+
+pub fn wide(texels: &[[f16; 4]]) -> Vec<[f32; 4]> {
+    texels.iter().map(|t| t.map(f16::to_f32)).collect()
+}
+
+/// The twin of `splat` over the whole picture.
+fn splat_all(
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    screen: &Screen,
+    params: &SplatParams,
+) -> Vec<[f32; 4]> {
+    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y]));
+    let texels = pixels.zip(screen.depth.iter().zip(&screen.gbuffer));
+    texels
+        .map(|(pixel, (&depth, &texel))| {
+            splat::splat_pixel(params, scene, values, pixel, depth, texel)
+        })
+        .collect()
+}
+
+/// Pixels whose irradiance differs by more than halves do, or whose coverage differs.
+pub fn pixels_differing(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> Vec<usize> {
+    let rgb = |texels: &[[f32; 4]]| {
+        texels
+            .iter()
+            .map(|t| [t[0], t[1], t[2]])
+            .collect::<Vec<_>>()
+    };
+    let mut found = differing(&rgb(gpu), &rgb(cpu), 3, HALF, Scale::Rms);
+    found.extend((0..gpu.len()).filter(|&i| gpu[i][3] != cpu[i][3]));
+    found
+}
+
+#[test]
+fn splat_and_composite() {
+    let Some(harness) = harness() else { return };
+    let scene = synthetic::scene(SenderForm::Averages);
+    let twin = cpu(&scene, &synthetic::lights(), &settings(1, false));
+    let screen = Screen::new();
+    let viewport = [3.0, 2.0, SIZE[0] as f32 - 5.0, SIZE[1] as f32 - 2.0];
+    let params = |scale| {
+        let (clip, root) = (screen::world_from_clip(), screen::local_from_world());
+        SplatParams::new(
+            clip,
+            root,
+            viewport,
+            SIZE,
+            scale,
+            (&scene.display.grid).into(),
+        )
+    };
+    let put = CompositeParams {
+        scale: 0.7,
+        ..CompositeParams::default()
+    };
+    let drawn = draw(
+        &harness,
+        &scene,
+        &twin,
+        &screen,
+        &params(0.5),
+        (&put, false),
+    );
+    assert_eq!(drawn.frame.counters().of(Pass::Splat), 1);
+    assert_eq!(drawn.frame.counters().of(Pass::SplatOver), 1);
+    assert_eq!(drawn.frame.counters().composites, 1);
+
+    // splat. The one freedom: a place within rounding of a clip plane may lie on either side of it, and a weight sum within rounding of NO_COVER may count
+    // or not. Of 2747 pixels at most two do.
+    let gpu = wide(&drawn.irradiance);
+    let expected = splat_all(&scene, twin.values(), &screen, &params(0.5));
+    let covered = expected.iter().filter(|e| e[3] == 1.0).count();
+    let black = expected.iter().filter(|e| e[3] == 0.0).count();
+    assert!(
+        covered > 1000 && black > 100,
+        "{covered} pixels are covered, {black} are not"
+    );
+    let found = pixels_differing(&gpu, &expected);
+    assert!(
+        found.len() <= 2,
+        "{} of {} pixels differ: {:?} {:?}",
+        found.len(),
+        gpu.len(),
+        gpu[found[0]],
+        expected[found[0]]
+    );
+    for spoil in [
+        |s: &mut BakedScene| s.display.planes.iter_mut().for_each(|p| p[3] -= 0.05),
+        |s: &mut BakedScene| s.points.iter_mut().for_each(|p| p.radius *= 1.01),
+        |s: &mut BakedScene| {
+            s.points[..200]
+                .iter_mut()
+                .for_each(|p| p.position[1] += 0.01)
+        },
+    ] {
+        let mut wrong = scene.clone();
+        spoil(&mut wrong);
+        let spoiled = splat_all(&wrong, twin.values(), &screen, &params(0.5));
+        assert!(
+            pixels_differing(&gpu, &spoiled).len() > 20,
+            "a wrong input is not noticed"
+        );
+    }
+    let spoiled = splat_all(&scene, twin.values(), &screen, &params(0.503));
+    assert!(
+        pixels_differing(&gpu, &spoiled).len() > 20,
+        "a wrong scale is not noticed"
+    );
+
+    // splat_over: what was covered stays, bit for bit; the rest is as before.
+    for (i, over) in drawn.over.iter().enumerate() {
+        let kept = screen.earlier[i][3] != f16::ZERO;
+        let whence = if kept {
+            &screen.earlier[i]
+        } else {
+            &drawn.irradiance[i]
+        };
+        assert_eq!(over, whence, "pixel {i}");
+    }
+
+    // composite, from the very texels that the GPU read.
+    let composited = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+        let pixels = gpu.iter().zip(&screen.gbuffer).zip(passes);
+        pixels
+            .map(|((e, texel), &pass)| composite::composite_pixel(put, *e, *texel, u32::from(pass)))
+            .collect()
+    };
+    // Alpha is not written.
+    let alpha = |t: &[[f16; 4]]| t.iter().map(|t| t[3]).collect::<Vec<_>>();
+    assert_eq!(alpha(&drawn.picture), alpha(&screen.lit));
+    let rgb = |t: &[[f16; 4]]| -> Vec<[f32; 3]> {
+        t.iter()
+            .map(|t| [t[0], t[1], t[2]].map(f16::to_f32))
+            .collect()
+    };
+    let added = |put: &CompositeParams, passes: &[u8]| -> Vec<[f32; 3]> {
+        let lit = rgb(&screen.lit).into_iter().zip(composited(put, passes));
+        lit.map(|(a, b)| [a[0] + b[0], a[1] + b[1], a[2] + b[2]])
+            .collect()
+    };
+    let picture = rgb(&drawn.picture);
+    let wrong = |expected: &[[f32; 3]]| differing(&picture, expected, 3, HALF, Scale::Item).len();
+    assert_eq!(wrong(&added(&put, &screen.passes)), 0);
+    let brighter = CompositeParams { scale: 0.8, ..put };
+    assert!(wrong(&added(&brighter, &screen.passes)) > 20);
+    assert!(wrong(&added(&put, &vec![1; screen.passes.len()])) > 20);
+
+    // The debug view: in place of the picture, and white.
+    let white = CompositeParams { white: 1.0, ..put };
+    let drawn = draw(
+        &harness,
+        &scene,
+        &twin,
+        &screen,
+        &params(0.5),
+        (&white, true),
+    );
+    let picture = rgb(&drawn.picture);
+    let wrong = |put: &CompositeParams| {
+        differing(
+            &picture,
+            &composited(put, &screen.passes),
+            3,
+            HALF,
+            Scale::Rms,
+        )
+        .len()
+    };
+    assert_eq!(wrong(&white), 0);
+    assert!(wrong(&put) > 20);
+}
