@@ -121,8 +121,8 @@ impl Bvh {
             triangle.gain = 1.0;
         }
         match (self.nodes.as_slice(), moving.nodes.as_slice()) {
-            (_, []) => return self,
-            ([], _) => return moving,
+            (_, []) => self,
+            ([], _) => moving,
             ([a, ..], [b, ..]) => {
                 let corner = |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| {
                     std::array::from_fn(|c| f(a[c], b[c]))
