@@ -70,27 +70,27 @@ struct Sign {
 const SIGNS: [Sign; 7] = [
     Sign {
         name: "blade",
-        colour: Vec3::new(6.0, 0.5, 3.2),
-        boxes: &[([-2.75, 2.2, -3.1], [-1.95, 4.6, -2.95])],
+        colour: Vec3::new(3.2, 0.12, 1.5),
+        boxes: &[([-2.75, 1.6, -3.6], [-1.75, 4.4, -3.4])],
     },
     Sign {
         name: "first bar",
-        colour: Vec3::new(0.6, 5.0, 4.4),
+        colour: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 2.3, -2.2], [2.8, 2.65, -2.0])],
     },
     Sign {
         name: "second bar",
-        colour: Vec3::new(0.6, 5.0, 4.4),
+        colour: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 2.85, -2.2], [2.8, 3.2, -2.0])],
     },
     Sign {
         name: "third bar",
-        colour: Vec3::new(0.6, 5.0, 4.4),
+        colour: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 3.4, -2.2], [2.8, 3.75, -2.0])],
     },
     Sign {
         name: "frame",
-        colour: Vec3::new(5.0, 3.0, 0.4),
+        colour: Vec3::new(2.8, 1.4, 0.08),
         boxes: &[
             ([-2.8, 2.6, -8.8], [-2.68, 2.9, -5.8]),
             ([-2.8, 4.1, -8.8], [-2.68, 4.4, -5.8]),
@@ -100,12 +100,12 @@ const SIGNS: [Sign; 7] = [
     },
     Sign {
         name: "strip",
-        colour: Vec3::new(1.2, 1.6, 6.5),
-        boxes: &[([2.68, 2.5, -9.8], [2.8, 2.95, -6.0])],
+        colour: Vec3::new(0.2, 0.5, 4.0),
+        boxes: &[([2.66, 2.5, -9.8], [2.8, 3.3, -6.0])],
     },
     Sign {
         name: "gate",
-        colour: Vec3::new(6.0, 0.7, 0.3),
+        colour: Vec3::new(3.2, 0.25, 0.08),
         boxes: &[
             ([-1.3, 0.1, -12.9], [-1.0, 3.0, -12.75]),
             ([1.0, 0.1, -12.9], [1.3, 3.0, -12.75]),
@@ -195,6 +195,8 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[0.0, 1.6, 2.0], [0.0, 2.0, -5.0], [0.0, 2.0, -11.0]],
+        // Small things shine in a dark street: more rays than the preset's find them.
+        rays: Some(2048),
         live_materials: true,
         ..default()
     };
@@ -204,7 +206,7 @@ fn set_up(
         MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
         // The night sky of a town.
         MeshlessGiLighting {
-            sky: LinearRgba::rgb(2.0, 2.4, 4.5),
+            sky: LinearRgba::rgb(6.0, 7.0, 12.0),
             ..default()
         },
     ));

@@ -42,8 +42,7 @@ fn main() -> ExitCode {
     let mut app = common::app(capture.as_ref());
     app.insert_resource(ClearColor(Color::BLACK))
         .add_plugins(Stage {
-            look: Transform::from_xyz(0.0, 4.6, 4.9)
-                .looking_at(Vec3::new(0.0, 0.62, -1.6), Vec3::Y),
+            look: Transform::from_xyz(0.0, 4.6, 4.9).looking_at(Vec3::new(0.0, 0.9, -1.6), Vec3::Y),
             reach: None,
             keys: "M, Left, Right: time    B: bounce",
         })

@@ -42,22 +42,26 @@ pub struct Capture {
 
 /// Bevy's plugins: with a window, or without one where a picture is asked for.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
-    let plugins = DefaultPlugins.build();
     match capture {
-        None => plugins,
-        Some(_) => plugins
-            .set(WindowPlugin {
-                primary_window: None,
-                exit_condition: ExitCondition::DontExit,
-                ..default()
-            })
-            .set(RenderPlugin {
-                synchronous_pipeline_compilation: true,
-                ..default()
-            })
-            .disable::<WinitPlugin>()
-            .disable::<PipelinedRenderingPlugin>(),
+        None => DefaultPlugins.build(),
+        Some(_) => windowless(),
     }
+}
+
+/// Bevy's plugins without a window; a frame is drawn before the next one begins.
+pub fn windowless() -> PluginGroupBuilder {
+    DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        .set(RenderPlugin {
+            synchronous_pipeline_compilation: true,
+            ..default()
+        })
+        .disable::<WinitPlugin>()
+        .disable::<PipelinedRenderingPlugin>()
 }
 
 impl Capture {
