@@ -167,12 +167,12 @@ fn street() -> Vec<Quad> {
     solid([2.8, 0.0, -10.2], [6.0, 5.4, -3.4], &plaster);
     solid([2.8, 0.0, -13.0], [6.0, 8.0, -10.2], &concrete);
     solid([-6.0, 0.0, -14.0], [6.0, 6.5, -13.0], &plaster);
-    // What stands about takes light and shade: boxes, a stall, a balcony.
-    let crate_ = paint(0.5, 0.36, 0.2);
-    solid([-2.6, 0.12, -1.6], [-2.0, 0.7, -1.0], &crate_);
-    solid([-2.5, 0.7, -1.5], [-2.1, 1.05, -1.1], &crate_);
+    // What stands about takes light and shade: boxes, a counter under its roof, a balcony.
+    let planks = paint(0.5, 0.36, 0.2);
+    solid([-2.6, 0.12, -1.6], [-2.0, 0.7, -1.0], &planks);
+    solid([-2.5, 0.7, -1.5], [-2.1, 1.05, -1.1], &planks);
     solid([2.0, 0.12, -5.6], [2.8, 1.0, -4.2], &concrete);
-    solid([1.9, 2.1, -5.7], [2.8, 2.18, -4.1], &crate_);
+    solid([1.9, 2.1, -5.7], [2.8, 2.18, -4.1], &planks);
     solid([-2.8, 4.9, -8.6], [-2.0, 5.0, -6.0], &concrete);
     for sign in &SIGNS {
         let material = Material {
