@@ -212,7 +212,7 @@ fn follow(
     clock: Res<Clock>,
     mut light: Single<(&mut DirectionalLight, &mut Transform)>,
     mut level: Single<&mut MeshlessGiSky>,
-    cameras: Query<(Entity, &Transform), (With<MeshlessGiCamera>, Without<DirectionalLight>)>,
+    cameras: Query<(Entity, &GlobalTransform), With<MeshlessGiCamera>>,
     mut clear: ResMut<ClearColor>,
     mut last: Local<Option<f32>>,
 ) {

@@ -162,6 +162,7 @@ fn switch(
     mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
     mut side_by_side: ResMut<SideBySide>,
     mut gizmos: ResMut<GizmoConfigStore>,
+    mut help: Single<&mut Visibility, With<Help>>,
 ) {
     for mut camera in &mut cameras {
         if keys.just_pressed(KeyCode::Space) {
@@ -177,6 +178,9 @@ fn switch(
     }
     if keys.just_pressed(KeyCode::Tab) {
         side_by_side.0 = !side_by_side.0;
+    }
+    if keys.just_pressed(KeyCode::KeyH) {
+        help.toggle_visible_hidden();
     }
     if keys.just_pressed(KeyCode::KeyG) {
         super::next_gizmos(&mut gizmos);
@@ -204,8 +208,7 @@ fn lay_out(
 }
 
 fn tell(
-    mut help: Single<(&mut Text, &mut Visibility), With<Help>>,
-    keys: Res<ButtonInput<KeyCode>>,
+    mut help: Single<&mut Text, With<Help>>,
     stage: Res<Stage>,
     under_way: Query<&MeshlessGiBake>,
     failed: Query<&MeshlessGiBakeFailed>,
@@ -247,11 +250,7 @@ fn tell(
         "{state}{halves}\n{lamp}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    H: help",
         stage.keys
     );
-    let (shown, visibility) = &mut *help;
-    if shown.0 != text {
-        shown.0 = text;
-    }
-    if keys.just_pressed(KeyCode::KeyH) {
-        visibility.toggle_visible_hidden();
+    if help.0 != text {
+        help.0 = text;
     }
 }
