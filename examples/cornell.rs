@@ -17,10 +17,12 @@
 //! | D | indirect light at a fraction of the pixels, or at every pixel |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | H | the lines of help on and off |
 //!
 //! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow map; the ball, which no bake knows, casts none and reflects none of its light.
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture of the window and ends (with M first, the ball stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture without a window and ends (with M first, the ball stays where it starts).
 
 mod common;
 
@@ -30,6 +32,7 @@ use bevy_meshless_gi::plugin::MeshlessGiBake;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
 use common::capture::Capture;
+use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
 use std::process::ExitCode;
 
@@ -43,31 +46,29 @@ fn main() -> ExitCode {
         Ok(_) => return usage(&format!("what is {}?", arguments.join(" "))),
         Err(why) => return usage(&why),
     };
-    let mut app = App::new();
-    app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
-        .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(Soft(soft))
+    let mut app = common::app(capture.as_ref());
+    app.insert_resource(Soft(soft))
         .add_plugins(Stage {
             look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
             // Inside the box.
-            reach: (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5)),
+            reach: Some((Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5))),
             keys: "M: ball    B: its bounce    D: display",
         })
-        .init_resource::<Rolling>()
+        .add_plugins(Clock::new(0.0, 1.0, capture.as_ref().and_then(|c| c.at)))
         .add_systems(Startup, setup)
-        .add_systems(Update, (roll, switch_bounce).chain().before(StageSystems));
-    if let Some(capture) = capture {
-        app.add_plugins(capture);
-    }
-    match app.run() {
-        AppExit::Success => ExitCode::SUCCESS,
-        AppExit::Error(code) => ExitCode::from(code.get()),
-    }
+        .add_systems(
+            Update,
+            (roll, switch_bounce)
+                .chain()
+                .after(ClockSystems)
+                .before(StageSystems),
+        );
+    common::run(app)
 }
 
 fn usage(why: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+        "{why}\nusage: cornell [--soft] [--screenshot FILE.png [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }
@@ -75,22 +76,6 @@ fn usage(why: &str) -> ExitCode {
 /// What moves: the bake does not hold its light.
 #[derive(Component)]
 struct Ball;
-
-/// Seconds of the ball's path, and whether they go on.
-#[derive(Resource)]
-struct Rolling {
-    seconds: f32,
-    on: bool,
-}
-
-impl Default for Rolling {
-    fn default() -> Self {
-        Self {
-            seconds: 0.0,
-            on: true,
-        }
-    }
-}
 
 /// The lamp is a panel with soft shadows, and no bulb with a shadow map.
 #[derive(Resource)]
@@ -174,20 +159,11 @@ fn ball_at(seconds: f32) -> Vec3 {
     WAY.0.lerp(WAY.1, 0.5 + 0.5 * (0.7 * seconds).sin())
 }
 
-fn roll(
-    mut ball: Single<&mut Transform, With<Ball>>,
-    baking: Query<(), With<MeshlessGiBake>>,
-    keys: Res<ButtonInput<KeyCode>>,
-    mut rolling: ResMut<Rolling>,
-    time: Res<Time>,
-) {
-    if keys.just_pressed(KeyCode::KeyM) {
-        rolling.on = !rolling.on;
-    }
-    // It waits for its light.
-    if rolling.on && baking.is_empty() {
-        rolling.seconds += time.delta_secs();
-        ball.translation = ball_at(rolling.seconds);
+fn roll(mut ball: Single<&mut Transform, With<Ball>>, clock: Res<Clock>) {
+    let place = ball_at(clock.now);
+    // A ball at rest must not look moved.
+    if place != ball.translation {
+        ball.translation = place;
     }
 }
 

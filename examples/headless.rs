@@ -12,14 +12,10 @@ mod common;
 use bevy::app::PluginsState;
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
-use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
 use bevy::render::renderer::RenderDevice;
-use bevy::window::ExitCondition;
-use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiTier};
 use bevy_meshless_gi::prelude::*;
@@ -55,18 +51,7 @@ fn main() -> ExitCode {
     }
     let mut app = App::new();
     app.add_plugins((
-        DefaultPlugins
-            .set(WindowPlugin {
-                primary_window: None,
-                exit_condition: ExitCondition::DontExit,
-                ..default()
-            })
-            .set(RenderPlugin {
-                synchronous_pipeline_compilation: true,
-                ..default()
-            })
-            .disable::<WinitPlugin>()
-            .disable::<PipelinedRenderingPlugin>(),
+        common::capture::windowless(),
         // For the device's clock.
         RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),

@@ -13,8 +13,9 @@
 //! | Up, Down | sunlight stronger and weaker |
 //! | Space | indirect light on and off |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | P | the plan of the frame: what runs, why, and how long it takes |
 //!
-//! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture of the window when the bake is done (with `--while-baking`:
+//! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture without a window when the bake is done (with `--while-baking`:
 //! before), and ends.
 
 mod common;
@@ -28,7 +29,7 @@ use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Bvh, Geometry, Ray, TriangleMesh, load_gltf};
-use common::capture::Capture;
+use common::capture::{Capture, default_plugins};
 use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -74,11 +75,12 @@ fn main() -> ExitCode {
     let name = path.file_name().map(PathBuf::from).unwrap_or_default();
     let mut app = App::new();
     app.add_plugins((
-        DefaultPlugins.set(AssetPlugin {
+        default_plugins(capture.as_ref()).set(AssetPlugin {
             file_path: folder,
             ..default()
         }),
         MeshlessGiPlugin::default(),
+        common::table::PlanTable,
     ))
     .insert_resource(GlobalAmbientLight::NONE)
     .insert_resource(Level {
@@ -93,10 +95,7 @@ fn main() -> ExitCode {
     if let Some(capture) = capture {
         app.add_plugins(capture);
     }
-    match app.run() {
-        AppExit::Success => ExitCode::SUCCESS,
-        AppExit::Error(code) => ExitCode::from(code.get()),
-    }
+    common::run(app)
 }
 
 fn usage() -> ExitCode {
@@ -139,6 +138,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
     level.start = Transform::from_translation(eye).looking_at(bounds.center(), Vec3::Y);
     commands.spawn((
         Camera3d::default(),
+        IsDefaultUiCamera,
         Projection::from(PerspectiveProjection {
             near: 1e-3 * size,
             ..default()
@@ -360,7 +360,7 @@ fn tell(
         )
     };
     let text = format!(
-        "{state}\nWASD QE: walk    right mouse: look    F L: lamp    Up Down: sun    Space: indirect light    G: points"
+        "{state}\nWASD QE: walk    right mouse: look    F L: lamp    Up Down: sun    Space: indirect light    G: points    P: plan"
     );
     if overlay.0 != text {
         overlay.0 = text;

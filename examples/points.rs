@@ -17,8 +17,10 @@
 //! | Tab | one view, or direct light alone beside both |
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | H | the lines of help on and off |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture of the window and ends (with M first, the lamp stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture without a window and ends (with M first, the lamp stays where it starts).
 
 mod common;
 
@@ -31,6 +33,7 @@ use bevy_meshless_gi::scene::{
     Bounds, PlyPoints, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, read_ply, statue,
 };
 use common::capture::Capture;
+use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
 use std::path::Path;
 use std::process::ExitCode;
@@ -71,37 +74,26 @@ fn main() -> ExitCode {
             return ExitCode::from(1);
         }
     };
-    let mut app = App::new();
-    app.add_plugins((DefaultPlugins, MeshlessGiPlugin::default()))
-        .insert_resource(GlobalAmbientLight::NONE)
-        .add_plugins(Stage {
-            look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
-            // Inside the room.
-            reach: (Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5)),
-            keys: "M: circle",
-        })
-        .insert_resource(Level {
-            cloud: Some(cloud),
-            preset,
-        })
-        .insert_resource(Circling {
-            seconds: 0.0,
-            on: true,
-        })
-        .add_systems(Startup, set_up)
-        .add_systems(Update, circle.before(StageSystems));
-    if let Some(capture) = capture {
-        app.add_plugins(capture);
-    }
-    match app.run() {
-        AppExit::Success => ExitCode::SUCCESS,
-        AppExit::Error(code) => ExitCode::from(code.get()),
-    }
+    let mut app = common::app(capture.as_ref());
+    app.add_plugins(Stage {
+        look: Transform::from_xyz(0.0, 1.0, 4.2).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),
+        // Inside the room.
+        reach: Some((Vec3::new(-0.9, 0.1, -0.9), Vec3::new(0.9, 1.9, 1.5))),
+        keys: "M: circle",
+    })
+    .insert_resource(Level {
+        cloud: Some(cloud),
+        preset,
+    })
+    .add_plugins(Clock::new(0.0, 1.0, capture.as_ref().and_then(|c| c.at)))
+    .add_systems(Startup, set_up)
+    .add_systems(Update, circle.after(ClockSystems).before(StageSystems));
+    common::run(app)
 }
 
 fn usage(why: &str) -> ExitCode {
     eprintln!(
-        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+        "{why}\nusage: points [FILE.ply] [draft|medium|high] [--screenshot FILE.png [--frames N] [--at SECONDS] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }
@@ -137,15 +129,9 @@ struct Level {
     preset: Preset,
 }
 
-/// Seconds of the lamp's circle, and whether they go on.
-#[derive(Resource)]
-struct Circling {
-    seconds: f32,
-    on: bool,
-}
-
 fn set_up(
     mut commands: Commands,
+    clock: Res<Clock>,
     mut level: ResMut<Level>,
     mut clouds: ResMut<Assets<MeshlessGiPoints>>,
     mut meshes: ResMut<Assets<Mesh>>,
@@ -173,7 +159,12 @@ fn set_up(
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.with_child(MeshlessGiPointCloud(points));
-    spawn_lamp(&mut commands, &mut meshes, &mut materials, lamp_at(0.0));
+    spawn_lamp(
+        &mut commands,
+        &mut meshes,
+        &mut materials,
+        lamp_at(clock.now),
+    );
 }
 
 /// Where the lamp is: round the statue and up and down, from the right in front of it.
@@ -188,23 +179,18 @@ fn lamp_at(seconds: f32) -> Vec3 {
 
 fn circle(
     mut lamp: Single<&mut Transform, With<Lamp>>,
-    baking: Query<(), With<MeshlessGiBake>>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,
-    mut circling: ResMut<Circling>,
-    time: Res<Time>,
+    mut clock: ResMut<Clock>,
 ) {
     use KeyCode::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, PageDown, PageUp};
-    if keys.just_pressed(KeyCode::KeyM) {
-        circling.on = !circling.on;
-    }
     let by_hand = [ArrowDown, ArrowLeft, ArrowRight, ArrowUp, PageDown, PageUp];
     if keys.any_pressed(by_hand) || buttons.pressed(MouseButton::Left) {
-        circling.on = false;
+        clock.on = false;
     }
-    // It waits for its light.
-    if circling.on && baking.is_empty() {
-        circling.seconds += time.delta_secs();
-        lamp.translation = lamp_at(circling.seconds);
+    let place = lamp_at(clock.now);
+    // A lamp at rest must not look changed.
+    if clock.on && place != lamp.translation {
+        lamp.translation = place;
     }
 }

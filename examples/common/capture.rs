@@ -1,21 +1,33 @@
-//! A picture of a window without a person in front of it: what `--screenshot` of the examples does.
+//! A picture of an example without a person or a window: what `--screenshot` of the examples does.
 //!
 //! ```text
-//! --screenshot FILE.png    writes the window's picture, and ends
+//! --screenshot FILE.png    writes a picture of 960 × 540 pixels, and ends; no window opens, and software Vulkan does
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, M, Up, Down, Left, Right, as far as the example knows them
+//! --at T                   of the time T on the example's clock, which stands still
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, H, M, P, Up, Down, Left, Right, as far as the example knows them
 //! ```
 //!
 //! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.
 
+use bevy::app::{PluginGroupBuilder, ScheduleRunnerPlugin};
+use bevy::camera::{RenderTarget, ShadowLodOrigin};
 use bevy::input::InputSystems;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
 use bevy::time::TimeUpdateStrategy;
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiCapture};
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::time::Duration;
+
+/// Pixels of a picture.
+const SIZE: UVec2 = UVec2::new(960, 540);
 
 /// What the command line says of a picture.
 #[derive(Resource, Clone)]
@@ -23,10 +35,50 @@ pub struct Capture {
     file: PathBuf,
     frames: u32,
     while_baking: bool,
+    /// The time that the picture is of.
+    pub at: Option<f32>,
     keys: Vec<KeyCode>,
 }
 
+/// Bevy's plugins: with a window, or without one where a picture is asked for.
+pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
+    match capture {
+        None => DefaultPlugins.build(),
+        Some(_) => windowless(),
+    }
+}
+
+/// Bevy's plugins without a window; a frame is drawn before the next one begins.
+pub fn windowless() -> PluginGroupBuilder {
+    DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        .set(RenderPlugin {
+            synchronous_pipeline_compilation: true,
+            ..default()
+        })
+        .disable::<WinitPlugin>()
+        .disable::<PipelinedRenderingPlugin>()
+}
+
 impl Capture {
+    /// What the command line says of a picture, where an example knows no other options; after a message, the exit code of one who asked for more.
+    pub fn from_command_line(example: &str) -> Result<Option<Self>, ExitCode> {
+        let mut arguments: Vec<String> = std::env::args().skip(1).collect();
+        let why = match Self::take_from(&mut arguments) {
+            Ok(capture) if arguments.is_empty() => return Ok(capture),
+            Ok(_) => format!("what is {}?", arguments.join(" ")),
+            Err(why) => why,
+        };
+        eprintln!(
+            "{why}\nusage: {example} [--screenshot FILE.png [--at T] [--frames N] [--while-baking] [--press KEY,KEY]]"
+        );
+        Err(ExitCode::from(2))
+    }
+
     /// Takes its options out of the arguments; None where there is no `--screenshot`.
     ///
     /// # Errors
@@ -45,12 +97,13 @@ impl Capture {
         let file = value("--screenshot")?;
         let frames = value("--frames")?;
         let keys = value("--press")?;
+        let at = value("--at")?;
         let before = arguments.len();
         arguments.retain(|a| a != "--while-baking");
         let while_baking = arguments.len() < before;
         let Some(file) = file else {
-            return if frames.is_some() || keys.is_some() || while_baking {
-                Err("--frames, --press and --while-baking belong to --screenshot".into())
+            return if frames.is_some() || keys.is_some() || at.is_some() || while_baking {
+                Err("--frames, --at, --press and --while-baking belong to --screenshot".into())
             } else {
                 Ok(None)
             };
@@ -59,6 +112,11 @@ impl Capture {
             None => 30,
             Some(text) => text.parse().map_err(|why| format!("--frames: {why}"))?,
         };
+        let number = |text: String| match text.parse::<f32>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(format!("--at: {text} is no time")),
+        };
+        let at = at.map(number).transpose()?;
         let key = |name: &str| match name {
             "Tab" => Ok(KeyCode::Tab),
             "Space" => Ok(KeyCode::Space),
@@ -69,7 +127,9 @@ impl Capture {
             "B" => Ok(KeyCode::KeyB),
             "D" => Ok(KeyCode::KeyD),
             "G" => Ok(KeyCode::KeyG),
+            "H" => Ok(KeyCode::KeyH),
             "M" => Ok(KeyCode::KeyM),
+            "P" => Ok(KeyCode::KeyP),
             "V" => Ok(KeyCode::KeyV),
             "L" => Ok(KeyCode::KeyL),
             other => Err(format!("--press: there is no key {other}")),
@@ -79,28 +139,58 @@ impl Capture {
             file: file.into(),
             frames,
             while_baking,
+            at,
             keys,
         }))
     }
 }
 
+/// What all cameras draw to.
+#[derive(Resource)]
+struct Picture(Handle<Image>);
+
 impl Plugin for Capture {
     fn build(&self, app: &mut App) {
+        let mut image =
+            Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
         let sixtieth = Duration::from_secs_f64(1.0 / 60.0);
         app.insert_resource(self.clone())
+            .insert_resource(Picture(image))
             .insert_resource(TimeUpdateStrategy::ManualDuration(sixtieth))
+            .add_plugins(ScheduleRunnerPlugin::run_loop(Duration::ZERO))
+            .add_observer(aim)
             .add_systems(PreUpdate, capture.after(InputSystems));
+    }
+}
+
+/// There is no window: cameras draw to the picture, but for the plugin's own.
+fn aim(
+    event: On<Add, Camera3d>,
+    mut commands: Commands,
+    picture: Res<Picture>,
+    own: Query<(), With<MeshlessGiCapture>>,
+) {
+    if !own.contains(event.entity) {
+        let target = RenderTarget::Image(picture.0.clone().into());
+        commands
+            .entity(event.entity)
+            .insert((target, ShadowLodOrigin));
     }
 }
 
 fn capture(
     mut commands: Commands,
     capture: Res<Capture>,
+    picture: Res<Picture>,
     bakes: Query<(), With<MeshlessGiBake>>,
     mut keys: ResMut<ButtonInput<KeyCode>>,
     mut frame: Local<u32>,
 ) {
     if !capture.while_baking && !bakes.is_empty() {
+        // The bake needs the processor more than frames that nobody sees.
+        std::thread::sleep(Duration::from_millis(200));
         return;
     }
     let pressed = *frame as usize / 2;
@@ -113,7 +203,7 @@ fn capture(
     }
     if *frame == capture.frames + 2 * capture.keys.len() as u32 {
         commands
-            .spawn(Screenshot::primary_window())
+            .spawn(Screenshot::image(picture.0.clone()))
             .observe(save_to_disk(capture.file.clone()))
             .observe(
                 |_: On<ScreenshotCaptured>, mut exit: MessageWriter<AppExit>| {

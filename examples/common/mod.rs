@@ -1,15 +1,38 @@
-//! What the examples share: the built-in Cornell box as Bevy's meshes, what the gizmos' key does, a room to look into, pictures.
+//! What the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the plan on the screen, pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;
+pub mod clock;
 pub mod stage;
+pub mod table;
 
 use bevy::asset::RenderAssetUsages;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::MeshlessGiGizmos;
-use bevy_meshless_gi::scene::Quad;
+use bevy_meshless_gi::plugin::{MeshlessGiGizmos, MeshlessGiPlugin};
+use bevy_meshless_gi::scene::{Material, Quad};
+use capture::{Capture, default_plugins};
+use std::process::ExitCode;
+
+/// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it makes a picture where one is asked for.
+pub fn app(capture: Option<&Capture>) -> App {
+    let mut app = App::new();
+    app.add_plugins((default_plugins(capture), MeshlessGiPlugin::default()))
+        .insert_resource(GlobalAmbientLight::NONE);
+    if let Some(capture) = capture {
+        app.add_plugins(capture.clone());
+    }
+    app
+}
+
+/// Runs it to its end.
+pub fn run(mut app: App) -> ExitCode {
+    match app.run() {
+        AppExit::Success => ExitCode::SUCCESS,
+        AppExit::Error(code) => ExitCode::from(code.get()),
+    }
+}
 
 /// Draws the next of: the points, the radii of a level, the non-zero coefficients, nothing.
 pub fn next_gizmos(store: &mut GizmoConfigStore) {
@@ -25,41 +48,93 @@ pub fn next_gizmos(store: &mut GizmoConfigStore) {
     group.level = group.radii.then_some(1);
 }
 
-/// Spawns the surfaces as children of `root`, rough and without reflections.
+/// A box along the axes, seen from outside.
+pub fn block(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
+    let side = |axis: usize, far: bool| {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let corner = |a: bool, b: bool| {
+            let mut at = min;
+            at[axis] = if far { max } else { min }[axis];
+            at[u] = if a { max } else { min }[u];
+            at[v] = if b { max } else { min }[v];
+            at
+        };
+        let mut corners = [
+            corner(false, false),
+            corner(true, false),
+            corner(true, true),
+            corner(false, true),
+        ];
+        if !far {
+            corners.reverse();
+        }
+        Quad {
+            corners,
+            material: material.clone(),
+        }
+    };
+    let sides = (0..3).flat_map(|axis| [side(axis, false), side(axis, true)]);
+    sides.collect()
+}
+
+/// The same box seen from inside.
+pub fn room(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
+    let mut quads = block(min, max, material);
+    quads.iter_mut().for_each(|quad| quad.corners.reverse());
+    quads
+}
+
+/// Spawns the surfaces as children of `root`, a mesh for all of one material, rough and without reflections; emission is shown as the bake has it. The materials that
+/// have a name come back with it.
 pub fn spawn_quads(
     quads: &[Quad],
     root: &mut EntityCommands,
     meshes: &mut Assets<Mesh>,
     materials: &mut Assets<StandardMaterial>,
-) {
+) -> Vec<(String, Handle<StandardMaterial>)> {
+    let mut kinds: Vec<(&Material, Vec<&Quad>)> = Vec::new();
+    for quad in quads {
+        match kinds.iter_mut().find(|(m, _)| **m == quad.material) {
+            Some((_, same)) => same.push(quad),
+            None => kinds.push((&quad.material, vec![quad])),
+        }
+    }
+    let mut named = Vec::new();
     root.with_children(|parent| {
-        for quad in quads {
-            let [a, b, c, d] = quad.corners;
-            let normal = (b - a).cross(d - a).normalize().to_array();
-            let mesh = Mesh::new(
-                PrimitiveTopology::TriangleList,
-                RenderAssetUsages::default(),
-            )
-            .with_inserted_attribute(
-                Mesh::ATTRIBUTE_POSITION,
-                vec![a.to_array(), b.to_array(), c.to_array(), d.to_array()],
-            )
-            .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![normal; 4])
-            .with_inserted_attribute(
-                Mesh::ATTRIBUTE_UV_0,
-                vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
-            )
-            .with_inserted_indices(Indices::U32(vec![0, 1, 2, 0, 2, 3]));
-            let [r, g, b, _] = quad.material.base_color.to_array();
-            parent.spawn((
-                Mesh3d(meshes.add(mesh)),
-                MeshMaterial3d(materials.add(StandardMaterial {
-                    base_color: Color::linear_rgb(r, g, b),
-                    perceptual_roughness: 1.0,
-                    reflectance: 0.0,
-                    ..default()
-                })),
-            ));
+        for (material, same) in kinds {
+            let [r, g, b, _] = material.base_color.to_array();
+            let [red, green, blue] = material.emissive.to_array();
+            let handle = materials.add(StandardMaterial {
+                base_color: Color::linear_rgb(r, g, b),
+                emissive: LinearRgba::rgb(red, green, blue),
+                perceptual_roughness: 1.0,
+                reflectance: 0.0,
+                ..default()
+            });
+            if !material.name.is_empty() {
+                named.push((material.name.clone(), handle.clone()));
+            }
+            parent.spawn((Mesh3d(meshes.add(mesh_of(&same))), MeshMaterial3d(handle)));
         }
     });
+    named
+}
+
+fn mesh_of(quads: &[&Quad]) -> Mesh {
+    let normal = |q: &Quad| {
+        let [a, b, _, d] = q.corners;
+        (b - a).cross(d - a).normalize().to_array()
+    };
+    let corners = quads.iter().flat_map(|q| q.corners).map(|c| c.to_array());
+    let normals = quads.iter().flat_map(|q| [normal(q); 4]);
+    let indices = (0..quads.len() as u32).flat_map(|i| [0, 1, 2, 0, 2, 3].map(|k| 4 * i + k));
+    let uv = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    )
+    .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, corners.collect::<Vec<_>>())
+    .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, normals.collect::<Vec<_>>())
+    .with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uv.repeat(quads.len()))
+    .with_inserted_indices(Indices::U32(indices.collect()))
 }

@@ -1,4 +1,4 @@
-//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves of which the left has direct light alone, and a line of help.
+//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves of which the left has direct light alone, a line of help, and the plan.
 
 use bevy::camera::Viewport;
 use bevy::gizmos::config::GizmoConfigStore;
@@ -8,13 +8,13 @@ use bevy_meshless_gi::plugin::{
 };
 use bevy_meshless_gi::prelude::*;
 
-/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`]; Space, Tab, V and G switch what is shown.
+/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`]; Space, Tab, V, G, P and H switch what is shown.
 #[derive(Resource, Clone)]
 pub struct Stage {
     /// The eye.
     pub look: Transform,
-    /// Where the lamp may be, metres.
-    pub reach: (Vec3, Vec3),
+    /// Where the lamp may be, metres; None where there is no [`Lamp`].
+    pub reach: Option<(Vec3, Vec3)>,
     /// What the example's own keys do, in words.
     pub keys: &'static str,
 }
@@ -41,6 +41,7 @@ impl Plugin for Stage {
     fn build(&self, app: &mut App) {
         app.insert_resource(self.clone())
             .init_resource::<SideBySide>()
+            .add_plugins(super::table::PlanTable)
             .add_systems(Startup, set_up)
             .add_systems(
                 Update,
@@ -99,6 +100,7 @@ fn set_up(mut commands: Commands, stage: Res<Stage>) {
     commands.spawn((DirectOnly, Camera3d::default(), asleep, off, stage.look));
     commands.spawn((
         Help,
+        Visibility::Visible,
         Text::default(),
         TextFont::from_font_size(14.0),
         Node {
@@ -128,6 +130,9 @@ fn move_lamp(
     camera: TheCamera,
     time: Res<Time>,
 ) {
+    let Some((low, high)) = stage.reach else {
+        return;
+    };
     let axis = |plus, minus| {
         f32::from(u8::from(keys.pressed(plus))) - f32::from(u8::from(keys.pressed(minus)))
     };
@@ -145,7 +150,7 @@ fn move_lamp(
     {
         place = ray.get_point(distance);
     }
-    let place = place.clamp(stage.reach.0, stage.reach.1);
+    let place = place.clamp(low, high);
     // A lamp at rest must not look changed.
     if place != lamp.translation {
         lamp.translation = place;
@@ -157,6 +162,7 @@ fn switch(
     mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
     mut side_by_side: ResMut<SideBySide>,
     mut gizmos: ResMut<GizmoConfigStore>,
+    mut help: Single<&mut Visibility, With<Help>>,
 ) {
     for mut camera in &mut cameras {
         if keys.just_pressed(KeyCode::Space) {
@@ -173,6 +179,9 @@ fn switch(
     if keys.just_pressed(KeyCode::Tab) {
         side_by_side.0 = !side_by_side.0;
     }
+    if keys.just_pressed(KeyCode::KeyH) {
+        help.toggle_visible_hidden();
+    }
     if keys.just_pressed(KeyCode::KeyG) {
         super::next_gizmos(&mut gizmos);
     }
@@ -181,11 +190,10 @@ fn switch(
 /// One view over the window, or two halves.
 fn lay_out(
     side_by_side: Res<SideBySide>,
-    windows: Query<&Window>,
     mut both: Single<&mut Camera, (With<MeshlessGiCamera>, Without<DirectOnly>)>,
     mut direct: Single<&mut Camera, With<DirectOnly>>,
 ) {
-    let Some(size) = windows.iter().next().map(Window::physical_size) else {
+    let Some(size) = both.physical_target_size() else {
         return;
     };
     let half = UVec2::new((size.x / 2).max(1), size.y.max(1));
@@ -234,8 +242,12 @@ fn tell(
     } else {
         ""
     };
+    let lamp = match stage.reach {
+        Some(_) => "arrows, Page Up/Down, mouse: lamp    ",
+        None => "",
+    };
     let text = format!(
-        "{state}{halves}\narrows, Page Up/Down, mouse: lamp    Space: indirect light    {}\nTab: side by side    V: view    G: points",
+        "{state}{halves}\n{lamp}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    H: help",
         stage.keys
     );
     if help.0 != text {

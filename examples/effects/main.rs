@@ -12,13 +12,9 @@ mod scenes;
 use bevy::app::PluginsState;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::PollType;
 use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
-use bevy::window::ExitCondition;
-use bevy::winit::WinitPlugin;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, SoftShadows};
 use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus};
 use bevy_meshless_gi::prelude::*;
@@ -140,19 +136,7 @@ fn median(values: &mut [f64]) -> String {
 fn app() -> App {
     let mut app = App::new();
     app.add_plugins((
-        DefaultPlugins
-            .set(WindowPlugin {
-                primary_window: None,
-                exit_condition: ExitCondition::DontExit,
-                ..default()
-            })
-            .set(RenderPlugin {
-                synchronous_pipeline_compilation: true,
-                ..default()
-            })
-            .disable::<bevy::log::LogPlugin>()
-            .disable::<WinitPlugin>()
-            .disable::<PipelinedRenderingPlugin>(),
+        common::capture::windowless().disable::<bevy::log::LogPlugin>(),
         // For the device's clock.
         RenderDiagnosticsPlugin,
         MeshlessGiPlugin::default(),

@@ -1,0 +1,98 @@
+//! The plan of the frame on the screen: which effects run and why, which do not, and the milliseconds that the device's clock says of them.
+
+use bevy::diagnostic::DiagnosticsStore;
+use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_meshless_gi::plugin::{MeshlessGiStatus, MeshlessGiSystems};
+use std::fmt::Write;
+
+/// Shows the plan; P, for all that has a table.
+pub struct PlanTable;
+
+/// Frames until its words change: nobody reads faster.
+const EVERY: u32 = 15;
+
+#[derive(Component)]
+struct Table;
+
+impl Plugin for PlanTable {
+    fn build(&self, app: &mut App) {
+        // For the device's clock.
+        app.add_plugins(RenderDiagnosticsPlugin)
+            .add_systems(Startup, set_up)
+            .add_systems(Update, tell.after(MeshlessGiSystems::Collect));
+    }
+}
+
+fn set_up(mut commands: Commands) {
+    commands.spawn((
+        Table,
+        Visibility::Hidden,
+        Text::default(),
+        TextFont::from_font_size(12.0),
+        Node {
+            position_type: PositionType::Absolute,
+            bottom: px(8),
+            left: px(8),
+            padding: UiRect::all(px(4)),
+            ..default()
+        },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.75)),
+    ));
+}
+
+fn tell(
+    mut table: Single<(&mut Text, &mut Visibility), With<Table>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    status: Res<MeshlessGiStatus>,
+    diagnostics: Res<DiagnosticsStore>,
+    mut frame: Local<u32>,
+) {
+    let (text, visibility) = &mut *table;
+    if keys.just_pressed(KeyCode::KeyP) {
+        visibility.toggle_visible_hidden();
+        *frame = 0;
+    }
+    if **visibility == Visibility::Hidden {
+        return;
+    }
+    if frame.is_multiple_of(EVERY) {
+        text.0 = words(&status, &diagnostics);
+    }
+    *frame += 1;
+}
+
+/// The plan, then what it took.
+fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
+    let seen = status.get();
+    let mut out = seen.plan.clone();
+    let dispatches = seen.dispatches.iter();
+    let dispatches: Vec<String> = dispatches
+        .map(|(stage, n)| format!("{} {n}", stage.name()))
+        .collect();
+    let _ = writeln!(
+        out,
+        "dispatches: {}\n{} pipelines, {} buffers, {:.1} MB",
+        dispatches.join(", "),
+        seen.pipelines,
+        seen.buffers,
+        seen.bytes as f64 / 1e6
+    );
+    let mut spans: Vec<String> = diagnostics
+        .iter()
+        .filter_map(|d| {
+            let path = d.path().as_str();
+            let span = path.strip_prefix("render/meshless_gi_")?;
+            let span = span.strip_suffix("/elapsed_gpu")?;
+            Some(format!("{span} {:.2}", d.average()?))
+        })
+        .collect();
+    spans.sort();
+    match spans.is_empty() {
+        true => out.push_str("the device has no clock"),
+        false => {
+            let _ = write!(out, "device, ms: {}", spans.join(", "));
+        }
+    }
+    out
+}

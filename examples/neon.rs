@@ -1,0 +1,242 @@
+//! A street at night whose signs blink, chase and change their colour: they are all the light that there is, and what they shed on the street and the walls follows in
+//! the frame in which they change. Bevy itself shows a glowing surface and lets it light nothing.
+//!
+//! ```text
+//! cargo run --release --features engine --example neon
+//! ```
+//!
+//! The street is made in code and baked, with materials that may change, while the window is already open.
+//!
+//! | key | does |
+//! |---|---|
+//! | M | time stops and goes on |
+//! | Left, Right | time goes back and on |
+//! | L | the signs off and on |
+//! | Space | indirect light on and off: without it, there is none |
+//! | Tab | one view, or direct light alone beside both |
+//! | V | the picture, indirect light alone, or irradiance |
+//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | H | the lines of help on and off |
+//!
+//! `-- --screenshot FILE.png --at 3` writes a picture of second 3 without a window.
+
+mod common;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::{Preset, Recipe};
+use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiLighting};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{Material, Quad, mesh_of_quads};
+use common::capture::Capture;
+use common::clock::{Clock, ClockSystems};
+use common::stage::{Stage, StageSystems};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let capture = match Capture::from_command_line("neon") {
+        Ok(capture) => capture,
+        Err(code) => return code,
+    };
+    let mut app = common::app(capture.as_ref());
+    app.insert_resource(ClearColor(Color::linear_rgb(0.003, 0.004, 0.009)))
+        .insert_resource(Lit(true))
+        .add_plugins(Stage {
+            look: Transform::from_xyz(0.9, 1.7, 3.6)
+                .looking_at(Vec3::new(-0.3, 2.1, -6.0), Vec3::Y),
+            reach: None,
+            keys: "M, Left, Right: time    L: signs",
+        })
+        .add_plugins(Clock::new(0.0, 1.0, capture.as_ref().and_then(|c| c.at)).by_hand())
+        .add_systems(Startup, set_up)
+        .add_systems(Update, glow.after(ClockSystems).before(StageSystems));
+    common::run(app)
+}
+
+/// Whether the signs are on.
+#[derive(Resource)]
+struct Lit(bool);
+
+/// A sign: boxes of one material that glows.
+struct Sign {
+    name: &'static str,
+    /// Radiance where it is fully on, as Bevy's `emissive` has it.
+    colour: Vec3,
+    /// Corners, metres.
+    boxes: &'static [([f32; 3], [f32; 3])],
+}
+
+/// All signs. Blades stand out from the walls, others lie on them.
+const SIGNS: [Sign; 7] = [
+    Sign {
+        name: "blade",
+        colour: Vec3::new(3.2, 0.12, 1.5),
+        boxes: &[([-2.75, 1.6, -3.6], [-1.75, 4.4, -3.4])],
+    },
+    Sign {
+        name: "first bar",
+        colour: Vec3::new(0.08, 2.4, 2.0),
+        boxes: &[([1.9, 2.3, -2.2], [2.8, 2.65, -2.0])],
+    },
+    Sign {
+        name: "second bar",
+        colour: Vec3::new(0.08, 2.4, 2.0),
+        boxes: &[([1.9, 2.85, -2.2], [2.8, 3.2, -2.0])],
+    },
+    Sign {
+        name: "third bar",
+        colour: Vec3::new(0.08, 2.4, 2.0),
+        boxes: &[([1.9, 3.4, -2.2], [2.8, 3.75, -2.0])],
+    },
+    Sign {
+        name: "frame",
+        colour: Vec3::new(2.8, 1.4, 0.08),
+        boxes: &[
+            ([-2.8, 2.6, -8.8], [-2.68, 2.9, -5.8]),
+            ([-2.8, 4.1, -8.8], [-2.68, 4.4, -5.8]),
+            ([-2.8, 2.9, -6.1], [-2.68, 4.1, -5.8]),
+            ([-2.8, 2.9, -8.8], [-2.68, 4.1, -8.5]),
+        ],
+    },
+    Sign {
+        name: "strip",
+        colour: Vec3::new(0.2, 0.5, 4.0),
+        boxes: &[([2.66, 2.5, -9.8], [2.8, 3.3, -6.0])],
+    },
+    Sign {
+        name: "gate",
+        colour: Vec3::new(3.2, 0.25, 0.08),
+        boxes: &[
+            ([-1.3, 0.1, -12.9], [-1.0, 3.0, -12.75]),
+            ([1.0, 0.1, -12.9], [1.3, 3.0, -12.75]),
+            ([-1.8, 3.0, -12.9], [1.8, 3.35, -12.75]),
+        ],
+    },
+];
+
+/// What part of its strength a sign has at a time, for each colour.
+fn strength(sign: usize, t: f32) -> Vec3 {
+    match sign {
+        // Round the colours, from its own on.
+        0 => {
+            let hue = |shift: f32| 0.5 + 0.5 * (0.8 * t + shift).cos();
+            Vec3::new(
+                0.15 + 0.85 * hue(0.0),
+                9.0 * hue(2.1),
+                0.25 + 1.2 * hue(4.2),
+            )
+        }
+        // One after the other.
+        1..=3 => {
+            let place = (2.0 * t).rem_euclid(4.0);
+            let after = (place - (sign - 1) as f32).rem_euclid(4.0);
+            Vec3::splat(if after < 2.0 { 1.0 } else { 0.04 })
+        }
+        // On and off.
+        4 => Vec3::splat(if t.rem_euclid(3.0) < 2.0 { 1.0 } else { 0.03 }),
+        // It flickers now and then.
+        5 => {
+            let within = t.rem_euclid(5.0);
+            let dark = within < 0.6 && (23.0 * within).sin() > 0.2;
+            Vec3::splat(if dark { 0.15 } else { 1.0 })
+        }
+        _ => Vec3::splat(0.8 + 0.2 * (1.3 * t).sin()),
+    }
+}
+
+fn street() -> Vec<Quad> {
+    let paint = |r, g, b| Material::diffuse(Vec3::new(r, g, b));
+    let mut quads = Vec::new();
+    let mut solid = |low: [f32; 3], high: [f32; 3], material: &Material| {
+        quads.extend(common::block(low.into(), high.into(), material));
+    };
+    let (brick, plaster, concrete) = (
+        paint(0.42, 0.2, 0.14),
+        paint(0.6, 0.57, 0.5),
+        paint(0.38, 0.4, 0.42),
+    );
+    solid([-6.0, -0.3, -14.0], [6.0, 0.0, 6.0], &paint(0.2, 0.2, 0.21));
+    // Pavements, then houses on the left, on the right, and at the end.
+    let kerb = paint(0.45, 0.44, 0.42);
+    solid([-2.8, 0.0, -13.0], [-1.7, 0.12, 6.0], &kerb);
+    solid([1.7, 0.0, -13.0], [2.8, 0.12, 6.0], &kerb);
+    solid([-6.0, 0.0, -4.6], [-2.8, 6.0, 6.0], &plaster);
+    solid([-6.0, 0.0, -9.4], [-2.8, 7.5, -4.6], &brick);
+    solid([-6.0, 0.0, -13.0], [-2.8, 5.2, -9.4], &concrete);
+    solid([2.8, 0.0, -3.4], [6.0, 7.0, 6.0], &brick);
+    solid([2.8, 0.0, -10.2], [6.0, 5.4, -3.4], &plaster);
+    solid([2.8, 0.0, -13.0], [6.0, 8.0, -10.2], &concrete);
+    solid([-6.0, 0.0, -14.0], [6.0, 6.5, -13.0], &plaster);
+    // What stands about takes light and shade: boxes, a counter under its roof, a balcony.
+    let planks = paint(0.5, 0.36, 0.2);
+    solid([-2.6, 0.12, -1.6], [-2.0, 0.7, -1.0], &planks);
+    solid([-2.5, 0.7, -1.5], [-2.1, 1.05, -1.1], &planks);
+    solid([2.0, 0.12, -5.6], [2.8, 1.0, -4.2], &concrete);
+    solid([1.9, 2.1, -5.7], [2.8, 2.18, -4.1], &planks);
+    solid([-2.8, 4.9, -8.6], [-2.0, 5.0, -6.0], &concrete);
+    for sign in &SIGNS {
+        let material = Material {
+            name: sign.name.into(),
+            ..Material::emissive(Vec3::splat(0.05), sign.colour)
+        };
+        for (low, high) in sign.boxes {
+            solid(*low, *high, &material);
+        }
+    }
+    quads
+}
+
+fn set_up(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let quads = street();
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[0.0, 1.6, 2.0], [0.0, 2.0, -5.0], [0.0, 2.0, -11.0]],
+        // Small things shine in a dark street: more rays than the preset's find them.
+        rays: Some(2048),
+        live_materials: true,
+        ..default()
+    };
+    let mut root = commands.spawn((
+        Transform::default(),
+        Visibility::default(),
+        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
+        // The night sky of a town.
+        MeshlessGiLighting {
+            sky: LinearRgba::rgb(6.0, 7.0, 12.0),
+            ..default()
+        },
+    ));
+    let named = common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.insert(MeshlessGiMaterials(named));
+}
+
+/// The signs as their time and their switch have them.
+fn glow(
+    live: Single<&MeshlessGiMaterials>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+    keys: Res<ButtonInput<KeyCode>>,
+    mut lit: ResMut<Lit>,
+    clock: Res<Clock>,
+) {
+    if keys.just_pressed(KeyCode::KeyL) {
+        lit.0 = !lit.0;
+    }
+    for (name, handle) in &live.0 {
+        let Some(k) = SIGNS.iter().position(|sign| sign.name == name) else {
+            continue;
+        };
+        let on = if lit.0 { 1.0 } else { 0.0 };
+        let [r, g, b] = (on * SIGNS[k].colour * strength(k, clock.now)).to_array();
+        let now = LinearRgba::rgb(r, g, b);
+        // A sign that did not change must not look changed.
+        if materials.get(handle).is_some_and(|m| m.emissive != now)
+            && let Some(mut material) = materials.get_mut(handle)
+        {
+            material.emissive = now;
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! A day in an atrium: a sun that goes its way, and a sky that is blue by day, warm round a low sun and dark at night. Both light the court, and what reaches the
+//! arcades behind the columns follows the hour in the frame in which it changes.
+//!
+//! ```text
+//! cargo run --release --features engine --example time_of_day
+//! ```
+//!
+//! The atrium is made in code and baked, for skies that vary, while the window is already open.
+//!
+//! | key | does |
+//! |---|---|
+//! | M | time stops and goes on |
+//! | Left, Right | time goes back and on |
+//! | Space | indirect light on and off: without it, sky and walls give none |
+//! | Tab | one view, or direct light alone beside both |
+//! | V | the picture, indirect light alone, or irradiance |
+//! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
+//! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | H | the lines of help on and off |
+//!
+//! `-- --screenshot FILE.png --at 16.5` writes a picture of half past four in the afternoon without a window.
+
+mod common;
+
+use bevy::camera::Exposure;
+use bevy::light::CascadeShadowConfigBuilder;
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::{Preset, Recipe, Sky};
+use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{Material, Quad, SkyRadiance, mesh_of_quads};
+use common::capture::Capture;
+use common::clock::{Clock, ClockSystems};
+use common::stage::{Stage, StageSystems};
+use std::f32::consts::{PI, TAU};
+use std::process::ExitCode;
+
+/// Hours a second.
+const SPEED: f32 = 0.5;
+
+fn main() -> ExitCode {
+    let capture = match Capture::from_command_line("time_of_day") {
+        Ok(capture) => capture,
+        Err(code) => return code,
+    };
+    let mut app = common::app(capture.as_ref());
+    app.add_plugins(Stage {
+        look: Transform::from_xyz(-6.6, 1.7, 4.6).looking_at(Vec3::new(3.0, 2.4, -1.5), Vec3::Y),
+        reach: None,
+        keys: "M, Left, Right: time",
+    })
+    .add_plugins(Clock::new(8.0, SPEED, capture.as_ref().and_then(|c| c.at)).by_hand())
+    .add_systems(Startup, set_up)
+    .add_systems(Update, follow.after(ClockSystems).before(StageSystems));
+    common::run(app)
+}
+
+/// From the middle of the court to its edge, where columns stand, and to the walls behind the arcades, metres.
+const COURT: f32 = 5.0;
+const WALLS: f32 = 8.0;
+/// The arcades' ceiling, and the top of the storey above it.
+const CEILING: f32 = 3.2;
+const TOP: f32 = 6.2;
+
+fn atrium() -> Vec<Quad> {
+    let paint = |r, g, b| Material::diffuse(Vec3::new(r, g, b));
+    let (stone, render, terracotta) = (
+        paint(0.62, 0.57, 0.48),
+        paint(0.68, 0.62, 0.5),
+        paint(0.55, 0.24, 0.13),
+    );
+    let mut quads = Vec::new();
+    let mut solid = |low: [f32; 3], high: [f32; 3], material: &Material| {
+        quads.extend(common::block(low.into(), high.into(), material));
+    };
+    let (c, w) = (COURT, WALLS);
+    solid([-w, -0.2, -w], [w, 0.0, w], &paint(0.45, 0.42, 0.38));
+    // Round the court: walls behind the arcades, their ceilings, and the storey above. The sides along x go round the corners.
+    for s in [-1.0f32, 1.0] {
+        let along = |from: f32, to: f32| ((s * from).min(s * to), (s * from).max(s * to));
+        let (outer, slab, upper) = (
+            along(w, w + 0.3),
+            along(c - 0.25, w),
+            along(c - 0.25, c + 0.1),
+        );
+        let e = w + 0.3;
+        solid([-e, 0.0, outer.0], [e, CEILING, outer.1], &terracotta);
+        solid([outer.0, 0.0, -w], [outer.1, CEILING, w], &terracotta);
+        solid([-e, CEILING, slab.0], [e, 3.5, slab.1], &stone);
+        solid([slab.0, CEILING, 0.25 - c], [slab.1, 3.5, c - 0.25], &stone);
+        solid([-c - 0.1, 3.5, upper.0], [c + 0.1, TOP, upper.1], &render);
+        solid([upper.0, 3.5, 0.25 - c], [upper.1, TOP, c - 0.25], &render);
+    }
+    // Columns with bases and heads, four spans a side.
+    for i in -2..=2i32 {
+        for k in -2..=2i32 {
+            if i.abs() < 2 && k.abs() < 2 {
+                continue;
+            }
+            let (x, z) = (0.5 * c * i as f32, 0.5 * c * k as f32);
+            let mut slice = |half: f32, low: f32, high: f32| {
+                solid(
+                    [x - half, low, z - half],
+                    [x + half, high, z + half],
+                    &stone,
+                );
+            };
+            slice(0.25, 0.0, 0.25);
+            slice(0.17, 0.25, 2.95);
+            slice(0.25, 2.95, CEILING);
+        }
+    }
+    // A basin in the middle.
+    solid([-1.1, 0.0, -1.1], [1.1, 0.45, 1.1], &stone);
+    solid([-0.25, 0.45, -0.25], [0.25, 1.2, 0.25], &terracotta);
+    quads
+}
+
+fn set_up(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let quads = atrium();
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[3.0, 1.6, 3.0], [-6.5, 1.6, 0.0], [6.5, 1.6, 0.0]],
+        // Arcades see the court between columns: twice the preset's rays.
+        rays: Some(1024),
+        sky: Sky::Harmonics,
+        ..default()
+    };
+    let mut root = commands.spawn((
+        Transform::default(),
+        Visibility::default(),
+        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
+        MeshlessGiSky::default(),
+    ));
+    common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    commands.spawn((
+        DirectionalLight {
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        CascadeShadowConfigBuilder {
+            minimum_distance: 0.1,
+            first_cascade_far_bound: 7.0,
+            maximum_distance: 30.0,
+            ..default()
+        }
+        .build(),
+        Transform::default(),
+    ));
+}
+
+/// Where the sun is at an hour, of unit length: it rises in the east (+X) at six, and stands highest at noon, in the south (+Z).
+fn sun_at(hour: f32) -> Vec3 {
+    let (high, east) = (PI * (hour - 6.0) / 12.0).sin_cos();
+    Vec3::new(east, 0.83 * high, 0.56 * high).normalize()
+}
+
+/// What part of the sun's light comes through the air, linear RGB: less and redder the lower it stands, none below the horizon.
+fn through_air(sun: Vec3) -> Vec3 {
+    let rises = ((sun.y + 0.02) / 0.06).clamp(0.0, 1.0);
+    let way = 1.0 / (sun.y.max(0.0) + 0.06);
+    rises * (-way * Vec3::new(0.06, 0.12, 0.24)).exp()
+}
+
+/// Illuminance of the sun above the air, lux.
+const SUN: f32 = 120_000.0;
+
+/// Luminance of the sky in a direction, cd/m²: blue where the sun's light is scattered all day, warm round a low sun, and a last glimmer at night.
+fn sky(sun: Vec3, way: Vec3) -> Vec3 {
+    let day = ((sun.y + 0.1) / 0.5).clamp(0.0, 1.0).powi(2);
+    let up = way.y.max(0.0);
+    let blue = Vec3::new(1500.0, 2900.0, 6200.0)
+        .lerp(Vec3::new(4200.0, 5200.0, 6600.0), (1.0 - up).powi(3));
+    let low = (1.0 - 3.0 * sun.y.abs()).clamp(0.0, 1.0);
+    let beside = (0.5 + 0.5 * way.dot(Vec3::new(sun.x, 0.0, sun.z).normalize_or_zero())).powi(2);
+    let warm = low * beside * (1.0 - up).powi(2) * Vec3::new(5200.0, 2000.0, 600.0);
+    let night = Vec3::new(0.6, 0.9, 2.0);
+    // What lies below the horizon is ground in the sky's light.
+    let share = if way.y < 0.0 { 0.25 } else { 1.0 };
+    share * (day * blue + warm + night)
+}
+
+/// The sky's nine numbers, from directions spread evenly over the sphere.
+fn nine(sun: Vec3) -> SkyRadiance {
+    const DIRECTIONS: usize = 512;
+    let golden = TAU * 0.618_034;
+    SkyRadiance::of_map((0..DIRECTIONS).map(|k| {
+        let y = 1.0 - (2 * k + 1) as f32 / DIRECTIONS as f32;
+        let (sine, cosine) = (golden * k as f32).sin_cos();
+        let ring = (1.0 - y * y).sqrt();
+        let way = Vec3::new(ring * cosine, y, ring * sine);
+        (way, 1.0, sky(sun, way))
+    }))
+}
+
+/// A photographer's choice: less light in the court, a longer look.
+fn exposure(sun: Vec3) -> Exposure {
+    let light = (SUN * through_air(sun) * sun.y.max(0.0)).max_element()
+        + 3.0 * sky(sun, Vec3::Y).max_element();
+    Exposure {
+        ev100: (light / 5.0).log2().clamp(5.0, 13.3),
+    }
+}
+
+/// Sun, sky, the picture's background and the exposure follow the hour.
+fn follow(
+    mut commands: Commands,
+    clock: Res<Clock>,
+    mut light: Single<(&mut DirectionalLight, &mut Transform)>,
+    mut level: Single<&mut MeshlessGiSky>,
+    cameras: Query<(Entity, &GlobalTransform), With<MeshlessGiCamera>>,
+    mut clear: ResMut<ClearColor>,
+    mut last: Local<Option<f32>>,
+) {
+    // At rest nothing must look changed.
+    if last.replace(clock.now) == Some(clock.now) {
+        return;
+    }
+    let sun = sun_at(clock.now);
+    let [r, g, b] = (SUN * through_air(sun)).to_array();
+    let (light, place) = &mut *light;
+    let most = r.max(g).max(b);
+    light.illuminance = most;
+    light.color = match most > 0.0 {
+        true => Color::linear_rgb(r / most, g / most, b / most),
+        false => Color::BLACK,
+    };
+    **place = Transform::default().looking_to(-sun, Vec3::Y);
+    **level = nine(sun).into();
+    let exposure = exposure(sun);
+    for (camera, place) in &cameras {
+        commands.entity(camera).insert(exposure);
+        // What is seen above the roofs is about as bright as the sky there.
+        let above = (*place.forward() + 0.4 * Vec3::Y).normalize();
+        let [r, g, b] = (sky(sun, above) * exposure.exposure()).to_array();
+        clear.0 = Color::linear_rgb(r, g, b);
+    }
+}
