@@ -160,6 +160,13 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
             r.name, r.triangles, r.points, r.samples, r.rays, r.memory, r.apart
         );
     }
+    for r in races.iter().filter(|r| r.apart > 0.3) {
+        let _ = write!(
+            out,
+            "\nOn {} with {} samples memory and rays tell different things ({:.2} apart): what is remembered there at `Draft` is of no use yet.\n",
+            r.name, r.samples, r.apart
+        );
+    }
     let wins = races.iter().filter(|r| r.memory < r.rays).count();
     let (least, most) = (races.iter().map(|r| r.memory / r.rays))
         .fold((f64::INFINITY, 0.0f64), |(a, b), v| (a.min(v), b.max(v)));
