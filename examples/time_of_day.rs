@@ -125,7 +125,7 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[3.0, 1.6, 3.0], [-6.5, 1.6, 0.0], [6.5, 1.6, 0.0]],
-        // Arcades see the court between columns: twice the preset's rays.
+        // Arcades see the court between columns: four times the preset's rays.
         rays: Some(1024),
         sky: Sky::Harmonics,
         ..default()
