@@ -1,4 +1,4 @@
-//! A street at night whose signs blink, chase and change their colour: they are all the light that there is, and what they shed on the street and the walls follows in
+//! A street at night whose signs blink, chase and change their colour: but for a faint sky they are all the light that there is, and what they shed on the street and the walls follows in
 //! the frame in which they change. Bevy itself shows a glowing surface and lets it light nothing.
 //!
 //! ```text
