@@ -6,7 +6,7 @@
 //! a radius, as beside a lit ledge.
 //!
 //! Where a scene has light in free space too, surfaces and space meet without a seam: functions on surfaces have a share of the light that goes to
-//! zero with the cover that they give ([`share`]), and kernel `probe` puts in the rest. [L08] has no such place: all that it draws is baked.
+//! zero with the cover that they give ([`share`]), and kernel `probe` puts in the rest. \[L08\] has no such place: all that it draws is baked.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
