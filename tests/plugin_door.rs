@@ -54,11 +54,9 @@ fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     cpu_indirect(room, &now, placed, view(), &[lamp(PLACE)], &settings())
 }
 
-#[test]
-fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
-    let (room, bake) = cornell();
+/// A room with its bake, a lamp and a camera, a few frames old.
+fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let mut app = app();
-    let scene = bake.clone();
     let asset = app
         .world_mut()
         .resource_mut::<Assets<MeshlessGiAsset>>()
@@ -73,6 +71,13 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
     app.world_mut()
         .spawn((bevy_lamp(), Transform::from_translation(PLACE)));
     run(&mut app, 3);
+    (app, image)
+}
+
+#[test]
+fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
+    let (room, bake) = cornell();
+    let (mut app, image) = stage(&room, bake.clone());
     let open = right(&room, &bake, 1.0);
     assert_alike("open", &open, &picture(&mut app, &image));
 
@@ -125,22 +130,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
 #[test]
 fn a_level_without_doors_has_nothing_of_them() {
     let room = Room::cornell();
-    let mut app = app();
-    let scene = room.bake(1);
-    let asset = app
-        .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
-    let root = app
-        .world_mut()
-        .spawn((MeshlessGi(asset), Transform::IDENTITY))
-        .id();
-    room.spawn(&mut app, root);
-    let image = target(&mut app);
-    app.world_mut().spawn((camera(&image, view()), indirect()));
-    app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(PLACE)));
-    run(&mut app, 3);
+    let (mut app, _) = stage(&room, room.bake(1));
     let before = counters(&app);
     app.world_mut().spawn(MeshlessGiOccluder {
         name: "screen".into(),
