@@ -19,8 +19,10 @@ const MOST_COMPONENTS: u32 = 128u;
 const LEAST_ALONG: f32 = 0.1;
 // Depths that differ by no more are not told apart.
 const ROUNDING: f32 = 1e-3;
-// Depths count up to so many times params.near.
+// Depths count up to so many times s.
 const MOST_RATIO: f32 = 1e9;
+// The error of a point as wrong as its cluster.
+const ERROR_ONE: f32 = 32.0;
 
 // The point of this thread: axes, cluster, decoded coefficients.
 var<private> axis_x: vec3f;
@@ -28,6 +30,8 @@ var<private> axis_y: vec3f;
 var<private> axis_z: vec3f;
 var<private> first_word: u32;
 var<private> words: u32;
+// s of e = d² / (d² + s²), metres.
+var<private> near: f32;
 var<private> decoded: array<f32, 132>;
 
 // Two unit vectors that make a right-handed frame with the unit vector n.
@@ -51,7 +55,8 @@ fn open_eye(i: u32, n: vec3f) {
     first_word = cluster.basis;
     words = (cluster.components + 3u) / 4u + 1u;
     decoded[0] = scales[cluster.scales];
-    decoded[1] = scales[cluster.scales + 1u];
+    decoded[1] = scales[cluster.scales + 1u] * f32(point.error) / ERROR_ONE;
+    near = cluster.near;
     // The last word of a direction may hold fewer than four.
     for (var j = cluster.components; j < 4u * (words - 1u); j++) {
         decoded[j + 2u] = 0.0;
@@ -86,7 +91,7 @@ fn depth(texel: u32) -> vec2f {
 
 fn encode(d: f32) -> f32 {
     // No square overflows.
-    let q = min(d / params.near, MOST_RATIO);
+    let q = min(d / near, MOST_RATIO);
     return q * q / (1.0 + q * q);
 }
 

@@ -31,6 +31,7 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
             directions: 252,
             coefficients: 20,
             cluster_points: 100,
+            ..SoftShadows::default()
         }),
         ..Recipe::default()
     };

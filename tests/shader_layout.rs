@@ -123,7 +123,6 @@ fn layouts() -> Vec<Layout> {
             lights,
             columns,
             rows,
-            near,
             extent,
             bias,
             before,
@@ -138,11 +137,13 @@ fn layouts() -> Vec<Layout> {
             tangent,
             components,
             basis,
-            scales
+            scales,
+            near
         }),
         layout!(VisiblePoint {
             cluster,
             first,
+            error,
             mask
         }),
         layout!(SplatParams {
@@ -341,6 +342,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
+        ("ERROR_ONE", Some(f64::from(VisiblePoint::ONE))),
         ("MOST_RATIO", Some(f64::from(MOST_RATIO))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),

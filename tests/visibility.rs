@@ -7,7 +7,7 @@ use bevy_meshless_gi::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
 use bevy_meshless_gi::samples::Random;
 use bevy_meshless_gi::scene::{Geometry, Material, TriangleMesh, cornell_box, mesh_of_quads};
 use bevy_meshless_gi::transport::pca::{
-    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility, depths,
 };
 use glam::Vec3;
 
@@ -15,6 +15,7 @@ const SOFT: SoftShadows = SoftShadows {
     directions: 504,
     coefficients: 40,
     cluster_points: 100,
+    error: 0.03,
 };
 
 fn level() -> TriangleMesh {
@@ -135,8 +136,8 @@ fn damaged(scene: &BakedScene, bytes: &[u8]) {
             rows: u32::MAX,
         }
     });
-    spoil("depths relative to NaN", &|v| v.near = f32::NAN);
-    spoil("depths relative to nothing", &|v| v.near = 0.0);
+    spoil("depths relative to NaN", &|v| v.clusters[2].near = f32::NAN);
+    spoil("depths relative to nothing", &|v| v.clusters[2].near = 0.0);
     spoil("one point less", &|v| v.points.truncate(v.points.len() - 1));
     spoil("a cluster that is not there", &|v| {
         v.points[3].cluster = v.clusters.len() as u32
@@ -274,6 +275,7 @@ fn the_first_components_are_those_of_a_bake_of_fewer() {
         let settings = VisibilitySettings {
             grid: HemisphereGrid::of(252),
             components,
+            error: f32::INFINITY,
             tolerance: 0.0,
             ..VisibilitySettings::default()
         };
@@ -436,6 +438,8 @@ fn recipes_say_what_they_may() {
         "coefficients: 129",
         "directions: 3",
         "cluster_points: 1",
+        "error: 0",
+        "error: NaN",
     ] {
         let found = Recipe::from_ron(&format!("(soft_shadows: ({wrong}))"));
         assert!(
@@ -443,4 +447,162 @@ fn recipes_say_what_they_may() {
             "{wrong}"
         );
     }
+}
+
+/// A hall of 30 × 10 × 14 m without a roof, with six pillars along each side.
+fn hall() -> TriangleMesh {
+    let mut triangles = Vec::new();
+    let mut quad = |a: Vec3, u: Vec3, v: Vec3| {
+        triangles.extend([[a, a + u, a + u + v], [a, a + u + v, a + v]]);
+    };
+    let (x, y, z) = (Vec3::X * 30.0, Vec3::Y * 10.0, Vec3::Z * 14.0);
+    quad(Vec3::ZERO, z, x);
+    quad(Vec3::ZERO, y, z);
+    quad(x, z, y);
+    quad(Vec3::ZERO, x, y);
+    quad(z, y, x);
+    for i in 0..12 {
+        let foot = Vec3::new(
+            2.5 + 5.0 * (i % 6) as f32,
+            0.0,
+            if i < 6 { 3.0 } else { 11.0 },
+        );
+        let (u, v) = (Vec3::X * 0.8, Vec3::Z * 0.8);
+        for (at, along) in [(foot, u), (foot + u, v), (foot + u + v, -u), (foot + v, -v)] {
+            quad(at, y, along);
+        }
+    }
+    let count = triangles.len();
+    TriangleMesh::new(triangles, vec![0; count], vec![Material::default()])
+}
+
+/// Of each cluster: the root mean square of what is wrong with e, over its points and over directions as irradiance counts them, and that of each of its points by the error that stands beside it.
+fn wrong(
+    mesh: &TriangleMesh,
+    points: &[(Vec3, Vec3)],
+    v: &Visibility,
+) -> Vec<(f32, Vec<[f32; 2]>)> {
+    let length = v.grid.len();
+    let weights: Vec<f32> = (0..length)
+        .map(|t| v.grid.direction(t).z.max(0.05))
+        .collect();
+    let whole: f32 = weights.iter().sum();
+    let mut out = vec![(0.0, Vec::new()); v.clusters.len()];
+    let (mut row, mut decoded) = (
+        vec![0.0; length],
+        [0.0; Visibility::MOST_COMPONENTS as usize + 2],
+    );
+    for (i, &point) in points.iter().enumerate() {
+        let c = v.points[i].cluster as usize;
+        let cluster = &v.clusters[c];
+        depths(mesh, point, cluster.tangent.into(), v.grid, &mut row);
+        let count = v.decode(i, &mut decoded);
+        let (mut is, mut says) = (0.0, 0.0);
+        for (t, w) in weights.iter().enumerate() {
+            let (e, error) = v.reconstruct(cluster, &decoded[..count], t as u32);
+            is += w * (e - cluster.encode(row[t])).powi(2) / whole;
+            says += w * error * error / whole;
+        }
+        out[c].0 += is;
+        out[c].1.push([is.sqrt(), says.sqrt()]);
+    }
+    for (square, of) in &mut out {
+        *square = (*square / of.len() as f32).sqrt();
+    }
+    out
+}
+
+#[test]
+fn clusters_that_see_much_are_cut_and_points_know_how_wrong_they_are() {
+    let mesh = hall();
+    // Beside a row of pillars: what lies behind them moves from step to step.
+    let points: Vec<(Vec3, Vec3)> = (0..500)
+        .map(|i| {
+            let (a, b) = ((i % 50) as f32, (i / 50) as f32);
+            (Vec3::new(0.3 + 0.6 * a, 0.0, 0.2 + 0.25 * b), Vec3::Y)
+        })
+        .collect();
+    let bake = |error| {
+        let settings = VisibilitySettings {
+            grid: HemisphereGrid::of(504),
+            components: 20,
+            cluster_points: 250,
+            error,
+            ..VisibilitySettings::default()
+        };
+        bake_visibility(&mesh, &points, &settings, &|_| true)
+            .unwrap()
+            .0
+    };
+    let (cut, whole) = (bake(0.02), bake(1.0));
+    let (found, coarse) = (wrong(&mesh, &points, &cut), wrong(&mesh, &points, &whole));
+    let largest = |of: &[(f32, Vec<[f32; 2]>)]| of.iter().fold(0.0f32, |most, c| most.max(c.0));
+    println!(
+        "{} clusters wrong by {} at most, {} by {}",
+        cut.clusters.len(),
+        largest(&found),
+        whole.clusters.len(),
+        largest(&coarse)
+    );
+    assert!(largest(&found) < 0.021);
+    // Must fail: without cuts.
+    assert!(largest(&coarse) > 0.04 && whole.clusters.len() < cut.clusters.len());
+    // Errors are rounded up to a part of 32, and stored in sixteen bits.
+    for (_, points) in coarse {
+        assert!(points.iter().any(|p| p[0] > 1.1 * points[0][0]) || points.len() < 20);
+        for [is, says] in points {
+            assert!(
+                says > 0.99 * is && says < 1.03 * is + 0.04 * 0.06,
+                "{is} {says}"
+            );
+        }
+    }
+}
+
+#[test]
+fn halls_are_remembered_too() {
+    let mesh = hall();
+    let recipe = |error| Recipe {
+        preset: Preset::Draft,
+        levels: Some(4),
+        sender_levels: Some(3),
+        extra_levels: Some(0),
+        rays: Some(16),
+        soft_shadows: Some(SoftShadows {
+            directions: 1008,
+            error,
+            ..SoftShadows::default()
+        }),
+        ..Recipe::default()
+    };
+    let panel = SoftLight::rectangle(
+        Vec3::new(13.0, 6.0, 6.0),
+        Vec3::X * 0.7,
+        Vec3::Z * 0.7,
+        Vec3::ONE,
+        25,
+    );
+    // How far memory and rays are apart, how much light the rays let through, and how much memory adds to it.
+    let apart = |error| {
+        let scene = bake_level(&mesh, &recipe(error), 0, &Progress::default())
+            .unwrap()
+            .scene;
+        let found = fractions(&scene, &mesh, &panel);
+        let mean = |of: &dyn Fn(&(f32, f32)) -> f32| {
+            found.iter().map(of).sum::<f32>() / found.len() as f32
+        };
+        let square = mean(&|(m, r)| (m - r) * (m - r));
+        println!(
+            "error {error}: {} points, {} clusters",
+            found.len(),
+            scene.visibility.unwrap().clusters.len()
+        );
+        (square.sqrt(), mean(&|p| p.1), mean(&|(m, r)| m - r))
+    };
+    let (cut, whole) = (apart(0.02), apart(1.0));
+    println!("cut {cut:?}, whole {whole:?}");
+    assert!(cut.1 > 0.1 && cut.1 < 0.95);
+    assert!(cut.0 < 0.1 && cut.2.abs() < 0.03, "{cut:?}");
+    // Must fail: without cuts.
+    assert!(whole.0 > 1.3 * cut.0, "{whole:?}");
 }

@@ -1,7 +1,7 @@
 //! The document's texts and the chart of visibility.
 
 use super::transfer::{Made, Transfer};
-use super::visibility::{BAKES, COUNTS, Found, Race, SAMPLES};
+use super::visibility::{BAKES, COUNTS, Cut, Found, Race, SAMPLES};
 use bevy_meshless_gi::accuracy::{Axis, Chart, Format, PENUMBRA, Series, Style};
 use std::fmt::Write;
 
@@ -48,7 +48,7 @@ const TRANSFER: &str = "## Transfer\n";
 pub const LEVEL: &str = "## Links to senders and bases of light on the same axes: ";
 
 /// The part on visibility, with the document's title.
-pub fn text(found: &[Found], races: &[Race]) -> String {
+pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> String {
     let mut out = format!(
         "# Principal components\n\n\
         Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
@@ -100,8 +100,9 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
     }
     out += "\n## Three ways to the screen\n\n\
         With 50 coefficients, over the penumbra / over all places that the panel would light, %: (i) the irradiance that arrives is splatted; (ii) what is missing is \
-        splatted as a vector and taken from the unshadowed light of each place, as the kernel `soft` has it; (iii) the visible fraction is splatted, a value a light.\n\n\
-        | scene | places, penumbra | (i) | (ii) | (iii) | (ii) by rays |\n|---|---|---|---|---|---|\n";
+        splatted and taken from the unshadowed light of each place; (iii) what is missing and what would be there without shadows are splatted, and their quotient is the missing share, as the kernel \
+        `shade` has it. All other figures here are of (iii).\n\n\
+        | scene | places, penumbra | (i) | (ii) | (iii) | (iii) by rays |\n|---|---|---|---|---|---|\n";
     for f in found {
         let pair = |k: usize| {
             format!(
@@ -122,7 +123,7 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
             100.0 * f.rays
         );
     }
-    out += "\nAll three are alike. (ii) needs one vector a point for all lights, and goes through `flatten` and `splat` as indirect light does.\n\n\
+    out += "\nIn penumbrae all three are alike. Where all is hidden only (iii) leaves nothing: (ii) takes what the points say from what the place has, and speckles.\n\n\
         ## Size and time\n\n\
         [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together. \
         Ours are two to three times as many points in four times as many clusters, for edges of shadows are finer than what senders are spread for; a cluster's components take the room, coefficients as much a point as the paper's.\n\n\
@@ -149,7 +150,9 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
             );
         }
     }
-    out += "\nSeconds are those of the machine that printed this, on all its processors.\n\n## In place of rays\n\n\
+    out += "\nSeconds are those of the machine that printed this, on all its processors.\n";
+    out += &cut(level, cuts);
+    out += "\n## In place of rays\n\n\
         `project` asks whether a lamp reaches a place by a ray. It could ask the memory. The visible fraction of a panel at the points that remember and that it would light, the same samples, on one thread of \
         the CPU; one sample is what `project` asks of a point light; \"apart\" is the root mean square of the difference of the two fractions:\n\n\
         | level | triangles | points | samples | by rays, µs a point | from memory, µs a point | apart |\n|---|---|---|---|---|---|---|\n";
@@ -185,6 +188,37 @@ pub fn text(found: &[Found], races: &[Race]) -> String {
         let _ = writeln!(out, "![{0}](pca/{0}.png)\n", f.name);
     }
     out.trim_end().to_string() + "\n"
+}
+
+/// The section on clusters that are cut.
+fn cut(level: &str, cuts: &[Cut]) -> String {
+    let Some(first) = cuts.first() else {
+        return String::new();
+    };
+    let mut out = format!(
+        "\n## Clusters that are cut: {level}\n\n\
+        Points on two sides of a pillar see different things. A cluster whose error is larger than `error` is cut in two, and its halves again. At `Draft`, a panel at the first place that light can be \
+        seen from; \"apart\" is the root mean square of the difference of the visible fractions from memory and by rays at the points, the penumbra has {} places:\n\n\
+        | `error` | clusters | all, MB | bake, s | apart | penumbra, % | penumbra by rays, % |\n|---|---|---|---|---|---|---|\n",
+        first.places
+    );
+    for c in cuts {
+        let _ = writeln!(
+            out,
+            "| {} | {} | {:.1} | {:.0} | {:.3} | {:.1} | {:.1} |",
+            c.error,
+            c.clusters,
+            c.bytes as f64 / 1e6,
+            c.seconds,
+            c.apart,
+            100.0 * c.penumbra,
+            100.0 * c.rays
+        );
+    }
+    if first.rays > 0.1 {
+        out += "\nRays at the points are over ten per cent here by themselves: penumbrae are narrower than these points are apart, and no memory of theirs can mend that.\n";
+    }
+    out
 }
 
 /// The part on transfer.

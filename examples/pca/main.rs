@@ -14,13 +14,13 @@ mod transfer;
 mod visibility;
 
 use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
 use bevy_meshless_gi::frame::project::extent;
 use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
 use glam::Vec3;
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use visibility::Race;
+use visibility::{Cut, Race};
 
 /// The published scenes.
 const SCENES: [&str; 2] = ["cornell", "rooms_open"];
@@ -70,9 +70,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     if wanted[0] {
         let mut races: Vec<Race> = found.iter_mut().flat_map(|f| f.races.drain(..)).collect();
-        races.extend(raced(&name, &compared)?);
+        let (more, cuts) = raced(&name, &compared)?;
+        races.extend(more);
         std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
-        parts[0] = document::text(&found, &races);
+        parts[0] = document::text(&found, &races, &name, &cuts);
     }
     if wanted[1] {
         for (file, chart) in transfers.iter().flat_map(transfer::charts) {
@@ -92,16 +93,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen from.
-fn raced(name: &str, mesh: &TriangleMesh) -> Result<Vec<Race>, Box<dyn Error>> {
+/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen from, and what it is to cut clusters.
+fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
-        soft_shadows: Some(SoftShadows::default()),
         ..Recipe::default()
     };
     let baked = bake_level(mesh, &recipe, 0, &Progress::default())?;
     let scene = baked.scene;
-    let visibility = scene.visibility.as_ref().ok_or("no visibility")?;
     let center = scene.info.viewpoints.first().ok_or("no viewpoint")?;
     let half = 0.02 * extent(&scene);
     let panel = Light::Rect {
@@ -110,7 +109,7 @@ fn raced(name: &str, mesh: &TriangleMesh) -> Result<Vec<Race>, Box<dyn Error>> {
         v: Vec3::Z * half,
         radiance: Vec3::ONE,
     };
-    visibility::race(name, mesh, &scene, visibility, &panel)
+    visibility::cuts(name, mesh, &scene, &panel)
 }
 
 /// A published scene.

@@ -7,7 +7,7 @@ use bevy_meshless_gi::accuracy::{
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::project::extent;
 use bevy_meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use bevy_meshless_gi::frame::{VectorIrradiance, splat};
+use bevy_meshless_gi::frame::{VectorIrradiance, shade, splat};
 use bevy_meshless_gi::samples::Random;
 use bevy_meshless_gi::scene::{Geometry, Light, Ray, Surface, TriangleMesh};
 use bevy_meshless_gi::transport::pca::{
@@ -65,8 +65,8 @@ pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     }
 }
 
-/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted as a vector and taken from the unshadowed
-/// light of the place, (iii) the visible fraction is splatted.
+/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place, (iii) what is missing
+/// and what would be there without shadows are splatted, and their quotient, the missing share, is taken, as the kernel `shade` does.
 fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
@@ -76,8 +76,8 @@ fn compare(
     let extent = extent(scene);
     let params = SoftParams::new(visibility, extent, 1);
     let known = visibility.points.len();
-    let mut fractions = vec![VectorIrradiance::default(); scene.points.len()];
-    fractions[..known]
+    let mut parts = vec![VectorIrradiance::default(); scene.points.len()];
+    parts[..known]
         .par_iter_mut()
         .with_min_len(64)
         .enumerate()
@@ -85,15 +85,16 @@ fn compare(
             let (x, n) = (scene.points[i].x(), scene.points[i].n());
             let eye = soft::Eye::new(&params, visibility, i, n);
             let (f, _) = soft::fraction(light, x, n, &eye);
-            out.x = [f, unshadowed(light, x, n, extent) * f, 0.0, 0.0];
+            let e = unshadowed(light, x, n, extent);
+            out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
         });
-    soft::spread(scene, known, &mut fractions);
+    soft::spread(scene, known, &mut parts);
     let values: Vec<[f32; 2]> = places
         .par_iter()
         .map(|p| {
-            let at = splat::splat_vector(&scene.points, &scene.display, &fractions, p.x, p.n);
-            let [f, shadowed, ..] = at.unwrap_or_default().x;
-            [shadowed, p.unshadowed * f]
+            let at = splat::splat_vector(&scene.points, &scene.display, &parts, p.x, p.n);
+            let [arrives, missing, ..] = at.unwrap_or_default().x;
+            [arrives, (p.unshadowed - missing).max(0.0)]
         })
         .collect();
     let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
@@ -101,10 +102,10 @@ fn compare(
         let got: Vec<Vec3> = values.iter().map(|v| Vec3::splat(v[k])).collect();
         errors(&got, &right, &vec![Vec3::ZERO; right.len()])
     };
-    [by(0), memory(scene, visibility, light, places), by(1)]
+    [by(0), by(1), memory(scene, visibility, light, places)]
 }
 
-/// The second way alone.
+/// The third way alone.
 fn memory(
     scene: &BakedScene,
     visibility: &Visibility,
@@ -175,6 +176,71 @@ pub struct Race {
     pub memory: f64,
     /// Root mean square of how far the fractions are apart.
     pub apart: f64,
+}
+
+/// A bake whose clusters are cut where they are more wrong than `error`.
+pub struct Cut {
+    pub error: f32,
+    pub clusters: usize,
+    pub bytes: usize,
+    pub seconds: f64,
+    /// Root mean square of how far visible fractions from memory and by rays are apart, at the points.
+    pub apart: f64,
+    /// NRMSE in the penumbra, and by rays at the same points.
+    pub penumbra: f64,
+    pub rays: f64,
+    /// Places in the penumbra.
+    pub places: usize,
+}
+
+/// Errors beyond which clusters are cut.
+const CUTS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
+
+/// Bakes of the level's visibility with cuts and without, and the race of the usual one.
+pub fn cuts(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    light: &Light,
+) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
+    let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
+    let shade = penumbra_of(&shadow_places(scene, mesh, light, PATHS));
+    let points = remembering(scene);
+    let deficits = deficits_by_rays(scene, mesh, &lamp, points.len());
+    let rays = shadow_errors(scene, &deficits, &shade).nrmse;
+    let (mut races, mut cuts) = (Vec::new(), Vec::new());
+    let usual = VisibilitySettings::default();
+    for error in CUTS {
+        let began = Instant::now();
+        let settings = VisibilitySettings { error, ..usual };
+        let (visibility, _) =
+            bake_visibility(mesh, &points, &settings, &|_| true).ok_or("too much to store")?;
+        let seconds = began.elapsed().as_secs_f64();
+        let run = race(name, mesh, scene, &visibility, light)?;
+        cuts.push(Cut {
+            error,
+            clusters: visibility.clusters.len(),
+            bytes: visibility.bytes(),
+            seconds,
+            apart: run.last().ok_or("no race")?.apart,
+            penumbra: memory(scene, &visibility, &lamp, &shade).nrmse,
+            rays,
+            places: shade.len(),
+        });
+        if error == usual.error {
+            races = run;
+        }
+    }
+    Ok((races, cuts))
+}
+
+/// The points that remember, as a bake with soft shadows has it.
+fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
+    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
+    let known = scene.level_starts[levels] as usize;
+    (scene.points[..known].iter())
+        .map(|p| (p.x(), p.n()))
+        .collect()
 }
 
 /// Runs both at the points that remember and that the panel would light, with one sample, which is what `project` asks of a point light, and with [`SAMPLES`].
@@ -251,12 +317,8 @@ pub fn measure(
         lit.len(),
         shade.len()
     );
-    // As a bake with soft shadows has it.
-    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
-    let known = scene.level_starts[levels] as usize;
-    let points: Vec<(Vec3, Vec3)> = (scene.points[..known].iter())
-        .map(|p| (p.x(), p.n()))
-        .collect();
+    let points = remembering(scene);
+    let known = points.len();
     let usual = VisibilitySettings::default();
     let bake = |settings: &VisibilitySettings| {
         let began = Instant::now();
@@ -334,10 +396,10 @@ pub fn measure(
             bytes: visibility.bytes(),
             packed,
             seconds,
-            penumbra: penumbra[1].nrmse,
-            lit: all[1].nrmse,
+            penumbra: penumbra[2].nrmse,
+            lit: all[2].nrmse,
         });
-        eprintln!("  {what}: {:.4}", penumbra[1].nrmse);
+        eprintln!("  {what}: {:.4}", penumbra[2].nrmse);
         if shown.is_none() {
             shown = Some((with, penumbra, all));
         }
@@ -387,14 +449,8 @@ fn picture(
     let extent = extent(scene);
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
         let e = unshadowed(&lamp, s.position, s.normal, extent);
-        let missing = splat::splat(
-            &scene.points,
-            &scene.display,
-            &deficits,
-            s.position,
-            s.normal,
-        );
-        Vec3::splat((e - missing.unwrap_or_default().x).max(0.0))
+        let missing = shade::missing(scene, &deficits, s.position, s.normal);
+        e * (Vec3::ONE - missing.unwrap_or_default())
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {
         Vec3::splat(shadowed_irradiance(

@@ -246,7 +246,6 @@ struct SoftParams {
     lights: u32,
     columns: u32,
     rows: u32,
-    near: f32,
     extent: f32,
     bias: f32,
     before: f32,
@@ -254,6 +253,7 @@ struct SoftParams {
     pad0: u32,
     pad1: u32,
     pad2: u32,
+    pad3: u32,
 }
 
 struct ShadeParams {
@@ -268,14 +268,14 @@ struct VisibilityCluster {
     components: u32,
     basis: u32,
     scales: u32,
+    near: f32,
     pad0: u32,
-    pad1: u32,
 }
 
 struct VisiblePoint {
     cluster: u32,
     first: u32,
+    error: u32,
     pad0: u32,
-    pad1: u32,
     mask: vec4u,
 }

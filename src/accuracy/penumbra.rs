@@ -5,7 +5,7 @@ use super::{Errors, direct_irradiance, errors};
 use crate::asset::BakedScene;
 use crate::frame::project::extent;
 use crate::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use crate::frame::{VectorIrradiance, splat};
+use crate::frame::{VectorIrradiance, shade};
 use crate::samples::{Random, trace_particles};
 use crate::scene::{Geometry, Light, TriangleMesh};
 use glam::Vec3;
@@ -126,14 +126,15 @@ pub fn deficits_by_rays(
                 start: x + n * mesh.lift(x),
             };
             let d = soft::deficit(&params, light, x, n, &rays);
-            let channels = |v: f32| [v, v, v, 0.0];
+            let e = unshadowed(light, x, n, params.extent);
+            let channels = |v: f32| [v, v, v, e];
             (out.x, out.y, out.z) = (channels(d.x), channels(d.y), channels(d.z));
         });
     soft::spread(scene, known, &mut out);
     out
 }
 
-/// How far irradiance with `deficits` taken off is from the reference, at `places`: as the screen has it, splatted and taken from the unshadowed light of the place.
+/// How far irradiance without the share that `deficits` say is missing is from the reference, at `places`: as the kernel `shade` has it on the screen.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,
@@ -143,9 +144,8 @@ pub fn shadow_errors(
     let got: Vec<Vec3> = places
         .par_iter()
         .map(|p| {
-            let missing = splat::splat(&scene.points, &scene.display, deficits, p.x, p.n);
-            let missing = missing.unwrap_or_default().x.clamp(0.0, p.unshadowed);
-            Vec3::splat(p.unshadowed - missing)
+            let missing = shade::missing(scene, deficits, p.x, p.n).unwrap_or_default();
+            p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();
     let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();

@@ -15,9 +15,11 @@ const CLUSTER: Layout = Layout::rows(&[
     Field::word(1),
     Field::word(2),
     Field::word(3),
+    Field::word(6),
 ]);
 const POINT: Layout = Layout::columns(&[
     Field::word(0).delta(),
+    Field::word(2),
     Field::word(4),
     Field::word(5),
     Field::word(6),
@@ -27,7 +29,7 @@ const POINT: Layout = Layout::columns(&[
 const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 
 /// Words of the section "visibility".
-const SHAPE_WORDS: usize = 3;
+const SHAPE_WORDS: usize = 2;
 /// Most directions of a point.
 const MOST_DIRECTIONS: u64 = 1 << 16;
 /// Coefficients times components: e is at most one, and no component is longer than the root of the directions.
@@ -48,12 +50,19 @@ const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
 pub(super) const KINDS: [Kind; 6] = [
     Kind {
         most: SHAPE_WORDS as u64,
+        // The first had the unit of all depths too, which is each cluster's own now.
+        version: 2,
         ..kind::<u32>(23, "visibility", COUNT)
     },
-    kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER),
+    Kind {
+        version: 2,
+        ..kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER)
+    },
     Kind {
         // Their order is found while they are read and checked.
         memory: size_of::<VisiblePoint>() as u64 + 8,
+        // The first did not know each point's error.
+        version: 2,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
     },
     Kind {
@@ -68,7 +77,7 @@ pub(super) const KINDS: [Kind; 6] = [
 /// The sections of `visibility`; `kinds` are those of [`KINDS`] in the table.
 pub(super) fn sections(visibility: &Visibility, kinds: &'static [Kind]) -> Vec<Section> {
     let grid = visibility.grid;
-    let shape = [grid.columns, grid.rows, visibility.near.to_bits()];
+    let shape = [grid.columns, grid.rows];
     vec![
         section(&kinds[0], COUNT, &shape),
         section(&kinds[1], CLUSTER, &visibility.clusters),
@@ -94,7 +103,7 @@ pub(super) fn read(
         };
     }
     let shape: Vec<u32> = items(file, &kinds[0], COUNT)?;
-    let &[columns, rows, near] = shape.as_slice() else {
+    let &[columns, rows] = shape.as_slice() else {
         return Err(broken(
             &kinds[0],
             format!("{} words instead of {SHAPE_WORDS}", shape.len()),
@@ -102,7 +111,6 @@ pub(super) fn read(
     };
     let mut out = Visibility {
         grid: HemisphereGrid { columns, rows },
-        near: f32::from_bits(near),
         clusters: items(file, &kinds[1], CLUSTER)?,
         points: items(file, &kinds[2], POINT)?,
         basis: items(file, &kinds[3], PAIR)?,
@@ -127,9 +135,6 @@ impl BakedScene {
             "visibility",
             || format!("{} × {} directions", v.grid.columns, v.grid.rows),
         );
-        check.whole(v.near.is_finite() && v.near > 0.0, "visibility", || {
-            format!("depths relative to {} m", v.near)
-        });
         // All senders at least, and whole levels: points behind them take the mean of their parents.
         let whole = (self.sender_levels as usize..=self.levels())
             .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
@@ -145,6 +150,10 @@ impl BakedScene {
             let sound = (tangent.length_squared() - 1.0).abs() < 1e-3;
             check.item(sound, "visibility clusters", i, || {
                 format!("tangent {tangent} is not of unit length")
+            });
+            let sound = c.near.is_finite() && c.near > 0.0;
+            check.item(sound, "visibility clusters", i, || {
+                format!("depths relative to {} m", c.near)
             });
             let most = Visibility::MOST_COMPONENTS;
             check.item(c.components <= most, "visibility clusters", i, || {

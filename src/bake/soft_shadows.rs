@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Visibility of the senders and of one level behind them, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SoftShadows {
     /// Directions a point, about, 16 to 16384.
@@ -17,6 +17,9 @@ pub struct SoftShadows {
     pub coefficients: u32,
     /// Points of a cluster, about, 16 to 65536: fewer are more exact, and more to store.
     pub cluster_points: u32,
+    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root mean square of d² / (d² + s²), with s twice the median of the cluster's depths. Less is more exact, and
+    /// more to store; with 1 none is cut.
+    pub error: f32,
 }
 
 impl Default for SoftShadows {
@@ -26,6 +29,7 @@ impl Default for SoftShadows {
             directions: usual.grid.len() as u32,
             coefficients: usual.components,
             cluster_points: usual.cluster_points,
+            error: usual.error,
         }
     }
 }
@@ -61,7 +65,15 @@ impl SoftShadows {
             16,
             65_536,
             "16 to 65536",
-        )
+        )?;
+        match (0.001..=1.0).contains(&self.error) {
+            true => Ok(()),
+            false => Err(RecipeError::OutOfRange {
+                field: "soft_shadows.error",
+                value: self.error.to_string(),
+                allowed: "0.001 to 1",
+            }),
+        }
     }
 
     /// What the bake of visibility needs.
@@ -71,6 +83,7 @@ impl SoftShadows {
             grid: HemisphereGrid::of(self.directions),
             components: self.coefficients,
             cluster_points: self.cluster_points,
+            error: self.error,
             seed,
             ..VisibilitySettings::default()
         }

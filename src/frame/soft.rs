@@ -9,7 +9,7 @@
 //!
 //! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the distance to compare with is that to the rectangle's plane:
 //!   no acne where a panel hangs a hand's breadth below a ceiling.
-//! - **The threshold lies before the light** by as much as the depths of the point's cluster are wrong in that direction ([`SoftParams::before`]), and visibility goes from
+//! - **The threshold lies before the light** by as much as the point's depths are wrong in that direction ([`SoftParams::before`]), and visibility goes from
 //!   nothing to all over as much ([`SoftParams::ramp`]): few components make an edge between near and far smooth, and its middle is where the edge is. Where depths are exact,
 //!   what is a little nearer than the light hides it.
 //!
@@ -322,8 +322,6 @@ pub struct SoftParams {
     pub columns: u32,
     /// Rows of the map.
     pub rows: u32,
-    /// s of e = d² / (d² + s²), metres.
-    pub near: f32,
     /// Largest edge of the level's box, metres.
     pub extent: f32,
     /// What is nearer to the light than this part of its distance never hides it.
@@ -333,7 +331,7 @@ pub struct SoftParams {
     /// Over how much depth visibility goes from nothing to all, in the same.
     pub ramp: f32,
     /// Not used.
-    pub pad: [u32; 3],
+    pub pad: [u32; 4],
 }
 
 /// The usual [`SoftParams::bias`].
@@ -354,12 +352,11 @@ impl SoftParams {
             lights: lights as u32,
             columns: visibility.grid.columns,
             rows: visibility.grid.rows,
-            near: visibility.near,
             extent,
             bias: BIAS,
             before: BEFORE,
             ramp: RAMP,
-            pad: [0; 3],
+            pad: [0; 4],
         }
     }
 }
@@ -421,8 +418,8 @@ impl Sight for Eye<'_> {
                 true => (distance * local.dot(plane) / over).clamp(0.5 * distance, 2.0 * distance),
                 false => distance,
             };
-            let light = self.visibility.encode(far);
-            let close = self.visibility.encode(far * (1.0 - self.params.bias));
+            let light = self.cluster.encode(far);
+            let close = self.cluster.encode(far * (1.0 - self.params.bias));
             let least = (light - close).max(ROUNDING);
             let (e, error) = self.depth(texel);
             let threshold = light - (self.params.before * error).max(least);

@@ -22,6 +22,7 @@ pub fn baked() -> BakedScene {
             directions: 252,
             coefficients: 21,
             cluster_points: 60,
+            error: 0.02,
         }),
         ..Recipe::default()
     };

@@ -144,6 +144,14 @@ struct Options {
         allow_hyphen_values = true
     )]
     visibility_cluster: Option<u32>,
+    /// Soft shadows: clusters whose depths are more wrong are cut in two, 0.001 to 1 (0.03 if left out; 1 for none).
+    #[arg(
+        long,
+        value_name = "E",
+        requires = "soft_shadows",
+        allow_hyphen_values = true
+    )]
+    visibility_error: Option<f32>,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     seed: Option<u64>,
@@ -217,6 +225,7 @@ impl Options {
             soft.directions = self.visibility_directions.unwrap_or(soft.directions);
             soft.coefficients = self.visibility_coefficients.unwrap_or(soft.coefficients);
             soft.cluster_points = self.visibility_cluster.unwrap_or(soft.cluster_points);
+            soft.error = self.visibility_error.unwrap_or(soft.error);
         }
         over(&mut recipe.rays, self.rays);
         over(&mut recipe.bounces, self.bounces);

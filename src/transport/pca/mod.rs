@@ -5,6 +5,7 @@ mod compression;
 mod decompose;
 mod hemisphere;
 mod light;
+mod remember;
 mod truncate;
 mod visibility;
 
@@ -13,7 +14,5 @@ pub use compression::{Column, Compression};
 pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light::{CompressScratch, Examples, LightBasis};
-pub use visibility::{
-    MOST_RATIO, NEAR, Visibility, VisibilityCluster, VisibilitySettings, VisiblePoint,
-    bake_visibility, depths, encode, frame,
-};
+pub use remember::{NEAR, VisibilitySettings, bake_visibility, depths};
+pub use visibility::{MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};

@@ -2,9 +2,12 @@
 //! then need one bake and not one each.
 //!
 //! Principal components are nested: the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
-//! over its points, is added to the square of the error that stands there.
+//! over its points, is added to the square of the error that stands there, and each point's share of the error follows what it loses itself.
 
-use super::visibility::{Visibility, VisibilityCluster, from_short, from_snorm, pack, to_snorm};
+use super::remember::weights;
+use super::visibility::{
+    Visibility, VisibilityCluster, VisiblePoint, from_short, from_snorm, pack, to_snorm,
+};
 
 impl Visibility {
     /// The first `most` components of each cluster, with the error of these.
@@ -12,27 +15,34 @@ impl Visibility {
     pub fn truncated(&self, most: u32) -> Self {
         let mut out = Self {
             grid: self.grid,
-            near: self.near,
             points: self.points.clone(),
             ..Self::default()
         };
+        let weights = weights(self.grid);
         let dropped = self.dropped(most);
+        // Of each cluster: the sum over directions of the square of its error, and of each component that is dropped the square of its length, as directions count.
+        let mut lengths: Vec<(f32, Vec<f32>)> = Vec::with_capacity(dropped.len());
         for (cluster, squares) in self.clusters.iter().zip(&dropped) {
             let count = cluster.components.min(most) as usize;
             let scales = &self.scales[cluster.scales as usize..][..cluster.components as usize + 2];
             let words = cluster.words();
             let basis = &self.basis[cluster.basis as usize..][..words * self.grid.len()];
-            let errors: Vec<f32> = (basis.chunks_exact(words))
-                .map(|of| {
+            let (mut own_square, mut long) = (0.0, vec![0.0; squares.len()]);
+            let errors: Vec<f32> = (basis.chunks_exact(words).zip(&weights))
+                .map(|(of, w)| {
                     let own = scales[1] * from_snorm((of[0] >> 16) as u16);
-                    let more = squares.iter().enumerate().map(|(j, square)| {
+                    own_square += (w * own) * (w * own);
+                    let mut square = own * own;
+                    for (j, (s, long)) in squares.iter().zip(&mut long).enumerate() {
                         let at = count + j;
                         let v = from_short(of[1 + at / 4].to_le_bytes()[at % 4]);
-                        v * v * square
-                    });
-                    (own * own + more.sum::<f32>()).sqrt()
+                        square += v * v * s;
+                        *long += (w * v) * (w * v);
+                    }
+                    square.sqrt()
                 })
                 .collect();
+            lengths.push((own_square, long));
             let largest = errors.iter().fold(0.0f32, |most, e| most.max(*e));
             for (of, error) in basis.chunks_exact(words).zip(errors) {
                 let share = if largest > 0.0 { error / largest } else { 0.0 };
@@ -54,8 +64,21 @@ impl Visibility {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by_key(|&i| self.points[i].cluster);
         let mut kept = Vec::new();
+        let mut decoded = [0.0; Self::MOST_COMPONENTS as usize + 2];
         for i in order {
             let point = &mut out.points[i];
+            let (own, long) = &lengths[point.cluster as usize];
+            let count = self.decode(i, &mut decoded);
+            let lost = |values: &mut dyn Iterator<Item = f32>| -> f32 {
+                values.zip(long).map(|(v, long)| v * long).sum()
+            };
+            let mean = lost(&mut dropped[point.cluster as usize].iter().copied());
+            let values = decoded[..count].iter().skip(2 + most as usize);
+            let square = lost(&mut values.map(|v| v * v));
+            let part = point.error as f32 / VisiblePoint::ONE as f32;
+            if !long.is_empty() {
+                point.error = VisiblePoint::error_of(part * part * own + square, own + mean);
+            }
             for (w, mask) in point.mask.iter_mut().enumerate() {
                 let below = most.saturating_sub(32 * w as u32).min(32);
                 *mask &= ((1u64 << below) - 1) as u32;

@@ -1,0 +1,374 @@
+//! The bake of what points see ([P14] §4.2, §4.4): depths by rays, compressed by principal component analysis. Where in the flow: from points and geometry to [`Visibility`].
+//!
+//! For each cluster of points: the depths of all its points in all directions of a [`HemisphereGrid`] are rows of a matrix, from which the mean row is taken
+//! (\[P14\] Eq. (7)); the rows are projected onto the first principal components (Eq. (8)). Where we deviate, beside what [`Visibility`] says:
+//!
+//! - **Directions count with their cosine.** Components minimise the mean square of √cos θ · e, as irradiance counts directions: what lies along a wall is deep, changes
+//!   much from point to point, and hardly lights anything.
+//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbours look the same way, or else their depths
+//!   would have nothing in common.
+//! - **s follows the cluster**: [`NEAR`] times the median of its depths. With one s for a level, what points of a hall's side aisle see is all next to nothing beside the sky.
+//! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the two sides of a pillar see different things, and no fifty components make them alike. The cut goes through
+//!   the points' coefficients of the first component, at the mean ([B98]), so that each half has what looks alike; a half with no more points than components is exact.
+//! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out, and components that no point keeps.
+
+use super::visibility::{encode, from_short, from_snorm, pack, to_short, to_snorm};
+use super::{
+    HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint, cluster, decompose, frame,
+};
+use crate::samples::tangents;
+use crate::scene::{Geometry, Ray};
+use glam::Vec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// s of a cluster, in parts of the median of its depths.
+pub const NEAR: f32 = 2.0;
+
+/// s is never below this part of the level's size.
+const LEAST_NEAR: f32 = 1e-4;
+
+/// The usual number of directions, about.
+const DIRECTIONS: u32 = 4000;
+
+/// Directions nearer to the horizon count as if they had this cosine.
+const LEAST_COSINE: f32 = 0.05;
+
+/// How visibility is baked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VisibilitySettings {
+    /// Directions a point.
+    pub grid: HemisphereGrid,
+    /// Most components a cluster, at most [`Visibility::MOST_COMPONENTS`].
+    pub components: u32,
+    /// Points a cluster has about, before any is cut.
+    pub cluster_points: u32,
+    /// Root mean square of what is wrong with e, over the points of a cluster and over directions as irradiance counts them, beyond which it is cut in two; infinite for no cuts.
+    pub error: f32,
+    /// Root mean square, over all directions, of the change in e below which a coefficient is left out.
+    pub tolerance: f32,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+impl Default for VisibilitySettings {
+    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000 points a cluster; here twice the directions in half the bits, and clusters of 400 points, or of fewer where
+    /// these see much: docs/PCA.md says why.
+    fn default() -> Self {
+        Self {
+            grid: HemisphereGrid::of(DIRECTIONS),
+            components: 50,
+            cluster_points: 400,
+            error: 0.03,
+            tolerance: 5e-4,
+            seed: 0,
+        }
+    }
+}
+
+/// How directions count: the root of their cosine.
+pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
+    (0..grid.len())
+        .map(|i| grid.direction(i).z.max(LEAST_COSINE).sqrt())
+        .collect()
+}
+
+/// Depths, in metres, of all directions of `grid` from (x, n), with the tangent of its cluster; infinite where there is nothing.
+pub fn depths(
+    geometry: &dyn Geometry,
+    (x, n): (Vec3, Vec3),
+    tangent: Vec3,
+    grid: HemisphereGrid,
+    out: &mut [f32],
+) {
+    let start = x + n * geometry.lift(x);
+    let (t, b) = frame(tangent, n);
+    for (i, depth) in out.iter_mut().enumerate() {
+        let d = grid.direction(i);
+        let ray = Ray::new(start, (t * d.x + b * d.y + n * d.z).normalize_or(n));
+        *depth = geometry.cast(&ray).map_or(f32::INFINITY, |hit| hit.t);
+    }
+}
+
+/// What the points of a cluster see.
+struct Seen {
+    members: Vec<u32>,
+    tangent: Vec3,
+    /// s of the rows, metres.
+    near: f32,
+    /// e of each member, row after row.
+    rows: Vec<f32>,
+}
+
+/// A cluster before all are put together.
+struct Part {
+    members: Vec<u32>,
+    cluster: VisibilityCluster,
+    /// The mean's, the error's, then each component's.
+    scales: Vec<f32>,
+    basis: Vec<u32>,
+    /// One a member.
+    points: Vec<Kept>,
+}
+
+/// A point's coefficients: a mask, what it says is there, and how wrong they are.
+struct Kept {
+    mask: [u32; 4],
+    coefficients: Vec<u16>,
+    error: u32,
+}
+
+/// Bakes the visibility of `points`, places (metres) and unit normals. Also says how many rays it took. None where `told`, which hears how much is done, says stop.
+///
+/// The same for any number of threads.
+pub fn bake_visibility(
+    geometry: &dyn Geometry,
+    points: &[(Vec3, Vec3)],
+    settings: &VisibilitySettings,
+    told: &(dyn Fn(f32) -> bool + Sync),
+) -> Option<(Visibility, u64)> {
+    let clusters = cluster(points, settings.cluster_points as usize, settings.seed);
+    let size = geometry.bounds().size().max_element();
+    let size = if size > 0.0 && size.is_finite() {
+        size
+    } else {
+        1.0
+    };
+    let done = AtomicU32::new(0);
+    let parts: Vec<Option<Vec<Part>>> = (0..clusters.len())
+        .into_par_iter()
+        .map(|c| {
+            let root = points[clusters.roots[c] as usize].1;
+            let members = clusters.members_of(c);
+            let seen = look(geometry, points, members, root, size, settings.grid);
+            let mut parts = Vec::new();
+            divide(seen, settings, settings.seed ^ c as u64, &mut parts);
+            let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+            told(done as f32 / clusters.len() as f32).then_some(parts)
+        })
+        .collect();
+    let mut out = Visibility {
+        grid: settings.grid,
+        points: vec![VisiblePoint::default(); points.len()],
+        ..Visibility::default()
+    };
+    let mut coefficients: Vec<u16> = Vec::new();
+    for parts in parts {
+        for part in parts? {
+            let c = out.clusters.len() as u32;
+            out.clusters.push(part.cluster);
+            out.basis.extend(part.basis);
+            out.scales.extend(part.scales);
+            for (&i, kept) in part.members.iter().zip(part.points) {
+                out.points[i as usize] = VisiblePoint {
+                    cluster: c,
+                    error: kept.error,
+                    mask: kept.mask,
+                    ..VisiblePoint::default()
+                };
+                coefficients.extend(kept.coefficients);
+            }
+        }
+    }
+    // Beyond 32 bits nothing could read it: no visibility then.
+    out.place()?;
+    out.coefficients = pack(&coefficients).collect();
+    Some((out, (points.len() * settings.grid.len()) as u64))
+}
+
+/// Casts the rays of a cluster with a root of normal `root`, in a level of `size` metres.
+fn look(
+    geometry: &dyn Geometry,
+    points: &[(Vec3, Vec3)],
+    members: &[u32],
+    root: Vec3,
+    size: f32,
+    grid: HemisphereGrid,
+) -> Seen {
+    let length = grid.len();
+    let tangent = tangents(root).0;
+    let mut rows = vec![0.0f32; members.len() * length];
+    rows.par_chunks_mut(length)
+        .zip(members)
+        .for_each(|(row, &i)| depths(geometry, points[i as usize], tangent, grid, row));
+    let mut finite: Vec<f32> = rows.iter().copied().filter(|d| d.is_finite()).collect();
+    let middle = finite.len() / 2;
+    let near = match finite.is_empty() {
+        true => size,
+        false => NEAR * *finite.select_nth_unstable_by(middle, f32::total_cmp).1,
+    };
+    let near = near.max(LEAST_NEAR * size);
+    rows.iter_mut().for_each(|d| *d = encode(*d, near));
+    Seen {
+        members: members.to_vec(),
+        tangent,
+        near,
+        rows,
+    }
+}
+
+/// Compresses what is seen, in as many clusters as its error asks for.
+fn divide(seen: Seen, settings: &VisibilitySettings, seed: u64, out: &mut Vec<Part>) {
+    let (part, error, first) = compress(&seen, settings, seed);
+    let length = settings.grid.len();
+    let half = |side: bool| {
+        let mut half = Seen {
+            members: Vec::new(),
+            rows: Vec::new(),
+            ..seen
+        };
+        for (m, row) in seen.rows.chunks_exact(length).enumerate() {
+            if (first[m] > 0.0) == side {
+                half.members.push(seen.members[m]);
+                half.rows.extend(row);
+            }
+        }
+        half
+    };
+    let halves = match error > settings.error {
+        true => [half(false), half(true)],
+        false => return out.push(part),
+    };
+    // What is the same in all points cannot be cut: the error is rounding then.
+    if halves.iter().any(|half| half.members.is_empty()) {
+        return out.push(part);
+    }
+    drop((part, seen.rows));
+    for half in halves {
+        divide(half, settings, seed, out);
+    }
+}
+
+/// One cluster, its error, and the coefficient of each member of the first component.
+fn compress(seen: &Seen, settings: &VisibilitySettings, seed: u64) -> (Part, f32, Vec<f32>) {
+    let grid = settings.grid;
+    let length = grid.len();
+    let members = seen.members.len();
+    let mut rows = seen.rows.clone();
+    let mut mean = vec![0.0f64; length];
+    for row in rows.chunks_exact(length) {
+        mean.iter_mut()
+            .zip(row)
+            .for_each(|(m, e)| *m += f64::from(*e));
+    }
+    let mean: Vec<f32> = mean.iter().map(|m| (m / members as f64) as f32).collect();
+    for row in rows.chunks_exact_mut(length) {
+        row.iter_mut().zip(&mean).for_each(|(e, m)| *e -= m);
+    }
+    let most = settings.components.min(Visibility::MOST_COMPONENTS) as usize;
+    // Directions count as irradiance counts them.
+    let weights = weights(grid);
+    for row in rows.chunks_exact_mut(length) {
+        row.iter_mut().zip(&weights).for_each(|(e, w)| *e *= w);
+    }
+    let found = decompose(&rows, length, most, seed);
+    let stride = found.count();
+    let component = |j: usize, i: usize| found.vector(j)[i] / weights[i];
+
+    // [P14] Eq. (8).
+    let coefficients: Vec<f32> = rows
+        .chunks_exact(length)
+        .flat_map(|row| {
+            (0..stride).map(|j| {
+                let products = row.iter().zip(found.vector(j));
+                products
+                    .map(|(e, v)| f64::from(*e) * f64::from(*v))
+                    .sum::<f64>() as f32
+            })
+        })
+        .collect();
+    let first: Vec<f32> = match stride {
+        0 => vec![0.0; members],
+        _ => coefficients.iter().copied().step_by(stride).collect(),
+    };
+    let largest_of = |j: usize| {
+        let all = coefficients.iter().skip(j).step_by(stride.max(1));
+        all.fold(0.0f32, |most, v| most.max(v.abs()))
+    };
+    let most: Vec<f32> = (0..stride).map(largest_of).collect();
+    // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
+    let least = settings.tolerance * (length as f32).sqrt();
+    // Components that no point keeps are not stored.
+    let used = (most.iter()).rposition(|&v| v >= least && v > 0.0);
+    let count = used.map_or(0, |last| last + 1);
+    // Components of largest number one, and what that took goes to their coefficients.
+    let largest = |v: &[f32]| v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    let over = |v: f32, scale: f32| if scale > 0.0 { v / scale } else { 0.0 };
+    let basis_scale: Vec<f32> = (0..count)
+        .map(|j| (0..length).fold(0.0f32, |most, i| most.max(component(j, i).abs())))
+        .collect();
+    // As they are stored, component after component.
+    let stored: Vec<u8> = (0..count)
+        .flat_map(|j| (0..length).map(move |i| (j, i)))
+        .map(|(j, i)| to_short(over(component(j, i), basis_scale[j])))
+        .collect();
+    // What is left of the rows when all that is stored is taken off is the error.
+    let mut squares = Vec::with_capacity(members);
+    let mut points: Vec<Kept> = rows
+        .chunks_exact_mut(length)
+        .enumerate()
+        .map(|(m, row)| {
+            (row.iter_mut().zip(&weights)).for_each(|(e, w)| *e /= w);
+            let mut mask = [0u32; 4];
+            let mut kept = Vec::new();
+            for j in 0..count {
+                let v = coefficients[m * stride + j];
+                if v.abs() >= least && v != 0.0 {
+                    mask[j / 32] |= 1 << (j % 32);
+                    let bits = to_snorm(v / most[j]);
+                    kept.push(bits);
+                    let factor = from_snorm(bits) * most[j] * basis_scale[j];
+                    let numbers = &stored[j * length..(j + 1) * length];
+                    (row.iter_mut().zip(numbers)).for_each(|(e, c)| *e -= factor * from_short(*c));
+                }
+            }
+            let own = row.iter().zip(&weights).map(|(e, w)| (e * w) * (e * w));
+            squares.push(own.sum::<f32>());
+            Kept {
+                mask,
+                coefficients: kept,
+                error: 0,
+            }
+        })
+        .collect();
+    let mean_square = squares.iter().sum::<f32>() / members as f32;
+    for (point, square) in points.iter_mut().zip(&squares) {
+        point.error = VisiblePoint::error_of(*square, mean_square);
+    }
+    let weighed: f32 = weights.iter().map(|w| w * w).sum();
+    let whole = (mean_square / weighed).sqrt();
+    let mut error = vec![0.0f32; length];
+    for row in rows.chunks_exact(length) {
+        (error.iter_mut().zip(row)).for_each(|(s, e)| *s += e * e / members as f32);
+    }
+    error.iter_mut().for_each(|s| *s = s.sqrt());
+
+    let mut scales = vec![largest(&mean), largest(&error)];
+    scales.extend((0..count).map(|j| most[j] * basis_scale[j]));
+    let mut basis = Vec::with_capacity(length * (count.div_ceil(4) + 1));
+    for i in 0..length {
+        let first = [
+            to_snorm(over(mean[i], scales[0])),
+            to_snorm(over(error[i], scales[1])),
+        ];
+        basis.extend(pack(&first));
+        basis.extend((0..count).step_by(4).map(|j| {
+            let of = |k: usize| (j + k < count).then(|| stored[(j + k) * length + i]);
+            u32::from_le_bytes([0, 1, 2, 3].map(|k| of(k).unwrap_or(0)))
+        }));
+    }
+    let cluster = VisibilityCluster {
+        tangent: seen.tangent.to_array(),
+        components: count as u32,
+        near: seen.near,
+        ..VisibilityCluster::default()
+    };
+    let part = Part {
+        members: seen.members.clone(),
+        cluster,
+        scales,
+        basis,
+        points,
+    };
+    (part, whole, first)
+}
