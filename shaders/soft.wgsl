@@ -190,7 +190,8 @@ fn weigh(light: SoftLight, normal: vec3f, to: vec3f, n: vec3f) -> vec4f {
     if light.kind == SOFT_RECTANGLE {
         w *= -dot(normal, direction);
     }
-    return vec4f(direction, max(w, 0.0));
+    // The twin drops what is not finite.
+    return vec4f(direction, select(0.0, w, w > 0.0 && w < 1e38));
 }
 
 fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {

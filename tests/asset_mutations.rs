@@ -5,6 +5,7 @@ mod asset_support;
 
 use asset_support::{Random, build, makes};
 use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
+use bevy_meshless_gi::frame::soft::{self, SoftLight};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::scene::MaterialFactors;
 use glam::Vec3;
@@ -291,7 +292,14 @@ fn walk(scene: &BakedScene) -> Vec3 {
             f32::INFINITY,
         )],
     );
-    let mut sum = Vec3::ZERO;
+    let lamp = SoftLight::sphere(Vec3::new(0.2, 0.9, 0.1), 0.1, Vec3::ONE, 5.0, 4);
+    let mut sum = match scene.visibility {
+        Some(_) => soft::deficits(scene, &[lamp])
+            .iter()
+            .map(|d| d.dot(Vec3::Y))
+            .sum(),
+        None => Vec3::ZERO,
+    };
     let painted = MaterialFactors {
         base_color: [1.0; 3],
         emissive: [2.0; 3],

@@ -126,7 +126,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     out += "\nIn penumbrae all three are alike. Where all is hidden only (iii) leaves nothing: (ii) takes what the points say from what the place has, and speckles.\n\n\
         ## Size and time\n\n\
         [P14]: 45K points, 48 clusters, 50 of 2016 coefficients, 4.47 MB; 4 hours for visibility and transfer together. \
-        Ours are two to three times as many points in four times as many clusters, for edges of shadows are finer than what senders are spread for; a cluster's components take the room, coefficients as much a point as the paper's.\n\n\
+        Ours are more points, for edges of shadows are finer than what senders are spread for, and smaller clusters; components take the room.\n\n\
         | scene | settings | points | clusters | components, MB | coefficients, MB (kept) | all, MB | LZ4, MB | bake, s | penumbra, % | fully lit and umbra too, % |\n\
         |---|---|---|---|---|---|---|---|---|---|---|\n";
     for f in found {

@@ -213,8 +213,7 @@ pub fn cuts(
     for error in CUTS {
         let began = Instant::now();
         let settings = VisibilitySettings { error, ..usual };
-        let (visibility, _) =
-            bake_visibility(mesh, &points, &settings, &|_| true).ok_or("too much to store")?;
+        let (visibility, _) = bake_visibility(mesh, &points, &settings, &|_| true)?;
         let seconds = began.elapsed().as_secs_f64();
         let run = race(name, mesh, scene, &visibility, light)?;
         cuts.push(Cut {
@@ -322,8 +321,7 @@ pub fn measure(
     let usual = VisibilitySettings::default();
     let bake = |settings: &VisibilitySettings| {
         let began = Instant::now();
-        let baked =
-            bake_visibility(mesh, &points, settings, &|_| true).ok_or("too much to store")?;
+        let baked = bake_visibility(mesh, &points, settings, &|_| true)?;
         Ok::<_, Box<dyn Error>>((baked.0, began.elapsed().as_secs_f64()))
     };
     let bakes = [
@@ -332,6 +330,7 @@ pub fn measure(
             grid: HemisphereGrid::default(),
             components: 100,
             cluster_points: 1000,
+            error: f32::INFINITY,
             tolerance: 0.0,
             ..usual
         })?,

@@ -7,7 +7,12 @@ fn normal_of(light: SoftLight) -> vec3f {
     if light.kind != SOFT_RECTANGLE {
         return vec3f(0.0);
     }
-    return normalize(cross(light.u, light.v));
+    let across = cross(light.u, light.v);
+    let square = dot(across, across);
+    if square <= 0.0 {
+        return vec3f(0.0);
+    }
+    return across / sqrt(square);
 }
 
 fn arc_of(a: vec3f, b: vec3f, n: vec3f) -> f32 {

@@ -56,11 +56,13 @@ pub(super) const KINDS: [Kind; 6] = [
     },
     Kind {
         version: 2,
+        // They are checked beside a copy.
+        memory: 2 * size_of::<VisibilityCluster>() as u64 + 4,
         ..kind::<VisibilityCluster>(24, "visibility clusters", CLUSTER)
     },
     Kind {
-        // Their order is found while they are read and checked.
-        memory: size_of::<VisiblePoint>() as u64 + 8,
+        // They are checked beside a copy.
+        memory: 2 * size_of::<VisiblePoint>() as u64,
         // The first did not know each point's error.
         version: 2,
         ..kind::<VisiblePoint>(25, "visibility points", POINT)
@@ -145,13 +147,18 @@ impl BakedScene {
                 self.senders()
             )
         });
+        check.whole(
+            v.clusters.len() <= v.points.len(),
+            "visibility clusters",
+            || format!("{} for {} points", v.clusters.len(), v.points.len()),
+        );
         for (i, c) in v.clusters.iter().enumerate() {
             let tangent = Vec3::from_array(c.tangent);
             let sound = (tangent.length_squared() - 1.0).abs() < 1e-3;
             check.item(sound, "visibility clusters", i, || {
                 format!("tangent {tangent} is not of unit length")
             });
-            let sound = c.near.is_finite() && c.near > 0.0;
+            let sound = c.near.is_normal() && c.near > 0.0;
             check.item(sound, "visibility clusters", i, || {
                 format!("depths relative to {} m", c.near)
             });

@@ -119,6 +119,9 @@ pub enum BakeError {
         /// How many can be told apart.
         most: usize,
     },
+    /// What points see for soft shadows is too much.
+    #[error("soft shadows: {0}")]
+    Visibility(crate::transport::pca::VisibilityError),
     /// The points make no octree.
     #[error("the octree: {0}")]
     Octree(#[from] crate::transport::fmm::FmmError),

@@ -2,7 +2,9 @@
 
 use super::recipe::RecipeError;
 use super::{BakeError, BakeSource, Baked, Progress, Settings, Stage};
-use crate::transport::pca::{HemisphereGrid, Visibility, VisibilitySettings, bake_visibility};
+use crate::transport::pca::{
+    HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility,
+};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -17,7 +19,7 @@ pub struct SoftShadows {
     pub coefficients: u32,
     /// Points of a cluster, about, 16 to 65536: fewer are more exact, and more to store.
     pub cluster_points: u32,
-    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root mean square of d² / (d² + s²), with s twice the median of the cluster's depths. Less is more exact, and
+    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root mean square of d² / (d² + s²), with s twice the median of the cluster's depths before any cut. Less is more exact, and
     /// more to store; with 1 none is cut.
     pub error: f32,
 }
@@ -113,7 +115,10 @@ pub(super) fn see(
         &soft.settings(settings.seed),
         &told,
     )
-    .ok_or(BakeError::Cancelled)?;
+    .map_err(|e| match e {
+        VisibilityError::Stopped => BakeError::Cancelled,
+        e @ VisibilityError::TooLarge { .. } => BakeError::Visibility(e),
+    })?;
     baked.stats.rays += rays;
     baked.stats.visibility_bytes = visibility.bytes() as u64;
     baked.stats.visibility_kept = visibility.kept();

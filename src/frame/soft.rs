@@ -63,7 +63,7 @@ impl SoftLight {
     /// Most samples along an edge.
     pub const MOST_SAMPLES: u32 = 16;
 
-    /// A sphere: metres, W/sr; `range` in metres or infinite; about `samples` samples. One that is not finite is [`NONE`](Self::NONE).
+    /// A sphere: metres, W/sr; `range` in metres or infinite; about `samples` samples. One that is not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
     #[must_use]
     pub fn sphere(center: Vec3, radius: f32, intensity: Vec3, range: f32, samples: u32) -> Self {
         let side = side(samples);
@@ -80,7 +80,7 @@ impl SoftLight {
         .within(range)
     }
 
-    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, or has no
+    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, is beyond 10¹⁵ m, or has no
     /// area, is [`NONE`](Self::NONE).
     #[must_use]
     pub fn rectangle(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, samples: u32) -> Self {
@@ -164,8 +164,8 @@ impl SoftLight {
 
     fn or_none(self) -> Self {
         let numbers = [self.center, self.u, self.v, self.color];
-        let finite = numbers.iter().flatten().all(|v| v.is_finite())
-            && self.radius.is_finite()
+        let finite = numbers.iter().flatten().all(|v| v.abs() < MOST)
+            && self.radius < MOST
             && self.inverse_square_range.is_finite();
         if finite { self } else { Self::default() }
     }
@@ -178,6 +178,9 @@ impl SoftLight {
             .normalize_or_zero()
     }
 }
+
+/// Metres, W/sr and W/(m² sr) stay below: no square of them is infinite.
+const MOST: f32 = 1e15;
 
 /// Samples along an edge for so many in all.
 fn side(samples: u32) -> u32 {
@@ -307,7 +310,7 @@ fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3,
     if light.kind == SoftLight::RECTANGLE {
         w *= -light.normal().dot(direction);
     }
-    (w > 0.0 && w.is_finite()).then_some((w, direction, distance))
+    (w > 0.0 && w < 1e38).then_some((w, direction, distance))
 }
 
 /// What all threads know. 48 bytes, the layout of `SoftParams` in the shaders.
@@ -324,7 +327,7 @@ pub struct SoftParams {
     pub rows: u32,
     /// Largest edge of the level's box, metres.
     pub extent: f32,
-    /// What is nearer to the light than this part of its distance never hides it.
+    /// Where depths are exact: what stands before the light by this part of its distance hides half of it, half as far before it nothing, twice as far all.
     pub bias: f32,
     /// How far before the light the threshold lies, in root mean square errors of the depth.
     pub before: f32,

@@ -13,9 +13,11 @@ use bevy_meshless_gi::asset::{
 };
 use bevy_meshless_gi::basis::{WeightEntry, Weights, support_bounds};
 use bevy_meshless_gi::samples::{HashedGrid, LitPlace, Point};
-use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, MaterialFactors};
+use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, MaterialFactors, TriangleMesh};
 use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
-use bevy_meshless_gi::transport::pca::{Column, Compression};
+use bevy_meshless_gi::transport::pca::{
+    Column, Compression, HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+};
 use bevy_meshless_gi::transport::{
     BounceLink, BounceOperator, Link, Operator, Passage, Row, SenderForm, link_of_parts,
 };
@@ -72,6 +74,8 @@ pub struct Make {
     pub live: bool,
     /// Doors.
     pub occluded: bool,
+    /// Points remember what they see.
+    pub remembers: bool,
 }
 
 /// One scene of each sort.
@@ -88,6 +92,7 @@ pub fn makes() -> Vec<Make> {
         sky: false,
         live: false,
         occluded: false,
+        remembers: false,
     };
     vec![
         plain,
@@ -149,6 +154,11 @@ pub fn makes() -> Vec<Make> {
             seed: 11,
             occluded: true,
             sky: true,
+            ..plain
+        },
+        Make {
+            seed: 12,
+            remembers: true,
             ..plain
         },
     ]
@@ -384,8 +394,33 @@ pub fn build(make: &Make) -> BakedScene {
     if make.occluded {
         occlude(&mut scene);
     }
+    if make.remembers {
+        let known = scene.level_starts[make.sender_levels as usize] as usize;
+        let mut points = scene.points[..known].iter();
+        let mut triangle = || [0; 3].map(|_| points.next().map_or(Vec3::Y, |p| p.x() + 0.1));
+        let mesh = TriangleMesh::new(
+            vec![triangle(), triangle()],
+            vec![0; 2],
+            vec![Material::default()],
+        );
+        scene.visibility = Some(remember(&scene.points[..known], &mesh));
+    }
     scene.info.tiers = TierInfo::of(&scene);
     scene
+}
+
+/// What points see of a mesh, in several clusters of several components.
+fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
+    let points: Vec<_> = points.iter().map(|p| (p.x(), p.n())).collect();
+    let settings = VisibilitySettings {
+        grid: HemisphereGrid::of(16),
+        components: 5,
+        cluster_points: 4,
+        ..VisibilitySettings::default()
+    };
+    bake_visibility(mesh, &points, &settings, &|_| true)
+        .expect("little enough")
+        .0
 }
 
 /// Two occluders, of one triangle each; half of every third link passes the first, and one way or another the second.

@@ -82,7 +82,7 @@ fn soft() {
         gpu[found[0]],
         cpu[found[0]]
     );
-    // Must fail: a light two centimetres off, no second light, a cluster's mean, a coefficient that is left out, and no `flatten` behind the kernel.
+    // Must fail: a light two centimetres off, no second light, a cluster's mean, a coefficient that is left out, how wrong a point is, the unit of depths, and no `flatten` behind the kernel.
     let noticed = |what: &str, wrong: &[VectorIrradiance]| {
         let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
         assert!(!found.is_empty(), "{what} goes unnoticed");
@@ -104,6 +104,16 @@ fn soft() {
         point.mask[0] &= !1;
     }
     noticed("coefficients of others", &soft::deficits(&spoiled, &lights));
+    let mut spoiled = scene.clone();
+    for point in &mut spoiled.visibility.as_mut().unwrap().points {
+        point.error *= 4;
+    }
+    noticed("other errors", &soft::deficits(&spoiled, &lights));
+    let mut spoiled = scene.clone();
+    for cluster in &mut spoiled.visibility.as_mut().unwrap().clusters {
+        cluster.near *= 1.5;
+    }
+    noticed("another unit", &soft::deficits(&spoiled, &lights));
     let mut unspread = cpu.clone();
     assert!(visibility.points.len() < scene.points.len());
     unspread[visibility.points.len()..].fill(VectorIrradiance::default());

@@ -14,5 +14,5 @@ pub use compression::{Column, Compression};
 pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light::{CompressScratch, Examples, LightBasis};
-pub use remember::{NEAR, VisibilitySettings, bake_visibility, depths};
+pub use remember::{NEAR, VisibilityError, VisibilitySettings, bake_visibility, depths};
 pub use visibility::{MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};

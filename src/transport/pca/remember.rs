@@ -7,9 +7,10 @@
 //!   much from point to point, and hardly lights anything.
 //! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbours look the same way, or else their depths
 //!   would have nothing in common.
-//! - **s follows the cluster**: [`NEAR`] times the median of its depths. With one s for a level, what points of a hall's side aisle see is all next to nothing beside the sky.
+//! - **s follows the cluster**, as it is before any cut: [`NEAR`] times the median of its depths. With one s for a level, what points of a hall's side aisle see is all next to nothing beside the sky.
 //! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the two sides of a pillar see different things, and no fifty components make them alike. The cut goes through
-//!   the points' coefficients of the first component, at the mean ([B98]), so that each half has what looks alike; a half with no more points than components is exact.
+//!   the points' coefficients of the first component, at the mean ([B98]), so that each half has what looks alike, or at the median where next to nothing would be cut off. A half with no more points than components is exact
+//!   but for rounding.
 //! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out, and components that no point keeps.
 
 use super::visibility::{encode, from_short, from_snorm, pack, to_short, to_snorm};
@@ -20,7 +21,7 @@ use crate::samples::tangents;
 use crate::scene::{Geometry, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 
 /// s of a cluster, in parts of the median of its depths.
 pub const NEAR: f32 = 2.0;
@@ -33,6 +34,28 @@ const DIRECTIONS: u32 = 4000;
 
 /// Directions nearer to the horizon count as if they had this cosine.
 const LEAST_COSINE: f32 = 0.05;
+
+/// A half is no smaller part of what is cut.
+const LEAST_HALF: usize = 8;
+
+/// Words of all bases at most: 2 GiB.
+const MOST_WORDS: usize = 1 << 29;
+
+/// Why there is no visibility.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum VisibilityError {
+    /// Who was told how much is done said stop.
+    #[error("stopped")]
+    Stopped,
+    /// More than can be stored.
+    #[error(
+        "what points see takes more than {most} bytes: fewer directions, a larger error or fewer points take less"
+    )]
+    TooLarge {
+        /// Bytes that it may take.
+        most: u64,
+    },
+}
 
 /// How visibility is baked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,15 +141,23 @@ struct Kept {
     error: u32,
 }
 
-/// Bakes the visibility of `points`, places (metres) and unit normals. Also says how many rays it took. None where `told`, which hears how much is done, says stop.
+/// Bakes the visibility of `points`, places (metres) and unit normals. Also says how many rays it took. `told` hears how much is done, and says false to stop.
 ///
 /// The same for any number of threads.
+///
+/// # Errors
+///
+/// When told to stop, and when it takes more than 2 GiB.
 pub fn bake_visibility(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],
     settings: &VisibilitySettings,
     told: &(dyn Fn(f32) -> bool + Sync),
-) -> Option<(Visibility, u64)> {
+) -> Result<(Visibility, u64), VisibilityError> {
+    const LARGE: VisibilityError = VisibilityError::TooLarge {
+        most: 4 * MOST_WORDS as u64,
+    };
+
     let clusters = cluster(points, settings.cluster_points as usize, settings.seed);
     let size = geometry.bounds().size().max_element();
     let size = if size > 0.0 && size.is_finite() {
@@ -134,19 +165,33 @@ pub fn bake_visibility(
     } else {
         1.0
     };
-    let done = AtomicU32::new(0);
-    let parts: Vec<Option<Vec<Part>>> = (0..clusters.len())
+    let (done, stop, words) = (
+        AtomicU32::new(0),
+        AtomicBool::new(false),
+        AtomicUsize::new(0),
+    );
+    let parts: Option<Vec<Vec<Part>>> = (0..clusters.len())
         .into_par_iter()
         .map(|c| {
+            let share = done.load(Ordering::Relaxed) as f32 / clusters.len() as f32;
+            if stop.load(Ordering::Relaxed) || !told(share) {
+                stop.store(true, Ordering::Relaxed);
+                return None;
+            }
             let root = points[clusters.roots[c] as usize].1;
             let members = clusters.members_of(c);
             let seen = look(geometry, points, members, root, size, settings.grid);
-            let mut parts = Vec::new();
-            divide(seen, settings, settings.seed ^ c as u64, &mut parts);
-            let done = 1 + done.fetch_add(1, Ordering::Relaxed);
-            told(done as f32 / clusters.len() as f32).then_some(parts)
+            let parts = divide(seen, settings, settings.seed ^ c as u64, &words)?;
+            done.fetch_add(1, Ordering::Relaxed);
+            Some(parts)
         })
         .collect();
+    let Some(parts) = parts else {
+        return Err(match words.load(Ordering::Relaxed) > MOST_WORDS {
+            true => LARGE,
+            false => VisibilityError::Stopped,
+        });
+    };
     let mut out = Visibility {
         grid: settings.grid,
         points: vec![VisiblePoint::default(); points.len()],
@@ -154,7 +199,7 @@ pub fn bake_visibility(
     };
     let mut coefficients: Vec<u16> = Vec::new();
     for parts in parts {
-        for part in parts? {
+        for part in parts {
             let c = out.clusters.len() as u32;
             out.clusters.push(part.cluster);
             out.basis.extend(part.basis);
@@ -170,10 +215,10 @@ pub fn bake_visibility(
             }
         }
     }
-    // Beyond 32 bits nothing could read it: no visibility then.
-    out.place()?;
+    out.place().ok_or(LARGE)?;
     out.coefficients = pack(&coefficients).collect();
-    Some((out, (points.len() * settings.grid.len()) as u64))
+    told(1.0);
+    Ok((out, (points.len() * settings.grid.len()) as u64))
 }
 
 /// Casts the rays of a cluster with a root of normal `root`, in a level of `size` metres.
@@ -207,36 +252,49 @@ fn look(
     }
 }
 
-/// Compresses what is seen, in as many clusters as its error asks for.
-fn divide(seen: Seen, settings: &VisibilitySettings, seed: u64, out: &mut Vec<Part>) {
-    let (part, error, first) = compress(&seen, settings, seed);
+/// Compresses what is seen, in as many clusters as its error asks for. None where all that is there, with the `words` of others, is too much.
+fn divide(
+    seen: Seen,
+    settings: &VisibilitySettings,
+    seed: u64,
+    words: &AtomicUsize,
+) -> Option<Vec<Part>> {
     let length = settings.grid.len();
-    let half = |side: bool| {
-        let mut half = Seen {
-            members: Vec::new(),
-            rows: Vec::new(),
-            ..seen
-        };
-        for (m, row) in seen.rows.chunks_exact(length).enumerate() {
-            if (first[m] > 0.0) == side {
-                half.members.push(seen.members[m]);
-                half.rows.extend(row);
+    let (mut todo, mut out) = (vec![seen], Vec::new());
+    while let Some(seen) = todo.pop() {
+        let (part, error, first) = compress(&seen, settings, seed);
+        let count = seen.members.len();
+        if error <= settings.error || count < 2 {
+            let before = words.fetch_add(part.basis.len(), Ordering::Relaxed);
+            if before + part.basis.len() > MOST_WORDS {
+                return None;
             }
+            out.push(part);
+            continue;
         }
-        half
-    };
-    let halves = match error > settings.error {
-        true => [half(false), half(true)],
-        false => return out.push(part),
-    };
-    // What is the same in all points cannot be cut: the error is rounding then.
-    if halves.iter().any(|half| half.members.is_empty()) {
-        return out.push(part);
+        drop(part);
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
+        let middle = order.partition_point(|&m| first[m] <= 0.0);
+        let least = (count / LEAST_HALF).max(1);
+        let (low, high) = match middle < least || count - middle < least {
+            true => order.split_at(count / 2),
+            false => order.split_at(middle),
+        };
+        for half in [high, low] {
+            let mut half = half.to_vec();
+            half.sort_unstable();
+            todo.push(Seen {
+                members: half.iter().map(|&m| seen.members[m]).collect(),
+                rows: (half.iter())
+                    .flat_map(|&m| &seen.rows[m * length..(m + 1) * length])
+                    .copied()
+                    .collect(),
+                ..seen
+            });
+        }
     }
-    drop((part, seen.rows));
-    for half in halves {
-        divide(half, settings, seed, out);
-    }
+    Some(out)
 }
 
 /// One cluster, its error, and the coefficient of each member of the first component.

@@ -1,7 +1,7 @@
 //! Visibility with fewer components than were baked: what the first of them say alone. Where in the flow: beside [`Visibility`], for measures of the error by the number of components (\[P14\] Fig. 4), which
 //! then need one bake and not one each.
 //!
-//! Principal components are nested: the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
+//! Principal components are nested: of the same clusters, the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
 //! over its points, is added to the square of the error that stands there, and each point's share of the error follows what it loses itself.
 
 use super::remember::weights;
