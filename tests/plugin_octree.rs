@@ -131,7 +131,7 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
             }
         })));
     let root = stand.root;
-    let mut ask = |stand: &mut Stand, quality: MeshlessGiQuality| {
+    let ask = |stand: &mut Stand, quality: MeshlessGiQuality| {
         stand.app.world_mut().entity_mut(root).insert(quality);
     };
     ask(&mut stand, MeshlessGiQuality::FrameBudget(4.0));
