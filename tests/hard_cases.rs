@@ -14,6 +14,8 @@ mod lamps;
 mod levels;
 #[path = "hard_cases/places.rs"]
 mod places;
+#[path = "hard_cases/points.rs"]
+mod points;
 #[path = "hard_cases/smooth.rs"]
 mod smooth;
 #[path = "hard_cases/support.rs"]

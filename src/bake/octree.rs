@@ -23,6 +23,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
+/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far more than what an expansion leaves out behind it (docs/FMM_RULE.md).
+const ORDER: u32 = 2;
+
 /// The octree of a bake by rule `fmm`, everything filled in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OctreeSettings {
@@ -43,7 +46,7 @@ impl OctreeSettings {
     pub(super) fn of(recipe: &Recipe) -> Self {
         let usual = FmmSettings::default();
         Self {
-            order: recipe.order.unwrap_or(usual.order as u32),
+            order: recipe.order.unwrap_or(ORDER),
             leaf: recipe.leaf.unwrap_or(usual.leaf as u32),
             sources: recipe.sources.unwrap_or(4),
             pair_rays: recipe.pair_rays.unwrap_or(usual.rays),

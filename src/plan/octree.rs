@@ -66,11 +66,10 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), NoOctree> {
     }
 }
 
-/// Why frames of `scene` go through its links and not through its octree on a device that binds `largest` bytes; nothing where the octree runs, or there is none.
+/// Why frames of `scene` go through its links and not through its octree on a device that binds `largest` bytes; nothing where the octree runs, where there is none, and where
+/// there are no links in its place.
 #[must_use]
 pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<NoOctree> {
-    scene
-        .fmm
-        .as_ref()
-        .and_then(|o| octree_fits(o, largest).err())
+    let why = octree_fits(scene.fmm.as_ref()?, largest).err();
+    why.filter(|_| scene.link_tiers() > 0)
 }

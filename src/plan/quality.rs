@@ -44,6 +44,8 @@ pub struct TierChoice {
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
     pub error: f32,
+    /// The octree of rule `fmm` carries the light, and no link.
+    pub octree: bool,
 }
 
 impl TierChoice {
@@ -65,7 +67,7 @@ impl TierChoice {
         for t in 1..work.len() {
             work[t] += work[t - 1];
         }
-        let octree = scene.fmm.as_ref();
+        let (octree, links) = (scene.fmm.as_ref(), work.len());
         work.extend(octree.map(|octree| octree.work() * (1 + u64::from(sweeps))));
         (work.into_iter().enumerate())
             .map(|(t, work)| {
@@ -76,6 +78,7 @@ impl TierChoice {
                     error: info.map_or(f32::INFINITY, |tier| {
                         tier.estimated_nrmse + tier.estimated_nrmse_interval
                     }),
+                    octree: t >= links,
                 }
             })
             .collect()
@@ -89,13 +92,20 @@ pub struct Picked {
     pub tier: u32,
     /// How many there are.
     pub tiers: u32,
+    /// It is the octree of rule `fmm`; else, some or all of the links.
+    pub octree: bool,
     /// Why this one.
     pub why: String,
 }
 
 impl fmt::Display for Picked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "tier {} of {}: {}", self.tier, self.tiers, self.why)
+        let octree = if self.octree { ", the octree" } else { "" };
+        write!(
+            f,
+            "tier {} of {}{octree}: {}",
+            self.tier, self.tiers, self.why
+        )
     }
 }
 
@@ -215,10 +225,8 @@ impl Picker {
     pub fn picked(&self) -> Picked {
         let top = self.tiers.len().max(1) as u32;
         let percent = |error: f32| 100.0 * error;
-        let error = self
-            .tiers
-            .get(self.tier as usize - 1)
-            .map_or(f32::INFINITY, |t| t.error);
+        let here = self.tiers.get(self.tier as usize - 1);
+        let error = here.map_or(f32::INFINITY, |t| t.error);
         let why = match (self.asked, self.cost) {
             (Quality::All, _) => "nothing less was asked for".into(),
             (Quality::Tier(n), _) if n == self.tier => "it was asked for".into(),
@@ -239,9 +247,10 @@ impl Picker {
             (Quality::FrameBudget(budget), Some(cost)) => {
                 let held = if cost <= budget { "within" } else { "over" };
                 let change = match self.tiers.get(self.tier as usize) {
-                    Some(_) => format!(
-                        "tier {} would take {:.2} ms",
+                    Some(above) => format!(
+                        "tier {}{} would take {:.2} ms",
                         self.tier + 1,
+                        if above.octree { ", the octree," } else { "" },
                         self.predict(self.tier + 1, cost)
                     ),
                     None => "there is no higher one".into(),
@@ -252,6 +261,7 @@ impl Picker {
         Picked {
             tier: self.tier,
             tiers: top,
+            octree: here.is_some_and(|t| t.octree),
             why,
         }
     }
@@ -304,6 +314,7 @@ mod tests {
             .map(|(work, error)| TierChoice {
                 work: 1000 * work,
                 error,
+                octree: false,
             })
             .to_vec()
     }
@@ -474,6 +485,22 @@ mod tests {
     }
 
     #[test]
+    fn an_octree_above_the_links_is_named() {
+        let mut all = tiers();
+        all[3].octree = true;
+        let picked = Picker::new(Quality::All, all.clone()).picked();
+        assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
+        let mut picker = Picker::new(Quality::FrameBudget(5.0), all);
+        run(&mut picker, 20, |_, work| 8.0 * work);
+        let said = picker.picked().to_string();
+        assert!(said.starts_with("tier 3 of 4: "), "{said}");
+        assert!(
+            said.ends_with("tier 4, the octree, would take 8.00 ms"),
+            "{said}"
+        );
+    }
+
+    #[test]
     fn a_bake_without_tiers_has_one() {
         let mut picker = Picker::new(Quality::FrameBudget(1.0), Vec::new());
         picker.measured(f32::NAN);
@@ -481,6 +508,7 @@ mod tests {
         let one = vec![TierChoice {
             work: 0,
             error: 0.1,
+            octree: false,
         }];
         let mut picker = Picker::new(Quality::FrameBudget(1.0), one);
         (0..100).for_each(|_| picker.measured(5.0));

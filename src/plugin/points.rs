@@ -1,7 +1,10 @@
 //! Point clouds in a game: an asset for `.ply` files, and the component that draws one.
 //!
-//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own colour, shaded with its normal. Drawn so it is an ordinary deferred
-//! mesh: lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it as on any other.
+//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own colour, shaded with normals that change smoothly from cell to cell
+//! ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh: lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it as on any other.
+//!
+//! Each cell has a face to either side, the back's a little behind the front's: at the edge of a bent surface one looks at the backs of cells that stick out past it, and they would be dark where
+//! no light gets.
 
 use crate::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
 use bevy::asset::RenderAssetUsages;
@@ -11,6 +14,7 @@ use bevy::camera::visibility::Visibility;
 use bevy::color::Color;
 use bevy::ecs::prelude::*;
 use bevy::log::info;
+use bevy::math::Vec3;
 use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
@@ -26,7 +30,7 @@ pub struct MeshlessGiPoints {
     /// Their cells, coloured as the points are; the labelled asset `Mesh`.
     #[dependency]
     pub mesh: Handle<Mesh>,
-    /// White, rough and two-sided; the labelled asset `Material`.
+    /// White and rough; the labelled asset `Material`.
     #[dependency]
     pub material: Handle<StandardMaterial>,
 }
@@ -118,27 +122,36 @@ fn material() -> StandardMaterial {
         base_color: Color::WHITE,
         perceptual_roughness: 1.0,
         reflectance: 0.0,
-        double_sided: true,
-        cull_mode: None,
         ..StandardMaterial::default()
     }
 }
 
-/// The cells of all points: corners with the point's normal and colour.
+/// How far a cell's back lies behind its front, in spacings: more than cells of bent surfaces stick out, and too little to be seen.
+const THICK: f32 = 0.1;
+
+/// The cells of all points, front and back: corners with their normals and the point's colour.
 fn cells(cloud: &PointCloud) -> Mesh {
     let (mut positions, mut normals, mut colours) = (Vec::new(), Vec::new(), Vec::new());
     let mut indices: Vec<u32> = Vec::new();
+    let smooth = cloud.corner_normals();
+    let mut at = 0;
     for i in 0..cloud.len() {
         let outline = cloud.outline(i);
-        let first = positions.len() as u32;
+        let own = &smooth[at..at + outline.len()];
+        at += outline.len();
         let [r, g, b] = cloud.albedo[i].to_array();
-        for corner in outline {
-            positions.push(corner.to_array());
-            normals.push(cloud.normals[i].to_array());
-            colours.push([r, g, b, 1.0]);
-        }
-        for k in 2..outline.len() as u32 {
-            indices.extend([first, first + k - 1, first + k]);
+        let back = cloud.normals[i] * (-THICK * cloud.spacing(i));
+        for (side, offset) in [(1.0, Vec3::ZERO), (-1.0, back)] {
+            let first = positions.len() as u32;
+            for (corner, normal) in outline.iter().zip(own) {
+                positions.push((*corner + offset).to_array());
+                normals.push((side * *normal).to_array());
+                colours.push([r, g, b, 1.0]);
+            }
+            for k in 2..outline.len() as u32 {
+                let (a, b) = if side > 0.0 { (k - 1, k) } else { (k, k - 1) };
+                indices.extend([first, first + a, first + b]);
+            }
         }
     }
     Mesh::new(

@@ -57,19 +57,26 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let best = |rule: Rule| least(rows, rule, f64::INFINITY, |r| r.nrmse);
     let reached = |v: Option<f64>| v.map_or("none".into(), percent);
     let [file, bake, frame] = cheaper;
+    let (octree, linked) = (best(Rule::Fmm), best(Rule::Bounded));
     let _ = writeln!(
         out,
-        "\nWhich to use: on this level the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame \
-         at {frame}. The least error tried is {} by `fmm` and {} by `bounded`. {} An octree grows with the points and not with what they see of each other: its \
-         files are small. Links are read once and an octree is walked for every reflection: links are the rule for fast frames.",
+        "\nWhich to use: a bake by the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame at {frame}. The least error \
+         tried is {} by `fmm` and {} by `bounded`. {}{}",
         ours.len(),
-        reached(best(Rule::Fmm)),
-        reached(best(Rule::Bounded)),
-        match (frame, bake) {
-            (0, _) => "Use `fmm` here.",
-            (f, 0) if f == met => "Use `fmm` here while the level changes, and `bounded` to ship.",
-            (f, _) if f == met => "Use `bounded` here.",
+        reached(octree),
+        reached(linked),
+        match (met, frame, file) {
+            (0, _, _) =>
+                "No bake by links was as exact, so that nothing can be said of what that would take.",
+            (_, 0, _) => "Use `fmm` here.",
+            (m, f, 0) if f == m =>
+                "Use `bounded` here where frames must be fast, `fmm` where files must be small or light is solved once and kept.",
+            (m, f, _) if f == m => "Use `bounded` here.",
             _ => "Which is cheaper depends on the error: see the table.",
+        },
+        match met < ours.len() && octree < linked {
+            true => " What finer bakes by links would take was not tried.",
+            false => "",
         }
     );
     out

@@ -1,35 +1,15 @@
 //! Levels as artists' tools and broken files make them: what is no triangle is left out and counted, what is an odd one changes no light.
 
 use super::support::{
-    Triangles, baked, closed, cornell, irradiances, mean, mesh, quick, room, small, square,
+    Triangles, baked, closed, cornell, irradiances, lit, mesh, quick, room, small, square,
 };
 use bevy_meshless_gi::accuracy::{
     Bounces, Errors, Evaluator, ReferenceSettings, errors, irradiance_at_all,
 };
-use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{BakeError, BakeLevelError, Progress, Recipe, bake_level};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::scene::{Geometry, Light, Material, TriangleMesh};
 use glam::Vec3;
-use std::f32::consts::PI;
-
-/// The light of a lamp in the middle of a room of 2 m that reflects half of it: one reflection's mean over ρ Φ / A, and the mean of eight.
-fn lit(scene: &BakedScene) -> (f32, f32) {
-    let mut frame = CpuFrame::new(scene);
-    frame.set_lights(
-        scene,
-        &[FrameLight::point(
-            Vec3::new(0.9, 1.1, 1.2),
-            Vec3::ONE,
-            f32::INFINITY,
-        )],
-    );
-    let mut after = |bounces: u32| {
-        frame.solve(scene, &FrameSettings::bounces(bounces));
-        mean(&irradiances(&frame, scene), scene).x / (0.5 * 4.0 * PI / 24.0)
-    };
-    (after(1), after(8))
-}
 
 /// The walls of 2 m, each cut by `cut`.
 fn walls(cut: impl Fn(Vec3, Vec3, Vec3) -> Triangles) -> Triangles {
@@ -76,7 +56,7 @@ fn slivers_and_copies_change_nothing() {
         let level = mesh(triangles, half());
         assert_eq!(level.problems().dropped(), 0);
         let bake = baked(&level, &small());
-        let (one, eight) = lit(&bake.scene);
+        let (one, eight) = lit(&bake.scene, 1.0);
         eprintln!("{name}: {one:.4} of one reflection, {eight:.4} of eight");
         assert!(bake.stats.uncovered < 1e-5, "{name}");
         // Σ over eight: (1 − 2⁻⁸) / (1 − ½).
@@ -129,7 +109,7 @@ fn materials_out_of_range_are_put_into_it() {
         assert_eq!((problems.albedo_clamped, problems.bad_emission), (1, 1));
         assert_eq!(level.material(0).unwrap().base_color.truncate(), clamped);
         let scene = baked(&level, &small()).scene;
-        let (one, _) = lit(&scene);
+        let (one, _) = lit(&scene, 1.0);
         assert!(one.is_finite() && one >= 0.0);
     }
     let glare = closed(Material::emissive(Vec3::splat(0.5), Vec3::splat(f32::MAX)));
@@ -210,7 +190,7 @@ fn inside_out_is_as_good_where_both_sides_reflect() {
         viewpoints: vec![[1.0; 3]],
         ..small()
     };
-    let (one, eight) = lit(&baked(&mesh(turned.clone(), half()), &inside).scene);
+    let (one, eight) = lit(&baked(&mesh(turned.clone(), half()), &inside).scene, 1.0);
     eprintln!("inside out: {one:.4}, {eight:.4}");
     assert!((one - 1.0).abs() < 0.02 && (eight / 1.992 - 1.0).abs() < 0.02);
     // Single-sided, from its unlit side: nothing reflects.

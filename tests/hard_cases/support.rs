@@ -2,9 +2,10 @@
 
 use bevy_meshless_gi::asset::{BakedScene, Limits};
 use bevy_meshless_gi::bake::{Baked, Preset, Progress, Recipe, bake_level};
-use bevy_meshless_gi::frame::{CpuFrame, VectorIrradiance};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
 use bevy_meshless_gi::scene::{Geometry, Material, TriangleMesh, cornell_box, mesh_of_quads};
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Three corners a triangle, metres.
 pub type Triangles = Vec<[Vec3; 3]>;
@@ -77,6 +78,16 @@ pub fn sound(scene: &BakedScene) {
     for link in &scene.operator.links {
         numbers.extend(link.vector().to_array());
     }
+    if let Some(octree) = &scene.fmm {
+        for p in &octree.places {
+            numbers.extend(p.position.iter().chain(&p.normal).chain(&p.sky));
+            numbers.extend([p.share, p.factor]);
+        }
+        for node in &octree.nodes {
+            numbers.extend(node.center.iter().chain([&node.size]));
+        }
+        numbers.extend(octree.entries.iter().map(|entry| entry.weight));
+    }
     if let Some(bounces) = &scene.bounces {
         numbers.extend(bounces.links.iter().flat_map(|l| l.gain));
     }
@@ -107,6 +118,19 @@ pub fn irradiances(frame: &CpuFrame, scene: &BakedScene) -> Vec<Vec3> {
 pub fn mean(values: &[Vec3], scene: &BakedScene) -> Vec3 {
     let even = scene.level(scene.levels() - 1);
     values[even.clone()].iter().sum::<Vec3>() / even.len() as f32
+}
+
+/// The light of a lamp in the middle of a room of 2 m times `scale` that reflects half of it: one reflection's mean over ρ Φ / A, and the mean of eight.
+pub fn lit(scene: &BakedScene, scale: f32) -> (f32, f32) {
+    let place = scale * Vec3::new(0.9, 1.1, 1.2);
+    let lamp = FrameLight::point(place, Vec3::splat(scale * scale), f32::INFINITY);
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, &[lamp]);
+    let mut after = |bounces: u32| {
+        frame.solve(scene, &FrameSettings::bounces(bounces));
+        mean(&irradiances(&frame, scene), scene).x / (0.5 * 4.0 * PI / 24.0)
+    };
+    (after(1), after(8))
 }
 
 /// A box, its faces towards the inside.

@@ -76,7 +76,7 @@ struct Options {
     /// Rule pca: example lamps that the bases are made from (1000 if left out).
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     lamps: Option<u32>,
-    /// Rule fmm: order of the expansions, 0 to 16 (4 if left out; kernels take 6 at most).
+    /// Rule fmm: order of the expansions, 0 to 16 (2 if left out; kernels take 6 at most).
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     order: Option<u32>,
     /// Rule fmm: most points of a leaf of the octree, 1 to 4096 (24 if left out).

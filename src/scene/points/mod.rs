@@ -16,7 +16,8 @@ mod tests;
 use super::{Bounds, Material, PlyPoints, SceneError, TriangleMesh, parse_ply, read_ply};
 use cells::cells;
 use glam::Vec3;
-use nearest::PointTree;
+use nearest::{Neighbour, PointTree};
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -26,6 +27,9 @@ const FARTHEST: f32 = 1e9;
 const GREY: Vec3 = Vec3::splat(0.5);
 /// Normals of one place that enclose an angle with a cosine above this are of one point.
 const SAME: f32 = 0.766;
+
+/// Points around a corner of a cell whose normals it may have a part of.
+const AROUND: usize = 8;
 
 /// Why points make no surface.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -199,6 +203,38 @@ impl PointCloud {
             (Some(&from), Some(&to)) => &self.corners[from as usize..to as usize],
             _ => &[],
         }
+    }
+
+    /// Distance between point `i` and its neighbours, metres, about; 0 where the point stands for no surface.
+    #[must_use]
+    pub fn spacing(&self, i: usize) -> f32 {
+        self.spacings.get(i).copied().unwrap_or(0.0)
+    }
+
+    /// A normal for each corner of each cell, in the order of the points and their [`outline`](Self::outline)s: the mean of those of the points around it, without those beyond a crease. Cells
+    /// that meet in a corner have nearly the same normal there, so that light drawn with it changes smoothly from cell to cell.
+    #[must_use]
+    pub fn corner_normals(&self) -> Vec<Vec3> {
+        let tree = PointTree::new(&self.positions);
+        let of_cell = |near: &mut Vec<Neighbour>, i: usize| {
+            let own = self.normals[i];
+            let at = |corner: &Vec3| {
+                tree.nearest(*corner, AROUND, None, near);
+                let reach = near.last().map_or(0.0, |n| n.square).max(f32::MIN_POSITIVE);
+                let sum: Vec3 = (near.iter())
+                    .map(|n| (self.normals[n.index as usize], 1.0 - n.square / reach))
+                    .filter(|(normal, _)| normal.dot(own) > SAME)
+                    .map(|(normal, weight)| normal * weight * weight)
+                    .sum();
+                sum.try_normalize().unwrap_or(own)
+            };
+            self.outline(i).iter().map(at).collect::<Vec<_>>()
+        };
+        (0..self.len())
+            .into_par_iter()
+            .map_init(Vec::new, of_cell)
+            .flatten_iter()
+            .collect()
     }
 
     /// A box around the points.

@@ -328,6 +328,37 @@ fn no_cloud_is_too_hard() {
 }
 
 #[test]
+fn corners_have_the_normal_of_the_surface_between_points() {
+    // On a sphere a corner's normal is its direction, and nearer to it than the cell's own is.
+    let ball = sphere(5000, 2.0);
+    let smooth = ball.corner_normals();
+    let (mut at, mut own, mut shared) = (0, 0.0f64, 0.0f64);
+    for i in 0..ball.len() {
+        for corner in ball.outline(i) {
+            let right = corner.normalize();
+            assert!((smooth[at].length() - 1.0).abs() < 1e-4);
+            own += f64::from(ball.normals[i].distance_squared(right));
+            shared += f64::from(smooth[at].distance_squared(right));
+            at += 1;
+        }
+    }
+    assert_eq!(at, smooth.len());
+    let (own, shared) = ((own / at as f64).sqrt(), (shared / at as f64).sqrt());
+    println!("off by {shared:.4}, by the cell's own {own:.4}");
+    assert!(shared < 0.5 * own, "{shared} and {own}");
+    // Over a crease nothing is handed on.
+    let (positions, normals) = boxed(6000, Vec3::ONE, 1.0, true);
+    let boxed = cloud(positions, normals);
+    let smooth = boxed.corner_normals();
+    let mut corners = smooth.iter();
+    for i in 0..boxed.len() {
+        for normal in corners.by_ref().take(boxed.outline(i).len()) {
+            assert!(normal.dot(boxed.normals[i]) > 0.9999, "{normal}");
+        }
+    }
+}
+
+#[test]
 fn threads_change_nothing() {
     let points = || PlyPoints {
         positions: (0..40_000)

@@ -1,0 +1,184 @@
+//! A bake by rule `fmm` with links on the same points, in the running plugin under a lamp that moves: the octree solves while the plan says that it fits, the links do where a budget or the
+//! device says that it does not, and the plan names the reason. Costs are given by the test, for no test is decided by a clock.
+
+mod plugin_support;
+
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Recipe, Rule};
+use bevy_meshless_gi::frame::FrameSettings;
+use bevy_meshless_gi::plan::{Stage, TierChoice};
+use bevy_meshless_gi::plugin::MeshlessGiCost;
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};
+use std::sync::Arc;
+
+const FROM: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+const TO: Vec3 = Vec3::new(0.4, 1.4, 0.2);
+
+/// The room, baked by rule `fmm` with links below the octree.
+fn baked(order: u32) -> (Room, Arc<BakedScene>) {
+    let room = Room::cornell();
+    let bake = room.bake_as(&Recipe {
+        viewpoints: vec![[0.0, 1.0, 0.6]],
+        coarse_radius: Some(0.4),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        rays: Some(128),
+        rule: Rule::Fmm,
+        order: Some(order),
+        fallback: true,
+        ..Recipe::default()
+    });
+    (room, bake)
+}
+
+struct Stand {
+    app: App,
+    root: Entity,
+    lamp: Entity,
+    image: Handle<Image>,
+}
+
+fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
+    let mut app = app();
+    let asset = (app.world_mut().resource_mut::<Assets<MeshlessGiAsset>>()).add(MeshlessGiAsset {
+        scene: bake.clone(),
+    });
+    let root = app
+        .world_mut()
+        .spawn((MeshlessGi(asset), Transform::default()));
+    let root = root.id();
+    room.spawn(&mut app, root);
+    let image = target(&mut app);
+    app.world_mut().spawn((camera(&image, view()), indirect()));
+    let lamp = spawn_lamp(&mut app, FROM);
+    Stand {
+        app,
+        root,
+        lamp,
+        image,
+    }
+}
+
+impl Stand {
+    /// Moves the lamp, frame by frame, and leaves it at `TO`.
+    fn walk(&mut self, frames: usize) {
+        for k in 1..=frames {
+            let place = FROM.lerp(TO, k as f32 / frames as f32);
+            let world = self.app.world_mut();
+            world.get_mut::<Transform>(self.lamp).unwrap().translation = place;
+            run(&mut self.app, 1);
+        }
+    }
+
+    /// The last frame's plan, and how often what carries light from senders to receivers was dispatched in it.
+    fn solved(&self) -> (String, u32) {
+        let c = counters(&self.app);
+        assert_eq!(c.solved.len(), 1, "the lamp moved: {}", c.plan);
+        (c.plan.clone(), c.dispatches_of(Stage::Apply))
+    }
+}
+
+#[test]
+fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
+    let (room, bake) = baked(2);
+    let tiers = bake.tiers();
+    let links = bake.link_tiers();
+    assert!(links >= 1 && tiers == links + 1);
+    let mut stand = stand(&room, &bake);
+    let cpu = |tier| {
+        let settings = FrameSettings { tier, ..settings() };
+        let lights = [lamp(TO)];
+        cpu_indirect(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &lights,
+            &settings,
+        )
+    };
+    let [by_octree, by_links] = [tiers, links].map(cpu);
+    // For each reflection up and down all levels of the octree, and the places; links take one dispatch for each.
+    let levels = bake.fmm.as_ref().expect("an octree").levels() as u32;
+    let reflections = settings().sweeps + 1;
+    let walked = reflections * (2 * levels + 1);
+
+    // It fits: solved again in each frame in which the lamp moves, by the octree.
+    stand.walk(4);
+    let (plan, dispatched) = stand.solved();
+    let said = format!("with tier {tiers} of {tiers}, the octree: nothing less was asked for");
+    assert!(plan.contains(&said) && dispatched == walked, "{plan}");
+    let found = picture(&mut stand.app, &stand.image);
+    assert_alike("octree", &by_octree, &found);
+    let own = found.nrmse(&by_octree);
+    assert!(found.nrmse(&by_links) > 2.0 * own, "{own}");
+
+    // It takes too long: the links on the same points, and the plan says what the octree would take. A solve by all links takes 2 ms, by the octree ten times as long.
+    let choices = TierChoice::of(&bake, settings().sweeps);
+    let work = choices[links as usize - 1].work;
+    stand
+        .app
+        .insert_resource(MeshlessGiCost::Given(Arc::new(move |asked| {
+            if asked > work {
+                20.0
+            } else {
+                2.0 * asked as f32 / work as f32
+            }
+        })));
+    let root = stand.root;
+    let ask = |stand: &mut Stand, quality: MeshlessGiQuality| {
+        stand.app.world_mut().entity_mut(root).insert(quality);
+    };
+    ask(&mut stand, MeshlessGiQuality::FrameBudget(4.0));
+    stand.walk(20);
+    let (plan, dispatched) = stand.solved();
+    let said = format!(
+        "with tier {links} of {tiers}: 2.00 ms a solve, within 4 ms; tier {tiers}, the octree, would take"
+    );
+    assert!(plan.contains(&said) && dispatched == reflections, "{plan}");
+    let found = picture(&mut stand.app, &stand.image);
+    assert_alike("links below the octree", &by_links, &found);
+    let own = found.nrmse(&by_links);
+    assert!(found.nrmse(&by_octree) > 2.0 * own, "{own}");
+
+    // With time enough the octree stays.
+    ask(&mut stand, MeshlessGiQuality::FrameBudget(40.0));
+    stand.walk(20);
+    let (plan, dispatched) = stand.solved();
+    let said = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
+    assert!(plan.contains(said) && dispatched == walked, "{plan}");
+}
+
+#[test]
+fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
+    // No workgroup holds the expansions of this order.
+    let (room, bake) = baked(7);
+    let links = bake.link_tiers();
+    let mut stand = stand(&room, &bake);
+    stand.walk(4);
+    let (plan, dispatched) = stand.solved();
+    assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
+    let said = format!("with tier {links} of {}: all links", bake.tiers());
+    assert!(plan.contains(&said), "{plan}");
+    let said = "with its links: the octree's order is 7, the kernels take 6";
+    assert!(plan.contains(said), "{plan}");
+    let settings = FrameSettings {
+        tier: links,
+        ..settings()
+    };
+    let lights = [lamp(TO)];
+    let cpu = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights,
+        &settings,
+    );
+    assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
+}
