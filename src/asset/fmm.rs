@@ -5,7 +5,7 @@ use super::baked::{BakedScene, PointSurface};
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
-use super::sections::{COUNT, broken, items, section};
+use super::sections::{COUNT, broken, items, kind, section};
 use super::validate::Check;
 use crate::transport::fmm::lists::Entry;
 use crate::transport::fmm::terms::MOST_ORDER;
@@ -52,17 +52,6 @@ const PLACE: Layout = Layout::rows(&[
     Field::word(7).delta(),
     Field::word(11),
 ]);
-
-const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
-    Kind {
-        code,
-        name,
-        version: 1,
-        raw: layout.item_bytes() as u64,
-        memory: size_of::<T>() as u64,
-        most: u32::MAX as u64,
-    }
-}
 
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [

@@ -6,7 +6,7 @@ use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
 use super::probes::LARGEST;
-use super::sections::{COUNT, broken, items, section};
+use super::sections::{COUNT, broken, items, kind, section};
 use super::validate::{Check, LARGEST_ROW_SUM, TOLERANCE};
 use crate::scene::{Bvh, BvhTriangle};
 use crate::transport::{Link, PROBE_ROWS, Passage, Row, SenderForm, link_of_parts};
@@ -45,17 +45,6 @@ const PASSAGE: Layout = Layout::columns(&[
     Field::low(2),
     Field::high(2).delta(),
 ]);
-
-const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
-    Kind {
-        code,
-        name,
-        version: 1,
-        raw: layout.item_bytes() as u64,
-        memory: size_of::<T>() as u64,
-        most: u32::MAX as u64,
-    }
-}
 
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [

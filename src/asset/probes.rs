@@ -5,7 +5,7 @@ use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::{AssetError, Limits};
-use super::sections::{COUNT, LINK, PLANE, ROW, broken, items, limit, rebuild_grid, section};
+use super::sections::{COUNT, LINK, PLANE, ROW, broken, items, kind, limit, rebuild_grid, section};
 use super::validate::{Check, LARGEST_LINK, TOLERANCE};
 use crate::samples::{HashedGrid, Point};
 use crate::transport::{Link, PROBE_ROWS, Row, place_links};
@@ -55,17 +55,6 @@ const POINT: Layout = Layout::rows(&[
 const SHAPE_WORDS: usize = 1;
 /// Numbers of a direction are at most so large beside its part of the sphere: 15/8 · 2/3.
 pub(super) const LARGEST: f32 = 2.0;
-
-const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
-    Kind {
-        code,
-        name,
-        version: 1,
-        raw: layout.item_bytes() as u64,
-        memory: size_of::<T>() as u64,
-        most: u32::MAX as u64,
-    }
-}
 
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 5] = [

@@ -107,7 +107,8 @@ const TRIANGLE: Layout = Layout::rows(&[
 /// Most items of any array: what an index of 32 bits can reach.
 const MOST: u64 = u32::MAX as u64;
 
-const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
+/// A kind of section in its first version, of as many items as numbers of 32 bits tell apart.
+pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
     Kind {
         code,
         name,

@@ -5,7 +5,7 @@ use super::baked::BakedScene;
 use super::codec::{Field, Layout};
 use super::container::{Container, Kind, Section};
 use super::error::AssetError;
-use super::sections::{COUNT, broken, items, section};
+use super::sections::{COUNT, broken, items, kind, section};
 use super::validate::Check;
 use crate::transport::pca::{HemisphereGrid, Visibility, VisibilityCluster, VisiblePoint};
 use glam::Vec3;
@@ -34,17 +34,6 @@ const SHAPE_WORDS: usize = 2;
 const MOST_DIRECTIONS: u64 = 1 << 16;
 /// Coefficients times components: e is at most one, and no component is longer than the root of the directions.
 const LARGEST_SCALE: f32 = 1024.0;
-
-const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
-    Kind {
-        code,
-        name,
-        version: 1,
-        raw: layout.item_bytes() as u64,
-        memory: size_of::<T>() as u64,
-        most: u32::MAX as u64,
-    }
-}
 
 /// Its kinds of sections, ascending.
 pub(super) const KINDS: [Kind; 6] = [
