@@ -334,7 +334,10 @@ fn points_in_a_dome_see_lamps_in_it_and_none_outside() {
             (Vec3::new(0.09 * a - 0.9, 0.0, 0.5 + 0.04 * b), Vec3::Y)
         })
         .collect();
-    let visibility = bake(&mesh, &points);
+    let settings = VisibilitySettings::default();
+    let visibility = bake_visibility(&mesh, &points, &settings, &|_| true)
+        .unwrap()
+        .0;
     let mean = |light: &SoftLight| {
         let sum: f32 = (0..points.len())
             .map(|i| seen(&visibility, &points, i, light))
