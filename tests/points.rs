@@ -262,7 +262,10 @@ fn the_tool_takes_points_like_triangles() {
         bright += u32::from(light.x > 0.3);
     }
     // Must fail: all alike, or all dark.
-    assert!(count == told.len() && bright > 5 && (bright as usize) < count, "{bright} of {count}");
+    assert!(
+        count == told.len() && bright > 5 && (bright as usize) < count,
+        "{bright} of {count}"
+    );
     // Points changed: stale. Points beside a mesh: one level.
     let moved = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
     let mut bytes = Vec::new();

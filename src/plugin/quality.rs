@@ -7,8 +7,8 @@
 //! Bevy) nothing is known of the cost, and the picker stays with all links and says so.
 
 use super::asset::MeshlessGiAsset;
-use super::compute::largest_binding;
 use super::components::{MeshlessGi, MeshlessGiLighting};
+use super::compute::largest_binding;
 use super::diagnostics::MeshlessGiStatus;
 use crate::frame::FrameSettings;
 use crate::plan::{Picked, Picker, Quality, TierChoice, falls_back};
