@@ -573,6 +573,36 @@ fn links_of_the_documents_lead_somewhere() {
     assert_eq!(dead_links(text, |t| t == "here.md"), ["gone.md#x"]);
 }
 
+/// The tests of the plugin among `names` for which `manifest` does not ask for the engine: without it they would stop the core's tests.
+fn without_engine<'a>(names: &[&'a str], manifest: &str) -> Vec<&'a str> {
+    let asked = |name: &str| {
+        manifest.split("[[").any(|entry| {
+            entry.starts_with("test]]")
+                && entry.contains(&format!("name = \"{name}\""))
+                && entry.contains("\"engine\"")
+        })
+    };
+    (names.iter().copied())
+        .filter(|name| name.starts_with("plugin_") && !asked(name))
+        .collect()
+}
+
+#[test]
+fn the_cores_tests_need_no_engine() {
+    let pages = files("tests", &["rs"]);
+    let names: Vec<&str> = (pages.iter())
+        .filter_map(|(path, _)| path.strip_prefix("tests/")?.strip_suffix(".rs"))
+        .filter(|name| !name.contains('/'))
+        .collect();
+    assert!(names.contains(&"plugin_world") && names.contains(&"house"));
+    assert_eq!(without_engine(&names, &read("Cargo.toml")), [""; 0]);
+    let manifest = "[[test]]\nname = \"plugin_a\"\nrequired-features = [\"engine\"]\n[[test]]\nname = \"plugin_b\"\n";
+    assert_eq!(
+        without_engine(&["plugin_a", "plugin_b", "plugin_c", "d"], manifest),
+        ["plugin_b", "plugin_c"]
+    );
+}
+
 #[test]
 fn the_guide_lists_every_field_of_a_recipe() {
     let source = read("src/bake/recipe.rs");
