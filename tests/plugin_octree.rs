@@ -163,7 +163,7 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
     stand.walk(4);
     let (plan, dispatched) = stand.solved();
     assert_eq!(dispatched, settings().sweeps + 1, "{plan}");
-    let said = format!("with tier {links} of {}: all links", bake.tiers());
+    let said = format!("with tier {links} of {links}: nothing less was asked for");
     assert!(plan.contains(&said), "{plan}");
     let said = "with its links: the octree's order is 7, the kernels take 6";
     assert!(plan.contains(said), "{plan}");
@@ -181,4 +181,28 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
         &settings,
     );
     assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
+
+    // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to spend, all links stay.
+    let choices = TierChoice::of(&bake, settings.sweeps);
+    let work = choices[links as usize - 1].work;
+    assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
+    let cost = move |asked: u64| 2.0 * asked as f32 / work as f32;
+    (stand.app).insert_resource(MeshlessGiCost::Given(Arc::new(cost)));
+    let root = stand.root;
+    let ask = |stand: &mut Stand, ms: f32| {
+        let budget = MeshlessGiQuality::FrameBudget(ms);
+        stand.app.world_mut().entity_mut(root).insert(budget);
+        stand.walk(20);
+        stand.solved().0
+    };
+    let plan = ask(&mut stand, 3.0);
+    let said = "2.00 ms a solve, within 3 ms; there is no higher one";
+    assert!(plan.contains(said), "{plan}");
+    // And what is too much goes down one tier, not to the least.
+    let below = 2.0 * choices[links as usize - 2].work as f32 / work as f32;
+    let plan = ask(&mut stand, 0.5 * (below + 2.0));
+    assert!(
+        links > 2 && plan.contains(&format!("with tier {} of {links}: ", links - 1)),
+        "{plan}"
+    );
 }

@@ -5,11 +5,12 @@
 mod points_support;
 
 use bevy_meshless_gi::accuracy::Bounces;
+use bevy_meshless_gi::asset::{BakedScene, Limits};
 use bevy_meshless_gi::bake::Preset;
 use bevy_meshless_gi::samples::{Random, scatter};
 use bevy_meshless_gi::scene::{
     Geometry, Light, PlyEncoding, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box,
-    mesh_of_quads, write_ply,
+    mesh_of_quads, read_ply, write_ply,
 };
 use glam::Vec3;
 use points_support::{REFLECTIONS, baked, direct, indirect, nrmse, reference, shown};
@@ -197,6 +198,74 @@ fn the_tool_takes_points_like_triangles() {
             "{row:?}"
         );
     }
+    // The light at every point, stored in the bake and as a cloud's colours, is what `eval` says there.
+    let illuminate = |more: &[&str], out: &str| {
+        let all = [
+            "illuminate",
+            &at("one.mgi"),
+            "--scene",
+            &at("s.json"),
+            "--irradiance",
+            "-o",
+            &at(out),
+        ];
+        tool(&[&all, more].concat(), 0);
+        let cloud = read_ply(at(out)).unwrap();
+        (
+            cloud.positions,
+            cloud.normals.unwrap(),
+            cloud.albedo.unwrap(),
+        )
+    };
+    let own = illuminate(&["--store", &at("lit.mgi")], "own.ply");
+    let scan = illuminate(&["--points", &ply, "--ascii"], "scan.ply");
+    let stored = BakedScene::read(Path::new(&at("lit.mgi")), &Limits::default()).unwrap();
+    assert_eq!(stored.illumination.len(), stored.points.len());
+    assert_eq!(own.2.len(), stored.points.len());
+    for (colour, light) in own.2.iter().zip(&stored.illumination) {
+        assert!(colour.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * colour.length()));
+    }
+    let mut asked = String::from("px,py,pz,nx,ny,nz\n");
+    let mut told = Vec::new();
+    for (positions, normals, light) in [&own, &scan] {
+        for i in (0..positions.len()).step_by(positions.len() / 20) {
+            let (p, n) = (positions[i], normals[i]);
+            asked += &format!("{},{},{},{},{},{}\n", p.x, p.y, p.z, n.x, n.y, n.z);
+            told.push(light[i]);
+        }
+    }
+    fs::write(at("all.csv"), asked).unwrap();
+    tool(
+        &[
+            "eval",
+            &at("one.mgi"),
+            "--scene",
+            &at("s.json"),
+            "--points",
+            &at("all.csv"),
+            "-o",
+            &at("all_out.csv"),
+        ],
+        0,
+    );
+    let rows = fs::read_to_string(at("all_out.csv")).unwrap();
+    let (mut bright, mut count) = (0, 0);
+    for (row, told) in rows.lines().skip(1).zip(&told) {
+        let v: Vec<f32> = row.split(',').map(|v| v.parse().unwrap()).collect();
+        // Direct light, then indirect light.
+        let light = Vec3::new(v[6] + v[9], v[7] + v[10], v[8] + v[11]);
+        assert!(
+            light.abs_diff_eq(*told, 1e-4 + 2e-3 * light.length()),
+            "{light} beside {told}"
+        );
+        count += 1;
+        bright += u32::from(light.x > 0.3);
+    }
+    // Must fail: all alike, or all dark.
+    assert!(
+        count == told.len() && bright > 5 && (bright as usize) < count,
+        "{bright} of {count}"
+    );
     // Points changed: stale. Points beside a mesh: one level.
     let moved = [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
     let mut bytes = Vec::new();

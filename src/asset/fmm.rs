@@ -330,11 +330,15 @@ impl BakedScene {
     }
 }
 
+/// Places that entries of both lists between a leaf and a node name, one with another: leaves are small where a bake made them.
+const MOST_NAMED: u64 = 1 << 31;
+
 /// Entries name nodes, the right ones for their list, at distances that their expansions converge over.
 fn check_lists(octree: &FmmOperator, check: &mut Check) {
     let nodes = &octree.nodes;
     let center = |n: &FmmNode| Vec3::from_array(n.center);
     let at = |i: usize| Vec3::from_array(octree.places[i].position);
+    let mut named = 0u64;
     for (t, node) in nodes.iter().enumerate() {
         for (which, list) in node.lists().into_iter().enumerate() {
             for e in list {
@@ -357,6 +361,17 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                 check.item(leaves, "octree entries", e, || {
                     format!("of node {t} and {} is for leaves", entry.source)
                 });
+                named += match which {
+                    1 => source.source_range().len() as u64,
+                    2 => node.receiver_range().len() as u64,
+                    _ => 0,
+                };
+                if named > MOST_NAMED {
+                    check.item(false, "octree entries", e, || {
+                        format!("more than {MOST_NAMED} places in lists of leaves")
+                    });
+                    return;
+                }
                 let (size, nearest) = match which {
                     0 => (
                         node.size + source.size,

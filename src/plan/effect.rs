@@ -668,20 +668,6 @@ mod tests {
         assert_eq!(plan.linked, [(A, why)]);
         let said = plan.to_string();
         assert!(said.contains("order is 9, the kernels take 6"), "{said}");
-        state.scenes[0].tier = Some(Picked {
-            tier: 5,
-            tiers: 5,
-            octree: true,
-            why: "it was asked for".into(),
-        });
-        let linked = Plan::new(&state);
-        assert_eq!(
-            (linked.tiers[0].1.tier, linked.tiers[0].1.octree),
-            (4, false)
-        );
-        state.scenes[0].no_octree = None;
-        let held = Plan::new(&state);
-        assert_eq!((held.tiers[0].1.tier, held.tiers[0].1.octree), (5, true));
     }
 
     #[test]

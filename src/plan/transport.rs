@@ -1,7 +1,7 @@
 //! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, links that occluders are in the way of, and the operator.
 
 use super::effect::{Plan, active_scenes};
-use super::{FrameState, Picked, Reason, Skip, SkyUse, SlotChange, Stage};
+use super::{FrameState, Reason, Skip, SkyUse, SlotChange, Stage};
 
 pub(super) fn materials(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.materials_changed) {
@@ -20,16 +20,7 @@ pub(super) fn occluders(state: &FrameState, plan: &mut Plan) {
 pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state) {
         if let Some(picked) = &scene.tier {
-            let picked = match scene.no_octree {
-                Some(_) if picked.octree => Picked {
-                    tier: picked.tier - 1,
-                    octree: false,
-                    why: "all links, for the octree above them does not fit".into(),
-                    ..picked.clone()
-                },
-                _ => picked.clone(),
-            };
-            plan.tiers.push((scene.id, picked));
+            plan.tiers.push((scene.id, picked.clone()));
         }
         if let Some(why) = scene.no_octree {
             plan.linked.push((scene.id, why));

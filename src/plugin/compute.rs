@@ -405,10 +405,7 @@ pub(crate) fn compute(
         };
     }
     render.frame += 1;
-    let limits = device.limits();
-    let largest = limits
-        .max_storage_buffer_binding_size
-        .min(limits.max_buffer_size);
+    let largest = largest_binding(&device);
     let state = render.observe(&world, &soft, &volumes, &maps, largest, &coefficients);
     let plan = Plan::new(&state);
     for &id in &plan.release {
@@ -598,4 +595,10 @@ pub(crate) fn publish(
             subsplats.fetch();
         }
     }
+}
+
+/// Bytes of the largest storage buffer that the device binds.
+pub(super) fn largest_binding(device: &RenderDevice) -> u64 {
+    let limits = device.limits();
+    (limits.max_storage_buffer_binding_size).min(limits.max_buffer_size)
 }

@@ -8,14 +8,16 @@
 
 use super::asset::MeshlessGiAsset;
 use super::components::{MeshlessGi, MeshlessGiLighting};
+use super::compute::largest_binding;
 use super::diagnostics::MeshlessGiStatus;
 use crate::frame::FrameSettings;
-use crate::plan::{Picked, Picker, Quality, TierChoice};
+use crate::plan::{Picked, Picker, Quality, TierChoice, falls_back};
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use bevy::log::info;
 use bevy::reflect::prelude::*;
+use bevy::render::renderer::RenderDevice;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -52,7 +54,7 @@ impl From<MeshlessGiQuality> for Quality {
 pub struct MeshlessGiTier {
     picker: Option<Picker>,
     /// What the picker was made for.
-    made_for: Option<(usize, [u32; 2], u32)>,
+    made_for: Option<(usize, [u32; 2], u32, bool)>,
     /// When the last cost was measured.
     seen: Option<Instant>,
 }
@@ -112,6 +114,7 @@ pub(crate) fn pick(
     status: Res<MeshlessGiStatus>,
     store: Option<Res<DiagnosticsStore>>,
     cost: Res<MeshlessGiCost>,
+    device: Option<Res<RenderDevice>>,
     mut last_frame: Local<u64>,
 ) {
     // Only a budget asks what was solved.
@@ -132,11 +135,16 @@ pub(crate) fn pick(
             Some(_) => 0,
             None => (lighting.bounces.max(1) - 1).min(FrameSettings::MOST_SWEEPS),
         };
-        let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps);
+        let room = device.as_ref().map_or(u64::MAX, |d| largest_binding(d));
+        // What does not run is no choice.
+        let linked = falls_back(bake, room).is_some();
+        let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps, linked);
         if tier.made_for != Some(made_for) {
             tier.made_for = Some(made_for);
             tier.seen = None;
-            tier.picker = Some(Picker::new((*quality).into(), TierChoice::of(bake, sweeps)));
+            let mut choices = TierChoice::of(bake, sweeps);
+            choices.retain(|choice| !(linked && choice.octree));
+            tier.picker = Some(Picker::new((*quality).into(), choices));
         }
         let Some(picker) = tier.picker.as_mut().filter(|_| asks(quality)) else {
             continue;

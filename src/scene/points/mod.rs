@@ -325,17 +325,18 @@ fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
             .map(f32::to_bits)
     };
     let finite = order.len();
-    order.sort_unstable_by_key(|i| (key(*i), *i));
+    let normal = |i: u32| {
+        points
+            .normals
+            .as_ref()
+            .map_or(Vec3::ZERO, |n| unit(n[i as usize]))
+    };
+    // Of points at one place those with a normal come first: one without must not stand for them.
+    order.sort_unstable_by_key(|i| (key(*i), normal(*i) == Vec3::ZERO, *i));
     let mut kept = Vec::with_capacity(order.len());
     for place in order.chunk_by(|a, b| key(*a) == key(*b)) {
         let start = kept.len();
         for &i in place {
-            let normal = |i: u32| {
-                points
-                    .normals
-                    .as_ref()
-                    .map_or(Vec3::ZERO, |n| unit(n[i as usize]))
-            };
             let known = |k: &u32| {
                 let (a, b) = (normal(*k), normal(i));
                 a == Vec3::ZERO || b == Vec3::ZERO || a.dot(b) > SAME

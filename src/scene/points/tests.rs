@@ -30,6 +30,20 @@ fn square(count: u64) -> PointCloud {
     cloud((0..count).map(at).collect(), vec![Vec3::Z; count as usize])
 }
 
+#[test]
+fn a_point_without_a_normal_does_not_stand_for_one_that_has_it() {
+    let at: Vec<Vec3> = (0..200).map(|i| unit_square(i).extend(0.0)).collect();
+    // Each place twice, first without a normal; what is known looks another way than an estimate would.
+    let known = Vec3::new(0.6, 0.0, 0.8);
+    let positions = at.iter().flat_map(|x| [*x, *x]).collect();
+    let normals = at.iter().flat_map(|_| [Vec3::ZERO, known]).collect();
+    let found = cloud(positions, normals);
+    assert_eq!(found.positions.len(), at.len());
+    assert!(found.normals.iter().all(|n| n.abs_diff_eq(known, 1e-6)));
+    let problems = found.problems;
+    assert_eq!((problems.coincident, problems.normal_estimated), (200, 0));
+}
+
 /// Random points on the faces of a box, normals inwards (`side` -1) or outwards (1), each face `even` by a jittered grid or not.
 fn boxed(count: u64, half: Vec3, side: f32, even: bool) -> (Vec<Vec3>, Vec<Vec3>) {
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
