@@ -105,8 +105,8 @@ pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings
 pub use materials::MeshlessGiMaterials;
 pub use occluders::MeshlessGiOccluder;
 pub use points::{
-    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiPointsError, MeshlessGiPointsLoader,
-    MeshlessGiPointsSettings,
+    MeshlessGiPointCloud, MeshlessGiPointCloudPart, MeshlessGiPoints, MeshlessGiPointsError,
+    MeshlessGiPointsLoader, MeshlessGiPointsSettings,
 };
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
@@ -161,6 +161,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiOccluder>()
             .register_type::<MeshlessGiPointCloud>()
+            .register_type::<MeshlessGiPointCloudPart>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
