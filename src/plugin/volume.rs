@@ -1,11 +1,11 @@
-//! Indirect light for cameras without a G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
+//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
 //!
-//! Bevy adds a volume to every pixel of every camera that sees it, deferred ones included, which have our own display: those never see ours.
+//! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
 use super::asset::MeshlessGiAsset;
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
-use super::extract::{ExtractedGi, in_view};
+use super::extract::{ExtractedGi, draws_gbuffer, in_view};
 use super::reflective::MeshlessGiCapture;
 use crate::asset::{BakedScene, Probes};
 use crate::basis::PROBE_OVERLAP;
@@ -15,7 +15,8 @@ use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
 use bevy::camera::visibility::{RenderLayers, VisibleEntities};
-use bevy::camera::{Camera, Camera3d};
+use bevy::camera::{Camera, Camera3d, Hdr};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::ecs::hierarchy::ChildOf;
 use bevy::ecs::prelude::*;
 use bevy::image::{Image, ImageSampler};
@@ -27,11 +28,12 @@ use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages};
 use bevy::render::texture::GpuImage;
+use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
 use std::any::TypeId;
 
-/// Lights what cameras without [`MeshlessGiCamera`] draw: forward ones, those with several samples a pixel, and transparent surfaces in them. Goes beside [`MeshlessGi`]; the bake must know light in
-/// free space (recipe field `probes`).
+/// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
+/// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
 ///
 /// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Surfaces are lit between voxels: coarser than what a deferred camera shows,
 /// and walls thinner than two voxels let light of the next room through within a voxel. On devices that sample one volume at a time the nearest one counts: use one a place.
@@ -164,15 +166,32 @@ pub(crate) fn shape(
 /// Cameras with a display of their own.
 type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
 
-/// Cameras with a display of their own do not see our volumes. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
+/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer: cameras of lamps' maps do not, nor those whose display is off or
+/// cannot be. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
-    mut cameras: Query<&mut VisibleEntities, WithDisplay>,
+    mut cameras: Query<
+        (
+            &mut VisibleEntities,
+            Option<&MeshlessGiCamera>,
+            Option<&Msaa>,
+            (
+                Has<Hdr>,
+                Has<DepthPrepass>,
+                Has<NormalPrepass>,
+                Has<DeferredPrepass>,
+            ),
+        ),
+        WithDisplay,
+    >,
 ) {
     if volumes.is_empty() {
         return;
     }
-    for mut seen in &mut cameras {
+    for (mut seen, display, msaa, (hdr, depth, normal, deferred)) in &mut cameras {
+        if display.is_some_and(|d| d.enabled) && draws_gbuffer(hdr, depth, normal, deferred, msaa) {
+            continue;
+        }
         let class = TypeId::of::<ClusterVisibilityClass>();
         if seen.get(class).iter().any(|e| volumes.contains(*e)) {
             seen.get_mut(class).retain(|e| !volumes.contains(*e));
@@ -190,7 +209,18 @@ pub(crate) struct ExtractedVolume {
 
 /// All of them.
 #[derive(Resource, Default)]
-pub(crate) struct ExtractedVolumes(Vec<ExtractedVolume>);
+pub(crate) struct ExtractedVolumes {
+    all: Vec<ExtractedVolume>,
+    /// Cameras of the main world with our display that see one.
+    displays: Vec<Entity>,
+}
+
+impl ExtractedVolumes {
+    /// Whether this camera of the main world has our display and sees a volume.
+    pub fn displays(&self, camera: Entity) -> bool {
+        self.displays.contains(&camera)
+    }
+}
 
 type ForwardCameras<'w, 's> = Query<
     'w,
@@ -211,12 +241,24 @@ type ForwardCameras<'w, 's> = Query<
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,
-    volumes: Extract<Query<(&ChildOf, &Voxels, &IrradianceVolume)>>,
+    volumes: Extract<Query<(Entity, &ChildOf, &Voxels, &IrradianceVolume)>>,
     cameras: Extract<ForwardCameras>,
+    displays: Extract<Query<(Entity, &Camera, &VisibleEntities), With<MeshlessGiCamera>>>,
     images: Option<Res<RenderAssets<GpuImage>>>,
 ) {
-    out.0.clear();
-    for (parent, voxels, volume) in &volumes {
+    out.all.clear();
+    out.displays.clear();
+    if volumes.is_empty() {
+        return;
+    }
+    let seen = |(_, camera, entities): &(Entity, &Camera, &VisibleEntities)| {
+        let class = TypeId::of::<ClusterVisibilityClass>();
+        camera.is_active && entities.get(class).iter().any(|e| volumes.contains(*e))
+    };
+    let displays: Vec<_> = displays.iter().filter(seen).collect();
+    out.displays
+        .extend(displays.iter().map(|(camera, ..)| *camera));
+    for (entity, parent, voxels, volume) in &volumes {
         let id = SceneId(parent.parent().to_bits());
         let texture = images.as_ref().and_then(|i| i.get(&volume.voxels));
         let scene = world.scenes.iter().find(|s| s.id == id);
@@ -226,11 +268,15 @@ pub(crate) fn extract_volumes(
         let sees = |(camera, frustum, layers): (&Camera, &Frustum, Option<&RenderLayers>)| {
             camera.is_active && in_view(scene, frustum, &layers.cloned().unwrap_or_default())
         };
-        out.0.push(ExtractedVolume {
+        let shows = |(_, _, entities): &(Entity, &Camera, &VisibleEntities)| {
+            let class = TypeId::of::<ClusterVisibilityClass>();
+            entities.get(class).contains(&entity)
+        };
+        out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,
             texture: wgpu::TextureView::clone(&texture.texture_view),
-            seen: cameras.iter().any(sees),
+            seen: cameras.iter().any(sees) || displays.iter().any(shows),
         });
     }
 }
@@ -250,14 +296,14 @@ impl SceneVolume {
         bake: &BakedScene,
         local_from_world: &Mat4,
     ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
-        let volume = world.0.iter().find(|v| v.scene == id)?;
+        let volume = world.all.iter().find(|v| v.scene == id)?;
         let params = volume
             .voxels
             .params(bake.probes.as_ref()?, local_from_world)?;
         Some((params, volume))
     }
 
-    /// Says what cameras without a G-buffer ask of the scene.
+    /// Says what cameras ask of the scene's volume.
     pub fn observe(
         &mut self,
         world: &ExtractedVolumes,
@@ -279,9 +325,9 @@ impl SceneVolume {
         }
     }
 
-    /// Whether a camera without a G-buffer sees the scene and has a volume of it.
+    /// Whether a camera sees the scene by its volume.
     pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.0.iter().any(|v| v.scene == id && v.seen)
+        world.all.iter().any(|v| v.scene == id && v.seen)
     }
 
     /// Records the voxels of the scene's volume.
