@@ -83,7 +83,7 @@ fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     return sum / max(count, 1.0);
 }
 
-fn write(voxel: vec3u, side: u32, light: vec3f) {
+fn store(voxel: vec3u, side: u32, light: vec3f) {
     // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
     let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
     textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), 1.0));
@@ -102,7 +102,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         // The side of the voxel that has this one ahead.
         let behind = stepped(voxel, -ahead);
         if own.reached && inside(behind) {
-            write(behind, side, light);
+            store(behind, side, light);
         }
         // One's own, where nothing is ahead.
         if is_reached(stepped(voxel, ahead)) {
@@ -111,6 +111,6 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         if !own.reached {
             light = around(voxel, side, n);
         }
-        write(voxel, side, light);
+        store(voxel, side, light);
     }
 }

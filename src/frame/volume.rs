@@ -3,7 +3,7 @@
 //!
 //! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that of the voxel that lies one further along the
 //! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Walls thinner than two voxels have voxels of the next room beside those of
-//! this one: what stands closer than a voxel to such a wall, and faces it, is lit from both.
+//! this one: what stands closer than a voxel to such a wall, and faces it, is lit from both. In a level that leans (no axis of the world lies in its walls) that is so below three voxels.
 //!
 //! The light of each voxel's middle is summed once, from shares that depend on no light (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not the voxels'
 //! (a level that is turned) a side reads the voxel whose middle is nearest to the place before it. The steps to them are the same from every voxel, so that the kernel, with a thread a voxel, hands

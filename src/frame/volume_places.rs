@@ -23,9 +23,9 @@ pub const SHARE_BITS: u32 = 12;
 /// The largest part.
 const WHOLE: u32 = (1 << SHARE_BITS) - 1;
 /// Places that one task finds.
-const RUN: u32 = 512;
+const RUN: u32 = 256;
 /// Tasks between two looks at how much was done.
-const RUNS: u32 = 16;
+const RUNS: u32 = 8;
 
 const _: () = assert!(Probes::MOST <= 1 << (32 - SHARE_BITS));
 

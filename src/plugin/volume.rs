@@ -41,7 +41,7 @@ use std::any::TypeId;
 pub struct MeshlessGiVolume {
     /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and some 100 for what its middle takes from which probes. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most. Voxels become larger where they would be more.
     pub most: u32,
 }
 
@@ -226,7 +226,7 @@ pub(crate) fn extract_volumes(
 }
 
 /// How many functions of probes are looked at in a frame in which a volume's places are found: some milliseconds of one core.
-const LOOKS_A_FRAME: u64 = 1 << 20;
+const LOOKS_A_FRAME: u64 = 1 << 19;
 
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
 #[derive(Default)]
