@@ -170,7 +170,8 @@ fn a_volume_lights_no_g_buffer() {
     s.app.world_mut().spawn(eye);
     s.ask(MeshlessGiVolume::default());
     assert_eq!(s.picture().pixels, before.pixels);
-    assert_eq!(counters(&s.app).buffers, buffers + 1);
+    // Parameters, starts and shares of the places.
+    assert_eq!(counters(&s.app).buffers, buffers + 3);
     s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
 }

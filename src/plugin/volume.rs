@@ -7,9 +7,9 @@ use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::extract::{ExtractedGi, draws_gbuffer, in_view};
 use super::reflective::MeshlessGiCapture;
-use crate::asset::{BakedScene, Probes};
+use crate::asset::BakedScene;
 use crate::basis::PROBE_OVERLAP;
-use crate::frame::{VolumeParams, voxels_of};
+use crate::frame::{VolumeParams, VolumePlaces, VolumeShape, voxels_of};
 use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
@@ -22,7 +22,8 @@ use bevy::ecs::prelude::*;
 use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
-use bevy::math::{Mat4, UVec3, Vec3};
+use bevy::log::warn;
+use bevy::math::{Mat4, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
@@ -42,7 +43,7 @@ use std::any::TypeId;
 pub struct MeshlessGiVolume {
     /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels; each takes 48 bytes. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most. Voxels become larger where they would be more.
     pub most: u32,
 }
 
@@ -60,7 +61,7 @@ impl Default for MeshlessGiVolume {
 pub(crate) struct Voxels {
     low: Vec3,
     high: Vec3,
-    size: UVec3,
+    shape: VolumeShape,
     bake: AssetId<MeshlessGiAsset>,
 }
 
@@ -79,22 +80,16 @@ impl Voxels {
         // Walls at the very edge of the level lie inside.
         let (low, high) = (low - edge, high + edge);
         let size = voxels_of(high - low, edge, asked.most);
-        let made = Self {
+        Some(Self {
             low,
             high,
-            size,
+            shape: VolumeShape::new([low, high], size)?,
             bake: id,
-        };
-        made.params(probes, &Mat4::IDENTITY).map(|_| made)
-    }
-
-    fn params(&self, probes: &Probes, local_from_world: &Mat4) -> Option<VolumeParams> {
-        let grid = (&probes.grid).into();
-        VolumeParams::new([self.low, self.high], self.size, local_from_world, grid)
+        })
     }
 
     fn texture(&self) -> Image {
-        let [width, height, depth] = (self.size * UVec3::new(1, 2, 3)).to_array();
+        let [width, height, depth] = self.shape.texels().to_array();
         let size = Extent3d {
             width,
             height,
@@ -110,11 +105,6 @@ impl Voxels {
             TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING;
         image.sampler = ImageSampler::linear();
         image
-    }
-
-    /// Bytes of the texture.
-    fn bytes(&self) -> u64 {
-        self.size.to_array().map(u64::from).iter().product::<u64>() * 48
     }
 }
 
@@ -281,26 +271,31 @@ pub(crate) fn extract_volumes(
     }
 }
 
+/// How many functions of probes are looked at in a frame in which a volume's places are found: some milliseconds of one core.
+const LOOKS_A_FRAME: u64 = 1 << 19;
+
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
 #[derive(Default)]
 pub(crate) struct SceneVolume {
+    /// Found over as many frames as it takes; gone once the device has them.
+    places: Option<VolumePlaces>,
     buffers: Option<VolumeBuffers>,
     written: Option<(VolumeParams, wgpu::TextureView)>,
-    bytes: u64,
+    /// A volume that the device does not hold.
+    refused: Option<VolumeShape>,
 }
 
 impl SceneVolume {
     fn wanted<'a>(
         world: &'a ExtractedVolumes,
         id: SceneId,
-        bake: &BakedScene,
         local_from_world: &Mat4,
     ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
         let volume = world.all.iter().find(|v| v.scene == id)?;
-        let params = volume
-            .voxels
-            .params(bake.probes.as_ref()?, local_from_world)?;
-        Some((params, volume))
+        Some((
+            VolumeParams::new(&volume.voxels.shape, local_from_world),
+            volume,
+        ))
     }
 
     /// Says what cameras ask of the scene's volume.
@@ -308,10 +303,9 @@ impl SceneVolume {
         &mut self,
         world: &ExtractedVolumes,
         id: SceneId,
-        bake: &BakedScene,
         local_from_world: &Mat4,
     ) -> VolumeState {
-        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
             *self = Self::default();
             return VolumeState::default();
         };
@@ -319,7 +313,7 @@ impl SceneVolume {
             *of == params && *texture == volume.texture
         };
         VolumeState {
-            asked: true,
+            asked: self.refused != Some(volume.voxels.shape),
             seen: volume.seen,
             held: self.written.as_ref().is_some_and(held),
         }
@@ -330,7 +324,7 @@ impl SceneVolume {
         world.all.iter().any(|v| v.scene == id && v.seen)
     }
 
-    /// Records the voxels of the scene's volume.
+    /// Records the voxels of the scene's volume; those of a new one as soon as all its places are found.
     #[expect(
         clippy::too_many_arguments,
         reason = "a volume, and what it is recorded with"
@@ -346,18 +340,53 @@ impl SceneVolume {
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
             return;
         };
-        let buffers = (self.buffers).get_or_insert_with(|| VolumeBuffers::new(kernels.device()));
-        frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
-        self.bytes = buffers.bytes() + volume.voxels.bytes();
-        self.written = Some((params, volume.texture.clone()));
+        self.prepare(volume.voxels.shape, bake, kernels, queue);
+        if let Some(buffers) = &self.buffers {
+            frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
+            self.written = Some((params, volume.texture.clone()));
+        }
+    }
+
+    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is done.
+    fn prepare(
+        &mut self,
+        shape: VolumeShape,
+        bake: &BakedScene,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+    ) {
+        if self.buffers.as_ref().is_some_and(|b| *b.shape() == shape) {
+            return;
+        }
+        self.buffers = None;
+        let Some(probes) = &bake.probes else {
+            return;
+        };
+        let begun = self.places.take().filter(|p| *p.shape() == shape);
+        let mut places = begun.unwrap_or_else(|| VolumePlaces::new(shape));
+        if !places.find(probes, LOOKS_A_FRAME) {
+            self.places = Some(places);
+            return;
+        }
+        match VolumeBuffers::new(kernels.device(), queue, &places) {
+            Ok(buffers) => self.buffers = Some(buffers),
+            Err(why) => {
+                warn!("a volume for forward cameras stays dark: {why}");
+                self.refused = Some(shape);
+            }
+        }
     }
 
     /// Buffers, and bytes of them and the texture.
     pub fn size(&self) -> (u32, u64) {
-        (u32::from(self.buffers.is_some()), self.bytes)
+        let Some(buffers) = &self.buffers else {
+            return (0, 0);
+        };
+        let texture = 8 * u64::from(buffers.shape().texels().element_product());
+        (buffers.count(), buffers.bytes() + texture)
     }
 }
 
