@@ -149,7 +149,7 @@ fn large_clouds_are_drawn_in_parts() {
         };
         PointCloud::new(points, &[]).expect("a plane")
     };
-    let mut add = |app: &mut App, cloud: PointCloud| {
+    let add = |app: &mut App, cloud: PointCloud| {
         let world = app.world_mut();
         world.resource_scope(|world, mut meshes: Mut<Assets<Mesh>>| {
             let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
