@@ -2,9 +2,11 @@
 
 mod plugin_support;
 
+use bevy::camera::visibility::RenderLayers;
+use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
-use bevy_meshless_gi::plugin::MeshlessGiPoints;
+use bevy_meshless_gi::plugin::{MeshlessGiPointCloudPart, MeshlessGiPoints};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::samples::scatter;
 use bevy_meshless_gi::scene::{
@@ -159,7 +161,10 @@ fn large_clouds_are_drawn_in_parts() {
     };
     let large = add(&mut app, plane(500));
     let small = add(&mut app, plane(20));
-    let entity = app.world_mut().spawn(MeshlessGiPointCloud(large)).id();
+    let entity = app
+        .world_mut()
+        .spawn(MeshlessGiPointCloud(large.clone()))
+        .id();
     run(&mut app, 2);
     let drawn = |app: &mut App| {
         let mut all = app
@@ -193,13 +198,29 @@ fn large_clouds_are_drawn_in_parts() {
         .insert(MeshMaterial3d(other));
     run(&mut app, 2);
     assert_eq!(drawn(&mut app).1, [id; 4]);
-    app.world_mut()
-        .entity_mut(entity)
-        .insert(MeshlessGiPointCloud(small));
+    // Other layers, and no shadow.
+    let layers = RenderLayers::layer(3);
+    (app.world_mut().entity_mut(entity)).insert((layers.clone(), NotShadowCaster));
     run(&mut app, 2);
-    let (vertices, materials) = drawn(&mut app);
+    let mut parts = app
+        .world_mut()
+        .query_filtered::<(&RenderLayers, Has<NotShadowCaster>), With<MeshlessGiPointCloudPart>>();
+    let parts: Vec<_> = parts.iter(app.world()).collect();
+    assert_eq!(parts, [(&layers, true); 3]);
+    let draw = |app: &mut App, cloud: Handle<MeshlessGiPoints>| {
+        let mut entity = app.world_mut().entity_mut(entity);
+        entity.insert(MeshlessGiPointCloud(cloud));
+        run(app, 2);
+        drawn(app)
+    };
+    let (vertices, materials) = draw(&mut app, small);
     assert_eq!((vertices.len(), materials), (1, vec![id]));
     assert!(vertices[0] < 10_000);
+    // No cloud any more.
+    assert_eq!(draw(&mut app, large).0.len(), 4);
+    (app.world_mut().entity_mut(entity)).remove::<MeshlessGiPointCloud>();
+    run(&mut app, 2);
+    assert!(drawn(&mut app).0.is_empty());
 }
 
 #[test]

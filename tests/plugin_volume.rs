@@ -2,7 +2,9 @@
 
 mod plugin_support;
 
+use bevy::camera::visibility::VisibleEntities;
 use bevy::light::IrradianceVolume;
+use bevy::light::cluster::ClusterVisibilityClass;
 use bevy::material::OpaqueRendererMethod;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
@@ -102,6 +104,28 @@ impl Shown {
         run(&mut self.app, 4);
     }
 
+    /// Waits until the deferred camera sees the volume: what lights its G-buffer without it is compiled meanwhile.
+    fn wait(&mut self) {
+        let sees = |app: &mut App| {
+            let mut cameras = app
+                .world_mut()
+                .query_filtered::<&VisibleEntities, With<MeshlessGiCamera>>();
+            let seen = cameras.iter(app.world());
+            let class = std::any::TypeId::of::<ClusterVisibilityClass>();
+            let seen: Vec<Entity> = seen.flat_map(|e| e.get(class)).copied().collect();
+            let volume = |e: &Entity| app.world().get::<IrradianceVolume>(*e).is_some();
+            seen.iter().any(volume)
+        };
+        for _ in 0..10_000 {
+            run(&mut self.app, 1);
+            if sees(&mut self.app) {
+                run(&mut self.app, 3);
+                return;
+            }
+        }
+        panic!("the camera never sees the volume");
+    }
+
     fn move_lamp(&mut self, place: Vec3) {
         let mut lamp = self
             .app
@@ -169,6 +193,7 @@ fn a_volume_lights_no_g_buffer() {
     let eye = (camera(&other, view()), bevy::camera::Hdr, Msaa::Sample4);
     s.app.world_mut().spawn(eye);
     s.ask(MeshlessGiVolume::default());
+    s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
     // Parameters, starts and shares of the places.
     assert_eq!(counters(&s.app).buffers, buffers + 3);
@@ -214,6 +239,7 @@ fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
             .clear();
         let dark = s.picture();
         s.ask(MeshlessGiVolume::default());
+        s.wait();
         let lit = s.picture();
         assert_eq!(told(&s), []);
         keep(&format!("volume_{name}"), &expected.beside(&lit));

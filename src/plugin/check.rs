@@ -71,7 +71,7 @@ impl MeshlessGiFinding {
                  Give it a black `diffuse_map` and keep its reflections."
             }
             Self::IrradianceVolume => {
-                "An `IrradianceVolume` and a baked scene are both visible: deferred pixels get both. Remove the volume, or set its \
+                "An `IrradianceVolume` of the game's and a baked scene are both visible: deferred pixels get both, unless a `MeshlessGiVolume` is in view. Remove the volume, or set its \
                  `intensity` to 0."
             }
             Self::LightProbe => {

@@ -7,52 +7,73 @@ use super::volume::ExtractedVolumes;
 use bevy::ecs::prelude::*;
 use bevy::pbr::deferred::{DeferredLightingLayout, DeferredLightingPipeline, SkipDeferredLighting};
 use bevy::pbr::{MeshPipelineKey, ViewKeyCache};
-use bevy::platform::collections::HashMap;
+use bevy::platform::collections::{HashMap, HashSet};
 use bevy::render::camera::ExtractedCamera;
 use bevy::render::render_resource::{
     CachedRenderPipelineId, PipelineCache, SpecializedRenderPipeline,
 };
 use bevy::render::view::ExtractedView;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// What says in Bevy's shaders that a view has volumes.
 const VOLUMES: &str = "IRRADIANCE_VOLUME";
 
-/// Bevy's deferred lighting without volumes, by what it is specialised for.
+/// Bevy's deferred lighting without volumes, by what it is specialised for. Made anew with the device.
 #[derive(Resource, Default)]
 pub(crate) struct WithoutVolumes(HashMap<MeshPipelineKey, CachedRenderPipelineId>);
 
-/// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one of ours. Runs behind Bevy's choice of that pipeline.
+/// Cameras of the main world whose G-buffer can be lit without volumes now: the pipeline is compiled. Until then they see none, or the G-buffer would be dark meanwhile. Shared by both worlds.
+#[derive(Resource, Clone, Default)]
+pub(crate) struct ReadyDisplays(Arc<Mutex<HashSet<Entity>>>);
+
+impl ReadyDisplays {
+    /// Whether this one is among them.
+    pub fn contains(&self, camera: Entity) -> bool {
+        let ready = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        ready.contains(&camera)
+    }
+}
+
+/// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 pub(crate) fn leave_volumes_out(
     mut commands: Commands,
     mut made: ResMut<WithoutVolumes>,
+    ready: Res<ReadyDisplays>,
     world: Res<ExtractedVolumes>,
     pipelines: Res<PipelineCache>,
     layout: Option<Res<DeferredLightingLayout>>,
     keys: Option<Res<ViewKeyCache>>,
     views: Query<(Entity, &ExtractedView), (With<ExtractedCamera>, Without<SkipDeferredLighting>)>,
 ) {
+    let mut ready = ready.0.lock().unwrap_or_else(PoisonError::into_inner);
+    ready.clear();
     let (Some(layout), Some(keys)) = (layout, keys) else {
         return;
     };
     for (entity, view) in &views {
         let id = &view.retained_view_entity;
-        if !world.displays(id.main_entity.id()) {
-            continue;
-        }
-        let Some(key) = keys.get(id) else {
+        let camera = id.main_entity.id();
+        let (Some(sees), Some(key)) = (world.display(camera), keys.get(id)) else {
             continue;
         };
-        if !key.contains(MeshPipelineKey::IRRADIANCE_VOLUME) {
-            continue;
-        }
-        let pipeline_id = *made.0.entry(*key).or_insert_with(|| {
-            let mut descriptor = layout.specialize(*key);
+        let lit = *key | MeshPipelineKey::IRRADIANCE_VOLUME;
+        let pipeline_id = *made.0.entry(lit).or_insert_with(|| {
+            let mut descriptor = layout.specialize(lit);
             if let Some(fragment) = &mut descriptor.fragment {
                 (fragment.shader_defs).retain(|def| *def != VOLUMES.into());
             }
             pipelines.queue_render_pipeline(descriptor)
         });
-        let pipeline = DeferredLightingPipeline { pipeline_id };
-        commands.entity(entity).insert(pipeline);
+        if pipelines.get_render_pipeline(pipeline_id).is_some() {
+            ready.insert(camera);
+        }
+        if sees && *key == lit {
+            let pipeline = DeferredLightingPipeline { pipeline_id };
+            commands.entity(entity).insert(pipeline);
+        }
     }
 }

@@ -133,7 +133,7 @@ use bevy::mesh::Mesh;
 use bevy::pbr::deferred::prepare_deferred_lighting_pipelines;
 use bevy::pbr::{DefaultOpaqueRendererMethod, StandardMaterial, main_transmissive_pass_3d};
 use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
-use bevy::render::{ExtractSchedule, Render, RenderApp, RenderSystems};
+use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems};
 use bevy::transform::TransformSystems;
 
 /// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
@@ -174,6 +174,7 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<MeshlessGiSettings>()
             .init_resource::<MeshlessGiFindings>()
             .init_resource::<MeshlessGiCost>()
+            .init_resource::<deferred::ReadyDisplays>()
             .init_resource::<MeshlessGiCoefficients>()
             .init_resource::<reflective::AskingLights>()
             .init_asset::<MeshlessGiAsset>()
@@ -187,7 +188,12 @@ impl Plugin for MeshlessGiPlugin {
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
             // After assets have come, and before transforms and bounds of new meshes are made.
-            .add_systems(Update, points::draw.in_set(MeshlessGiSystems::Points))
+            .add_systems(
+                Update,
+                (points::draw, points::follow)
+                    .chain()
+                    .in_set(MeshlessGiSystems::Points),
+            )
             .add_systems(
                 PostUpdate,
                 (reflective::mark, reflective::aim)
@@ -240,6 +246,7 @@ impl Plugin for MeshlessGiPlugin {
     fn finish(&self, app: &mut App) {
         let status = app.world().resource::<MeshlessGiStatus>().clone();
         let coefficients = app.world().resource::<MeshlessGiCoefficients>().clone();
+        let ready = app.world().resource::<deferred::ReadyDisplays>().clone();
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
             warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
             return;
@@ -279,7 +286,8 @@ impl Plugin for MeshlessGiPlugin {
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
             )
-            .init_resource::<deferred::WithoutVolumes>()
+            .init_gpu_resource::<deferred::WithoutVolumes>()
+            .insert_resource(ready)
             .add_systems(
                 Render,
                 (

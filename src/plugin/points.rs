@@ -10,9 +10,10 @@ use crate::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
 use bevy::asset::RenderAssetUsages;
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetEvent, AssetId, AssetLoader, Assets, Handle, LoadContext};
-use bevy::camera::visibility::Visibility;
+use bevy::camera::visibility::{RenderLayers, Visibility};
 use bevy::color::Color;
 use bevy::ecs::prelude::*;
+use bevy::light::{NotShadowCaster, NotShadowReceiver};
 use bevy::log::info;
 use bevy::math::Vec3;
 use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
@@ -180,26 +181,37 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
     .with_inserted_indices(Indices::U32(indices))
 }
 
-/// Draws a part of the point cloud of its parent, whose first part the parent draws itself: clouds of more than 100,000 points have such children. They go with the cloud.
+/// Draws a part of the point cloud of its parent, whose first part the parent draws itself: clouds of more than 100,000 points have such children. They go with the cloud, and have its material,
+/// its `RenderLayers`, `NotShadowCaster` and `NotShadowReceiver`.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiPointCloudPart;
 
-/// Gives point clouds what they are drawn as, and their parts the cloud's material.
-#[allow(clippy::type_complexity, reason = "queries' filters")]
+/// Gives point clouds what they are drawn as, and takes it from those that are none any more.
 pub(crate) fn draw(
     mut commands: Commands,
     assets: Res<Assets<MeshlessGiPoints>>,
     mut events: MessageReader<AssetEvent<MeshlessGiPoints>>,
+    mut removed: RemovedComponents<MeshlessGiPointCloud>,
     clouds: Query<(
         Entity,
         Ref<MeshlessGiPointCloud>,
         Option<&Mesh3d>,
-        Option<Ref<MeshMaterial3d<StandardMaterial>>>,
-        Option<&Children>,
+        Has<MeshMaterial3d<StandardMaterial>>,
     )>,
-    parts: Query<Option<&MeshMaterial3d<StandardMaterial>>, With<MeshlessGiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf), With<MeshlessGiPointCloudPart>>,
 ) {
+    let clear = |commands: &mut Commands, cloud: Entity| {
+        for (part, _) in parts.iter().filter(|(_, of)| of.parent() == cloud) {
+            commands.entity(part).despawn();
+        }
+    };
+    for id in removed.read().filter(|id| !clouds.contains(*id)) {
+        clear(&mut commands, id);
+        if let Ok(mut entity) = commands.get_entity(id) {
+            entity.try_remove::<Mesh3d>();
+        }
+    }
     let news: Vec<AssetId<MeshlessGiPoints>> = events
         .read()
         .filter_map(|event| match event {
@@ -207,43 +219,66 @@ pub(crate) fn draw(
             _ => None,
         })
         .collect();
-    for (entity, cloud, mesh, material, children) in &clouds {
-        let children = children.into_iter().flatten().copied();
-        let own_parts = || children.clone().filter(|child| parts.contains(*child));
+    for (id, cloud, mesh, has_material) in &clouds {
         if !cloud.is_changed() && !news.contains(&cloud.0.id()) {
-            // A game gives the cloud another material at any time.
-            if let Some(material) = material.filter(Ref::is_changed) {
-                let differs = |part: &Entity| parts.get(*part).ok().flatten() != Some(&*material);
-                for part in own_parts().filter(differs) {
-                    commands.entity(part).insert((*material).clone());
-                }
-            }
             continue;
         }
-        let Some((points, first)) =
-            (assets.get(&cloud.0)).and_then(|points| Some((points, points.meshes.first()?)))
-        else {
+        let points = assets.get(&cloud.0);
+        let Some((points, [first, others @ ..])) = points.map(|p| (p, p.meshes.as_slice())) else {
             continue;
         };
-        let drawn = material.map_or_else(
-            || MeshMaterial3d(points.material.clone()),
-            |material| (*material).clone(),
-        );
-        for part in own_parts() {
-            commands.entity(part).despawn();
+        clear(&mut commands, id);
+        for mesh in others {
+            commands.spawn((MeshlessGiPointCloudPart, Mesh3d(mesh.clone()), ChildOf(id)));
         }
-        for mesh in &points.meshes[1..] {
-            commands.spawn((
-                MeshlessGiPointCloudPart,
-                Mesh3d(mesh.clone()),
-                drawn.clone(),
-                ChildOf(entity),
-            ));
-        }
-        let mut entity = commands.entity(entity);
+        let mut entity = commands.entity(id);
         if mesh.is_none_or(|mesh| mesh.0 != *first) {
             entity.insert(Mesh3d(first.clone()));
         }
-        entity.insert_if_new(drawn);
+        if !has_material {
+            entity.insert(MeshMaterial3d(points.material.clone()));
+        }
+    }
+}
+
+/// What the parts of a cloud have from it.
+type Drawn = (
+    Option<&'static MeshMaterial3d<StandardMaterial>>,
+    Option<&'static RenderLayers>,
+    Has<NotShadowCaster>,
+    Has<NotShadowReceiver>,
+);
+
+/// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind [`draw`].
+pub(crate) fn follow(
+    mut commands: Commands,
+    parts: Query<(Entity, &ChildOf, Drawn), With<MeshlessGiPointCloudPart>>,
+    clouds: Query<Drawn, Without<MeshlessGiPointCloudPart>>,
+) {
+    for (part, of, own) in &parts {
+        let Ok(cloud) = clouds.get(of.parent()) else {
+            continue;
+        };
+        if own == cloud {
+            continue;
+        }
+        let mut part = commands.entity(part);
+        let (material, layers, no_caster, no_receiver) = cloud;
+        match material {
+            Some(material) => part.insert(material.clone()),
+            None => part.remove::<MeshMaterial3d<StandardMaterial>>(),
+        };
+        match layers {
+            Some(layers) => part.insert(layers.clone()),
+            None => part.remove::<RenderLayers>(),
+        };
+        match no_caster {
+            true => part.insert(NotShadowCaster),
+            false => part.remove::<NotShadowCaster>(),
+        };
+        match no_receiver {
+            true => part.insert(NotShadowReceiver),
+            false => part.remove::<NotShadowReceiver>(),
+        };
     }
 }

@@ -4,12 +4,14 @@
 //! environment light adds its diffuse part on top of it, which [`check`](super::check) tells.
 
 use crate::scene::SkyRadiance;
-use bevy::asset::RenderAssetUsages;
+use bevy::asset::{Assets, RenderAssetUsages};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
-use bevy::image::Image;
-use bevy::math::Vec3;
+use bevy::image::{Image, TextureFormatPixelInfo};
+use bevy::light::EnvironmentMapLight;
+use bevy::math::{Quat, Vec3};
 use bevy::reflect::prelude::*;
+use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureFormat};
 
 /// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q symmetric and without trace. Goes beside
 /// [`MeshlessGi`](super::MeshlessGi), may change in any frame, and is added to [`MeshlessGiLighting::sky`](super::MeshlessGiLighting::sky). A bake made
@@ -38,6 +40,9 @@ pub enum MeshlessGiSkyError {
     /// Its texels are on the GPU alone: load it with [`RenderAssetUsages::MAIN_WORLD`].
     #[error("the image has no texels on the CPU: load it with `RenderAssetUsages::default()`")]
     NoData,
+    /// The environment light's `specular_map` is not loaded.
+    #[error("the environment map is not loaded")]
+    NotLoaded,
     /// Its texels cannot be read on the CPU.
     #[error("texels of this format cannot be read: {0}")]
     Format(String),
@@ -56,6 +61,25 @@ impl MeshlessGiSky {
     /// # Errors
     /// [`MeshlessGiSkyError`]: compressed texels, for instance, are not read.
     pub fn from_cubemap(image: &Image, brightness: f32) -> Result<Self, MeshlessGiSkyError> {
+        Self::turned(image, brightness, Quat::IDENTITY)
+    }
+
+    /// The sky that one of Bevy's environment lights shines with: the sharpest level of its `specular_map`, turned and as bright as it says. Take the light away, or blacken its `diffuse_map`, or its
+    /// light counts twice.
+    ///
+    /// # Errors
+    /// [`MeshlessGiSkyError`], also where the map is not loaded (yet).
+    pub fn from_environment_map(
+        light: &EnvironmentMapLight,
+        images: &Assets<Image>,
+    ) -> Result<Self, MeshlessGiSkyError> {
+        let map = images.get(&light.specular_map);
+        let map = map.ok_or(MeshlessGiSkyError::NotLoaded)?;
+        Self::turned(map, light.intensity, light.rotation)
+    }
+
+    /// The sky of a cubemap that is turned so in the world.
+    fn turned(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, MeshlessGiSkyError> {
         let size = image.texture_descriptor.size;
         let (n, layers) = (size.width, size.depth_or_array_layers);
         if layers != 6 || n != size.height || n == 0 {
@@ -69,22 +93,15 @@ impl MeshlessGiSky {
             debug_assert!(!image.asset_usage.contains(RenderAssetUsages::MAIN_WORLD));
             return Err(MeshlessGiSkyError::NoData);
         }
-        // Nine numbers need no more than this many texels a side.
-        let step = (n / 64).max(1);
-        let mut samples = Vec::new();
-        for face in 0..6 {
-            for y in (0..n).step_by(step as usize) {
-                for x in (0..n).step_by(step as usize) {
-                    let colour = image.get_color_at_3d(x, y, face);
-                    let colour = colour.map_err(|e| MeshlessGiSkyError::Format(e.to_string()))?;
-                    let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-                    let way = towards(face, at(x), at(y));
-                    // A texel's solid angle falls with the cube of its distance.
-                    let angle = way.length().powi(-3);
-                    let radiance = LinearRgba::from(colour).to_vec3() * brightness;
-                    samples.push((way.normalize(), angle, radiance));
-                }
-            }
+        let texels = texels(image)?;
+        let mut samples = Vec::with_capacity(texels.len());
+        for (k, radiance) in (0..).zip(texels) {
+            let (x, y, face) = (k % n, k / n % n, k / (n * n));
+            let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
+            let way = towards(face, at(x), at(y));
+            // A texel's solid angle falls with the cube of its distance. Every texel counts: a sun may be a few of them.
+            let angle = way.length().powi(-3);
+            samples.push((rotation * way.normalize(), angle, radiance * brightness));
         }
         Ok(SkyRadiance::of_map(samples).into())
     }
@@ -105,6 +122,54 @@ impl From<SkyRadiance> for MeshlessGiSky {
     }
 }
 
+/// The linear colours of a cubemap's largest level, face after face, row after row.
+fn texels(image: &Image) -> Result<Vec<Vec3>, MeshlessGiSkyError> {
+    let descriptor = &image.texture_descriptor;
+    let format = descriptor.format;
+    let wrong = |why: String| MeshlessGiSkyError::Format(why);
+    let bytes = format.pixel_size().map_err(|e| wrong(e.to_string()))?;
+    let data = image.data.as_deref().ok_or(MeshlessGiSkyError::NoData)?;
+    let n = descriptor.size.width as usize;
+    let level = |m: u32| (n >> m).max(1).pow(2) * bytes;
+    let face = match image.data_order {
+        TextureDataOrder::LayerMajor => (0..descriptor.mip_level_count.clamp(1, 32))
+            .map(level)
+            .sum(),
+        TextureDataOrder::MipMajor => level(0),
+    };
+    let mut flat = Vec::with_capacity(6 * level(0));
+    for k in 0..6 {
+        let base = data.get(k * face..k * face + level(0));
+        flat.extend_from_slice(base.ok_or_else(|| wrong(format!("{} bytes", data.len())))?);
+    }
+    if format == TextureFormat::Rgb9e5Ufloat {
+        let words = flat.chunks_exact(4).map(|b| [b[0], b[1], b[2], b[3]]);
+        return Ok(words
+            .map(|b| shared_exponent(u32::from_le_bytes(b)))
+            .collect());
+    }
+    let size = descriptor.size;
+    let usage = RenderAssetUsages::MAIN_WORLD;
+    let flat = Image::new(size, TextureDimension::D2, flat, format, usage);
+    let mut found = Vec::with_capacity(6 * n * n);
+    for face in 0..6 {
+        for y in 0..size.height {
+            for x in 0..size.width {
+                let colour = flat.get_color_at_3d(x, y, face);
+                let colour = colour.map_err(|e| wrong(e.to_string()))?;
+                found.push(LinearRgba::from(colour).to_vec3());
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Three mantissas of nine bits, red the lowest, and their exponent of five bits above: the format `Rgb9e5Ufloat`, which most environment maps have.
+fn shared_exponent(word: u32) -> Vec3 {
+    let scale = f32::exp2((word >> 27) as f32 - 24.0);
+    Vec3::from_array([0, 9, 18].map(|k| (word >> k & 0x1ff) as f32 * scale))
+}
+
 /// Where the world lies from the middle of a cube through place (s, t) of a face, both within ±1 and t downwards. Cubemaps are left-handed, the world is not.
 fn towards(face: u32, s: f32, t: f32) -> Vec3 {
     let way = match face {
@@ -121,7 +186,7 @@ fn towards(face: u32, s: f32, t: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+    use bevy::render::render_resource::Extent3d;
 
     fn cubemap(n: u32, colour: impl Fn(Vec3) -> Vec3) -> Image {
         let mut data = Vec::new();
@@ -163,6 +228,75 @@ mod tests {
         for (a, b) in found.iter().zip(right) {
             assert!((*a - b).length() < 0.01, "{a} {b}");
         }
+    }
+
+    /// A map of 256 texels a side with smaller levels behind each face, in the format of environment maps: half a dozen bright texels in a dark sky.
+    #[test]
+    fn an_environment_map_with_a_small_sun_counts_every_texel() {
+        let n = 256u32;
+        // 2¹⁰ in red, half of that in green: mantissa 256 and 128, exponent 26 (256 · 2² = 1024).
+        let sun = (26u32 << 27) | (128 << 9) | 256;
+        let at = [
+            (100, 37),
+            (101, 37),
+            (100, 38),
+            (101, 38),
+            (102, 39),
+            (103, 41),
+        ];
+        let mut data = Vec::new();
+        for face in 0..6 {
+            for level in 0..9 {
+                let side = n >> level;
+                for k in 0..side * side {
+                    let lit = face == 2 && level == 0 && at.contains(&(k % n, k / n));
+                    // What is in smaller levels must not matter.
+                    let word = if lit || level > 0 { sun } else { 0 };
+                    data.extend(word.to_le_bytes());
+                }
+            }
+        }
+        let size = Extent3d {
+            width: n,
+            height: n,
+            depth_or_array_layers: 6,
+        };
+        let usage = RenderAssetUsages::default();
+        let format = TextureFormat::Rgb9e5Ufloat;
+        let mut image = Image::new_fill(size, TextureDimension::D2, &[0; 4], format, usage);
+        image.texture_descriptor.mip_level_count = 9;
+        image.data = Some(data);
+        let mut images = Assets::<Image>::default();
+        let turn = Quat::from_rotation_z(-std::f32::consts::FRAC_PI_2);
+        let mut light = EnvironmentMapLight {
+            specular_map: images.add(image),
+            intensity: 3.0,
+            rotation: Quat::IDENTITY,
+            ..Default::default()
+        };
+        let (mut mean, mut way) = (Vec3::ZERO, Vec3::ZERO);
+        for (x, y) in at {
+            let place = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
+            let to = towards(2, place(x), place(y));
+            let angle = 4.0 / (n * n) as f32 * to.length().powi(-3);
+            let share = angle / (4.0 * std::f32::consts::PI);
+            mean += 3.0 * share * Vec3::new(1024.0, 512.0, 0.0);
+            way += to.normalize() / at.len() as f32;
+        }
+        let sky = MeshlessGiSky::from_environment_map(&light, &images).unwrap();
+        let [c, x, y, z, ..] = sky.coefficients;
+        assert!((c - mean).length() < 1e-3 * mean.length(), "{c} {mean}");
+        // The second coefficients of a sun: three times its mean, along its direction.
+        let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
+        assert!((along - way).length() < 0.01, "{along} {way}");
+        light.rotation = turn;
+        let sky = MeshlessGiSky::from_environment_map(&light, &images).unwrap();
+        let [_, x, y, z, ..] = sky.coefficients;
+        let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
+        assert!((along - turn * way).length() < 0.01, "{along} {way}");
+        light.specular_map = Default::default();
+        let none = MeshlessGiSky::from_environment_map(&light, &images);
+        assert_eq!(none, Err(MeshlessGiSkyError::NotLoaded));
     }
 
     #[test]

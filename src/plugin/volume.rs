@@ -5,6 +5,7 @@
 use super::asset::MeshlessGiAsset;
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
+use super::deferred::ReadyDisplays;
 use super::extract::{ExtractedGi, draws_gbuffer, in_view};
 use super::reflective::MeshlessGiCapture;
 use crate::asset::BakedScene;
@@ -32,6 +33,7 @@ use bevy::render::texture::GpuImage;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
 use std::any::TypeId;
+use std::sync::Arc;
 
 /// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
 /// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
@@ -56,22 +58,41 @@ impl Default for MeshlessGiVolume {
     }
 }
 
+impl MeshlessGiVolume {
+    /// The same, no number like no number.
+    fn same(&self, other: &Self) -> bool {
+        let bits = |v: &Self| (v.voxel.map(f32::to_bits), v.most);
+        bits(self) == bits(other)
+    }
+}
+
 /// The child with the volume: where it lies in the bake's space, metres, and what it was made for.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Voxels {
     low: Vec3,
     high: Vec3,
     shape: VolumeShape,
-    bake: AssetId<MeshlessGiAsset>,
+    /// The bake, also where another takes its place under the same handle, and what was asked for.
+    bake: (AssetId<MeshlessGiAsset>, usize),
+    asked: MeshlessGiVolume,
+}
+
+/// Which bake an asset holds now.
+fn which(
+    id: AssetId<MeshlessGiAsset>,
+    asset: &MeshlessGiAsset,
+) -> (AssetId<MeshlessGiAsset>, usize) {
+    (id, Arc::as_ptr(&asset.scene) as usize)
 }
 
 impl Voxels {
     /// The volume of a bake; none where it knows no light in free space.
     fn new(
         asked: &MeshlessGiVolume,
-        bake: &BakedScene,
+        asset: &MeshlessGiAsset,
         id: AssetId<MeshlessGiAsset>,
     ) -> Option<Self> {
+        let bake = &asset.scene;
         let probes = bake.probes.as_ref()?;
         let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
         let edge = asked.voxel.filter(|e| e.is_finite() && *e > 0.0);
@@ -84,7 +105,8 @@ impl Voxels {
             low,
             high,
             shape: VolumeShape::new([low, high], size)?,
-            bake: id,
+            bake: which(id, asset),
+            asked: *asked,
         })
     }
 
@@ -116,26 +138,36 @@ pub(crate) fn shape(
         &MeshlessGiVolume,
         Option<&RenderLayers>,
     )>,
-    made: Query<(Entity, &ChildOf, &Voxels)>,
+    made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
     assets: Res<Assets<MeshlessGiAsset>>,
     mut images: ResMut<Assets<Image>>,
     mut commands: Commands,
 ) {
-    let wanted = |root: Entity| {
-        let (_, gi, asked, _) = roots.get(root).ok()?;
-        Voxels::new(asked, &assets.get(&gi.0)?.scene, gi.0.id())
-    };
     let mut standing = Vec::new();
-    for (child, parent, voxels) in &made {
+    for (child, parent, voxels, layers) in &made {
         let root = parent.parent();
-        if wanted(root) == Some(*voxels) && !standing.contains(&root) {
-            standing.push(root);
-        } else {
-            commands.entity(child).despawn();
+        let still =
+            |(_, gi, asked, own): &(_, &MeshlessGi, &MeshlessGiVolume, Option<&RenderLayers>)| {
+                let now = assets.get(&gi.0).map(|asset| which(gi.0.id(), asset));
+                (now == Some(voxels.bake) && asked.same(&voxels.asked))
+                    .then(|| own.cloned().unwrap_or_default())
+            };
+        match roots.get(root).ok().as_ref().and_then(still) {
+            Some(own) if !standing.contains(&root) => {
+                standing.push(root);
+                if own != *layers {
+                    commands.entity(child).insert(own);
+                }
+            }
+            _ => commands.entity(child).despawn(),
         }
     }
-    for (root, _, _, layers) in &roots {
-        let Some(voxels) = wanted(root).filter(|_| !standing.contains(&root)) else {
+    for (root, gi, asked, layers) in &roots {
+        if standing.contains(&root) {
+            continue;
+        }
+        let asset = assets.get(&gi.0);
+        let Some(voxels) = asset.and_then(|asset| Voxels::new(asked, asset, gi.0.id())) else {
             continue;
         };
         commands.spawn((
@@ -156,30 +188,41 @@ pub(crate) fn shape(
 /// Cameras with a display of their own.
 type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
 
-/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer: cameras of lamps' maps do not, nor those whose display is off or
+/// What a camera's display hangs on.
+type DisplayParts = (
+    Option<&'static MeshlessGiCamera>,
+    Option<&'static Msaa>,
+    (
+        Has<Hdr>,
+        Has<DepthPrepass>,
+        Has<NormalPrepass>,
+        Has<DeferredPrepass>,
+    ),
+);
+
+/// Whether it shows indirect light over its G-buffer.
+fn displays(
+    (display, msaa, (hdr, depth, normal, deferred)): (
+        Option<&MeshlessGiCamera>,
+        Option<&Msaa>,
+        (bool, bool, bool, bool),
+    ),
+) -> bool {
+    display.is_some_and(|d| d.enabled) && draws_gbuffer(hdr, depth, normal, deferred, msaa)
+}
+
+/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display is off or
 /// cannot be. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
-    mut cameras: Query<
-        (
-            &mut VisibleEntities,
-            Option<&MeshlessGiCamera>,
-            Option<&Msaa>,
-            (
-                Has<Hdr>,
-                Has<DepthPrepass>,
-                Has<NormalPrepass>,
-                Has<DeferredPrepass>,
-            ),
-        ),
-        WithDisplay,
-    >,
+    ready: Res<ReadyDisplays>,
+    mut cameras: Query<(Entity, &mut VisibleEntities, DisplayParts), WithDisplay>,
 ) {
     if volumes.is_empty() {
         return;
     }
-    for (mut seen, display, msaa, (hdr, depth, normal, deferred)) in &mut cameras {
-        if display.is_some_and(|d| d.enabled) && draws_gbuffer(hdr, depth, normal, deferred, msaa) {
+    for (camera, mut seen, parts) in &mut cameras {
+        if displays(parts) && ready.contains(camera) {
             continue;
         }
         let class = TypeId::of::<ClusterVisibilityClass>();
@@ -201,14 +244,15 @@ pub(crate) struct ExtractedVolume {
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedVolumes {
     all: Vec<ExtractedVolume>,
-    /// Cameras of the main world with our display that see one.
-    displays: Vec<Entity>,
+    /// Cameras of the main world with our display, and whether they see one; none where there are no volumes.
+    displays: Vec<(Entity, bool)>,
 }
 
 impl ExtractedVolumes {
-    /// Whether this camera of the main world has our display and sees a volume.
-    pub fn displays(&self, camera: Entity) -> bool {
-        self.displays.contains(&camera)
+    /// Whether this camera of the main world sees a volume; none where it has no display of ours, or there are no volumes.
+    pub fn display(&self, camera: Entity) -> Option<bool> {
+        let found = self.displays.iter().find(|(id, _)| *id == camera);
+        found.map(|(_, sees)| *sees)
     }
 }
 
@@ -233,7 +277,7 @@ pub(crate) fn extract_volumes(
     world: Res<ExtractedGi>,
     volumes: Extract<Query<(Entity, &ChildOf, &Voxels, &IrradianceVolume)>>,
     cameras: Extract<ForwardCameras>,
-    displays: Extract<Query<(Entity, &Camera, &VisibleEntities), With<MeshlessGiCamera>>>,
+    displays: Extract<Query<(Entity, &Camera, &VisibleEntities, DisplayParts)>>,
     images: Option<Res<RenderAssets<GpuImage>>>,
 ) {
     out.all.clear();
@@ -241,13 +285,13 @@ pub(crate) fn extract_volumes(
     if volumes.is_empty() {
         return;
     }
-    let seen = |(_, camera, entities): &(Entity, &Camera, &VisibleEntities)| {
-        let class = TypeId::of::<ClusterVisibilityClass>();
-        camera.is_active && entities.get(class).iter().any(|e| volumes.contains(*e))
-    };
-    let displays: Vec<_> = displays.iter().filter(seen).collect();
-    out.displays
-        .extend(displays.iter().map(|(camera, ..)| *camera));
+    let class = TypeId::of::<ClusterVisibilityClass>();
+    for (id, camera, seen, parts) in &displays {
+        if camera.is_active && self::displays(parts) {
+            let sees = seen.get(class).iter().any(|e| volumes.contains(*e));
+            out.displays.push((id, sees));
+        }
+    }
     for (entity, parent, voxels, volume) in &volumes {
         let id = SceneId(parent.parent().to_bits());
         let texture = images.as_ref().and_then(|i| i.get(&volume.voxels));
@@ -258,15 +302,15 @@ pub(crate) fn extract_volumes(
         let sees = |(camera, frustum, layers): (&Camera, &Frustum, Option<&RenderLayers>)| {
             camera.is_active && in_view(scene, frustum, &layers.cloned().unwrap_or_default())
         };
-        let shows = |(_, _, entities): &(Entity, &Camera, &VisibleEntities)| {
-            let class = TypeId::of::<ClusterVisibilityClass>();
-            entities.get(class).contains(&entity)
+        let shows = |(id, _, seen, _): (Entity, _, &VisibleEntities, _)| {
+            out.display(id) == Some(true) && seen.get(class).contains(&entity)
         };
+        let seen = cameras.iter().any(sees) || displays.iter().any(shows);
         out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,
             texture: wgpu::TextureView::clone(&texture.texture_view),
-            seen: cameras.iter().any(sees) || displays.iter().any(shows),
+            seen,
         });
     }
 }

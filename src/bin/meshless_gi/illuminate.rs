@@ -3,7 +3,7 @@
 use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
 use super::{output, progress};
-use bevy_meshless_gi::accuracy::{Bounces, Evaluator};
+use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
 use bevy_meshless_gi::scene::{PlyEncoding, PointCloud, SceneDescription, read_ply, write_ply};
 use glam::Vec3;
@@ -69,14 +69,20 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let step = progress::Step::new(format!("{} points", output::count(count as u64)));
     let bounces = Bounces::Count(baked.info.bounces);
     let evaluator = Evaluator::new(&baked, &meshes, &description.lights, bounces);
-    let light: Vec<Vec3> = (0..count)
+    let found: Vec<Evaluated> = (0..count)
         .into_par_iter()
-        .map(|i| {
-            let found = evaluator.at(surface.positions[i], surface.normals[i], i as u64);
-            found.direct + found.indirect.unwrap_or_default()
-        })
+        .map(|i| evaluator.at(surface.positions[i], surface.normals[i], i as u64))
         .collect();
     drop(step);
+    let lit = |e: &Evaluated| e.direct + e.indirect.unwrap_or_default();
+    let light: Vec<Vec3> = found.iter().map(lit).collect();
+    let uncovered = found.iter().filter(|e| e.indirect.is_none()).count();
+    if uncovered > 0 {
+        output::note(&format!(
+            "{} points are not covered by the bake: they have direct light only",
+            output::count(uncovered as u64)
+        ));
+    }
     let colours = match args.irradiance {
         true => light.clone(),
         false => shown(&light, &surface.albedo),

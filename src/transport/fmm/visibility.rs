@@ -66,12 +66,14 @@ impl Visibility<'_> {
                 }
             }
         }
-        // Few pairs, or so few that look at each other that none of them was drawn: one after another.
+        // Few pairs, or so few that look at each other that none of them was drawn: all of those, or as many as there are rays, evenly.
         if sum.rays == 0 {
-            let mut k = 0;
-            while k < pairs.min(MOST_PAIRS) && sum.rays < u64::from(self.rays) {
-                self.add(&mut sum, tree, at(k), (na, nb));
-                k += 1;
+            let looks = |pair: &(usize, usize)| weight(tree, *pair, (na, nb)).is_some();
+            let found: Vec<_> = (0..pairs.min(MOST_PAIRS)).map(at).filter(looks).collect();
+            let some = found.len().min(self.rays as usize);
+            for k in 0..some {
+                let pair = found[k * found.len() / some];
+                self.add(&mut sum, tree, pair, (na, nb));
             }
         }
         if sum.whole <= 0.0 {
@@ -86,27 +88,30 @@ impl Visibility<'_> {
         sum: &mut Sum,
         tree: &Tree,
         (i, j): (usize, usize),
-        (na, nb): (&TreeNode, &TreeNode),
+        nodes: (&TreeNode, &TreeNode),
     ) {
-        let (x, y) = (&tree.points[i], &tree.points[j]);
-        if !x.receives || y.weight <= 0.0 {
+        let Some(weight) = weight(tree, (i, j), nodes) else {
             return;
-        }
-        let r: DVec3 = x.position - y.position;
-        let cosines = y.normal.dot(r).max(0.0) * (-x.normal.dot(r)).max(0.0);
-        let square = r.length_squared();
-        if cosines <= 0.0 || square <= 0.0 {
-            return;
-        }
-        // The kernel and the sources' surface, within bounds: near neighbours are not to outweigh all.
-        let near = square.max(0.25 * radius_square(na, nb));
-        let weight = cosines / (near * near) * y.weight;
+        };
         sum.rays += 1;
         sum.whole += weight;
         if self.open(tree, i, j) {
             sum.seen += weight;
         }
     }
+}
+
+/// The kernel between a receiver and a source and the source's surface, within bounds: near neighbours are not to outweigh all. None where no light goes between them.
+fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode)) -> Option<f64> {
+    let (x, y) = (&tree.points[i], &tree.points[j]);
+    let r: DVec3 = x.position - y.position;
+    let cosines = y.normal.dot(r).max(0.0) * (-x.normal.dot(r)).max(0.0);
+    let square = r.length_squared();
+    if !x.receives || y.weight <= 0.0 || cosines <= 0.0 || square <= 0.0 {
+        return None;
+    }
+    let near = square.max(0.25 * radius_square(na, nb));
+    Some(cosines / (near * near) * y.weight)
 }
 
 /// Pairs of points that are looked at one after another, at most, where none of those drawn exchange light. Leaves have fewer, but where points coincide.
