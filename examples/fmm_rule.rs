@@ -115,7 +115,7 @@ fn cloud(
     part(&mut all.positions);
     all.normals.iter_mut().for_each(part);
     all.albedo.iter_mut().for_each(part);
-    Ok(PointCloud::new(all, None)?.mesh().0)
+    Ok(PointCloud::new(all, &[])?.mesh().0)
 }
 
 /// Seconds that something takes, and what it makes.
@@ -169,7 +169,7 @@ fn by_number() -> Result<String, Box<dyn Error>> {
             albedo,
         )?;
         let (read, seconds) = timed(|| -> Result<_, Box<dyn Error>> {
-            let cloud = PointCloud::new(parse_ply(&file)?, None)?;
+            let cloud = PointCloud::new(parse_ply(&file)?, &[])?;
             Ok((cloud.len(), cloud.mesh().0))
         });
         let (count, level) = read?;

@@ -101,7 +101,7 @@ fn usage(why: &str) -> ExitCode {
 /// The built-in statue as points.
 fn scattered() -> Result<PointCloud, String> {
     let points = scatter(&statue(), SPACING, 1).ok_or("too many points")?;
-    PointCloud::new(points, None).map_err(|why| why.to_string())
+    PointCloud::new(points, &[]).map_err(|why| why.to_string())
 }
 
 /// The points of a file, stood in the middle of the floor and scaled into [`ROOM_FOR`].
@@ -120,7 +120,7 @@ fn read(file: &Path) -> Result<PointCloud, String> {
             .collect(),
         ..points
     };
-    PointCloud::new(stood, None).map_err(|why| format!("{}: {why}", file.display()))
+    PointCloud::new(stood, &[]).map_err(|why| format!("{}: {why}", file.display()))
 }
 
 #[derive(Resource)]

@@ -1,62 +1,116 @@
-// volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward. Twin: src/frame/volume.rs.
+// volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward. Twin: src/frame/volume.rs. The twin asks from each side of a voxel which other voxel's light it
+// reads; here the thread of that one, which sums its light once, writes it to all the sides that read it. Every texel has one writer.
 
 struct VolumeParams {
-    // The corner of the volume, in the bake's local space, and the edges of a voxel.
-    low: vec3f,
-    cell_size: f32,
-    voxel: vec3f,
-    slot_mask: u32,
     size: vec3u,
     scale: f32,
     // The world's axes in the local space.
     axes: array<vec4f, 3>,
+    // For each side the voxels ahead and beside that one.
+    steps: array<array<vec4i, 9>, 6>,
 }
 
-@group(0) @binding(0) var<uniform> params: VolumeParams;
-@group(0) @binding(1) var<storage, read> points: array<Point>;
-@group(0) @binding(2) var<storage, read> planes: array<vec4f>;
-@group(0) @binding(3) var<storage, read> grid_slots: array<GridSlot>;
-@group(0) @binding(4) var<storage, read> grid_entries: array<u32>;
-// Three a probe.
-@group(0) @binding(5) var<storage, read> values: array<VectorIrradiance>;
-@group(0) @binding(6) var voxels: texture_storage_3d<rgba16float, write>;
+const AHEAD: u32 = 4u;
+const SHARE_BITS: u32 = 12u;
 
-// What surfaces beside `x` that face `n` receive: light a voxel before them, else nearer, else beside.
-fn beside(x: vec3f, n: vec3f, t: vec3f, b: vec3f) -> vec3f {
-    let reach = max(max(params.voxel.x, params.voxel.y), params.voxel.z);
-    for (var k = 0u; k < 3u; k++) {
-        let light = probe(x + n * ((1.0 - 0.5 * f32(k)) * reach));
-        if light.reached {
-            return space_irradiance(light, n);
-        }
+@group(0) @binding(0) var<uniform> params: VolumeParams;
+// Where the shares of each voxel start, and at last where they end.
+@group(0) @binding(1) var<storage, read> starts: array<u32>;
+@group(0) @binding(2) var<storage, read> shares: array<u32>;
+// Three a probe.
+@group(0) @binding(3) var<storage, read> values: array<VectorIrradiance>;
+@group(0) @binding(4) var voxels: texture_storage_3d<rgba16float, write>;
+
+fn inside(voxel: vec3u) -> bool {
+    return all(voxel < params.size);
+}
+
+fn index_of(voxel: vec3u) -> u32 {
+    return voxel.x + params.size.x * (voxel.y + params.size.y * voxel.z);
+}
+
+// The voxel a step away; one below zero is far above.
+fn stepped(voxel: vec3u, by: vec3i) -> vec3u {
+    return vec3u(vec3i(voxel) + by);
+}
+
+// Whether a probe reaches the middle of a voxel.
+fn is_reached(voxel: vec3u) -> bool {
+    if !inside(voxel) {
+        return false;
     }
+    let i = index_of(voxel);
+    return starts[i] < starts[i + 1u];
+}
+
+// The light at the middle of a voxel of the volume.
+fn light_of(voxel: vec3u) -> SpaceLight {
+    let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var linear = nothing;
+    var even = nothing;
+    var mixed = nothing;
+    var all_parts = 0.0;
+    let i = index_of(voxel);
+    let end = starts[i + 1u];
+    for (var at = starts[i]; at < end; at++) {
+        let share = shares[at];
+        let part = f32(share & ((1u << SHARE_BITS) - 1u));
+        let j = PROBE_ROWS * (share >> SHARE_BITS);
+        all_parts += part;
+        add_scaled(&linear, part, values[j]);
+        add_scaled(&even, part, values[j + 1u]);
+        add_scaled(&mixed, part, values[j + 2u]);
+    }
+    let scale = 1.0 / max(all_parts, 1.0);
+    return SpaceLight(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
+}
+
+fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
+    return VectorIrradiance(scale * e.x, scale * e.y, scale * e.z);
+}
+
+// For a side without light ahead or of its own: the mean of those around the voxel ahead.
+fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
     var count = 0.0;
-    for (var i = 0u; i < 9u; i++) {
-        let u = f32(i % 3u) - 1.0;
-        let v = f32(i / 3u) - 1.0;
-        let light = probe(x + (n + t * u + b * v) * reach);
-        if light.reached {
-            sum += space_irradiance(light, n);
+    for (var k = 0u; k < 9u; k++) {
+        let to = stepped(voxel, params.steps[side][k].xyz);
+        if is_reached(to) {
+            sum += space_irradiance(light_of(to), n);
             count += 1.0;
         }
     }
     return sum / max(count, 1.0);
 }
 
+fn store(voxel: vec3u, side: u32, light: vec3f) {
+    // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
+    let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
+    textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), 1.0));
+}
+
 @compute @workgroup_size(4, 4, 4)
-fn volume(@builtin(global_invocation_id) id: vec3u) {
-    if any(id >= params.size * vec3u(1u, 2u, 3u)) {
+fn volume(@builtin(global_invocation_id) voxel: vec3u) {
+    if !inside(voxel) {
         return;
     }
-    // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
-    let axis = id.z / params.size.z;
-    let away = id.y >= params.size.y;
-    let voxel = id % params.size;
-    let x = params.low + params.voxel * (vec3f(voxel) + 0.5);
-    let n = params.axes[axis].xyz * select(1.0, -1.0, away);
-    let t = params.axes[(axis + 1u) % 3u].xyz;
-    let b = params.axes[(axis + 2u) % 3u].xyz;
-    let light = beside(x, n, t, b) * params.scale;
-    textureStore(voxels, id, vec4f(min(light, vec3f(LARGEST_HALF)), 1.0));
+    let own = light_of(voxel);
+    for (var side = 0u; side < 6u; side++) {
+        let n = params.axes[side / 2u].xyz * select(1.0, -1.0, side % 2u == 1u);
+        let ahead = params.steps[side][AHEAD].xyz;
+        var light = space_irradiance(own, n);
+        // The side of the voxel that has this one ahead.
+        let behind = stepped(voxel, -ahead);
+        if own.reached && inside(behind) {
+            store(behind, side, light);
+        }
+        // One's own, where nothing is ahead.
+        if is_reached(stepped(voxel, ahead)) {
+            continue;
+        }
+        if !own.reached {
+            light = around(voxel, side, n);
+        }
+        store(voxel, side, light);
+    }
 }

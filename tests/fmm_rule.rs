@@ -107,7 +107,7 @@ fn room_with_ball() -> TriangleMesh {
         normals: Some(normals),
         faces: 0,
     };
-    let cloud = PointCloud::new(ball, None).expect("a cloud");
+    let cloud = PointCloud::new(ball, &[]).expect("a cloud");
     let walls = mesh_of_quads(&cornell_box()[..5]);
     TriangleMesh::joined(vec![walls, cloud.mesh().0])
 }
@@ -115,7 +115,7 @@ fn room_with_ball() -> TriangleMesh {
 #[test]
 fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
     let solid = mesh_of_quads(&cornell_box());
-    let points = PointCloud::new(scatter(&solid, 0.035, 1).expect("points"), None);
+    let points = PointCloud::new(scatter(&solid, 0.035, 1).expect("points"), &[]);
     let rooms = [
         ("triangles", mesh_of_quads(&cornell_box()), 0.1),
         ("points", points.expect("a cloud").mesh().0, 0.1),

@@ -1,4 +1,4 @@
-//! Scenes get what they call for and nothing else: the ten scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
+//! Scenes get what they call for and nothing else: the eleven scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
@@ -35,7 +35,7 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
         }),
         ..Recipe::default()
     };
-    let bakes = bakes(&recipe).expect("two bakes");
+    let bakes = bakes(&recipe).expect("bakes");
     let mut seen: Vec<MeshlessGiCounters> = Vec::new();
     for scene in &SCENES {
         let mut app = app();

@@ -200,7 +200,10 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
     assert!(plan.contains(said), "{plan}");
     // And what is too much goes down one tier, not to the least.
     let below = 2.0 * choices[links as usize - 2].work as f32 / work as f32;
-    let plan = ask(&mut stand, 0.5 * (below + 2.0));
+    // Where the tier below takes four fifths of the budget at most.
+    let budget = 0.5 * (below / 0.8 + 2.0);
+    assert!(below < 0.8 * budget && budget < 2.0, "{below}");
+    let plan = ask(&mut stand, budget);
     assert!(
         links > 2 && plan.contains(&format!("with tier {} of {links}: ", links - 1)),
         "{plan}"

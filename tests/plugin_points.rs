@@ -8,7 +8,7 @@ use bevy_meshless_gi::plugin::MeshlessGiPoints;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::samples::scatter;
 use bevy_meshless_gi::scene::{
-    Material, PlyEncoding, PlyPoints, Quad, TriangleMesh, mesh_of_quads, write_ply,
+    Material, PlyEncoding, PlyPoints, PointCloud, Quad, TriangleMesh, mesh_of_quads, write_ply,
 };
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::{Picture, flip};
@@ -99,7 +99,7 @@ fn a_room_of_points_looks_like_the_room() {
     let expected = shown(&mesh, folder.path(), |app, root| {
         Room::cornell().spawn(app, root);
     });
-    let loaded = bevy_meshless_gi::scene::load_ply(folder.path().join("room.ply"), None).unwrap();
+    let loaded = bevy_meshless_gi::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
     let (cells, _) = loaded.cloud.mesh();
     let count = loaded.cloud.len();
     let drawn = shown(&cells, folder.path(), |app, root| {
@@ -132,6 +132,74 @@ fn a_room_of_points_looks_like_the_room() {
     let mut dimmer = drawn.clone();
     dimmer.pixels.iter_mut().flatten().for_each(|v| *v *= 0.85);
     assert!(dimmer.nrmse(&expected) > 0.06);
+}
+
+/// More points than one mesh should hold: the cloud's entity draws the first part and children the others, with its material, and they go when the cloud is another.
+#[test]
+fn large_clouds_are_drawn_in_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut app = app_in(folder.path());
+    let plane = |across: u32| {
+        let place = |i: u32| Vec3::new((i % across) as f32, 0.0, (i / across) as f32);
+        let count = across * across;
+        let points = PlyPoints {
+            positions: (0..count).map(place).collect(),
+            normals: Some(vec![Vec3::Y; count as usize]),
+            ..PlyPoints::default()
+        };
+        PointCloud::new(points, &[]).expect("a plane")
+    };
+    let add = |app: &mut App, cloud: PointCloud| {
+        let world = app.world_mut();
+        world.resource_scope(|world, mut meshes: Mut<Assets<Mesh>>| {
+            let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+            let points = MeshlessGiPoints::new(cloud, &mut meshes, &mut materials);
+            world.resource_mut::<Assets<MeshlessGiPoints>>().add(points)
+        })
+    };
+    let large = add(&mut app, plane(500));
+    let small = add(&mut app, plane(20));
+    let entity = app.world_mut().spawn(MeshlessGiPointCloud(large)).id();
+    run(&mut app, 2);
+    let drawn = |app: &mut App| {
+        let mut all = app
+            .world_mut()
+            .query::<(&Mesh3d, &MeshMaterial3d<StandardMaterial>)>();
+        let (meshes, materials): (Vec<_>, Vec<_>) = all
+            .iter(app.world())
+            .map(|(mesh, material)| (mesh.0.clone(), material.0.id()))
+            .unzip();
+        let meshes_of = app.world().resource::<Assets<Mesh>>();
+        let vertices = meshes
+            .iter()
+            .map(|m| meshes_of.get(m).expect("there").count_vertices());
+        (vertices.collect::<Vec<_>>(), materials)
+    };
+    let (vertices, materials) = drawn(&mut app);
+    assert_eq!(vertices.len(), 4, "250,000 points");
+    assert!(
+        vertices.iter().all(|n| *n < 1_000_000 && *n > 100_000),
+        "{vertices:?}"
+    );
+    assert!(materials.iter().all(|m| *m == materials[0]));
+    // Another material, then another cloud.
+    let other = app
+        .world_mut()
+        .resource_mut::<Assets<StandardMaterial>>()
+        .add(StandardMaterial::default());
+    let id = other.id();
+    app.world_mut()
+        .entity_mut(entity)
+        .insert(MeshMaterial3d(other));
+    run(&mut app, 2);
+    assert_eq!(drawn(&mut app).1, [id; 4]);
+    app.world_mut()
+        .entity_mut(entity)
+        .insert(MeshlessGiPointCloud(small));
+    run(&mut app, 2);
+    let (vertices, materials) = drawn(&mut app);
+    assert_eq!((vertices.len(), materials), (1, vec![id]));
+    assert!(vertices[0] < 10_000);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod plugin_support;
 
 use bevy::light::IrradianceVolume;
+use bevy::material::OpaqueRendererMethod;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
@@ -17,6 +18,8 @@ use plugin_support::stage::{counters, keep, spawn_lamp, view, work};
 use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+/// What a panel in the air reflects.
+const PANEL: [f32; 3] = [0.7, 0.65, 0.7];
 /// The largest mean FLIP between the pictures of both cameras.
 const MOST: f32 = 0.05;
 
@@ -48,7 +51,7 @@ fn with_panel() -> Room {
         corner: Vec3::new(-0.75, 1.0, 0.4),
         u: turn * Vec3::new(0.6, 0.0, 0.0),
         v: turn * Vec3::new(0.0, 0.6, 0.0),
-        colour: Vec3::splat(0.7),
+        colour: PANEL.into(),
     });
     room
 }
@@ -156,7 +159,7 @@ fn both_kinds_of_cameras_show_the_same_light() {
 }
 
 #[test]
-fn deferred_cameras_do_not_see_a_volume() {
+fn a_volume_lights_no_g_buffer() {
     let mut s = stage(&bake(true), Transform::IDENTITY, None);
     run(&mut s.app, 4);
     let before = s.picture();
@@ -167,9 +170,85 @@ fn deferred_cameras_do_not_see_a_volume() {
     s.app.world_mut().spawn(eye);
     s.ask(MeshlessGiVolume::default());
     assert_eq!(s.picture().pixels, before.pixels);
-    assert_eq!(counters(&s.app).buffers, buffers + 1);
+    // Parameters, starts and shares of the places.
+    assert_eq!(counters(&s.app).buffers, buffers + 3);
     s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
+}
+
+/// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display lights the same panel, and nothing else of the picture changes.
+#[test]
+fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
+    let shown = |change: fn(&mut StandardMaterial)| {
+        let mut s = stage(&bake(true), Transform::IDENTITY, None);
+        let mut materials = s.app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        let panels = materials.iter_mut().filter_map(|(_, material)| {
+            let panel = material.base_color == Color::linear_rgb(PANEL[0], PANEL[1], PANEL[2]);
+            panel.then(|| change(material))
+        });
+        assert_eq!(panels.count(), 1);
+        run(&mut s.app, 4);
+        s
+    };
+    let expected = shown(|_| ()).picture();
+    let kinds: [(&str, fn(&mut StandardMaterial), _); 2] = [
+        (
+            "glass",
+            |m| m.alpha_mode = AlphaMode::Blend,
+            MeshlessGiFinding::TransparentMaterial,
+        ),
+        (
+            "forward",
+            |m| m.opaque_render_method = OpaqueRendererMethod::Forward,
+            MeshlessGiFinding::ForwardMaterial,
+        ),
+    ];
+    for (name, change, finding) in kinds {
+        let mut s = shown(change);
+        let told = |s: &Shown| s.app.world().resource::<MeshlessGiFindings>().0.clone();
+        assert_eq!(told(&s), [finding]);
+        s.app
+            .world_mut()
+            .resource_mut::<MeshlessGiFindings>()
+            .0
+            .clear();
+        let dark = s.picture();
+        s.ask(MeshlessGiVolume::default());
+        let lit = s.picture();
+        assert_eq!(told(&s), []);
+        keep(&format!("volume_{name}"), &expected.beside(&lit));
+        keep(&format!("volume_{name}_without"), &expected.beside(&dark));
+        // The panel alone: where a volume changes anything, and a tenth of the picture or so.
+        let panel: Vec<usize> = (0..lit.pixels.len())
+            .filter(|&i| lit.pixels[i] != dark.pixels[i])
+            .collect();
+        let share = panel.len() as f32 / lit.pixels.len() as f32;
+        assert!(
+            (0.01..0.3).contains(&share),
+            "{name}: {share} of the picture"
+        );
+        let off = |p: &Picture| {
+            let square = |a: &[f32; 3], b: &[f32; 3]| -> f32 {
+                a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+            };
+            let of = |i: &usize| square(&p.pixels[*i], &expected.pixels[*i]);
+            let power = |i: &usize| square(&expected.pixels[*i], &[0.0; 3]);
+            let [wrong, whole]: [f32; 2] =
+                [panel.iter().map(of).sum(), panel.iter().map(power).sum()];
+            (wrong / whole).sqrt()
+        };
+        let [with, without] = [off(&lit), off(&dark)];
+        println!(
+            "{name}: {share:.3} of the picture, NRMSE {with:.4}, {without:.4} without the volume"
+        );
+        assert!(
+            with < 0.1 && without > 2.0 * with,
+            "{name}: {with} {without}"
+        );
+        // In the frame in which a lamp moves.
+        s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
+        assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
+    }
 }
 
 #[test]

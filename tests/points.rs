@@ -62,7 +62,7 @@ fn a_box_of_points_is_lit_like_the_box() {
         ("normals given", points, [0.045, 0.045, 0.04]),
         ("normals estimated", bare, [0.045, 0.045, 0.04]),
     ] {
-        let cloud = PointCloud::new(points, None).expect("a cloud");
+        let cloud = PointCloud::new(points, &[]).expect("a cloud");
         let (cells, _) = cloud.mesh();
         let own = reference(&cells, &lamp(), &places, 64);
         let scene = baked(&cells, Preset::Draft);
@@ -278,6 +278,66 @@ fn the_tool_takes_points_like_triangles() {
     let cut = &fs::read(&ply).unwrap()[..5000];
     fs::write(at("cut.ply"), cut).unwrap();
     assert!(tool(&["bake", &at("cut.ply"), "-o", &at("n.mgi")], 1).contains("do not fit"));
+}
+
+/// A scan of a room's inside with no normals: seen from within, its surface faces within, in the bake and where its points are lit.
+#[test]
+fn a_scan_without_normals_faces_where_it_is_seen_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
+    let on = |i: u64| {
+        let mut r = Random::new(3, 3, i);
+        2.0 * bevy_meshless_gi::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
+    };
+    let positions: Vec<Vec3> = (0..3000).map(on).collect();
+    let mut bytes = Vec::new();
+    write_ply(&mut bytes, PlyEncoding::LittleEndian, &positions, &[], &[]).unwrap();
+    fs::write(at("scan.ply"), bytes).unwrap();
+    let recipe = "(scene: \"scan.ply\", preset: Draft, rays: 64, levels: 3, sender_levels: 2, extra_levels: 0)";
+    fs::write(at("scan.gi.ron"), recipe).unwrap();
+    let (bake, scan) = (at("named.mgi"), at("scan.ply"));
+    let named = ["--viewpoint", "0.1,0,0.2"];
+    let all = ["bake", &at("scan.gi.ron"), "-o", &bake];
+    let told = tool(&[&all[..], &named].concat(), 0);
+    assert!(told.contains("no normals"), "{told}");
+    tool(&["validate", &bake, "--level", &scan], 0);
+    let lamp = r#"{"type":"point","position":[0,0.5,0],"intensity":[1,1,1]}"#;
+    fs::write(
+        at("s.json"),
+        format!(r#"{{"geometry":[{{"file":"scan.ply"}}],"lights":[{lamp}]}}"#),
+    )
+    .unwrap();
+    let (scene, out) = (at("s.json"), at("lit.ply"));
+    let all = [
+        "illuminate",
+        &bake,
+        "--scene",
+        &scene,
+        "--irradiance",
+        "-o",
+        &out,
+    ];
+    for more in [&["--points", &scan][..], &[]] {
+        tool(&[&all, more].concat(), 0);
+        let lit = read_ply(&out).unwrap();
+        let (normals, light) = (lit.normals.unwrap(), lit.albedo.unwrap());
+        assert!(lit.positions.len() > 100);
+        // All of the scan's; of the bake's own all but the few outside, where rays went through slits between points spread by chance.
+        let outwards = (0..normals.len()).filter(|&i| normals[i].dot(lit.positions[i]) >= 0.0);
+        let most = if more.is_empty() {
+            normals.len() / 20
+        } else {
+            0
+        };
+        let outwards = outwards.count();
+        assert!(outwards <= most, "{outwards} of {}", normals.len());
+        // As bright as the lamp's own light within the ball at least: 1 / (1.5..2.5)² times a cosine near one.
+        let mean = light.iter().map(|e| e.x).sum::<f32>() / light.len() as f32;
+        assert!(mean > 0.2, "{mean}");
+    }
+    // Nobody said from where: outwards.
+    let outwards = PointCloud::new(read_ply(&scan).unwrap(), &[]).unwrap();
+    assert!(outwards.normals[0].dot(outwards.positions[0]) > 0.0);
 }
 
 /// A cloud in a room of triangles: a bake of both, and light from the one on the other.

@@ -108,7 +108,7 @@ fn closed_rooms_of_points_keep_their_light() {
             ("ball", ball(0.04, albedo), 4.0 * PI, [0.02, 0.02]),
             ("cube", cube(0.04, albedo), 24.0, [0.02, f64::INFINITY]),
         ] {
-            let cloud = PointCloud::new(points, None).expect("a cloud");
+            let cloud = PointCloud::new(points, &[]).expect("a cloud");
             let right = closed_form::enclosure_reflected(power / area, albedo.into(), None);
             let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
             println!(
@@ -136,7 +136,7 @@ fn a_noisy_closed_room_keeps_its_light() {
         let direction = uniform_sphere(Vec2::new(r.unit(), r.unit()));
         *x += 0.5 * SPACING * r.unit() * direction;
     }
-    let cloud = PointCloud::new(points, Some(Vec3::ZERO)).expect("a cloud");
+    let cloud = PointCloud::new(points, &[Vec3::ZERO]).expect("a cloud");
     let power = 4.0 * PI * f64::from(INTENSITY);
     let right = closed_form::enclosure_reflected(power / 24.0, 0.5, None);
     let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
@@ -164,7 +164,7 @@ fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
     let mut points = scatter(&statue(), 0.03, 1).expect("so many fit");
     let orange = Vec3::new(0.85, 0.4, 0.06) * stands;
     points.albedo = Some(vec![orange; points.positions.len()]);
-    let cloud = PointCloud::new(points, None).expect("a cloud");
+    let cloud = PointCloud::new(points, &[]).expect("a cloud");
     let room = mesh_of_quads(&quads);
     let count = room.len();
     (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)

@@ -14,7 +14,8 @@ use bevy_meshless_gi::frame::{
     CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
     RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span, SplatParams,
     SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf,
-    compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, vpl,
+    compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, volume,
+    volume_places, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -157,13 +158,10 @@ fn layouts() -> Vec<Layout> {
             seam
         }),
         layout!(VolumeParams {
-            low,
-            cell_size,
-            voxel,
-            slot_mask,
             size,
             scale,
-            axes
+            axes,
+            steps
         }),
         layout!(SubsplatParams {
             view_from_clip,
@@ -340,6 +338,8 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("TAKEN", Some(f64::from(shade::TAKEN))),
         ("NOWHERE", None),
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
+        ("AHEAD", Some(volume::AHEAD as f64)),
+        ("SHARE_BITS", Some(f64::from(volume_places::SHARE_BITS))),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
         ("ERROR_ONE", Some(f64::from(VisiblePoint::ONE))),
@@ -749,6 +749,12 @@ fn a_spoiled_shader_is_noticed() {
             "struct VplParams",
         ),
         (
+            "const SHARE_BITS: u32 = 12u;",
+            "const SHARE_BITS: u32 = 11u;",
+            "volume",
+            "const SHARE_BITS",
+        ),
+        (
             "const SLANTS: f32 = 0.15;",
             "const SLANTS: f32 = 0.2;",
             "gloss",
@@ -833,6 +839,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "view",
         "fmm_layout",
         "materials",
+        "volume_places",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")

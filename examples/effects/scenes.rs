@@ -1,4 +1,4 @@
-//! Ten scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
+//! Eleven scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::RectLight;
@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
 use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Progress, Recipe, bake_level};
+use bevy_meshless_gi::bake::{OccluderBox, OccluderShape, Progress, Recipe, bake_level};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
@@ -32,6 +32,8 @@ pub struct Scene {
     bounce: bool,
     /// A panel with soft shadows, and it moves.
     panel: bool,
+    /// A screen in the room comes and goes.
+    screen: bool,
     /// A forward camera beside the deferred one, where it draws what is not deferred, or in its place.
     forward: bool,
     /// No deferred camera.
@@ -43,11 +45,12 @@ pub struct Scene {
 }
 
 use Stage::{
-    Apply, Composite, Flatten, Probe, Project, PullPush, Rsm, Shade, Soft, Splat, Volume, Vpl,
+    Apply, Composite, Flatten, Occlude, Probe, Project, PullPush, Rsm, Shade, Soft, Splat, Volume,
+    Vpl,
 };
 
-/// All ten.
-pub const SCENES: [Scene; 10] = [
+/// All of them.
+pub const SCENES: [Scene; 11] = [
     Scene {
         name: "one lamp at rest",
         lamp: Some(false),
@@ -105,6 +108,13 @@ pub const SCENES: [Scene; 10] = [
         ..NONE
     },
     Scene {
+        name: "a lamp at rest, a screen that comes and goes",
+        lamp: Some(false),
+        screen: true,
+        runs: &[Occlude, Project, PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
         name: "a panel that moves, with soft shadows",
         panel: true,
         rich: true,
@@ -122,11 +132,12 @@ pub const SCENES: [Scene; 10] = [
         ball: true,
         bounce: true,
         panel: true,
+        screen: true,
         forward: true,
         rich: true,
         runs: &[
-            Project, PullPush, Apply, Flatten, Probe, Volume, Soft, Rsm, Splat, Vpl, Composite,
-            Shade,
+            Occlude, Project, PullPush, Apply, Flatten, Probe, Volume, Soft, Rsm, Splat, Vpl,
+            Composite, Shade,
         ],
         ..NONE
     },
@@ -141,6 +152,7 @@ const NONE: Scene = Scene {
     ball: false,
     bounce: false,
     panel: false,
+    screen: false,
     forward: false,
     no_deferred: false,
     rich: false,
@@ -163,20 +175,35 @@ fn quads() -> Vec<Quad> {
     quads
 }
 
-/// The box baked as `recipe` says, without its light in free space and its visibility, and with them.
+/// The box, baked in four ways.
+pub type Bakes = [[Arc<BakedScene>; 2]; 2];
+
+/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one.
 ///
 /// # Errors
 /// In words.
-pub fn bakes(recipe: &Recipe) -> Result<[Arc<BakedScene>; 2], String> {
-    let bake = |rich: bool| {
+pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
+    let bake = |rich: bool, screen: bool| {
         let mut recipe = recipe.clone();
         if !rich {
             (recipe.probes, recipe.soft_shadows) = (None, None);
         }
+        if screen {
+            recipe.occluders = vec![OccluderShape {
+                name: "screen".into(),
+                boxes: vec![OccluderBox {
+                    center: [-0.5, 0.6, 0.2],
+                    half_edges: [0.01, 0.5, 0.6],
+                }],
+            }];
+        }
         let made = bake_level(&mesh_of_quads(&quads()), &recipe, 0, &Progress::default());
         made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
     };
-    Ok([bake(false)?, bake(true)?])
+    Ok([
+        [bake(false, false)?, bake(false, true)?],
+        [bake(true, false)?, bake(true, true)?],
+    ])
 }
 
 /// What moves along.
@@ -184,12 +211,12 @@ pub fn bakes(recipe: &Recipe) -> Result<[Arc<BakedScene>; 2], String> {
 pub struct Moves(Vec3);
 
 /// Puts a scene into an empty world.
-pub fn spawn(app: &mut App, scene: &Scene, bakes: &[Arc<BakedScene>; 2], size: UVec2) {
+pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     let world = app.world_mut();
     if scene.no_deferred {
         world.insert_resource(DefaultOpaqueRendererMethod::forward());
     }
-    let bake = bakes[usize::from(scene.rich)].clone();
+    let bake = bakes[usize::from(scene.rich)][usize::from(scene.screen)].clone();
     let asset = world
         .resource_mut::<Assets<MeshlessGiAsset>>()
         .add(MeshlessGiAsset { scene: bake });
@@ -204,6 +231,12 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &[Arc<BakedScene>; 2], size: U
     world
         .run_system_cached_with(room, root)
         .expect("the room can be made");
+    if scene.screen {
+        world.spawn(MeshlessGiOccluder {
+            name: "screen".into(),
+            openness: 1.0,
+        });
+    }
     if let Some(moves) = scene.lamp {
         let place = Vec3::new(0.3, 1.6, 0.4);
         let mut lamp = world.spawn((
@@ -297,6 +330,10 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
         for mut lamp in lamps.iter_mut(world) {
             lamp.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);
         }
+    }
+    let mut screens = world.query::<&mut MeshlessGiOccluder>();
+    for mut screen in screens.iter_mut(world) {
+        screen.openness = 0.5 + 0.5 * sine;
     }
     let mut roots = world.query::<&mut MeshlessGiLighting>();
     for mut lighting in roots.iter_mut(world) {

@@ -235,7 +235,7 @@ mod tests {
             positions: ball,
             ..PlyPoints::default()
         };
-        let (mesh, _) = PointCloud::new(points, None).expect("a cloud").mesh();
+        let (mesh, _) = PointCloud::new(points, &[]).expect("a cloud").mesh();
         let seen = |i: u64| {
             let ray = Ray::new(3.0 * on_the_sphere(2, i), -on_the_sphere(2, i));
             Some(mesh.surface(&ray, &mesh.cast(&ray)?))

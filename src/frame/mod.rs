@@ -61,6 +61,7 @@ pub mod subsplat;
 pub mod upsample;
 mod view;
 pub mod volume;
+pub mod volume_places;
 pub mod vpl;
 
 pub use cpu_frame::{CpuFrame, FrameCounters};
@@ -76,4 +77,5 @@ pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};
-pub use volume::{VolumeParams, voxels_of};
+pub use volume::VolumeParams;
+pub use volume_places::{VolumePlaces, VolumeShape, voxels_of};

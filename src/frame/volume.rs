@@ -1,125 +1,87 @@
 //! Kernel `volume`: light in free space as Bevy's irradiance volumes hold it, an ambient cube a voxel, for what no G-buffer shows: forward cameras, several samples a pixel,
 //! transparent surfaces. From the probes' values, behind `apply`, to a texture.
 //!
-//! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that one voxel further along the normal, where
-//! the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Walls thinner than two voxels have voxels of the next room beside those of this
-//! one: what stands closer than a voxel to such a wall, and faces it, is lit from both.
+//! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that of the voxel that lies one further along the
+//! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Walls thinner than two voxels have voxels of the next room beside those of
+//! this one: what stands closer than a voxel to such a wall, and faces it, is lit from both. In a level that leans (no axis of the world lies in its walls) that is so below three voxels.
+//!
+//! The light of each voxel's middle is summed once, from shares that depend on no light (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not the voxels'
+//! (a level that is turned) a side reads the voxel whose middle is nearest to the place before it. The steps to them are the same from every voxel, so that the kernel, with a thread a voxel, hands
+//! its light on to the sides that read it; the twin asks from the side.
 
-use super::layout::{GridShape, VectorIrradiance};
-use super::probe::probe;
+use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
-use crate::asset::Probes;
+use super::volume_places::{VolumePlaces, VolumeShape};
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, UVec3, Vec3};
+use glam::{IVec3, Mat4, UVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
-/// Most voxels along an edge: the texture is twice as high and three times as deep.
-pub const MOST_VOXELS: u32 = 512;
+/// Which of a side's [`VolumeParams::steps`] goes straight ahead.
+pub const AHEAD: usize = 4;
 
-/// A volume in a baked scene, for `volume`. 96 bytes.
+/// A volume in the world, for `volume`. 928 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct VolumeParams {
-    /// The corner of the volume, metres of the bake's local space.
-    pub low: [f32; 3],
-    /// Edge of a cell of the probes' grid, metres.
-    pub cell_size: f32,
-    /// Edges of a voxel, metres.
-    pub voxel: [f32; 3],
-    /// Slots of the grid's hash table, less one.
-    pub slot_mask: u32,
     /// Voxels along each edge.
     pub size: [u32; 3],
     /// Multiplies the irradiance: 1/π, for the radiance of a white surface.
     pub scale: f32,
     /// The world's axes as unit vectors of the local space, the fourth floats not used.
     pub axes: [[f32; 4]; 3],
+    /// For each side how many voxels along each edge it is to the one ahead, [`AHEAD`], and to the eight beside that one. Sides: along each axis, and then away from it. The fourth numbers are not
+    /// used.
+    pub steps: [[[i32; 4]; 9]; 6],
 }
 
 impl VolumeParams {
-    /// A volume of `size` voxels from `low` to `high`, metres of the bake's local space, for an engine whose axes are those of the world. None where that is no box or there are no voxels, or more than
-    /// [`MOST_VOXELS`] along an edge.
+    /// Of `shape`, for an engine whose axes are those of the world.
     #[must_use]
-    pub fn new(
-        [low, high]: [Vec3; 2],
-        size: UVec3,
-        local_from_world: &Mat4,
-        grid: GridShape,
-    ) -> Option<Self> {
-        let edges = high - low;
-        let fits = size.cmpge(UVec3::ONE).all() && size.cmple(UVec3::splat(MOST_VOXELS)).all();
-        if !fits || !edges.is_finite() || !edges.cmpgt(Vec3::ZERO).all() {
-            return None;
+    pub fn new(shape: &VolumeShape, local_from_world: &Mat4) -> Self {
+        let axes = [Vec3::X, Vec3::Y, Vec3::Z]
+            .map(|v| local_from_world.transform_vector3(v).normalize_or_zero());
+        // A voxel further is one along its longest edge. To the nearest voxel, from the middle of one.
+        let reach = shape.voxel().max_element();
+        let nearest = |step: Vec3| (step * reach / shape.voxel() + 0.5).floor().as_ivec3();
+        let mut steps = [[[0; 4]; 9]; 6];
+        for (side, steps) in steps.iter_mut().enumerate() {
+            let axis = side / 2;
+            let n = axes[axis] * [1.0, -1.0][side % 2];
+            let (t, b) = (axes[(axis + 1) % 3], axes[(axis + 2) % 3]);
+            for (i, step) in steps.iter_mut().enumerate() {
+                let (u, v) = ((i % 3) as f32 - 1.0, (i / 3) as f32 - 1.0);
+                *step = nearest(n + t * u + b * v).extend(0).to_array();
+            }
         }
-        let axis = |v: Vec3| {
-            let turned = local_from_world.transform_vector3(v).normalize_or_zero();
-            turned.extend(0.0).to_array()
-        };
-        Some(Self {
-            low: low.to_array(),
-            cell_size: grid.cell_size,
-            voxel: (edges / size.as_vec3()).to_array(),
-            slot_mask: grid.slot_mask,
-            size: size.to_array(),
+        Self {
+            size: shape.size().to_array(),
             scale: FRAC_1_PI,
-            axes: [Vec3::X, Vec3::Y, Vec3::Z].map(axis),
-        })
-    }
-
-    /// Texels of the texture along each edge.
-    #[must_use]
-    pub fn texels(&self) -> UVec3 {
-        UVec3::from(self.size) * UVec3::new(1, 2, 3)
-    }
-}
-
-/// How many voxels a box of these edges, metres, is divided into: cubes of `edge` metres, about, and larger ones where they would be more than `most`, or more than [`MOST_VOXELS`] along an edge.
-#[must_use]
-pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
-    let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
-    let mut edge = edge.max(edges.max_element() / MOST_VOXELS as f32);
-    let count = |edge: f32| {
-        let along = (edges / edge).ceil().max(Vec3::ONE);
-        along.as_uvec3().min(UVec3::splat(MOST_VOXELS))
-    };
-    let all = |size: UVec3| size.to_array().map(u64::from).iter().product::<u64>();
-    // Rounding up adds a voxel along each edge at most: a few steps suffice.
-    while all(count(edge)) > u64::from(most.max(1)) && count(edge) != UVec3::ONE {
-        edge *= 1.1;
-    }
-    count(edge)
-}
-
-/// What surfaces beside `x` that face `n` receive, W/m²: light a voxel before them, else nearer, else beside.
-fn beside(
-    params: &VolumeParams,
-    probes: &Probes,
-    values: &[VectorIrradiance],
-    x: Vec3,
-    [n, t, b]: [Vec3; 3],
-) -> Vec3 {
-    let reach = Vec3::from(params.voxel).max_element();
-    for before in [1.0, 0.5, 0.0] {
-        if let Some(light) = probe(probes, values, x + n * (before * reach)) {
-            return light.irradiance(n);
+            axes: axes.map(|a| a.extend(0.0).to_array()),
+            steps,
         }
     }
-    let (mut sum, mut count) = (Vec3::ZERO, 0.0f32);
-    for i in 0..9u8 {
-        let (u, v) = (f32::from(i % 3) - 1.0, f32::from(i / 3) - 1.0);
-        if let Some(light) = probe(probes, values, x + (n + t * u + b * v) * reach) {
-            sum += light.irradiance(n);
-            count += 1.0;
-        }
+
+    /// The voxel that is a step of a side away; none outside of the volume.
+    fn step(&self, voxel: UVec3, side: usize, step: usize) -> Option<u32> {
+        let [x, y, z, _] = self.steps[side][step];
+        let size = UVec3::from(self.size);
+        let to = voxel.as_ivec3() + IVec3::new(x, y, z);
+        // Below zero is far above.
+        let to = to.as_uvec3();
+        to.cmplt(size).all().then(|| index(size, to))
     }
-    sum / count.max(1.0)
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is 1. Black where no probe reaches.
+fn index(size: UVec3, voxel: UVec3) -> u32 {
+    voxel.x + size.x * (voxel.y + size.y * voxel.z)
+}
+
+/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is 1. The light of the voxel ahead, else the voxel's own, else the mean of those
+/// around the one ahead; black where no probe reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
-    probes: &Probes,
+    places: &VolumePlaces,
     values: &[VectorIrradiance],
     texel: UVec3,
 ) -> [f32; 4] {
@@ -128,45 +90,21 @@ pub fn volume(
     let axis = (texel.z / size.z) as usize;
     let away = texel.y >= size.y;
     let voxel = texel % size;
-    let x = Vec3::from(params.low) + Vec3::from(params.voxel) * (voxel.as_vec3() + 0.5);
-    let direction = |k: usize| Vec3::from_slice(&params.axes[k % 3][..3]);
-    let n = direction(axis) * if away { -1.0 } else { 1.0 };
-    let along = [n, direction(axis + 1), direction(axis + 2)];
-    let light = beside(params, probes, values, x, along) * params.scale;
-    light.min(Vec3::splat(LARGEST_HALF)).extend(1.0).to_array()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn voxels_are_as_asked_and_no_more_than_allowed() {
-        let room = Vec3::new(8.0, 3.0, 4.0);
-        assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
-        for most in [1, 100, 4096, 65_536] {
-            let size = voxels_of(room, 0.01, most);
-            assert!(size.element_product() <= most, "{size}");
-            assert!(most < 100 || size.element_product() * 3 > most, "{size}");
+    let side = 2 * axis + usize::from(away);
+    let n = Vec3::from_slice(&params.axes[axis][..3]) * if away { -1.0 } else { 1.0 };
+    let light = |place: u32| Some(places.light(values, place)?.irradiance(n));
+    let step = |k: usize| params.step(voxel, side, k).and_then(light);
+    let e = step(AHEAD).or_else(|| light(index(size, voxel)));
+    let e = e.unwrap_or_else(|| {
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0f32);
+        for e in (0..9).filter_map(step) {
+            sum += e;
+            count += 1.0;
         }
-        // A thread, a plane and a point are boxes of one voxel across.
-        let thin = voxels_of(Vec3::new(100.0, 0.0, 1e-30), 0.01, u32::MAX);
-        assert_eq!(thin, UVec3::new(MOST_VOXELS, 1, 1));
-        assert_eq!(voxels_of(Vec3::ZERO, 1.0, 8), UVec3::ONE);
-    }
-
-    #[test]
-    fn boxes_that_are_none_are_refused() {
-        let grid = GridShape {
-            slot_mask: 0,
-            cell_size: 1.0,
-        };
-        let of = |corners, size| VolumeParams::new(corners, size, &Mat4::IDENTITY, grid);
-        let room = [Vec3::ZERO, Vec3::ONE];
-        assert!(of(room, UVec3::splat(4)).is_some());
-        assert!(of(room, UVec3::new(4, 0, 4)).is_none());
-        assert!(of(room, UVec3::new(4, MOST_VOXELS + 1, 4)).is_none());
-        assert!(of([Vec3::ONE, Vec3::ZERO], UVec3::ONE).is_none());
-        assert!(of([Vec3::ZERO, Vec3::splat(f32::NAN)], UVec3::ONE).is_none());
-    }
+        sum / count.max(1.0)
+    });
+    (e * params.scale)
+        .min(Vec3::splat(LARGEST_HALF))
+        .extend(1.0)
+        .to_array()
 }

@@ -375,22 +375,20 @@ pub const KERNELS: [Kernel; 23] = [
     },
     Kernel {
         name: "volume",
-        source: shader!("volume", "grid", "weight", "space"),
+        source: shader!("volume", "space"),
         bindings: &[
             bind(0, "params", Uniform(size_of::<VolumeParams>())),
-            bind(1, "points", Read(POINT)),
-            bind(2, "planes", Read(VEC4)),
-            bind(3, "grid_slots", Read(size_of::<GridSlot>())),
-            bind(4, "grid_entries", Read(4)),
-            bind(5, "values", Read(VECTOR)),
-            bind(6, "voxels", Voxels),
+            bind(1, "starts", Read(4)),
+            bind(2, "shares", Read(4)),
+            bind(3, "values", Read(VECTOR)),
+            bind(4, "voxels", Voxels),
         ],
         entries: &[Entry {
             pass: Pass::Volume,
             name: "volume",
             workgroup: [4, 4, 4],
             items: 64,
-            bindings: &[0, 1, 2, 3, 4, 5, 6],
+            bindings: &[0, 1, 2, 3, 4],
         }],
     },
     Kernel {

@@ -100,7 +100,15 @@ pub(super) struct Maker<'a> {
     pub limit: u64,
 }
 
-impl Maker<'_> {
+impl<'a> Maker<'a> {
+    pub fn new(device: &'a wgpu::Device, queue: &'a wgpu::Queue) -> Self {
+        Self {
+            device,
+            queue,
+            limit: binding_limit(device),
+        }
+    }
+
     /// A storage buffer with `data`, never empty.
     pub fn upload<T: Pod>(&self, what: &'static str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
         let buffer = self.empty::<T>(what, data.len() as u64)?;
@@ -331,11 +339,7 @@ impl SceneBuffers {
         if slots <= self.slots {
             return Ok(());
         }
-        let make = Maker {
-            device,
-            queue,
-            limit: binding_limit(device),
-        };
+        let make = Maker::new(device, queue);
         // Half as much again, so that lamps that come one by one do not each copy everything; what is needed where that is too much.
         let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);

@@ -1,38 +1,71 @@
 //! Light in free space for what is drawn forward, on the device: the recording of kernel `volume` over a texture that an engine reads. A scene whose volume nobody asks for has neither
-//! parameters nor a texture.
+//! parameters nor places nor a texture.
 
 use super::frame::compute;
 use super::pipelines::Kernels;
-use super::scene_buffers::uniform;
-use super::{GpuFrame, Pass};
+use super::scene_buffers::{Maker, uniform};
+use super::{GpuError, GpuFrame, Pass};
 use crate::frame::VolumeParams;
+use crate::frame::volume_places::{VolumePlaces, VolumeShape};
 
-/// What a volume of a scene needs on the device beside its texture.
+/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes.
 #[derive(Debug)]
 pub struct VolumeBuffers {
+    shape: VolumeShape,
     params: wgpu::Buffer,
+    starts: wgpu::Buffer,
+    shares: wgpu::Buffer,
 }
 
 impl VolumeBuffers {
-    /// For one volume.
+    /// For one volume, all of whose places are found.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the shares do not fit a binding; within WebGPU's default limits they always do.
+    ///
+    /// # Panics
+    /// Where places are not found yet.
+    pub fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        places: &VolumePlaces,
+    ) -> Result<Self, GpuError> {
+        assert!(places.is_whole(), "a volume whose places are not found");
+        let make = Maker::new(device, queue);
+        Ok(Self {
+            shape: *places.shape(),
+            params: uniform(device, "volume", size_of::<VolumeParams>() as u64),
+            starts: make.upload("starts of a volume's shares", places.starts())?,
+            shares: make.upload("shares of a volume", places.shares())?,
+        })
+    }
+
+    /// The volume.
     #[must_use]
-    pub fn new(device: &wgpu::Device) -> Self {
-        let size = size_of::<VolumeParams>() as u64;
-        Self {
-            params: uniform(device, "volume", size),
-        }
+    pub fn shape(&self) -> &VolumeShape {
+        &self.shape
+    }
+
+    /// How many buffers these are.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.all().len() as u32
     }
 
     /// Bytes on the device, without the texture.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.params.size()
+        self.all().iter().map(|b| b.size()).sum()
+    }
+
+    fn all(&self) -> [&wgpu::Buffer; 3] {
+        [&self.params, &self.starts, &self.shares]
     }
 }
 
 impl GpuFrame {
-    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VolumeParams::texels`] that may be stored to, from the probes' values as the last
-    /// [`solve`](Self::solve) left them. Nothing for a scene without probes.
+    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VolumeShape::texels`] that may be stored to, from the probes' values as the last
+    /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found with this scene's probes. Nothing for a scene without probes.
     pub fn volume(
         &mut self,
         kernels: &Kernels,
@@ -50,18 +83,16 @@ impl GpuFrame {
             Pass::Volume,
             &[
                 (0, buffers.params.as_entire_binding()),
-                (1, probes.points.as_entire_binding()),
-                (2, probes.planes.as_entire_binding()),
-                (3, probes.grid_slots.as_entire_binding()),
-                (4, probes.grid_entries.as_entire_binding()),
-                (5, probes.values.as_entire_binding()),
-                (6, wgpu::BindingResource::TextureView(voxels)),
+                (1, buffers.starts.as_entire_binding()),
+                (2, buffers.shares.as_entire_binding()),
+                (3, probes.values.as_entire_binding()),
+                (4, wgpu::BindingResource::TextureView(voxels)),
             ],
         );
         let mut pass = compute(encoder, "meshless_gi volume");
         pass.set_pipeline(&kernels.pass(Pass::Volume).pipeline);
         pass.set_bind_group(0, &bind, &[]);
-        let [x, y, z] = params.texels().to_array().map(|n| n.div_ceil(4));
+        let [x, y, z] = buffers.shape.size().to_array().map(|n| n.div_ceil(4));
         pass.dispatch_workgroups(x, y, z);
         drop(pass);
         self.count(Pass::Volume);

@@ -88,12 +88,11 @@ impl MeshlessGiFinding {
             }
             Self::ForwardMaterial => {
                 "A mesh's material has `opaque_render_method: Forward`: it is not in the G-buffer, so it gets no indirect light, and below a \
-                 `MeshlessGiBouncer` it reflects none. Make it `Deferred`, or `unlit`."
+                 `MeshlessGiBouncer` it reflects none. Make it `Deferred`, or `unlit`, or light it by a `MeshlessGiVolume` on the level's root."
             }
             Self::TransparentMaterial => {
                 "A mesh's material is transparent (`AlphaMode` other than `Opaque`, `Mask` and `AlphaToCoverage`, or `specular_transmission`): it is drawn \
-                 after indirect light was added, over the surfaces behind it, and gets none itself. `AlphaMode::Mask` gets it; give glass some `emissive`, \
-                 or make it `unlit`."
+                 after indirect light was added, over the surfaces behind it, and gets none itself. Put a `MeshlessGiVolume` on the level's root, which lights it; `AlphaMode::Mask` needs none."
             }
             Self::NoVisibility => {
                 "A light has `MeshlessGiSoftShadow`, and a bake holds no visibility: it casts no soft shadows there, and Bevy's light stays as it is. \
@@ -112,7 +111,7 @@ impl MeshlessGiFinding {
                  that are far away."
             }
             Self::NoFreeSpace => {
-                "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras show none. Bake the level with `probes: ()` in its \
+                "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
                  recipe, or with `--probes`."
             }
         }
@@ -151,6 +150,7 @@ pub(crate) fn check(
     probes: Query<&EnvironmentMapLight, With<LightProbe>>,
     ambient: Option<Res<GlobalAmbientLight>>,
     volumes: Query<&IrradianceVolume, Without<Voxels>>,
+    ours: Query<(), With<Voxels>>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
     bouncers: Query<(), With<MeshlessGiBouncer>>,
     materials: Option<Res<Assets<StandardMaterial>>>,
@@ -168,7 +168,15 @@ pub(crate) fn check(
     let shows = cameras.iter().any(|(c, gi, ..)| c.is_active && gi.enabled);
     if let (true, true, Some(materials)) = (shows, *look, materials) {
         *look = false;
-        found.extend((meshes.iter()).filter_map(|m| without_light(materials.get(&m.0)?)));
+        // A volume lights what no G-buffer holds; what moves is drawn by lamps as it is in the G-buffer.
+        let lit = |finding: &MeshlessGiFinding| {
+            !ours.is_empty()
+                && (*finding == MeshlessGiFinding::TransparentMaterial || bouncers.is_empty())
+        };
+        let dark = meshes
+            .iter()
+            .filter_map(|m| without_light(materials.get(&m.0)?));
+        found.extend(dark.filter(|finding| !lit(finding)));
     }
     if scenes.is_empty() {
         // Nothing to count twice: what moves bounces light once, and ambient light may stand for the rest.

@@ -225,7 +225,7 @@ impl GiRender {
             state.stale = stale;
             let bounds = bounds(bake);
             state.soft = (runtime.soft).observe(soft, bake, bounds, &scene.layers, placement);
-            state.volume = (runtime.volume).observe(volumes, scene.id, bake, &local_from_world);
+            state.volume = (runtime.volume).observe(volumes, scene.id, &local_from_world);
             if !runtime.soft.asked()
                 && let Some(counted) = runtime.soft.release()
             {

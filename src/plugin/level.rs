@@ -21,6 +21,7 @@ use bevy::asset::io::{Reader, Writer};
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
 use bevy::asset::{AssetLoader, AssetPath, LoadContext, ParseAssetPathError, ReadAssetBytesError};
 use bevy::log::info;
+use bevy::math::Vec3;
 use bevy::reflect::TypePath;
 use bevy::tasks::futures_lite::AsyncWriteExt;
 use serde::{Deserialize, Serialize};
@@ -114,7 +115,8 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         let text = String::from_utf8(bytes).map_err(|_| RecipeLoadError::NotText)?;
         let recipe = Recipe::from_ron(&text)?;
         let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
-        let level = read_level(&scene, context).await?;
+        let viewpoints: Vec<Vec3> = recipe.viewpoints.iter().map(|&v| v.into()).collect();
+        let level = read_level(&scene, &viewpoints, context).await?;
         info!("baking `{}` ({} triangles)", scene, level.len());
         // The threads that load assets and compile shaders must stay free: a bake takes seconds to minutes.
         let failed = |why| RecipeLoadError::Bake {
@@ -153,12 +155,13 @@ impl Drop for CancelOnDrop {
 /// of them bakes again.
 async fn read_level(
     scene: &str,
+    viewpoints: &[Vec3],
     context: &mut LoadContext<'_>,
 ) -> Result<TriangleMesh, RecipeLoadError> {
     let path = resolve(context.path(), scene)?;
     let bytes = read(context, &path).await?;
     if scene.to_ascii_lowercase().ends_with(".ply") {
-        let loaded = load_ply_bytes(&bytes, scene, None)?;
+        let loaded = load_ply_bytes(&bytes, scene, viewpoints)?;
         for note in &loaded.notes {
             info!("`{scene}`: {note}");
         }

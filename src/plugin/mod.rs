@@ -46,7 +46,7 @@
 //! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
 //!   says so once and stays inert; nothing else of the app changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
-//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Transparent and forward materials get no indirect light there. Forward cameras are lit by [`MeshlessGiVolume`].
+//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`].
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
@@ -62,6 +62,7 @@ mod composite;
 mod compute;
 mod costs;
 mod decisions;
+mod deferred;
 mod diagnostics;
 mod display;
 mod extract;
@@ -112,8 +113,8 @@ pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings
 pub use materials::MeshlessGiMaterials;
 pub use occluders::MeshlessGiOccluder;
 pub use points::{
-    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiPointsError, MeshlessGiPointsLoader,
-    MeshlessGiPointsSettings,
+    MeshlessGiPointCloud, MeshlessGiPointCloudPart, MeshlessGiPoints, MeshlessGiPointsError,
+    MeshlessGiPointsLoader, MeshlessGiPointsSettings,
 };
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
@@ -136,6 +137,7 @@ use bevy::ecs::prelude::*;
 use bevy::image::Image;
 use bevy::log::warn;
 use bevy::mesh::Mesh;
+use bevy::pbr::deferred::prepare_deferred_lighting_pipelines;
 use bevy::pbr::{DefaultOpaqueRendererMethod, StandardMaterial, main_transmissive_pass_3d};
 use bevy::render::renderer::{RenderDevice, RenderGraph, RenderGraphSystems};
 use bevy::render::{ExtractSchedule, Render, RenderApp, RenderSystems};
@@ -168,6 +170,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiOccluder>()
             .register_type::<MeshlessGiPointCloud>()
+            .register_type::<MeshlessGiPointCloudPart>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
@@ -295,7 +298,16 @@ impl Plugin for MeshlessGiPlugin {
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
             )
-            .add_systems(Render, compute::publish.in_set(RenderSystems::Cleanup))
+            .init_resource::<deferred::WithoutVolumes>()
+            .add_systems(
+                Render,
+                (
+                    deferred::leave_volumes_out
+                        .in_set(RenderSystems::Prepare)
+                        .after(prepare_deferred_lighting_pipelines),
+                    compute::publish.in_set(RenderSystems::Cleanup),
+                ),
+            )
             .add_systems(
                 Core3d,
                 composite::composite

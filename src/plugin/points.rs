@@ -27,9 +27,9 @@ use std::sync::Arc;
 pub struct MeshlessGiPoints {
     /// The points, in the cloud's own space: metres, linear albedo.
     pub cloud: Arc<PointCloud>,
-    /// Their cells, coloured as the points are; the labelled asset `Mesh`.
+    /// Their cells, coloured as the points are, in parts of 100,000 points at most, as no device has room for a mesh of any size; the labelled assets `Mesh0`, `Mesh1`, …
     #[dependency]
-    pub mesh: Handle<Mesh>,
+    pub meshes: Vec<Handle<Mesh>>,
     /// White and rough; the labelled asset `Material`.
     #[dependency]
     pub material: Handle<StandardMaterial>,
@@ -47,10 +47,11 @@ pub struct MeshlessGiPointCloud(pub Handle<MeshlessGiPoints>);
 pub struct MeshlessGiPointsLoader;
 
 /// Settings of [`MeshlessGiPointsLoader`], for `.meta` files.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct MeshlessGiPointsSettings {
-    /// A place in free space, metres: where a file has no normals, a closed surface around it faces it; all others face outwards.
-    pub viewpoint: Option<[f32; 3]>,
+    /// Places in free space, metres: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
+    pub viewpoints: Vec<[f32; 3]>,
 }
 
 /// Why a `.ply` file gives no cloud.
@@ -79,18 +80,20 @@ impl AssetLoader for MeshlessGiPointsLoader {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let name = context.path().to_string();
-        let LoadedPoints { cloud, notes } =
-            load_ply_bytes(&bytes, &name, settings.viewpoint.map(Into::into))?;
+        let viewpoints: Vec<Vec3> = settings.viewpoints.iter().map(|&v| v.into()).collect();
+        let LoadedPoints { cloud, notes } = load_ply_bytes(&bytes, &name, &viewpoints)?;
         drop(bytes);
         info!("`{name}`: {} points", cloud.len());
         for note in notes {
             info!("`{name}`: {note}");
         }
-        let mesh = context.add_labeled_asset("Mesh", cells(&cloud));
+        let meshes = (cells(&cloud).into_iter().enumerate())
+            .map(|(k, mesh)| context.add_labeled_asset(format!("Mesh{k}"), mesh))
+            .collect();
         let material = context.add_labeled_asset("Material", material());
         Ok(MeshlessGiPoints {
             cloud: Arc::new(cloud),
-            mesh,
+            meshes,
             material,
         })
     }
@@ -109,7 +112,10 @@ impl MeshlessGiPoints {
         materials: &mut Assets<StandardMaterial>,
     ) -> Self {
         Self {
-            mesh: meshes.add(cells(&cloud)),
+            meshes: cells(&cloud)
+                .into_iter()
+                .map(|mesh| meshes.add(mesh))
+                .collect(),
             material: materials.add(material()),
             cloud: Arc::new(cloud),
         }
@@ -129,16 +135,26 @@ fn material() -> StandardMaterial {
 /// How far a cell's back lies behind its front, in spacings: more than cells of bent surfaces stick out, and too little to be seen.
 const THICK: f32 = 0.1;
 
-/// The cells of all points, front and back: corners with their normals and the point's colour.
-fn cells(cloud: &PointCloud) -> Mesh {
+/// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU device has.
+const MOST_POINTS: usize = 100_000;
+
+/// The cells of all points in meshes of bounded size.
+fn cells(cloud: &PointCloud) -> Vec<Mesh> {
+    let smooth = cloud.corner_normals();
+    let parts = cloud.parts(MOST_POINTS);
+    parts
+        .iter()
+        .map(|part| some_cells(cloud, &smooth, part))
+        .collect()
+}
+
+/// The cells of some points, front and back: corners with their normals and the point's colour.
+fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
     let (mut positions, mut normals, mut colours) = (Vec::new(), Vec::new(), Vec::new());
     let mut indices: Vec<u32> = Vec::new();
-    let smooth = cloud.corner_normals();
-    let mut at = 0;
-    for i in 0..cloud.len() {
+    for i in part.iter().map(|i| *i as usize) {
         let outline = cloud.outline(i);
-        let own = &smooth[at..at + outline.len()];
-        at += outline.len();
+        let own = &smooth[cloud.corners_of(i)];
         let [r, g, b] = cloud.albedo[i].to_array();
         let back = cloud.normals[i] * (-THICK * cloud.spacing(i));
         for (side, offset) in [(1.0, Vec3::ZERO), (-1.0, back)] {
@@ -164,8 +180,13 @@ fn cells(cloud: &PointCloud) -> Mesh {
     .with_inserted_indices(Indices::U32(indices))
 }
 
-/// Gives point clouds what they are drawn as.
-#[allow(clippy::type_complexity, reason = "a query's filter")]
+/// Draws a part of the point cloud of its parent, whose first part the parent draws itself: clouds of more than 100,000 points have such children. They go with the cloud.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiPointCloudPart;
+
+/// Gives point clouds what they are drawn as, and their parts the cloud's material.
+#[allow(clippy::type_complexity, reason = "queries' filters")]
 pub(crate) fn draw(
     mut commands: Commands,
     assets: Res<Assets<MeshlessGiPoints>>,
@@ -174,8 +195,10 @@ pub(crate) fn draw(
         Entity,
         Ref<MeshlessGiPointCloud>,
         Option<&Mesh3d>,
-        Has<MeshMaterial3d<StandardMaterial>>,
+        Option<Ref<MeshMaterial3d<StandardMaterial>>>,
+        Option<&Children>,
     )>,
+    parts: Query<Option<&MeshMaterial3d<StandardMaterial>>, With<MeshlessGiPointCloudPart>>,
 ) {
     let news: Vec<AssetId<MeshlessGiPoints>> = events
         .read()
@@ -184,19 +207,43 @@ pub(crate) fn draw(
             _ => None,
         })
         .collect();
-    for (entity, cloud, mesh, has_material) in &clouds {
+    for (entity, cloud, mesh, material, children) in &clouds {
+        let children = children.into_iter().flatten().copied();
+        let own_parts = || children.clone().filter(|child| parts.contains(*child));
         if !cloud.is_changed() && !news.contains(&cloud.0.id()) {
+            // A game gives the cloud another material at any time.
+            if let Some(material) = material.filter(Ref::is_changed) {
+                let differs = |part: &Entity| parts.get(*part).ok().flatten() != Some(&*material);
+                for part in own_parts().filter(differs) {
+                    commands.entity(part).insert((*material).clone());
+                }
+            }
             continue;
         }
-        let Some(points) = assets.get(&cloud.0) else {
+        let Some((points, first)) =
+            (assets.get(&cloud.0)).and_then(|points| Some((points, points.meshes.first()?)))
+        else {
             continue;
         };
+        let drawn = material.map_or_else(
+            || MeshMaterial3d(points.material.clone()),
+            |material| (*material).clone(),
+        );
+        for part in own_parts() {
+            commands.entity(part).despawn();
+        }
+        for mesh in &points.meshes[1..] {
+            commands.spawn((
+                MeshlessGiPointCloudPart,
+                Mesh3d(mesh.clone()),
+                drawn.clone(),
+                ChildOf(entity),
+            ));
+        }
         let mut entity = commands.entity(entity);
-        if mesh.is_none_or(|mesh| mesh.0 != points.mesh) {
-            entity.insert(Mesh3d(points.mesh.clone()));
+        if mesh.is_none_or(|mesh| mesh.0 != *first) {
+            entity.insert(Mesh3d(first.clone()));
         }
-        if !has_material {
-            entity.insert(MeshMaterial3d(points.material.clone()));
-        }
+        entity.insert_if_new(drawn);
     }
 }

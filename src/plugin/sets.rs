@@ -12,9 +12,9 @@ pub enum MeshlessGiSystems {
     Points,
     /// `PostUpdate` of the main world: the tier of each root is picked ([`MeshlessGiQuality`](super::MeshlessGiQuality)). What was asked for before it counts in the same frame.
     Pick,
-    /// `PostUpdate` of the main world, before transforms: volumes for forward cameras are made and removed ([`MeshlessGiVolume`](super::MeshlessGiVolume)).
+    /// `PostUpdate` of the main world, before transforms: volumes for forward cameras and transparent surfaces are made and removed ([`MeshlessGiVolume`](super::MeshlessGiVolume)).
     Shape,
-    /// `PostUpdate` of the main world, after Bevy looked what its cameras see: our volumes are not for cameras with [`MeshlessGiCamera`](super::MeshlessGiCamera).
+    /// `PostUpdate` of the main world, after Bevy looked what its cameras see: our volumes are not for cameras of lamps' maps, nor for those whose [`MeshlessGiCamera`](super::MeshlessGiCamera) is off.
     Hide,
     /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what moves is found, and the cameras of the
     /// lights that draw it ([`MeshlessGiReflective`](super::MeshlessGiReflective)) are aimed.

@@ -1,37 +1,40 @@
-//! Indirect light for cameras without a G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
+//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
 //!
-//! Bevy adds a volume to every pixel of every camera that sees it, deferred ones included, which have our own display: those never see ours.
+//! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
 use super::asset::MeshlessGiAsset;
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
-use super::extract::{ExtractedGi, in_view};
+use super::extract::{ExtractedGi, draws_gbuffer, in_view};
 use super::reflective::MeshlessGiCapture;
-use crate::asset::{BakedScene, Probes};
+use crate::asset::BakedScene;
 use crate::basis::PROBE_OVERLAP;
-use crate::frame::{VolumeParams, voxels_of};
+use crate::frame::{VolumeParams, VolumePlaces, VolumeShape, voxels_of};
 use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
 use bevy::camera::visibility::{RenderLayers, VisibleEntities};
-use bevy::camera::{Camera, Camera3d};
+use bevy::camera::{Camera, Camera3d, Hdr};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::ecs::hierarchy::ChildOf;
 use bevy::ecs::prelude::*;
 use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
-use bevy::math::{Mat4, UVec3, Vec3};
+use bevy::log::warn;
+use bevy::math::{Mat4, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages};
 use bevy::render::texture::GpuImage;
+use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
 use std::any::TypeId;
 
-/// Lights what cameras without [`MeshlessGiCamera`] draw: forward ones, those with several samples a pixel, and transparent surfaces in them. Goes beside [`MeshlessGi`]; the bake must know light in
-/// free space (recipe field `probes`).
+/// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
+/// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
 ///
 /// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Surfaces are lit between voxels: coarser than what a deferred camera shows,
 /// and walls thinner than two voxels let light of the next room through within a voxel. On devices that sample one volume at a time the nearest one counts: use one a place.
@@ -40,7 +43,7 @@ use std::any::TypeId;
 pub struct MeshlessGiVolume {
     /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels; each takes 48 bytes. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most. Voxels become larger where they would be more.
     pub most: u32,
 }
 
@@ -58,7 +61,7 @@ impl Default for MeshlessGiVolume {
 pub(crate) struct Voxels {
     low: Vec3,
     high: Vec3,
-    size: UVec3,
+    shape: VolumeShape,
     bake: AssetId<MeshlessGiAsset>,
 }
 
@@ -77,22 +80,16 @@ impl Voxels {
         // Walls at the very edge of the level lie inside.
         let (low, high) = (low - edge, high + edge);
         let size = voxels_of(high - low, edge, asked.most);
-        let made = Self {
+        Some(Self {
             low,
             high,
-            size,
+            shape: VolumeShape::new([low, high], size)?,
             bake: id,
-        };
-        made.params(probes, &Mat4::IDENTITY).map(|_| made)
-    }
-
-    fn params(&self, probes: &Probes, local_from_world: &Mat4) -> Option<VolumeParams> {
-        let grid = (&probes.grid).into();
-        VolumeParams::new([self.low, self.high], self.size, local_from_world, grid)
+        })
     }
 
     fn texture(&self) -> Image {
-        let [width, height, depth] = (self.size * UVec3::new(1, 2, 3)).to_array();
+        let [width, height, depth] = self.shape.texels().to_array();
         let size = Extent3d {
             width,
             height,
@@ -108,11 +105,6 @@ impl Voxels {
             TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING;
         image.sampler = ImageSampler::linear();
         image
-    }
-
-    /// Bytes of the texture.
-    fn bytes(&self) -> u64 {
-        self.size.to_array().map(u64::from).iter().product::<u64>() * 48
     }
 }
 
@@ -164,15 +156,32 @@ pub(crate) fn shape(
 /// Cameras with a display of their own.
 type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
 
-/// Cameras with a display of their own do not see our volumes. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
+/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer: cameras of lamps' maps do not, nor those whose display is off or
+/// cannot be. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
-    mut cameras: Query<&mut VisibleEntities, WithDisplay>,
+    mut cameras: Query<
+        (
+            &mut VisibleEntities,
+            Option<&MeshlessGiCamera>,
+            Option<&Msaa>,
+            (
+                Has<Hdr>,
+                Has<DepthPrepass>,
+                Has<NormalPrepass>,
+                Has<DeferredPrepass>,
+            ),
+        ),
+        WithDisplay,
+    >,
 ) {
     if volumes.is_empty() {
         return;
     }
-    for mut seen in &mut cameras {
+    for (mut seen, display, msaa, (hdr, depth, normal, deferred)) in &mut cameras {
+        if display.is_some_and(|d| d.enabled) && draws_gbuffer(hdr, depth, normal, deferred, msaa) {
+            continue;
+        }
         let class = TypeId::of::<ClusterVisibilityClass>();
         if seen.get(class).iter().any(|e| volumes.contains(*e)) {
             seen.get_mut(class).retain(|e| !volumes.contains(*e));
@@ -190,7 +199,18 @@ pub(crate) struct ExtractedVolume {
 
 /// All of them.
 #[derive(Resource, Default)]
-pub(crate) struct ExtractedVolumes(Vec<ExtractedVolume>);
+pub(crate) struct ExtractedVolumes {
+    all: Vec<ExtractedVolume>,
+    /// Cameras of the main world with our display that see one.
+    displays: Vec<Entity>,
+}
+
+impl ExtractedVolumes {
+    /// Whether this camera of the main world has our display and sees a volume.
+    pub fn displays(&self, camera: Entity) -> bool {
+        self.displays.contains(&camera)
+    }
+}
 
 type ForwardCameras<'w, 's> = Query<
     'w,
@@ -211,12 +231,24 @@ type ForwardCameras<'w, 's> = Query<
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,
-    volumes: Extract<Query<(&ChildOf, &Voxels, &IrradianceVolume)>>,
+    volumes: Extract<Query<(Entity, &ChildOf, &Voxels, &IrradianceVolume)>>,
     cameras: Extract<ForwardCameras>,
+    displays: Extract<Query<(Entity, &Camera, &VisibleEntities), With<MeshlessGiCamera>>>,
     images: Option<Res<RenderAssets<GpuImage>>>,
 ) {
-    out.0.clear();
-    for (parent, voxels, volume) in &volumes {
+    out.all.clear();
+    out.displays.clear();
+    if volumes.is_empty() {
+        return;
+    }
+    let seen = |(_, camera, entities): &(Entity, &Camera, &VisibleEntities)| {
+        let class = TypeId::of::<ClusterVisibilityClass>();
+        camera.is_active && entities.get(class).iter().any(|e| volumes.contains(*e))
+    };
+    let displays: Vec<_> = displays.iter().filter(seen).collect();
+    out.displays
+        .extend(displays.iter().map(|(camera, ..)| *camera));
+    for (entity, parent, voxels, volume) in &volumes {
         let id = SceneId(parent.parent().to_bits());
         let texture = images.as_ref().and_then(|i| i.get(&volume.voxels));
         let scene = world.scenes.iter().find(|s| s.id == id);
@@ -226,46 +258,54 @@ pub(crate) fn extract_volumes(
         let sees = |(camera, frustum, layers): (&Camera, &Frustum, Option<&RenderLayers>)| {
             camera.is_active && in_view(scene, frustum, &layers.cloned().unwrap_or_default())
         };
-        out.0.push(ExtractedVolume {
+        let shows = |(_, _, entities): &(Entity, &Camera, &VisibleEntities)| {
+            let class = TypeId::of::<ClusterVisibilityClass>();
+            entities.get(class).contains(&entity)
+        };
+        out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,
             texture: wgpu::TextureView::clone(&texture.texture_view),
-            seen: cameras.iter().any(sees),
+            seen: cameras.iter().any(sees) || displays.iter().any(shows),
         });
     }
 }
 
+/// How many functions of probes are looked at in a frame in which a volume's places are found: some milliseconds of one core.
+const LOOKS_A_FRAME: u64 = 1 << 19;
+
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
 #[derive(Default)]
 pub(crate) struct SceneVolume {
+    /// Found over as many frames as it takes; gone once the device has them.
+    places: Option<VolumePlaces>,
     buffers: Option<VolumeBuffers>,
     written: Option<(VolumeParams, wgpu::TextureView)>,
-    bytes: u64,
+    /// A volume that the device does not hold.
+    refused: Option<VolumeShape>,
 }
 
 impl SceneVolume {
     fn wanted<'a>(
         world: &'a ExtractedVolumes,
         id: SceneId,
-        bake: &BakedScene,
         local_from_world: &Mat4,
     ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
-        let volume = world.0.iter().find(|v| v.scene == id)?;
-        let params = volume
-            .voxels
-            .params(bake.probes.as_ref()?, local_from_world)?;
-        Some((params, volume))
+        let volume = world.all.iter().find(|v| v.scene == id)?;
+        Some((
+            VolumeParams::new(&volume.voxels.shape, local_from_world),
+            volume,
+        ))
     }
 
-    /// Says what cameras without a G-buffer ask of the scene.
+    /// Says what cameras ask of the scene's volume.
     pub fn observe(
         &mut self,
         world: &ExtractedVolumes,
         id: SceneId,
-        bake: &BakedScene,
         local_from_world: &Mat4,
     ) -> VolumeState {
-        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
             *self = Self::default();
             return VolumeState::default();
         };
@@ -273,18 +313,18 @@ impl SceneVolume {
             *of == params && *texture == volume.texture
         };
         VolumeState {
-            asked: true,
+            asked: self.refused != Some(volume.voxels.shape),
             seen: volume.seen,
             held: self.written.as_ref().is_some_and(held),
         }
     }
 
-    /// Whether a camera without a G-buffer sees the scene and has a volume of it.
+    /// Whether a camera sees the scene by its volume.
     pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.0.iter().any(|v| v.scene == id && v.seen)
+        world.all.iter().any(|v| v.scene == id && v.seen)
     }
 
-    /// Records the voxels of the scene's volume.
+    /// Records the voxels of the scene's volume; those of a new one as soon as all its places are found.
     #[expect(
         clippy::too_many_arguments,
         reason = "a volume, and what it is recorded with"
@@ -300,18 +340,53 @@ impl SceneVolume {
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let Some((params, volume)) = Self::wanted(world, id, bake, local_from_world) else {
+        let Some((params, volume)) = Self::wanted(world, id, local_from_world) else {
             return;
         };
-        let buffers = (self.buffers).get_or_insert_with(|| VolumeBuffers::new(kernels.device()));
-        frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
-        self.bytes = buffers.bytes() + volume.voxels.bytes();
-        self.written = Some((params, volume.texture.clone()));
+        self.prepare(volume.voxels.shape, bake, kernels, queue);
+        if let Some(buffers) = &self.buffers {
+            frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
+            self.written = Some((params, volume.texture.clone()));
+        }
+    }
+
+    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is done.
+    fn prepare(
+        &mut self,
+        shape: VolumeShape,
+        bake: &BakedScene,
+        kernels: &Kernels,
+        queue: &wgpu::Queue,
+    ) {
+        if self.buffers.as_ref().is_some_and(|b| *b.shape() == shape) {
+            return;
+        }
+        self.buffers = None;
+        let Some(probes) = &bake.probes else {
+            return;
+        };
+        let begun = self.places.take().filter(|p| *p.shape() == shape);
+        let mut places = begun.unwrap_or_else(|| VolumePlaces::new(shape));
+        if !places.find(probes, LOOKS_A_FRAME) {
+            self.places = Some(places);
+            return;
+        }
+        match VolumeBuffers::new(kernels.device(), queue, &places) {
+            Ok(buffers) => self.buffers = Some(buffers),
+            Err(why) => {
+                warn!("a volume for forward cameras stays dark: {why}");
+                self.refused = Some(shape);
+            }
+        }
     }
 
     /// Buffers, and bytes of them and the texture.
     pub fn size(&self) -> (u32, u64) {
-        (u32::from(self.buffers.is_some()), self.bytes)
+        let Some(buffers) = &self.buffers else {
+            return (0, 0);
+        };
+        let texture = 8 * u64::from(buffers.shape().texels().element_product());
+        (buffers.count(), buffers.bytes() + texture)
     }
 }
 

@@ -1,6 +1,7 @@
 //! A level's geometry from a file of any kind that can be read: triangles, points, or a description that names several of them.
 
 use super::{MeshProblems, SceneError, TriangleMesh, load_gltf, load_ply};
+use glam::Vec3;
 use std::path::Path;
 
 /// A level's geometry as one mesh.
@@ -16,11 +17,15 @@ pub struct LoadedGeometry {
     pub notes: Vec<String>,
 }
 
-/// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene description whose geometry is joined.
+/// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene description whose geometry is joined. Points without normals face the `viewpoints`
+/// (metres, in free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
 ///
 /// # Errors
 /// See [`SceneError`].
-pub fn load_geometry(path: impl AsRef<Path>) -> Result<LoadedGeometry, SceneError> {
+pub fn load_geometry(
+    path: impl AsRef<Path>,
+    viewpoints: &[Vec3],
+) -> Result<LoadedGeometry, SceneError> {
     let path = path.as_ref();
     let ends = |ending: &str| {
         path.extension()
@@ -28,10 +33,10 @@ pub fn load_geometry(path: impl AsRef<Path>) -> Result<LoadedGeometry, SceneErro
     };
     #[cfg(feature = "cli")]
     if ends("json") {
-        return described(path);
+        return described(path, viewpoints);
     }
     if ends("ply") {
-        let read = load_ply(path, None)?;
+        let read = load_ply(path, viewpoints)?;
         let (mesh, _) = read.cloud.mesh();
         return Ok(LoadedGeometry {
             mesh,
@@ -51,7 +56,7 @@ pub fn load_geometry(path: impl AsRef<Path>) -> Result<LoadedGeometry, SceneErro
 
 /// All geometry that a description names.
 #[cfg(feature = "cli")]
-fn described(path: &Path) -> Result<LoadedGeometry, SceneError> {
+fn described(path: &Path, viewpoints: &[Vec3]) -> Result<LoadedGeometry, SceneError> {
     let description = super::SceneDescription::read(path)?;
     let mut all = LoadedGeometry {
         mesh: TriangleMesh::joined(Vec::new()),
@@ -71,7 +76,7 @@ fn described(path: &Path) -> Result<LoadedGeometry, SceneError> {
                 reason: format!("{} is a description and no geometry", file.display()),
             });
         }
-        let part = load_geometry(file)?;
+        let part = load_geometry(file, viewpoints)?;
         all.points += part.points;
         all.problems.add(&part.problems);
         all.notes.extend(part.notes);

@@ -17,7 +17,7 @@ fn points() -> PlyPoints {
 }
 
 fn cloud(points: PlyPoints) -> TriangleMesh {
-    PointCloud::new(points, None).expect("a cloud").mesh().0
+    PointCloud::new(points, &[]).expect("a cloud").mesh().0
 }
 
 fn by(rule: Rule) -> Recipe {
@@ -71,7 +71,7 @@ fn copies_and_normals_of_no_length_change_little_or_nothing() {
         albedo: right.albedo.as_deref().map(five),
         ..PlyPoints::default()
     };
-    let copies = PointCloud::new(copies, None).expect("a cloud");
+    let copies = PointCloud::new(copies, &[]).expect("a cloud");
     assert_eq!(copies.problems.coincident, 4 * right.positions.len() as u64);
     assert_eq!(copies.mesh().0.content_hash(), level.content_hash());
     // A third of the normals has no length.
@@ -140,7 +140,7 @@ fn too_few_points_are_an_error() {
             positions: points().positions[..count].to_vec(),
             ..PlyPoints::default()
         };
-        let why = PointCloud::new(few, None).expect_err("no surface");
+        let why = PointCloud::new(few, &[]).expect_err("no surface");
         assert!(matches!(why, PointsError::TooFew { usable, .. } if usable == count as u64));
     }
 }

@@ -4,8 +4,8 @@ use super::Scene;
 use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solved};
-use bevy_meshless_gi::frame::volume::volume;
-use bevy_meshless_gi::frame::{VectorIrradiance, VolumeParams};
+use bevy_meshless_gi::frame::volume::{AHEAD, volume};
+use bevy_meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape};
 use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
@@ -30,16 +30,12 @@ fn volumes() {
     // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the bake's.
     let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
     let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
-    let size = UVec3::new(9, 7, 10);
-    let params = VolumeParams::new(
-        [low - 0.15, high + 0.15],
-        size,
-        &turned,
-        (&probes.grid).into(),
-    )
-    .unwrap();
-    let texels = params.texels();
-    assert_eq!(texels, UVec3::new(9, 14, 30));
+    let size = UVec3::new(19, 17, 21);
+    let shape = VolumeShape::new([low - 0.3, high + 0.3], size).unwrap();
+    let params = VolumeParams::new(&shape, &turned);
+    let places = VolumePlaces::of(shape, probes);
+    let texels = shape.texels();
+    assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("voxels"),
         size: wgpu::Extent3d {
@@ -55,7 +51,10 @@ fn volumes() {
         view_formats: &[],
     });
     let view = texture.create_view(&TextureViewDescriptor::default());
-    let buffers = VolumeBuffers::new(&harness.device);
+    let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &places).unwrap();
+    let shares = places.shares().len() as u64;
+    let held = 928 + 4 * (u64::from(shape.voxels()) + 1 + shares);
+    assert_eq!((buffers.count(), buffers.bytes()), (3, held));
     harness
         .run(|encoder| {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
@@ -64,7 +63,8 @@ fn volumes() {
     assert_eq!(frame.counters().of(Pass::Volume), 1);
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
-    let expected = |params: &VolumeParams, values: &[VectorIrradiance]| -> Vec<[f32; 4]> {
+    type Voxels<'a> = (VolumeParams, &'a VolumePlaces, &'a [VectorIrradiance]);
+    let expected = |(params, places, values): Voxels<'_>| -> Vec<[f32; 4]> {
         let at = |i: u32| {
             UVec3::new(
                 i % texels.x,
@@ -73,29 +73,51 @@ fn volumes() {
             )
         };
         (0..texels.element_product())
-            .map(|i| volume(params, probes, values, at(i)))
+            .map(|i| volume(&params, places, values, at(i)))
             .collect()
     };
-    let off = |twin: &[[f32; 4]]| differing(&gpu, twin, 4, HALF, Scale::Rms).len();
-    // A place within rounding of a clip plane may lie on either side of it.
-    let twin = expected(&params, &values);
-    assert!(off(&twin) <= 4, "{}", off(&twin));
+    let off = |of: Voxels<'_>| differing(&gpu, &expected(of), 4, HALF, Scale::Rms).len();
+    assert_eq!(off((params, &places, &values)), 0);
     let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
-    // What must be noticed: other values, a little more light, the bake's axes in place of the world's, voxels half a voxel aside.
+    // What must be noticed: other values, a little more light, the bake's axes in place of the world's, other voxels ahead, voxels half a voxel aside.
     let mut moved = values.clone();
     moved.rotate_left(3);
-    type Spoil = fn(&mut VolumeParams);
-    let spoils: [(&str, Spoil); 3] = [
-        ("brighter", |p| p.scale *= 1.01),
-        ("axes", |p| p.axes.rotate_left(1)),
-        ("aside", |p| p.low[0] += 0.5 * p.voxel[0]),
+    let changed = |change: &dyn Fn(&mut VolumeParams)| {
+        let mut changed = params;
+        change(&mut changed);
+        changed
+    };
+    let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
+    let aside = VolumeShape::new([corner, corner + (high - low + 0.6)], size).unwrap();
+    let aside = VolumePlaces::of(aside, probes);
+    let spoiled: [(&str, Voxels<'_>); 5] = [
+        ("values", (params, &places, &moved)),
+        (
+            "brighter",
+            (changed(&|p| p.scale *= 1.01), &places, &values),
+        ),
+        (
+            "axes",
+            (changed(&|p| p.axes.rotate_left(1)), &places, &values),
+        ),
+        (
+            "steps",
+            (changed(&|p| p.steps.rotate_left(2)), &places, &values),
+        ),
+        ("aside", (params, &aside, &values)),
     ];
-    assert!(off(&expected(&params, &moved)) * 2 > gpu.len());
-    for (what, spoil) in spoils {
-        let mut wrong = params;
-        spoil(&mut wrong);
-        let found = off(&expected(&wrong, &values));
+    for (what, of) in spoiled {
+        let found = off(of);
         assert!(found * 4 > gpu.len(), "{what} goes unnoticed: {found}");
     }
+    // Sides with nothing ahead and nothing of their own are there, and lit by what is beside: without those steps they are dark.
+    let alone = changed(&|p| {
+        for side in &mut p.steps {
+            *side = [side[AHEAD]; 9];
+        }
+    });
+    let found = off((alone, &places, &values));
+    eprintln!("{found} of {} sides in edges", gpu.len());
+    assert!(found > 20, "sides in edges go unnoticed: {found}");
 }

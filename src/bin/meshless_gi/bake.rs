@@ -10,6 +10,7 @@ use bevy_meshless_gi::bake::{
 };
 use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use glam::Vec3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -46,7 +47,7 @@ struct Options {
     /// How much care to take [draft, medium, high; medium if left out].
     #[arg(long, hide_possible_values = true, value_parser = preset())]
     preset: Option<Preset>,
-    /// A place in free space from which light can be seen, metres; may be given several times.
+    /// A place in free space from which light can be seen, metres; may be given several times. Points without normals face it.
     #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
     /// Disk radius of the coarsest level, metres.
@@ -286,7 +287,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         return Err(ToolError::Usage("-o and --stats name the same file".into()));
     }
 
-    let mesh = load(&level)?;
+    let mesh = load(&level, &recipe.viewpoints)?;
     let loaded = began.elapsed().as_secs_f64();
     let tree = mesh.bvh_time().as_secs_f64();
     let threads = args.threads as usize;
@@ -394,15 +395,16 @@ fn same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Reads a level, and remarks on what was not taken as it stands there.
-pub fn load(path: &Path) -> Result<TriangleMesh, ToolError> {
+/// Reads a level, and remarks on what was not taken as it stands there. Points without normals face the `viewpoints` that they lie around.
+pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new(format!("reading {}", path.display()));
+    let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
     let LoadedGeometry {
         mesh,
         points,
         problems,
         notes,
-    } = load_geometry(path)?;
+    } = load_geometry(path, &viewpoints)?;
     drop(step);
     if points > 0 {
         output::note(&format!(

@@ -155,7 +155,7 @@ fn statue(file: &Path) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new("scattering points");
     scatter::write(&statue_room(), SPACING, 1, PlyEncoding::LittleEndian, file)?;
     drop(step);
-    bake::load(file)
+    bake::load(file, &[])
 }
 
 /// Few points, for a quick bake, but many rays and a tight bound for them.

@@ -7,6 +7,7 @@ use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
 use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_geometry};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -84,6 +85,11 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         .map_err(|why| ToolError::write(&args.output, &why))
 }
 
+/// Where the bake was seen from, metres: what points without normals face.
+pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
+    (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
+}
+
 /// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it may be missing.
 pub fn geometry(
     baked: &BakedScene,
@@ -94,9 +100,10 @@ pub fn geometry(
         .iter()
         .any(|light| matches!(light, Light::Sky { .. }));
     let needed = sky || baked.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+    let viewpoints = viewpoints(baked);
     let mut meshes = Vec::new();
     for path in &description.geometry {
-        match load_geometry(path) {
+        match load_geometry(path, &viewpoints) {
             Ok(level) => meshes.push(level.mesh),
             Err(why) if why.is_io() && !needed => {
                 output::note(&format!("{why}; nothing in the bake needs it"));

@@ -1,7 +1,7 @@
 //! `illuminate`: the light at every point of a bake, or of a cloud, under a scene's lights: a `.ply` file with the light as colour, and the bake with the light in it.
 
 use super::error::ToolError;
-use super::eval::geometry;
+use super::eval::{geometry, viewpoints};
 use super::{output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluator};
 use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let description = SceneDescription::read(&args.scene)?;
     let surface = match &args.points {
         Some(path) => {
-            let cloud = PointCloud::new(read_ply(path)?, None)
+            let cloud = PointCloud::new(read_ply(path)?, &viewpoints(&baked))
                 .map_err(|why| ToolError::input(path, &why))?;
             Surface {
                 positions: cloud.positions,

@@ -42,7 +42,7 @@ fn minutes(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let (recipe, level) = bake::level_and_recipe(&args.scene, None)?;
-    let mesh = bake::load(&level)?;
+    let mesh = bake::load(&level, &recipe.viewpoints)?;
     let folder = &args.output;
     std::fs::create_dir_all(folder).map_err(|why| ToolError::write(folder, &why))?;
     // Before long work, not after it.

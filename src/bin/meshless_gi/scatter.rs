@@ -35,7 +35,7 @@ fn spacing(text: &str) -> Result<f32, String> {
 pub fn run(args: &Args) -> Result<(), ToolError> {
     check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
     let level = match &args.level {
-        Some(path) => bake::load(path)?,
+        Some(path) => bake::load(path, &[])?,
         None => statue_room(),
     };
     let encoding = match args.ascii {

@@ -2,10 +2,23 @@
 
 use super::error::ToolError;
 use super::output;
-use bevy_meshless_gi::asset::{AssetError, BakedScene, Limits};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, Limits};
 use bevy_meshless_gi::bake::is_stale;
-use bevy_meshless_gi::scene::load_geometry;
-use std::path::PathBuf;
+use bevy_meshless_gi::scene::{SceneError, load_geometry};
+use glam::Vec3;
+use std::path::{Path, PathBuf};
+
+/// Whether the level is another one now. Points without normals face the bake's viewpoints if those were named, which the bake does not say.
+fn stale(info: &BakeInfo, level: &Path) -> Result<bool, SceneError> {
+    for viewpoints in [&info.viewpoints[..], &[]] {
+        let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
+        let hash = load_geometry(level, &viewpoints)?.mesh.content_hash();
+        if !is_stale(info, &hash) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -21,7 +34,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let why = match BakedScene::read(&args.bake, &Limits::default()) {
         Ok(scene) => {
             if let Some(level) = &args.level
-                && is_stale(&scene.info, &load_geometry(level)?.mesh.content_hash())
+                && stale(&scene.info, level)?
             {
                 let why = format!(
                     "stale: {} has changed since it was baked, or another version of this tool baked it ({}; this one is {})",

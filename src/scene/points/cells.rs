@@ -36,8 +36,8 @@ const OTHER_SIDE: f64 = -0.5;
 const OVERLAP: f64 = 0.02;
 /// How far a cell reaches over an open border, in spacings.
 const BORDER: f64 = 0.75;
-/// Cells have up to so many corners; the outlines of all together have to be numbered by 32 bits.
-const MOST_CORNERS: usize = 16;
+/// Cells have up to so many corners.
+pub(super) const MOST_CORNERS: usize = 16;
 /// No cell.
 const OPEN: u8 = u8::MAX;
 

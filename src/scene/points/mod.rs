@@ -10,6 +10,7 @@
 mod cells;
 mod nearest;
 mod normals;
+mod parts;
 #[cfg(test)]
 mod tests;
 
@@ -19,10 +20,13 @@ use glam::Vec3;
 use nearest::{Neighbour, PointTree};
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::Path;
 
-/// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
+/// Coordinates from here on, in metres, are taken for damage: no level is as large, and what is left of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
+/// Most points of a cloud: the corners of their cells, [`cells::MOST_CORNERS`] each at most, are numbered by 32 bits.
+const MOST_POINTS: usize = (1 << 31) / cells::MOST_CORNERS;
 /// What a point without a colour reflects.
 const GREY: Vec3 = Vec3::splat(0.5);
 /// Normals of one place that enclose an angle with a cosine above this are of one point.
@@ -47,6 +51,9 @@ pub enum PointsError {
         /// Points at the place of another one with its normal.
         coincident: u64,
     },
+    /// More points than indices of 32 bits reach, with all corners of their cells.
+    #[error("{0} points, at most {MOST_POINTS}")]
+    TooMany(usize),
     /// Normals or colours are not as many as positions.
     #[error("{positions} positions, but {others} {what}")]
     Lengths {
@@ -101,13 +108,16 @@ pub struct PointCloud {
 
 impl PointCloud {
     /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what surface each stands for. Points keep their order. Where there are
-    /// no normals, a closed part of the surface that `viewpoint` lies in faces it; other parts face outwards, or what they lie around. Points
+    /// no normals, a closed part of the surface that one of `viewpoints` (metres, in free space) lies in faces it; other parts face outwards, or what they lie around. Points
     /// without a colour reflect a half. The same points give the same cloud on any number of threads.
     ///
     /// # Errors
     /// See [`PointsError`].
-    pub fn new(points: PlyPoints, viewpoint: Option<Vec3>) -> Result<Self, PointsError> {
+    pub fn new(points: PlyPoints, viewpoints: &[Vec3]) -> Result<Self, PointsError> {
         let count = points.positions.len();
+        if count > MOST_POINTS {
+            return Err(PointsError::TooMany(count));
+        }
         for (what, others) in [("normals", &points.normals), ("colours", &points.albedo)] {
             if let Some(others) = others.as_ref().map(Vec::len).filter(|n| *n != count) {
                 return Err(PointsError::Lengths {
@@ -130,7 +140,7 @@ impl PointCloud {
         let mut tree = PointTree::new(&positions);
         let given = points.normals.as_ref();
         let mut normals = match given {
-            None => normals::estimate(&positions, &tree, viewpoint),
+            None => normals::estimate(&positions, &tree, viewpoints),
             Some(given) => {
                 let given: Vec<Vec3> = kept.iter().map(|&i| unit(given[i as usize])).collect();
                 normals::complete(&positions, given, &tree, &mut problems.normal_estimated)
@@ -199,10 +209,7 @@ impl PointCloud {
     /// little. Empty where the point stands for no surface.
     #[must_use]
     pub fn outline(&self, i: usize) -> &[Vec3] {
-        match (self.first.get(i), self.first.get(i + 1)) {
-            (Some(&from), Some(&to)) => &self.corners[from as usize..to as usize],
-            _ => &[],
-        }
+        &self.corners[self.corners_of(i)]
     }
 
     /// Distance between point `i` and its neighbours, metres, about; 0 where the point stands for no surface.
@@ -235,6 +242,21 @@ impl PointCloud {
             .map_init(Vec::new, of_cell)
             .flatten_iter()
             .collect()
+    }
+
+    /// Which of [`corner_normals`](Self::corner_normals) belong to the corners of point `i`'s cell.
+    #[must_use]
+    pub fn corners_of(&self, i: usize) -> Range<usize> {
+        match (self.first.get(i), self.first.get(i + 1)) {
+            (Some(&from), Some(&to)) => from as usize..to as usize,
+            _ => 0..0,
+        }
+    }
+
+    /// All points in parts that lie together, of `most` points at most (1 at least): ascending indices.
+    #[must_use]
+    pub fn parts(&self, most: usize) -> Vec<Vec<u32>> {
+        parts::parts(&self.positions, most)
     }
 
     /// A box around the points.
@@ -384,12 +406,9 @@ pub struct LoadedPoints {
 ///
 /// # Errors
 /// [`SceneError::Io`] where the file cannot be read, [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
-pub fn load_ply(
-    path: impl AsRef<Path>,
-    viewpoint: Option<Vec3>,
-) -> Result<LoadedPoints, SceneError> {
+pub fn load_ply(path: impl AsRef<Path>, viewpoints: &[Vec3]) -> Result<LoadedPoints, SceneError> {
     let path = path.as_ref();
-    cloud_of(read_ply(path)?, &path.display().to_string(), viewpoint)
+    cloud_of(read_ply(path)?, &path.display().to_string(), viewpoints)
 }
 
 /// As [`load_ply`], of a file's bytes; `name` is what errors call it.
@@ -399,22 +418,22 @@ pub fn load_ply(
 pub fn load_ply_bytes(
     bytes: &[u8],
     name: &str,
-    viewpoint: Option<Vec3>,
+    viewpoints: &[Vec3],
 ) -> Result<LoadedPoints, SceneError> {
     let points = parse_ply(bytes).map_err(|why| SceneError::Ply {
         file: name.into(),
         why,
     })?;
-    cloud_of(points, name, viewpoint)
+    cloud_of(points, name, viewpoints)
 }
 
 fn cloud_of(
     points: PlyPoints,
     name: &str,
-    viewpoint: Option<Vec3>,
+    viewpoints: &[Vec3],
 ) -> Result<LoadedPoints, SceneError> {
     let faces = points.faces;
-    let cloud = PointCloud::new(points, viewpoint).map_err(|why| SceneError::Points {
+    let cloud = PointCloud::new(points, viewpoints).map_err(|why| SceneError::Points {
         file: name.into(),
         why,
     })?;

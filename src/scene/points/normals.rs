@@ -8,7 +8,7 @@
 //! corner of a room, are replaced by that of a neighbour that fits its own surroundings, if the point lies in it.
 //!
 //! Which of its two sides a part (connected through neighbours) shows is not in the data. A part is turned outwards: the sum of (x − centre)·n over its
-//! points, times three its volume, is positive. A part that lies around the points of other parts faces them. Where a viewpoint is given, a part that
+//! points, times three its volume, is positive. A part that lies around the points of other parts faces them. Where viewpoints are given, a part that
 //! surrounds it faces it.
 
 use super::nearest::{Neighbour, PointTree};
@@ -29,7 +29,7 @@ const LINKS: usize = 8;
 const PROBES: usize = 32;
 
 /// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbours at another place.
-pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoint: Option<Vec3>) -> Vec<Vec3> {
+pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
         .enumerate()
@@ -44,7 +44,7 @@ pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoint: Option<Vec3
         .collect();
     let squares: Vec<f32> = fits.iter().map(|f| f.square).collect();
     let parts = agree(points, &mut normals, tree);
-    outwards(points, &mut normals, &squares, &parts, viewpoint);
+    outwards(points, &mut normals, &squares, &parts, viewpoints);
     normals
 }
 
@@ -266,7 +266,7 @@ fn outwards(
     normals: &mut [Vec3],
     squares: &[f32],
     parts: &[u32],
-    viewpoint: Option<Vec3>,
+    viewpoints: &[Vec3],
 ) {
     let mut members: Vec<u32> = (0..points.len() as u32).collect();
     members.sort_unstable_by_key(|i| (parts[*i as usize], *i));
@@ -289,9 +289,9 @@ fn outwards(
             part.iter().map(seen).sum::<f64>()
         };
         let inside = |angle: f64| angle.abs() > 2.0 * core::f64::consts::PI;
-        let mut faced = viewpoint
+        let mut faced = (viewpoints.iter())
             .map(|v| around(v.as_dvec3()))
-            .filter(|a| inside(*a));
+            .find(|a| inside(*a));
         // Small parts lie around nothing.
         if faced.is_none() && many && part.len() > points.len() / 16 {
             let first = parts[of(&part[0])];
@@ -324,8 +324,8 @@ mod tests {
     use crate::samples::{Random, uniform_sphere};
     use glam::Vec2;
 
-    fn estimated(points: &[Vec3], viewpoint: Option<Vec3>) -> Vec<Vec3> {
-        estimate(points, &PointTree::new(points), viewpoint)
+    fn estimated(points: &[Vec3], viewpoints: &[Vec3]) -> Vec<Vec3> {
+        estimate(points, &PointTree::new(points), viewpoints)
     }
 
     fn sphere(count: u64, center: Vec3, radius: f32) -> Vec<Vec3> {
@@ -366,11 +366,11 @@ mod tests {
         for scale in [1e-6f32, 1.0, 1e6] {
             let center = Vec3::new(3.0, -1.0, 2.0) * scale;
             let points = sphere(3000, center, scale);
-            let cosine = mean_cosine(&estimated(&points, None), |i| (points[i] - center) / scale);
+            let cosine = mean_cosine(&estimated(&points, &[]), |i| (points[i] - center) / scale);
             assert!(cosine > 0.99, "sphere of {scale} m: {cosine}");
         }
         let (points, normals) = cube(6000);
-        let found = estimated(&points, None);
+        let found = estimated(&points, &[]);
         assert!(mean_cosine(&found, |i| normals[i]) > 0.95);
         let wrong = found
             .iter()
@@ -386,35 +386,32 @@ mod tests {
 
     #[test]
     fn what_lies_around_faces_inwards() {
-        let seen_inside = estimated(
-            &sphere(3000, Vec3::ZERO, 1.0),
-            Some(Vec3::new(0.2, 0.5, -0.1)),
-        );
+        let seen_inside = estimated(&sphere(3000, Vec3::ZERO, 1.0), &[Vec3::new(0.2, 0.5, -0.1)]);
         let points = sphere(3000, Vec3::ZERO, 1.0);
         assert!(mean_cosine(&seen_inside, |i| -points[i]) > 0.99);
-        let seen_outside = estimated(&points, Some(Vec3::new(0.2, 5.0, -0.1)));
+        let seen_outside = estimated(&points, &[Vec3::new(0.2, 5.0, -0.1)]);
         assert!(mean_cosine(&seen_outside, |i| points[i]) > 0.99);
         // A ball in a cube: the cube faces it.
         let (mut both, normals) = cube(6000);
         both.extend(sphere(1500, Vec3::splat(0.2), 0.3));
-        let found = estimated(&both, None);
+        let found = estimated(&both, &[]);
         assert!(mean_cosine(&found[..6000], |i| -normals[i]) > 0.95);
         assert!(mean_cosine(&found[6000..], |i| (both[6000 + i] - 0.2) / 0.3) > 0.98);
     }
 
     #[test]
     fn points_without_a_plane_get_no_or_any_normal() {
-        assert_eq!(estimated(&[Vec3::ONE], None), [Vec3::ZERO]);
-        assert_eq!(estimated(&[], None), []);
+        assert_eq!(estimated(&[Vec3::ONE], &[]), [Vec3::ZERO]);
+        assert_eq!(estimated(&[], &[]), []);
         let line: Vec<Vec3> = (0..50).map(|i| Vec3::X * i as f32).collect();
-        for n in estimated(&line, None) {
+        for n in estimated(&line, &[]) {
             assert!(
                 n.is_finite() && (n.length() - 1.0).abs() < 1e-5 && n.x.abs() < 1e-5,
                 "{n}"
             );
         }
         assert!(
-            estimated(&[Vec3::ONE; 100], None)
+            estimated(&[Vec3::ONE; 100], &[])
                 .iter()
                 .all(|n| *n == Vec3::ZERO)
         );

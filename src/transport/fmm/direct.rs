@@ -1,4 +1,5 @@
-//! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares nothing with it but the definition of the kernel.
+//! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares nothing with it but the definition of the kernel and of
+//! what counts as one place ([`COINCIDENT`]).
 
 use super::settings::FmmPoint;
 use super::tree::COINCIDENT;

@@ -12,7 +12,7 @@
 //! that are allowed, the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no light.
 
 use super::facing::{Facing, any_light, facing, surely_away};
-use super::settings::FmmSettings;
+use super::settings::{FmmError, FmmSettings};
 use super::terms::count;
 use super::tree::{COINCIDENT, Tree, TreeNode};
 use super::visibility::Visibility;
@@ -144,8 +144,14 @@ struct Search<'a> {
 const POINT_PAIR: f64 = 0.5;
 
 /// Finds all lists. Without `visibility` everything sees everything.
-#[must_use]
-pub fn lists(tree: &Tree, settings: &FmmSettings, visibility: Option<Visibility<'_>>) -> Lists {
+///
+/// # Errors
+/// [`FmmError::TooManyPairs`].
+pub fn lists(
+    tree: &Tree,
+    settings: &FmmSettings,
+    visibility: Option<Visibility<'_>>,
+) -> Result<Lists, FmmError> {
     let p = settings.order;
     let products: f64 = (1..=6).map(|k| (p + k) as f64 / k as f64).product();
     let search = Search {
@@ -179,6 +185,11 @@ pub fn lists(tree: &Tree, settings: &FmmSettings, visibility: Option<Visibility<
         })
         .collect();
     parts.extend(found);
+    // The four lists become one array.
+    let entries = parts.iter().map(|part| part.entries.len() as u64).sum();
+    if entries > u64::from(u32::MAX) {
+        return Err(FmmError::TooManyPairs(entries));
+    }
     let of = |kind: Kind| {
         let all = parts.iter().flat_map(|part| &part.entries);
         List::new(
@@ -188,13 +199,13 @@ pub fn lists(tree: &Tree, settings: &FmmSettings, visibility: Option<Visibility<
     };
     let mut counts = ListCounts::default();
     parts.iter().for_each(|part| counts.add(&part.counts));
-    Lists {
+    Ok(Lists {
         far: of(Kind::Far),
         local: of(Kind::Local),
         multipole: of(Kind::Multipole),
         near: of(Kind::Near),
         counts,
-    }
+    })
 }
 
 impl Search<'_> {

@@ -91,6 +91,9 @@ pub enum FmmError {
         /// How many points there are.
         points: usize,
     },
+    /// More entries in the lists than indices of 32 bits reach: larger leaves or a larger separation make fewer.
+    #[error("{0} pairs of nodes in the lists, at most 2^32")]
+    TooManyPairs(u64),
     /// More points than indices of 32 bits reach.
     #[error("{0} points, at most 2^31")]
     TooMany(usize),

@@ -77,7 +77,7 @@ impl Fmm {
             seed: settings.seed,
         });
         let start = Instant::now();
-        let lists = lists(&tree, settings, visibility);
+        let lists = lists(&tree, settings, visibility)?;
         Ok(Self {
             tree,
             lists,

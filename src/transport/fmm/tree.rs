@@ -12,8 +12,8 @@ use std::ops::Range;
 
 /// Deepest division in space. A cell is then smaller than single precision tells apart over the scene.
 pub const DEEPEST: u32 = 21;
-/// Points nearer to each other than this count as one place, and exchange no light: six cells of the deepest division, so that deepest leaves either lie within it or
-/// are well separated.
+/// Points nearer to each other than this count as one place, and exchange no light: six cells of the deepest division. The radii of two leaves of one such cell each, farther
+/// apart than that, are 0.41 of the distance of their centres at most, so that from that separation on leaves of any number of points that (nearly) coincide meet by expansions.
 pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
 /// A node whose normals spread less than this about their mean is not divided by them: cos 30°.
 const NARROW: f64 = 0.866;

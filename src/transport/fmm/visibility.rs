@@ -6,6 +6,7 @@ use super::tree::{Tree, TreeNode};
 use crate::samples::Random;
 use crate::scene::Geometry;
 use glam::{DVec3, Vec3};
+use std::ops::Range;
 
 /// Casts rays between nodes.
 pub struct Visibility<'a> {
@@ -33,53 +34,93 @@ impl Visibility<'_> {
     }
 
     /// The part of the light from the sources of node `b` that arrives at the receivers of `a`, in [0, 1]: the kernel's mean over pairs of points that see each other, by its
-    /// mean over all. Also how many rays it took. The same for any order of calls.
+    /// mean over all; 0 where no light would go even so. Also how many rays it took. The same for any order of calls.
     #[must_use]
     pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
         let wanted = u64::from(na.receivers) * u64::from(nb.sources);
-        let pairs = na.len() as u64 * nb.len() as u64;
+        let range =
+            |leaf: bool, some: Range<usize>, all: Range<usize>| if leaf { some } else { all };
+        let xs = range(na.is_leaf(), na.receiver_range(), na.points());
+        let ys = range(nb.is_leaf(), nb.source_range(), nb.points());
+        let pairs = xs.len() as u64 * ys.len() as u64;
+        let at = |k: u64| {
+            let (i, j) = (k % xs.len() as u64, k / xs.len() as u64);
+            (xs.start + i as usize, ys.start + j as usize)
+        };
         let most = 16 * u64::from(self.rays);
-        let all = wanted <= u64::from(self.rays) && pairs <= most;
-        let mut random = Random::new(self.seed, a as u64, b as u64);
-        let (mut seen, mut whole, mut rays) = (0.0, 0.0, 0u64);
-        // Pairs that look away from each other, or the wrong way round, say nothing: others are drawn in their place.
-        for k in 0..if all { pairs } else { most } {
-            if rays == u64::from(self.rays) {
-                break;
-            }
-            let (i, j) = match all {
-                true => (
-                    (k % na.len() as u64) as usize,
-                    (k / na.len() as u64) as usize,
-                ),
-                false => (random.below(na.len()), random.below(nb.len())),
-            };
-            let (i, j) = (na.points().start + i, nb.points().start + j);
-            let (x, y) = (&tree.points[i], &tree.points[j]);
-            if !x.receives || y.weight <= 0.0 {
-                continue;
-            }
-            let r: DVec3 = x.position - y.position;
-            let cosines = y.normal.dot(r).max(0.0) * (-x.normal.dot(r)).max(0.0);
-            let square = r.length_squared();
-            if cosines <= 0.0 || square <= 0.0 {
-                continue;
-            }
-            // The kernel and the sources' surface, within bounds: near neighbours are not to outweigh all.
-            let near = square.max(0.25 * radius_square(na, nb));
-            let weight = cosines / (near * near) * y.weight;
-            rays += 1;
-            whole += weight;
-            if self.open(tree, i, j) {
-                seen += weight;
+        let mut sum = Sum::default();
+        if wanted > u64::from(self.rays) || pairs > most {
+            let mut random = Random::new(self.seed, a as u64, b as u64);
+            // Pairs that look away from each other, or the wrong way round, say nothing: others are drawn in their place.
+            for _ in 0..most {
+                let pair = (random.below(xs.len()), random.below(ys.len()));
+                self.add(
+                    &mut sum,
+                    tree,
+                    (xs.start + pair.0, ys.start + pair.1),
+                    (na, nb),
+                );
+                if sum.rays == u64::from(self.rays) {
+                    break;
+                }
             }
         }
-        if whole <= 0.0 {
-            return (1.0, rays);
+        // Few pairs, or so few that look at each other that none of them was drawn: one after another.
+        if sum.rays == 0 {
+            let mut k = 0;
+            while k < pairs.min(MOST_PAIRS) && sum.rays < u64::from(self.rays) {
+                self.add(&mut sum, tree, at(k), (na, nb));
+                k += 1;
+            }
         }
-        ((seen / whole) as f32, rays)
+        if sum.whole <= 0.0 {
+            return (0.0, sum.rays);
+        }
+        ((sum.seen / sum.whole) as f32, sum.rays)
     }
+
+    /// Adds a receiver and a source, if light goes between them where nothing is in the way.
+    fn add(
+        &self,
+        sum: &mut Sum,
+        tree: &Tree,
+        (i, j): (usize, usize),
+        (na, nb): (&TreeNode, &TreeNode),
+    ) {
+        let (x, y) = (&tree.points[i], &tree.points[j]);
+        if !x.receives || y.weight <= 0.0 {
+            return;
+        }
+        let r: DVec3 = x.position - y.position;
+        let cosines = y.normal.dot(r).max(0.0) * (-x.normal.dot(r)).max(0.0);
+        let square = r.length_squared();
+        if cosines <= 0.0 || square <= 0.0 {
+            return;
+        }
+        // The kernel and the sources' surface, within bounds: near neighbours are not to outweigh all.
+        let near = square.max(0.25 * radius_square(na, nb));
+        let weight = cosines / (near * near) * y.weight;
+        sum.rays += 1;
+        sum.whole += weight;
+        if self.open(tree, i, j) {
+            sum.seen += weight;
+        }
+    }
+}
+
+/// Pairs of points that are looked at one after another, at most, where none of those drawn exchange light. Leaves have fewer, but where points coincide.
+const MOST_PAIRS: u64 = 1 << 16;
+
+/// What the rays of a pair of nodes have said.
+#[derive(Default)]
+struct Sum {
+    /// The kernel between the pairs that see each other.
+    seen: f64,
+    /// Between all.
+    whole: f64,
+    /// How many pairs, a ray each.
+    rays: u64,
 }
 
 fn radius_square(a: &TreeNode, b: &TreeNode) -> f64 {

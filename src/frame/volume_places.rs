@@ -1,0 +1,328 @@
+//! The voxels of a volume as places in free space, and what each place takes from which probes: shares that depend on no light. They are found once a volume (`find`, some of them a call where
+//! there are many), so that kernel `volume` is a short sum a voxel and looks nothing up.
+//!
+//! A share is a probe's squared weight, as `probe` takes it ([L08] Eq. (3) in space), in parts of the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
+//! below half of the smallest part is left out. A place's light is the sum of its shares' light over the sum of the parts, so rounding makes neither more light nor less.
+
+use super::layout::VectorIrradiance;
+use super::probe::SpaceLight;
+use crate::asset::Probes;
+use crate::basis::{NO_COVER, weight_in_space};
+use crate::transport::PROBE_ROWS;
+use glam::{UVec3, Vec3};
+use rayon::prelude::*;
+
+/// Most voxels along an edge: the texture is twice as high and three times as deep.
+pub const MOST_VOXELS: u32 = 512;
+/// Most voxels of a volume: with [`MOST_SHARES`] each they fill what WebGPU binds at most, 128 MiB.
+pub const MOST_PLACES: u32 = 1 << 20;
+/// Most shares of a place; where more probes reach it, those that say most have them.
+pub const MOST_SHARES: usize = 32;
+/// Bits of a share's part.
+pub const SHARE_BITS: u32 = 12;
+/// The largest part.
+const WHOLE: u32 = (1 << SHARE_BITS) - 1;
+/// Places that one task finds.
+const RUN: u32 = 256;
+/// Tasks between two looks at how much was done.
+const RUNS: u32 = 8;
+
+const _: () = assert!(Probes::MOST <= 1 << (32 - SHARE_BITS));
+
+/// A box divided into voxels, in the bake's local space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VolumeShape {
+    low: Vec3,
+    voxel: Vec3,
+    size: UVec3,
+}
+
+impl VolumeShape {
+    /// `size` voxels from `low` to `high`, metres. None where that is no box or there are no voxels, more than [`MOST_VOXELS`] along an edge or more than [`MOST_PLACES`].
+    #[must_use]
+    pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
+        let edges = high - low;
+        let fits = size.cmpge(UVec3::ONE).all() && size.cmple(UVec3::splat(MOST_VOXELS)).all();
+        if !fits || !edges.is_finite() || !edges.cmpgt(Vec3::ZERO).all() {
+            return None;
+        }
+        // No more than 2^27: 512 along each edge.
+        let few = size.element_product() <= MOST_PLACES;
+        few.then(|| Self {
+            low,
+            voxel: edges / size.as_vec3(),
+            size,
+        })
+    }
+
+    /// Voxels along each edge.
+    #[must_use]
+    pub fn size(&self) -> UVec3 {
+        self.size
+    }
+
+    /// Edges of a voxel, metres.
+    #[must_use]
+    pub fn voxel(&self) -> Vec3 {
+        self.voxel
+    }
+
+    /// Voxels in all.
+    #[must_use]
+    pub fn voxels(&self) -> u32 {
+        self.size.element_product()
+    }
+
+    /// Texels of the texture along each edge: six a voxel.
+    #[must_use]
+    pub fn texels(&self) -> UVec3 {
+        self.size * UVec3::new(1, 2, 3)
+    }
+
+    /// The middle of a voxel, metres; x runs fastest.
+    #[must_use]
+    pub fn place(&self, index: u32) -> Vec3 {
+        let [x, y, _] = self.size.to_array();
+        let at = UVec3::new(index % x, index / x % y, index / (x * y));
+        self.low + self.voxel * (at.as_vec3() + 0.5)
+    }
+}
+
+/// How many voxels a box of these edges, metres, is divided into: cubes of `edge` metres, about, and larger ones where they would be more than `most` or [`MOST_PLACES`], or more than [`MOST_VOXELS`]
+/// along an edge.
+#[must_use]
+pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
+    let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
+    let mut edge = edge.max(edges.max_element() / MOST_VOXELS as f32);
+    let count = |edge: f32| {
+        let along = (edges / edge).ceil().max(Vec3::ONE);
+        along.as_uvec3().min(UVec3::splat(MOST_VOXELS))
+    };
+    let most = most.clamp(1, MOST_PLACES);
+    // Rounding up adds a voxel along each edge at most: a few steps suffice.
+    while count(edge).element_product() > most && count(edge) != UVec3::ONE {
+        edge *= 1.1;
+    }
+    count(edge)
+}
+
+/// What each place of a volume takes from which probes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VolumePlaces {
+    shape: VolumeShape,
+    /// Where the shares of a place start, and at last where they end.
+    starts: Vec<u32>,
+    shares: Vec<u32>,
+}
+
+impl VolumePlaces {
+    /// Of a volume of which nothing is found yet.
+    #[must_use]
+    pub fn new(shape: VolumeShape) -> Self {
+        Self {
+            shape,
+            starts: vec![0],
+            shares: Vec::new(),
+        }
+    }
+
+    /// Of a whole volume.
+    #[must_use]
+    pub fn of(shape: VolumeShape, probes: &Probes) -> Self {
+        let mut places = Self::new(shape);
+        while !places.find(probes, u64::MAX) {}
+        places
+    }
+
+    /// Goes on until about `most` probes were looked at, each as often as it may reach a place, or all is found, which it says. The same `probes` for all calls. Deterministic for any number of threads.
+    pub fn find(&mut self, probes: &Probes, most: u64) -> bool {
+        let all = self.shape.voxels();
+        let mut looks = 0u64;
+        while !self.is_whole() && looks < most {
+            let found = self.starts.len() as u32 - 1;
+            let end = all.min(found + RUN * RUNS);
+            let runs: Vec<Run> = (found..end)
+                .step_by(RUN as usize)
+                .collect::<Vec<_>>()
+                .into_par_iter()
+                .map(|first| Run::find(&self.shape, probes, first..end.min(first + RUN)))
+                .collect();
+            for run in runs {
+                let before = self.shares.len() as u32;
+                self.starts.extend(run.ends.iter().map(|end| before + end));
+                self.shares.extend(run.shares);
+                // A place that is looked up costs something too.
+                looks += run.looks + run.ends.len() as u64;
+            }
+        }
+        self.is_whole()
+    }
+
+    /// Whether all places are found.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.starts.len() as u32 > self.shape.voxels()
+    }
+
+    /// The volume.
+    #[must_use]
+    pub fn shape(&self) -> &VolumeShape {
+        &self.shape
+    }
+
+    /// For each place where its shares start, and at last where they end.
+    #[must_use]
+    pub fn starts(&self) -> &[u32] {
+        &self.starts
+    }
+
+    /// The shares: a probe's index times 2^[`SHARE_BITS`], and its part.
+    #[must_use]
+    pub fn shares(&self) -> &[u32] {
+        &self.shares
+    }
+
+    /// The light at a place that is found; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
+    #[must_use]
+    pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<SpaceLight> {
+        let at = place as usize;
+        let shares = &self.shares[self.starts[at] as usize..self.starts[at + 1] as usize];
+        let (mut sum, mut all) = (SpaceLight::default(), 0.0);
+        for share in shares {
+            let (probe, part) = (share >> SHARE_BITS, (share & WHOLE) as f32);
+            all += part;
+            sum.add_scaled(part, &values[PROBE_ROWS * probe as usize..][..PROBE_ROWS]);
+        }
+        let mut out = SpaceLight::default();
+        out.add_scaled(1.0 / all, &sum.parts);
+        (!shares.is_empty()).then_some(out)
+    }
+}
+
+/// Shares of places that follow one another.
+struct Run {
+    /// Where each place's shares end, from the run's first share.
+    ends: Vec<u32>,
+    shares: Vec<u32>,
+    /// How many probes were looked at.
+    looks: u64,
+}
+
+impl Run {
+    fn find(shape: &VolumeShape, probes: &Probes, places: std::ops::Range<u32>) -> Self {
+        let mut run = Self {
+            ends: Vec::with_capacity(places.len()),
+            shares: Vec::new(),
+            looks: 0,
+        };
+        let mut reaching: Vec<(u32, f32)> = Vec::new();
+        for place in places {
+            let x = shape.place(place);
+            let near = probes.grid.near(x);
+            run.looks += near.len() as u64;
+            reaching.clear();
+            let weights = near.iter().map(|&j| {
+                (
+                    j,
+                    weight_in_space(&probes.points[j as usize], &probes.planes, x),
+                )
+            });
+            reaching.extend(weights.filter(|&(_, w)| w > 0.0));
+            run.shares_of(&mut reaching);
+            run.ends.push(run.shares.len() as u32);
+        }
+        run
+    }
+
+    /// Adds the shares of one place, of the probes that reach it and their weights.
+    fn shares_of(&mut self, reaching: &mut Vec<(u32, f32)>) {
+        if reaching.iter().map(|r| r.1).sum::<f32>() <= NO_COVER {
+            return;
+        }
+        if reaching.len() > MOST_SHARES {
+            let strongest =
+                |a: &(u32, f32), b: &(u32, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
+            reaching.select_nth_unstable_by(MOST_SHARES, strongest);
+            reaching.truncate(MOST_SHARES);
+            reaching.sort_unstable_by_key(|r| r.0);
+        }
+        let largest = reaching.iter().map(|r| r.1).fold(0.0, f32::max);
+        for &(probe, weight) in reaching.iter() {
+            let part = weight / largest;
+            let part = (part * part * WHOLE as f32).round() as u32;
+            if part > 0 {
+                self.shares.push(probe << SHARE_BITS | part);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn voxels_are_as_asked_and_no_more_than_allowed() {
+        let room = Vec3::new(8.0, 3.0, 4.0);
+        assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
+        for most in [1, 100, 4096, 65_536, u32::MAX] {
+            let size = voxels_of(room, 0.01, most);
+            let most = most.min(MOST_PLACES);
+            assert!(size.element_product() <= most, "{size}");
+            assert!(most < 100 || size.element_product() * 3 > most, "{size}");
+        }
+        // A thread, a plane and a point are boxes of one voxel across.
+        let thin = voxels_of(Vec3::new(100.0, 0.0, 1e-30), 0.01, u32::MAX);
+        assert_eq!(thin, UVec3::new(MOST_VOXELS, 1, 1));
+        assert_eq!(voxels_of(Vec3::ZERO, 1.0, 8), UVec3::ONE);
+    }
+
+    #[test]
+    fn boxes_that_are_none_are_refused() {
+        let room = [Vec3::ZERO, Vec3::ONE];
+        assert!(VolumeShape::new(room, UVec3::splat(4)).is_some());
+        assert!(VolumeShape::new(room, UVec3::new(4, 0, 4)).is_none());
+        assert!(VolumeShape::new(room, UVec3::new(4, MOST_VOXELS + 1, 4)).is_none());
+        assert!(VolumeShape::new(room, UVec3::new(512, 512, 4)).is_some());
+        assert!(VolumeShape::new(room, UVec3::new(512, 512, 5)).is_none());
+        assert!(VolumeShape::new([Vec3::ONE, Vec3::ZERO], UVec3::ONE).is_none());
+        assert!(VolumeShape::new([Vec3::ZERO, Vec3::splat(f32::NAN)], UVec3::ONE).is_none());
+    }
+
+    #[test]
+    fn the_strongest_have_the_shares() {
+        let mut run = Run {
+            ends: Vec::new(),
+            shares: Vec::new(),
+            looks: 0,
+        };
+        // Every third is strong, and there are more of them than a place takes; the weak ones would round to nothing.
+        let mut reaching: Vec<(u32, f32)> = (0..120)
+            .map(|j| {
+                (
+                    j,
+                    if j % 3 == 0 {
+                        1.0 - 0.005 * j as f32
+                    } else {
+                        0.3
+                    },
+                )
+            })
+            .collect();
+        run.shares_of(&mut reaching);
+        let probes: Vec<u32> = run.shares.iter().map(|s| s >> SHARE_BITS).collect();
+        assert_eq!(probes, (0..32).map(|k| 3 * k).collect::<Vec<_>>());
+        assert_eq!(run.shares[0], WHOLE);
+        assert_eq!(
+            run.shares[1] & WHOLE,
+            (0.985f32.powi(2) * 4095.0).round() as u32
+        );
+        // What says next to nothing is left out, and so is a place that is hardly covered.
+        run.shares.clear();
+        run.shares_of(&mut vec![(7, 0.5), (9, 0.004)]);
+        assert_eq!(run.shares, [7 << SHARE_BITS | WHOLE]);
+        run.shares.clear();
+        run.shares_of(&mut vec![(7, 0.5 * NO_COVER)]);
+        assert!(run.shares.is_empty());
+    }
+}

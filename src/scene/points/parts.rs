@@ -1,0 +1,69 @@
+//! A cloud in parts that lie together and are of bounded size: what draws or uploads a cloud need not take all of it at once. In the flow it stands beside the cloud.
+
+use glam::Vec3;
+
+/// Indices of points in parts of `most` at most, each a box's content: what is too many is cut in two across its longest side. No part is empty, every index is in
+/// one, and those of a part ascend.
+pub(super) fn parts(points: &[Vec3], most: usize) -> Vec<Vec<u32>> {
+    let most = most.max(1);
+    let mut whole: Vec<u32> = (0..points.len() as u32).collect();
+    let mut parts = Vec::new();
+    divide(points, &mut whole, most, &mut parts);
+    parts
+}
+
+fn divide(points: &[Vec3], part: &mut [u32], most: usize, parts: &mut Vec<Vec<u32>>) {
+    if part.is_empty() {
+        return;
+    }
+    if part.len() <= most {
+        part.sort_unstable();
+        parts.push(part.to_vec());
+        return;
+    }
+    let of = |i: &u32| points[*i as usize];
+    let (low, high) = part
+        .iter()
+        .map(of)
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), x| {
+            (low.min(x), high.max(x))
+        });
+    let axis = (high - low).max_position();
+    let middle = part.len() / 2;
+    // Where places are equal the index decides: the same parts each time.
+    part.select_nth_unstable_by(middle, |a, b| {
+        of(a)[axis].total_cmp(&of(b)[axis]).then(a.cmp(b))
+    });
+    let (first, second) = part.split_at_mut(middle);
+    divide(points, first, most, parts);
+    divide(points, second, most, parts);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_boxes_of_bounded_size() {
+        let points: Vec<Vec3> = (0..1000u32)
+            .map(|i| Vec3::new((i * 7 % 1000) as f32, (i % 3) as f32, 0.0))
+            .collect();
+        let found = parts(&points, 300);
+        assert_eq!(found.len(), 4);
+        let mut all: Vec<u32> = found.concat();
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..1000), "each once");
+        let span = |part: &Vec<u32>| {
+            let x = || part.iter().map(|i| points[*i as usize].x);
+            [x().fold(f32::MAX, f32::min), x().fold(f32::MIN, f32::max)]
+        };
+        for pair in found.windows(2) {
+            assert!(span(&pair[0])[1] < span(&pair[1])[0], "cut along x");
+        }
+        assert!(found.iter().all(|p| p.is_sorted() && p.len() <= 300));
+        assert_eq!(parts(&points, 1000).len(), 1);
+        // One place, and nothing at all.
+        assert_eq!(parts(&[Vec3::ONE; 5], 1).len(), 5);
+        assert!(parts(&[], 3).is_empty());
+    }
+}
