@@ -101,7 +101,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(c.dispatches_of(Stage::Occlude), 1, "{}", c.plan);
-        assert!(c.plan.contains("opened or shut"), "{}", c.plan);
+        assert!(c.plan.to_string().contains("opened or shut"), "{}", c.plan);
         assert!(c.projected_slots == 1 && c.dispatches_of(Stage::Apply) > 0);
         let now = right(&room, &bake, openness);
         let found = picture(&mut app, &image);

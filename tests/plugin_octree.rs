@@ -79,7 +79,7 @@ impl Stand {
     fn solved(&self) -> (String, u32) {
         let c = counters(&self.app);
         assert_eq!(c.solved.len(), 1, "the lamp moved: {}", c.plan);
-        (c.plan.clone(), c.dispatches_of(Stage::Apply))
+        (c.plan.to_string(), c.dispatches_of(Stage::Apply))
     }
 }
 

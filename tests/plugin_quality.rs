@@ -61,6 +61,7 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
         let c = counters(&app);
         assert!(
             c.plan
+                .to_string()
                 .contains(&format!("with tier {n} of 4: it was asked for")),
             "{}",
             c.plan
@@ -175,7 +176,7 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
     assert!((2..=5).contains(&changes), "{changes}");
     assert!(over <= 12, "{over} solves over the budget");
     assert!(count.load(Ordering::Relaxed) > 300);
-    let words = counters(&app).plan;
+    let words = counters(&app).plan.to_string();
     assert!(
         words.contains("ms a solve, within 3 ms; there is no higher one"),
         "{words}"

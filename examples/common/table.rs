@@ -65,7 +65,12 @@ fn tell(
 /// The plan, then what it took.
 fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
     let seen = status.get();
-    let mut out = seen.plan.clone();
+    let mut out = seen.plan.to_string();
+    for decision in seen.plan.decisions() {
+        if let Some(setting) = decision.forced {
+            let _ = writeln!(out, "{}: forced by {setting}", decision.subject);
+        }
+    }
     let dispatches = seen.dispatches.iter();
     let dispatches: Vec<String> = dispatches
         .map(|(stage, n)| format!("{} {n}", stage.name()))

@@ -112,6 +112,17 @@ impl BakedScene {
         self.level_starts.len() - 1
     }
 
+    /// Shadow rays that projecting one light takes: one a sender, and one a place of those that are lit at several.
+    #[must_use]
+    pub fn rays_per_slot(&self) -> u64 {
+        let finest = (self.sender_levels as usize).saturating_sub(1);
+        let single = self
+            .level_starts
+            .get(finest)
+            .map_or(0, |&start| u64::from(start));
+        single + self.places.list.len() as u64
+    }
+
     /// How many of a frame's tiers use links: those of the operator, and none where an octree carries the light and there are no links.
     #[must_use]
     pub fn link_tiers(&self) -> u32 {

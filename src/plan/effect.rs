@@ -1,4 +1,4 @@
-//! The table of effects, and the plan that they make together.
+//! The table of effects, which make the [plan](Plan) together.
 //!
 //! An effect is a part of the simulation that a scene may or may not call for. It looks at the frame's state and appends
 //! the passes that it needs, each with a reason. Effects run in the order of [`EFFECTS`], so a later one may look at what
@@ -6,8 +6,7 @@
 //! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
-    BounceState, FrameState, LightId, NoOctree, Pass, Picked, Reason, SceneId, SceneState, Skip,
-    SkyUse, SlotChange, Stage, ViewId, ViewState,
+    BounceState, FrameState, Plan, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewState,
 };
 use std::fmt;
 
@@ -97,143 +96,6 @@ pub const EFFECTS: &[Effect] = &[
         schedule: inspection,
     },
 ];
-
-/// The passes of one frame, in order, and why the rest does not run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Plan {
-    /// What runs, in order.
-    pub passes: Vec<Pass>,
-    /// What does not, and why. A view is named where the view is the cause.
-    pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
-    /// Lights that ask for the bounce of what moves and get none, and why.
-    pub dark: Vec<(LightId, Skip)>,
-    /// Lights whose virtual lights the device holds from an earlier frame: nothing of them moved.
-    pub resting: Vec<LightId>,
-    /// The tiers of the operators that run, and why.
-    pub tiers: Vec<(SceneId, Picked)>,
-    /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
-    pub linked: Vec<(SceneId, NoOctree)>,
-    /// Scenes whose sky varies, and what becomes of it.
-    pub skies: Vec<(SceneId, SkyUse)>,
-    /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
-    pub release: Vec<SceneId>,
-}
-
-impl Plan {
-    /// Asks every effect of [`EFFECTS`].
-    #[must_use]
-    pub fn new(state: &FrameState) -> Self {
-        let mut plan = Self::default();
-        for effect in EFFECTS {
-            (effect.schedule)(state, &mut plan);
-        }
-        plan
-    }
-
-    /// True when nothing runs.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.passes.is_empty()
-    }
-
-    /// The pass of this stage for this scene that all views share, if there is one.
-    #[must_use]
-    pub fn find(&self, stage: Stage, scene: SceneId) -> Option<&Pass> {
-        self.passes
-            .iter()
-            .find(|p| p.stage == stage && p.scene == scene)
-    }
-
-    /// The maps of this light, if they are drawn.
-    #[must_use]
-    pub fn find_light(&self, light: LightId) -> Option<&Pass> {
-        self.passes
-            .iter()
-            .find(|p| p.stage == Stage::Rsm && p.light == Some(light))
-    }
-
-    /// Whether this light's bounce off what moves is to be seen: drawn now, or held.
-    #[must_use]
-    pub fn bounces(&self, light: LightId) -> bool {
-        self.find_light(light).is_some() || self.resting.contains(&light)
-    }
-
-    /// How many passes of this stage.
-    #[must_use]
-    pub fn count(&self, stage: Stage) -> usize {
-        self.passes.iter().filter(|p| p.stage == stage).count()
-    }
-
-    /// How many light slots are projected, over all scenes.
-    #[must_use]
-    pub fn projected_slots(&self) -> usize {
-        self.passes.iter().map(|p| p.slots.len()).sum()
-    }
-
-    /// The baked scenes that any pass touches, ascending.
-    #[must_use]
-    pub fn active_scenes(&self) -> Vec<SceneId> {
-        let mut ids: Vec<_> = self.passes.iter().map(|p| p.scene).collect();
-        ids.retain(|id| *id != SceneId::WORLD);
-        ids.sort_unstable();
-        ids.dedup();
-        ids
-    }
-
-    /// Adds a pass of an effect, for all views.
-    pub(super) fn push(
-        &mut self,
-        effect: &'static str,
-        stage: Stage,
-        scene: SceneId,
-        reason: Reason,
-    ) -> &mut Pass {
-        self.passes.push(Pass {
-            effect,
-            stage,
-            scene,
-            light: None,
-            view: None,
-            slots: Vec::new(),
-            reason,
-        });
-        self.passes.last_mut().expect("just pushed")
-    }
-}
-
-impl fmt::Display for Plan {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for pass in &self.passes {
-            writeln!(f, "run  {pass}")?;
-        }
-        for (scene, view, why) in &self.skipped {
-            write!(f, "skip {scene}")?;
-            if let Some(view) = view {
-                write!(f, " in view {:x}", view.0)?;
-            }
-            writeln!(f, ": {why}")?;
-        }
-        for (light, why) in &self.dark {
-            writeln!(f, "skip maps of light {light}: {why}")?;
-        }
-        for light in &self.resting {
-            writeln!(f, "skip maps of light {light}: {}", Skip::AtRest)?;
-        }
-        for (scene, picked) in &self.tiers {
-            writeln!(f, "use  {scene} with {picked}")?;
-        }
-        for (scene, why) in &self.linked {
-            writeln!(f, "use  {scene} with its links: {why}")?;
-        }
-        for (scene, sky) in &self.skies {
-            writeln!(f, "use  {scene} with {sky}")?;
-        }
-        for scene in &self.release {
-            writeln!(f, "free {scene}")?;
-        }
-        Ok(())
-    }
-}
 
 /// Whether a scene takes part in the frame at all. Every effect asks this first.
 fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
@@ -345,6 +207,7 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::{BounceState, LightId, NoOctree, ViewId};
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);
@@ -356,6 +219,7 @@ mod tests {
             lit: true,
             enabled: true,
             has_gbuffer: true,
+            pixels: 1000,
             sees: sees.to_vec(),
         }
     }

@@ -21,29 +21,43 @@
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
 //!
+//! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line in the log a [`DecisionLog`] knows.
+//!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 
+mod cost;
+mod decision;
 mod dynamic;
 mod effect;
+mod inventory;
 mod lights;
 mod maps;
 mod octree;
 mod pass;
+mod passes;
+mod picked;
 mod quality;
 mod soft;
 mod space;
 mod state;
+mod survey;
 mod transport;
 
-pub use effect::{EFFECTS, Effect, Plan};
+pub use cost::{Cost, CostModel, Timed, Work};
+pub use decision::{Decision, DecisionLog, Subject};
+pub use effect::{EFFECTS, Effect};
+pub use inventory::{Cameras, Census, Colours, Inventory, LightSort, Skies};
 pub use lights::{
     SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
 };
 pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
 pub use octree::{NoOctree, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
-pub use quality::{Picked, Picker, Quality, TierChoice};
+pub use passes::Plan;
+pub use picked::Picked;
+pub use quality::{Picker, Quality, TierChoice};
 pub use state::{
     BounceState, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange, SoftState, ViewId,
     ViewState, VolumeState,
 };
+pub use survey::{Found, FoundScene, Surveyor};

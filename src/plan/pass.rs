@@ -139,7 +139,7 @@ impl fmt::Display for Reason {
 }
 
 /// Why something does not run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Skip {
     /// The device lacks compute shaders or large enough limits.

@@ -7,8 +7,8 @@
 //!
 //! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake measures.
 
+use super::Picked;
 use crate::asset::BakedScene;
-use std::fmt;
 
 /// Solves in a row over the budget before the picker goes down.
 const OVER: u32 = 3;
@@ -82,30 +82,6 @@ impl TierChoice {
                 }
             })
             .collect()
-    }
-}
-
-/// A choice and its reason.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Picked {
-    /// The tier, from 1 on.
-    pub tier: u32,
-    /// How many there are.
-    pub tiers: u32,
-    /// It is the octree of rule `fmm`; else, some or all of the links.
-    pub octree: bool,
-    /// Why this one.
-    pub why: String,
-}
-
-impl fmt::Display for Picked {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let octree = if self.octree { ", the octree" } else { "" };
-        write!(
-            f,
-            "tier {} of {}{octree}: {}",
-            self.tier, self.tiers, self.why
-        )
     }
 }
 
@@ -262,6 +238,8 @@ impl Picker {
             tier: self.tier,
             tiers: top,
             octree: here.is_some_and(|t| t.octree),
+            work: here.map_or(0, |t| t.work),
+            forced: matches!(self.asked, Quality::Tier(_)),
             why,
         }
     }

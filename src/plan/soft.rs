@@ -1,7 +1,7 @@
 //! The effects `soft_shadows` and `penumbrae`: lamps with soft shadows, on bakes whose points remember what they see. Without such a lamp, or such a bake, neither does anything.
 
-use super::effect::{Plan, active_scenes};
-use super::{FrameState, Reason, SceneState, Skip, Stage, ViewState};
+use super::effect::active_scenes;
+use super::{FrameState, Plan, Reason, SceneState, Skip, Stage, ViewState};
 
 /// Whether soft shadows can fall in a scene that has such lamps; or why not.
 fn falls(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
@@ -67,6 +67,7 @@ mod tests {
             lit,
             enabled: true,
             has_gbuffer: true,
+            pixels: 1000,
             sees: vec![A],
         }
     }

@@ -1,8 +1,8 @@
 //! The effects `free_space` and `volume`: light off the surfaces, for what moves, and the same in a texture that the engine reads, for cameras without a G-buffer. Bakes that know no light in free space have the one as little
 //! as scenes without a volume, or without such a camera, have the other.
 
-use super::effect::{Plan, active_scenes};
-use super::{FrameState, Reason, Skip, Stage};
+use super::effect::active_scenes;
+use super::{FrameState, Plan, Reason, Skip, Stage};
 
 /// Carries the light on to the probes of the bakes that have them. Over a view `display` lays it.
 pub(super) fn free_space(state: &FrameState, plan: &mut Plan) {
@@ -54,6 +54,7 @@ mod tests {
             lit: true,
             enabled: true,
             has_gbuffer: true,
+            pixels: 1000,
             sees: vec![A],
         }
     }

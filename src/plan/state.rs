@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{NoOctree, Picked, Skip};
+use super::{Inventory, NoOctree, Picked, Skip};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
@@ -108,6 +108,8 @@ pub struct SceneState {
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
     pub tier: Option<Picked>,
+    /// Shadow rays that a light slot takes when it is projected.
+    pub rays: u64,
     /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
     pub no_octree: Option<NoOctree>,
 }
@@ -134,6 +136,7 @@ impl SceneState {
             sky: SkyUse::Uniform,
             soft: SoftState::default(),
             tier: None,
+            rays: 0,
             no_octree: None,
         }
     }
@@ -174,6 +177,8 @@ pub struct ViewState {
     pub gloss: bool,
     /// It shows the picture, direct light and all: what soft shadows are taken from.
     pub lit: bool,
+    /// How many pixels it draws.
+    pub pixels: u64,
     /// The scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }
@@ -206,6 +211,8 @@ pub struct FrameState {
     pub bounces: Vec<BounceState>,
     /// The device holds the virtual lights of all of them as maps drawn now would make them.
     pub bounces_held: bool,
+    /// What the world has.
+    pub inventory: Inventory,
 }
 
 impl FrameState {
@@ -235,6 +242,7 @@ impl Default for FrameState {
             views: Vec::new(),
             bounces: Vec::new(),
             bounces_held: false,
+            inventory: Inventory::default(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, links that occluders are in the way of, and the operator.
 
-use super::effect::{Plan, active_scenes};
-use super::{FrameState, Reason, Skip, SkyUse, SlotChange, Stage};
+use super::effect::active_scenes;
+use super::{FrameState, Plan, Reason, Skip, SkyUse, SlotChange, Stage};
 
 pub(super) fn materials(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.materials_changed) {

@@ -3,6 +3,7 @@
 use super::capture::{bakes, lights_view};
 use super::components::MeshlessGiView;
 use super::compute::GiRender;
+use super::costs::view_span;
 use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::ExtractedGi;
 use super::gloss::{GlossView, ViewGloss};
@@ -247,6 +248,7 @@ pub(crate) fn composite(
     let glossy = glossy.filter(|_| settings.view != MeshlessGiView::Irradiance);
     match (glossy, on_view.as_ref()) {
         (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
+            let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Gloss, id));
             let recorded = ViewGloss::record(
                 &mut runtime.gloss,
                 kernels,
@@ -268,6 +270,7 @@ pub(crate) fn composite(
                     shadows: *shadows,
                 },
             );
+            timed.end(ctx.command_encoder());
             match recorded {
                 Ok(recorded) => render.retired.add(&recorded),
                 Err(why) => warn_once!("a view shows no gloss: {why}"),
@@ -300,6 +303,7 @@ pub(crate) fn composite(
             None
         }
     };
+    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Splat, id));
     let irradiance = match subsplats {
         Some((subsplats, params)) => {
             let on: Vec<(&SceneBuffers, &ViewBuffers)> = shown
@@ -391,6 +395,7 @@ pub(crate) fn composite(
             }
         }
     };
+    timed.end(ctx.command_encoder());
     let shaded: Vec<Shaded> = (shown.iter())
         .filter(|scene| {
             let takes =
@@ -407,6 +412,7 @@ pub(crate) fn composite(
             })
         })
         .collect();
+    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Shade, id));
     let recorded = ViewShade::record(
         &mut runtime.shade,
         kernels,
@@ -418,6 +424,7 @@ pub(crate) fn composite(
         &soft,
         &shaded,
     );
+    timed.end(ctx.command_encoder());
     match recorded {
         Ok(recorded) => render.retired.add(&recorded),
         Err(why) => {
@@ -430,6 +437,7 @@ pub(crate) fn composite(
     if let Some(irradiance) = irradiance
         && let Some(buffers) = runtime.buffers.get(&lead)
     {
+        let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Composite, id));
         let mut pass = ctx
             .command_encoder()
             .begin_render_pass(&RenderPassDescriptor {
@@ -461,6 +469,8 @@ pub(crate) fn composite(
             let textures = [missing, &**gbuffer, &*passes.texture.default_view];
             draw_shade(kernels, &mut pass, view.target_format, buffers, textures);
         }
+        drop(pass);
+        timed.end(ctx.command_encoder());
         render.retired.composites += 1;
     }
     span.end(ctx.command_encoder());

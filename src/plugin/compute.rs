@@ -6,11 +6,13 @@
 use super::capture::{LightMaps, Reflections};
 use super::components::MeshlessGiView;
 use super::composite::ViewRuntime;
+use super::costs::{DeviceCosts, span};
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
+use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::asset::BakedScene;
 use crate::frame::{FrameLight, FrameSettings};
@@ -104,6 +106,7 @@ impl GiRender {
             views: Vec::with_capacity(world.views.len()),
             bounces: maps.describe(world),
             bounces_held: false,
+            inventory: world.inventory.clone(),
         };
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
         let gone: Vec<SceneId> = self.scenes.keys().filter(|id| !here(id)).copied().collect();
@@ -119,6 +122,7 @@ impl GiRender {
                 lit: view.settings.view == MeshlessGiView::Lit,
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
+                pixels: view.pixels,
                 sees: view.sees.clone(),
             });
         }
@@ -157,6 +161,7 @@ impl GiRender {
             read_back,
             probes: scene.bake.as_ref().is_some_and(|b| b.probes.is_some()),
             tier: scene.tier.clone(),
+            rays: scene.bake.as_ref().map_or(0, |b| b.rays_per_slot()),
             sky: match (&scene.bake, scene.sky.is_uniform()) {
                 (_, true) | (None, _) => SkyUse::Uniform,
                 (Some(bake), false) if bake.sky.is_some() => SkyUse::Terms,
@@ -289,7 +294,7 @@ impl GiRender {
             frame: self.frame,
             pipelines: self.kernels.as_ref().map_or(0, Kernels::created),
             active_scenes: self.plan.active_scenes().len() as u32,
-            plan: self.plan.to_string(),
+            plan: self.plan.clone(),
             solved: self.solved(),
             ..MeshlessGiCounters::default()
         };
@@ -343,43 +348,6 @@ impl GiRender {
     }
 }
 
-/// The stage of the plan that a dispatch belongs to.
-fn stage_of(pass: Pass) -> Stage {
-    match pass {
-        Pass::Occlude => Stage::Occlude,
-        Pass::Project => Stage::Project,
-        Pass::Radiosity
-        | Pass::Pull
-        | Pass::Push
-        | Pass::Compress
-        | Pass::Sweep
-        | Pass::Gather
-        | Pass::Spread
-        | Pass::Add => Stage::PullPush,
-        Pass::Apply => Stage::Apply,
-        Pass::Averages | Pass::Differences => Stage::Flatten,
-        Pass::Soft => Stage::Soft,
-        Pass::Splat
-        | Pass::SplatOver
-        | Pass::SplatNodes
-        | Pass::PyramidBase
-        | Pass::PyramidReduce
-        | Pass::RefineStart
-        | Pass::Refine
-        | Pass::Upsample
-        | Pass::Resolve
-        | Pass::Fill => Stage::Splat,
-        Pass::ProbeNodes | Pass::ProbeOver => Stage::Probe,
-        Pass::Volume => Stage::Volume,
-        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
-        // Light between points stands in for the operator.
-        Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
-        Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
-        Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
-        Pass::Shade | Pass::ShadeOver => Stage::Shade,
-    }
-}
-
 /// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
 #[allow(
     clippy::too_many_arguments,
@@ -394,11 +362,13 @@ pub(crate) fn compute(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     coefficients: Res<MeshlessGiCoefficients>,
+    costs: Res<DeviceCosts>,
     mut ctx: RenderContext,
 ) {
     let render = &mut *render;
     if device.is_changed() {
         // A new device after the loss of one: nothing of the old one is of use.
+        costs.forget();
         *render = GiRender {
             frame: render.frame,
             ..GiRender::default()
@@ -407,7 +377,8 @@ pub(crate) fn compute(
     render.frame += 1;
     let largest = largest_binding(&device);
     let state = render.observe(&world, &soft, &volumes, &maps, largest, &coefficients);
-    let plan = Plan::new(&state);
+    let mut plan = Plan::new(&state);
+    costs.price(&mut plan);
     for &id in &plan.release {
         render.release(id);
         coefficients.forget(id.0);
@@ -443,7 +414,7 @@ pub(crate) fn compute(
     };
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
-    let span = recorder.time_span(ctx.command_encoder(), "meshless_gi_compute");
+    let whole = recorder.time_span(ctx.command_encoder(), "meshless_gi_compute");
     let mut failed = Vec::new();
     for scene in &world.scenes {
         let Some(runtime) = render.scenes.get_mut(&scene.id) else {
@@ -475,6 +446,7 @@ pub(crate) fn compute(
             &scene.placement,
             &mut runtime.frame,
         ) {
+            let timed = recorder.time_span(ctx.command_encoder(), span(Stage::Volume, scene.id));
             runtime.volume.record(
                 &volumes,
                 scene.id,
@@ -485,9 +457,10 @@ pub(crate) fn compute(
                 &queue,
                 ctx.command_encoder(),
             );
+            timed.end(ctx.command_encoder());
         }
     }
-    span.end(ctx.command_encoder());
+    whole.end(ctx.command_encoder());
     for id in failed {
         render.release(id);
     }
@@ -546,26 +519,34 @@ impl SceneRuntime {
             self.painted.clone_from(&scene.materials);
         }
         if plan.find(Stage::Occlude, id).is_some() {
+            let timed = recorder.time_span(encoder, span(Stage::Occlude, id));
             frame.set_occluders(kernels, queue, encoder, &self.bake, &scene.gains);
+            timed.end(encoder);
             self.gains.clone_from(&scene.gains);
         }
         if plan.find(Stage::Apply, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;
-            let span = recorder.time_span(encoder, span_name(id.0));
+            let solve = recorder.time_span(encoder, span_name(id.0));
             if let Some(pass) = plan.find(Stage::Project, id) {
+                let timed = recorder.time_span(encoder, span(Stage::Project, id));
                 frame.project(kernels, queue, encoder, &pass.slots);
+                timed.end(encoder);
                 self.slots.mark_projected(&pass.slots);
             }
+            let timed = recorder.time_span(encoder, span(Stage::Apply, id));
             frame.solve(kernels, queue, encoder, settings);
-            span.end(encoder);
+            timed.end(encoder);
+            solve.end(encoder);
             self.slots.mark_applied();
             self.solved = Some(*settings);
         }
-        if plan.find(Stage::Soft, id).is_some()
-            && let Err(why) =
-                (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake)
-        {
-            warn!("lamps cast no soft shadows on a baked scene: {why}");
+        if plan.find(Stage::Soft, id).is_some() {
+            let timed = recorder.time_span(encoder, span(Stage::Soft, id));
+            let recorded = (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake);
+            timed.end(encoder);
+            if let Err(why) = recorded {
+                warn!("lamps cast no soft shadows on a baked scene: {why}");
+            }
         }
         if plan.find(Stage::ReadBack, id).is_some()
             && let Some(values) = frame.buffers().output(Pass::Apply)

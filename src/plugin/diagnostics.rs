@@ -15,7 +15,7 @@
 //! frame is one behind the main world's.
 
 use crate::frame::SubsplatCounts;
-use crate::plan::Stage;
+use crate::plan::{Plan, Stage};
 use bevy::app::{App, Plugin, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What one rendered frame did.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshlessGiCounters {
     /// Rendered frames since the start, this one included.
     pub frame: u64,
@@ -43,8 +43,9 @@ pub struct MeshlessGiCounters {
     pub solved: BTreeMap<u64, u32>,
     /// For the views that are shown by subsplats, by the bits of their cameras: how many, in a frame not long ago.
     pub subsplats: BTreeMap<u64, SubsplatCounts>,
-    /// The plan of the frame in words, one line a pass.
-    pub plan: String,
+    /// The plan of the frame: what runs and why, what does not, what it is expected to cost and what it cost in the frames before, what was decided
+    /// ([`Plan::decisions`]), and what the world has ([`Plan::inventory`]). In words by its `Display`.
+    pub plan: Plan,
 }
 
 impl MeshlessGiCounters {

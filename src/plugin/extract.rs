@@ -20,7 +20,7 @@ use super::sky::MeshlessGiSky;
 use super::transform::Placement;
 use super::volume::MeshlessGiVolume;
 use crate::asset::BakedScene;
-use crate::plan::{Picked, SceneId, ViewId};
+use crate::plan::{Inventory, Picked, SceneId, ViewId};
 use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -67,6 +67,8 @@ pub(crate) struct ExtractedGiView {
     pub display: MeshlessGiDisplay,
     pub gloss: Option<MeshlessGiGloss>,
     pub has_gbuffer: bool,
+    /// How many it draws.
+    pub pixels: u64,
     pub sees: Vec<SceneId>,
 }
 
@@ -99,6 +101,8 @@ pub(crate) struct ExtractedGi {
     pub lights: Vec<ExtractedGiLight>,
     pub keep_frames: u32,
     pub read_back: bool,
+    /// What there is of all that, and what changed.
+    pub inventory: Inventory,
 }
 
 type Scenes<'w, 's> = Query<
@@ -405,6 +409,8 @@ pub(crate) fn extract(
             display: *display,
             gloss: gloss.copied(),
             has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
+            pixels: (camera.physical_viewport_size())
+                .map_or(0, |size| u64::from(size.x) * u64::from(size.y)),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
             layers,
         };

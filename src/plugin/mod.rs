@@ -31,12 +31,15 @@
 //! | `check` | main, `Last` | warns of what would be counted twice |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
+//! | `inventory` | both | counts what there is and what changed of it |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
 //! | `volume` | both | light in free space as one of Bevy's irradiance volumes, for cameras without a G-buffer |
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
+//! | `costs` | both | what the device's clock says of the passes, to the next plans |
+//! | `decisions` | main, `PreUpdate` | tells the log what the plan decided, where that changed |
 //!
 //! # What it needs and what it does not do
 //!
@@ -57,12 +60,15 @@ mod check;
 mod components;
 mod composite;
 mod compute;
+mod costs;
+mod decisions;
 mod deferred;
 mod diagnostics;
 mod display;
 mod extract;
 mod gizmos;
 mod gloss;
+mod inventory;
 #[cfg(feature = "gltf")]
 mod level;
 mod loader;
@@ -76,6 +82,7 @@ mod reflective;
 mod sets;
 mod sky;
 mod soft;
+mod stages;
 mod transform;
 mod volume;
 
@@ -177,6 +184,8 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<deferred::ReadyDisplays>()
             .init_resource::<MeshlessGiCoefficients>()
             .init_resource::<reflective::AskingLights>()
+            .init_resource::<inventory::NormalMaps>()
+            .init_resource::<costs::DeviceCosts>()
             .init_asset::<MeshlessGiAsset>()
             .init_asset::<MeshlessGiPoints>()
             .register_asset_loader(MeshlessGiLoader)
@@ -184,7 +193,8 @@ impl Plugin for MeshlessGiPlugin {
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
             .add_systems(
                 PreUpdate,
-                bake_task::collect_bakes.in_set(MeshlessGiSystems::Collect),
+                (bake_task::collect_bakes, costs::learn, decisions::tell)
+                    .in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
             // After assets have come, and before transforms and bounds of new meshes are made.
@@ -229,6 +239,12 @@ impl Plugin for MeshlessGiPlugin {
                 ),
             )
             .add_systems(
+                PostUpdate,
+                inventory::follow_materials
+                    .after(AssetEventSystems)
+                    .run_if(resource_exists::<Assets<StandardMaterial>>),
+            )
+            .add_systems(
                 Last,
                 (check::check, soft::check_soft, volume::check_volumes)
                     .chain()
@@ -245,6 +261,7 @@ impl Plugin for MeshlessGiPlugin {
 
     fn finish(&self, app: &mut App) {
         let status = app.world().resource::<MeshlessGiStatus>().clone();
+        let costs = app.world().resource::<costs::DeviceCosts>().clone();
         let coefficients = app.world().resource::<MeshlessGiCoefficients>().clone();
         let ready = app.world().resource::<deferred::ReadyDisplays>().clone();
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
@@ -262,6 +279,7 @@ impl Plugin for MeshlessGiPlugin {
         }
         render_app
             .insert_resource(status)
+            .insert_resource(costs)
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
             .init_resource::<soft::ExtractedSoft>()
@@ -276,6 +294,7 @@ impl Plugin for MeshlessGiPlugin {
                     capture::extract_maps,
                     soft::extract_soft,
                     volume::extract_volumes.after(extract::extract),
+                    inventory::take_inventory.after(extract::extract),
                 )
                     .in_set(MeshlessGiSystems::Extract),
             )

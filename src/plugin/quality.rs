@@ -82,7 +82,7 @@ pub enum MeshlessGiCost {
     /// The device's timestamps.
     #[default]
     Timestamps,
-    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked once after each frame that solved the scene. For a game that measures by
+    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked after each frame that solved the scene. For a game that measures by
     /// itself, and for tests.
     Given(Arc<GivenCost>),
 }

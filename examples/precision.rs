@@ -1,0 +1,463 @@
+//! What would fewer numbers a point bring? Beside vector irradiance in three channels (48 bytes a point): irradiance at the point's own normal in three channels, and vector irradiance in one channel
+//! (16 bytes each). Prints, for a box of flat walls and for the same with a ball, what display and operator read, what that takes on the CPU and (the operator) on the device, and how far the pictures are apart.
+//!
+//! ```text
+//! cargo run --no-default-features --features cli,gpu --example precision -- draft|medium
+//! ```
+
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use bevy_meshless_gi::basis::{NO_COVER, weight};
+use bevy_meshless_gi::frame::apply::apply_row;
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
+use bevy_meshless_gi::gpu::{Harness, KERNELS};
+use bevy_meshless_gi::scene::{Light, Material, Quad, cornell_box, mesh_of_quads};
+use bytemuck::NoUninit;
+use glam::Vec3;
+use std::error::Error;
+use std::f32::consts::{PI, TAU};
+use std::hint::black_box;
+use std::time::Instant;
+use wgpu::util::{BufferInitDescriptor, DeviceExt};
+
+/// Places at which the display is read.
+const PLACES: usize = 20_000;
+/// Runs of which the fastest counts.
+const RUNS: usize = 40;
+const BALL: (Vec3, f32) = (Vec3::new(-0.15, 1.25, 0.25), 0.35);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let preset = match std::env::args().nth(1).as_deref() {
+        Some("draft") => Preset::Draft,
+        Some("medium") => Preset::Medium,
+        _ => return Err("usage: precision draft|medium".into()),
+    };
+    let harness = Harness::new()?;
+    println!("{}\n", harness.adapter);
+    println!(
+        "| scene | points | bytes of values | of all on the device | functions looked at | that count | bytes read a place, vector | scalar | µs a place, vector | scalar |\n|---|---|---|---|---|---|---|---|---|---|"
+    );
+    let mut errors = String::new();
+    let mut solves = String::new();
+    for ball in [false, true] {
+        let mut quads = cornell_box();
+        if ball {
+            quads.extend(sphere());
+        }
+        let name = if ball { "with a ball" } else { "Cornell box" };
+        let recipe = Recipe {
+            preset,
+            ..Recipe::default()
+        };
+        let scene = bake_level(&mesh_of_quads(&quads), &recipe, 0, &Progress::default())?.scene;
+        let mut frame = CpuFrame::new(&scene);
+        let lamp = Light::Point {
+            position: Vec3::new(0.4, 1.7, 0.5),
+            intensity: Vec3::splat(2.0),
+            range: f32::INFINITY,
+        };
+        frame.set_lights(&scene, &FrameLight::expand(&lamp, 1));
+        frame.solve(&scene, &FrameSettings::bounces(4));
+        let values = frame.values();
+        let scalars: Vec<[f32; 4]> = (scene.points.iter().zip(values))
+            .map(|(p, e)| e.dot(p.n()).extend(0.0).to_array())
+            .collect();
+        let mut places = walls(&quads, PLACES);
+        display(name, &scene, values, &scalars, &places);
+        errors += &apart(name, "walls", &scene, values, &scalars, &places, 0.0);
+        if ball {
+            places = on_ball();
+            errors += &apart(name, "the ball", &scene, values, &scalars, &places, 0.0);
+        }
+        errors += &apart(
+            name,
+            "walls, bumps of 20°",
+            &scene,
+            values,
+            &scalars,
+            &walls(&quads, PLACES),
+            20f32.to_radians(),
+        );
+        solves += &solve(&harness, name, &scene, frame.senders())?;
+    }
+    println!(
+        "\n| scene | where | NRMSE scalar to vector | p99 | largest |\n|---|---|---|---|---|\n{errors}"
+    );
+    println!(
+        "| scene | links | bytes a solve reads and writes, three channels | one channel | scalar | ms on the CPU, three channels | one channel | ms on the device, three channels | one channel |\n|---|---|---|---|---|---|---|---|---|\n{solves}"
+    );
+    Ok(())
+}
+
+/// A ball of flat faces.
+fn sphere() -> Vec<Quad> {
+    let (around, up) = (48, 24);
+    let at = |i: usize, j: usize| {
+        let (phi, theta) = (
+            TAU * (i % around) as f32 / around as f32,
+            PI * j as f32 / up as f32,
+        );
+        let way = Vec3::new(
+            theta.sin() * phi.cos(),
+            theta.cos(),
+            theta.sin() * phi.sin(),
+        );
+        BALL.0 + BALL.1 * way
+    };
+    let mut quads = Vec::new();
+    // The caps are left open by a degree or so: nothing gets in there.
+    for j in 1..up - 1 {
+        for i in 0..around {
+            quads.push(Quad {
+                corners: [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)],
+                material: Material::diffuse(Vec3::splat(0.6)),
+            });
+        }
+    }
+    quads
+}
+
+/// Counted numbers in 0 to 1.
+fn number(i: usize, k: u32) -> f32 {
+    let mut h = (i as u32).wrapping_mul(0x9e37_79b9) ^ k.wrapping_mul(0x85eb_ca6b);
+    h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
+    h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
+    ((h ^ (h >> 16)) >> 8) as f32 / (1 << 24) as f32
+}
+
+/// Places on the box, with its normals.
+fn walls(quads: &[Quad], count: usize) -> Vec<(Vec3, Vec3)> {
+    let flat = &quads[..cornell_box().len()];
+    (0..count)
+        .map(|i| {
+            let quad = &flat[i % flat.len()];
+            let [a, b, _, d] = quad.corners;
+            let n = (b - a).cross(d - a).normalize();
+            (a + number(i, 1) * (b - a) + number(i, 2) * (d - a), n)
+        })
+        .collect()
+}
+
+/// Places on the ball, with smooth normals.
+fn on_ball() -> Vec<(Vec3, Vec3)> {
+    (0..PLACES)
+        .map(|i| {
+            let (y, phi) = (1.9 * number(i, 3) - 0.95, TAU * number(i, 4));
+            let r = (1.0 - y * y).sqrt();
+            let n = Vec3::new(r * phi.cos(), y, r * phi.sin());
+            (BALL.0 + 0.999 * BALL.1 * n, n)
+        })
+        .collect()
+}
+
+/// The display at a place: the sum of its functions times what `add` adds up, over the sum of their weights.
+fn gather<T>(
+    scene: &BakedScene,
+    x: Vec3,
+    n: Vec3,
+    mut sum: T,
+    add: impl Fn(&mut T, f32, usize),
+) -> Option<(T, f32)> {
+    let (mut cover, mut denominator) = (0.0, 0.0);
+    for &j in scene.display.grid.near(x) {
+        let point = &scene.points[j as usize];
+        let w = weight(point, &scene.display.planes, x, n);
+        if w > 0.0 {
+            let v = (w / point.radius) * (w / point.radius);
+            cover += w;
+            denominator += v;
+            add(&mut sum, v, j as usize);
+        }
+    }
+    (cover > NO_COVER).then_some((sum, denominator))
+}
+
+fn vector(
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+    shaded: Vec3,
+) -> Option<Vec3> {
+    let (e, of) = gather(scene, x, n, VectorIrradiance::default(), |sum, v, j| {
+        sum.add_scaled(v, &values[j])
+    })?;
+    Some((e.dot(shaded) / of).max(Vec3::ZERO))
+}
+
+fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<Vec3> {
+    let (e, of) = gather(scene, x, n, glam::Vec4::ZERO, |sum, v, j| {
+        *sum += v * glam::Vec4::from_array(values[j])
+    })?;
+    Some((e.truncate() / of).max(Vec3::ZERO))
+}
+
+/// The least seconds of each of two, taken in turns, so that a busy machine spoils both alike.
+fn fastest(mut one: impl FnMut(), mut other: impl FnMut()) -> [f64; 2] {
+    let mut least = [f64::INFINITY; 2];
+    for _ in 0..RUNS {
+        let start = Instant::now();
+        one();
+        let between = Instant::now();
+        other();
+        least[0] = least[0].min((between - start).as_secs_f64());
+        least[1] = least[1].min(between.elapsed().as_secs_f64());
+    }
+    least
+}
+
+fn display(
+    name: &str,
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    scalars: &[[f32; 4]],
+    places: &[(Vec3, Vec3)],
+) {
+    let (mut looked, mut count, mut planes) = (0usize, 0usize, 0usize);
+    for &(x, n) in places {
+        for &j in scene.display.grid.near(x) {
+            let point = &scene.points[j as usize];
+            looked += 1;
+            if weight(point, &scene.display.planes, x, n) > 0.0 {
+                count += 1;
+                planes += point.plane_range().len();
+            }
+        }
+    }
+    let a_place = |n: usize| n as f64 / places.len() as f64;
+    let read = |value: usize| a_place(looked * 36 + planes * 16 + count * value);
+    let [of_vector, of_scalar] = fastest(
+        || {
+            for &(x, n) in places {
+                black_box(vector(scene, values, x, n, n));
+            }
+        },
+        || {
+            for &(x, n) in places {
+                black_box(scalar(scene, scalars, x, n));
+            }
+        },
+    );
+    let own = size_of_val(values);
+    let links = scene.operator.links.len() * 8;
+    let others = size_of_val(&scene.points[..])
+        + size_of_val(&scene.surfaces[..])
+        + links
+        + size_of_val(&scene.display.grid.entries[..])
+        + size_of_val(&scene.display.planes[..])
+        + size_of_val(&scene.bvh.triangles[..])
+        + size_of_val(&scene.bvh.nodes[..]);
+    println!(
+        "| {name} | {} | {own} | {:.1} % | {:.1} | {:.1} | {:.0} | {:.0} | {:.3} | {:.3} |",
+        scene.points.len(),
+        100.0 * own as f64 / (own + others) as f64,
+        a_place(looked),
+        a_place(count),
+        read(48),
+        read(16),
+        1e6 * of_vector / places.len() as f64,
+        1e6 * of_scalar / places.len() as f64,
+    );
+}
+
+/// How far the scalar's light is from the vector's, for normals that are bent by so many radians.
+fn apart(
+    name: &str,
+    place: &str,
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+    scalars: &[[f32; 4]],
+    places: &[(Vec3, Vec3)],
+    bend: f32,
+) -> String {
+    let mut off = Vec::new();
+    let mut all = 0.0f64;
+    for (i, &(x, n)) in places.iter().enumerate() {
+        let along = n.any_orthonormal_vector();
+        let across = n.cross(along);
+        let phi = TAU * number(i, 7);
+        let bent = bend.cos() * n + bend.sin() * (phi.cos() * along + phi.sin() * across);
+        if let (Some(a), Some(b)) = (
+            vector(scene, values, x, n, bent),
+            scalar(scene, scalars, x, n),
+        ) {
+            off.push((a - b).length());
+            all += f64::from(a.length_squared());
+        }
+    }
+    let rms = (all / off.len() as f64).sqrt();
+    let squared: f64 = off.iter().map(|d| f64::from(d * d)).sum();
+    off.sort_by(f32::total_cmp);
+    format!(
+        "| {name} | {place} | {:.2} % | {:.1} % | {:.1} % |\n",
+        100.0 * (squared / off.len() as f64).sqrt() / rms,
+        100.0 * f64::from(off[off.len() * 99 / 100]) / rms,
+        100.0 * f64::from(off[off.len() - 1]) / rms,
+    )
+}
+
+/// What the operator reads and writes, and what that takes on one core.
+fn solve(
+    harness: &Harness,
+    name: &str,
+    scene: &BakedScene,
+    senders: &[[f32; 4]],
+) -> Result<String, Box<dyn Error>> {
+    let links = scene.operator.links.len();
+    let rows = &scene.operator.rows;
+    let grey: Vec<f32> = senders.iter().map(|f| f[0]).collect();
+    let [three, one] = fastest(
+        || {
+            for row in rows {
+                black_box(apply_row(row, &scene.operator.links, senders));
+            }
+        },
+        || {
+            for row in rows {
+                let mut sum = Vec3::ZERO;
+                let start = row.start as usize;
+                for link in &scene.operator.links[start..start + row.count as usize] {
+                    sum += link.vector() * grey[link.sender() as usize];
+                }
+                black_box(row.scale * sum);
+            }
+        },
+    );
+    let three_channels = Applied::new(harness, scene, &three_channels()?, senders, 48);
+    let one_channel = Applied::new(harness, scene, &one_channel()?, &grey, 16);
+    let [device_three, device_one] = fastest(|| three_channels.run(), || one_channel.run());
+    let bytes = |coefficient: usize, value: usize| links * (8 + coefficient) + rows.len() * value;
+    Ok(format!(
+        "| {name} | {links} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.2} |\n",
+        bytes(16, 48),
+        bytes(4, 16),
+        bytes(16, 16),
+        1e3 * three,
+        1e3 * one,
+        1e3 * device_three,
+        1e3 * device_one,
+    ))
+}
+
+/// Kernel `apply` as it is.
+fn three_channels() -> Result<String, Box<dyn Error>> {
+    let kernel = KERNELS.iter().find(|k| k.name == "apply");
+    Ok(kernel.ok_or("no kernel `apply`")?.source.into())
+}
+
+/// The same for one channel: a coefficient is one number, a value three.
+fn one_channel() -> Result<String, Box<dyn Error>> {
+    let mut source = three_channels()?;
+    for (from, to) in [
+        ("coefficients: array<vec4f>", "coefficients: array<f32>"),
+        ("applied: array<VectorIrradiance>", "applied: array<vec4f>"),
+        ("sums_x: array<vec3f, 64>", "sums_x: array<f32, 64>"),
+        ("sums_y: array<vec3f, 64>", "sums_y: array<f32, 64>"),
+        ("sums_z: array<vec3f, 64>", "sums_z: array<f32, 64>"),
+        ("var x = vec3f(0.0)", "var x = 0.0"),
+        ("var y = vec3f(0.0)", "var y = 0.0"),
+        ("var z = vec3f(0.0)", "var z = 0.0"),
+        ("[link.z_sender >> 16u].xyz", "[link.z_sender >> 16u]"),
+        ("applied[i] = VectorIrradiance(", "applied[i] = vec4f("),
+        (
+            "vec4f(row.scale * sums_x[local], 0.0),",
+            "row.scale * sums_x[local],",
+        ),
+        (
+            "vec4f(row.scale * sums_y[local], 0.0),",
+            "row.scale * sums_y[local],",
+        ),
+        (
+            "vec4f(row.scale * sums_z[local], 0.0),",
+            "row.scale * sums_z[local], 0.0",
+        ),
+    ] {
+        if source.matches(from).count() != 1 {
+            return Err(format!("kernel `apply` has no single `{from}`").into());
+        }
+        source = source.replace(from, to);
+    }
+    Ok(source)
+}
+
+/// The operator on the device, in one of the two.
+struct Applied<'a> {
+    harness: &'a Harness,
+    pipeline: wgpu::ComputePipeline,
+    bind: wgpu::BindGroup,
+    groups: u32,
+}
+
+impl<'a> Applied<'a> {
+    fn new<T: NoUninit>(
+        harness: &'a Harness,
+        scene: &BakedScene,
+        source: &str,
+        coefficients: &[T],
+        value: usize,
+    ) -> Self {
+        let device = &harness.device;
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: None,
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: None,
+            layout: None,
+            module: &module,
+            entry_point: Some("apply"),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            cache: None,
+        });
+        let filled = |bytes: &[u8], usage| {
+            device.create_buffer_init(&BufferInitDescriptor {
+                label: None,
+                contents: bytes,
+                usage,
+            })
+        };
+        let (rows, links) = (&scene.operator.rows, &scene.operator.links);
+        let count = rows.len() as u32;
+        let order: Vec<u32> = (0..count).collect();
+        let read = wgpu::BufferUsages::STORAGE;
+        let buffers = [
+            filled(
+                bytemuck::bytes_of(&[0, count, 0, 0]),
+                wgpu::BufferUsages::UNIFORM,
+            ),
+            filled(bytemuck::cast_slice(rows), read),
+            filled(bytemuck::cast_slice(links), read),
+            filled(bytemuck::cast_slice(coefficients), read),
+            filled(&vec![0; value * rows.len()], read),
+            filled(bytemuck::cast_slice(&order), read),
+        ];
+        let entries: Vec<_> = (1..)
+            .zip(&buffers)
+            .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        let bind = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        Self {
+            harness,
+            pipeline,
+            bind,
+            groups: count.div_ceil(4),
+        }
+    }
+
+    fn run(&self) {
+        let done = self.harness.run(|encoder| {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.bind, &[]);
+            pass.dispatch_workgroups(self.groups.min(65_535), self.groups.div_ceil(65_535), 1);
+        });
+        done.expect("the device answers");
+    }
+}

@@ -1,0 +1,397 @@
+//! What passes cost: their work, the milliseconds that it is expected to take on this device, and those that the device's clock said.
+//!
+//! Passes that are recorded into one another are timed as one ([`Timed`]). A group's milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by which a group that
+//! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
+//! gives the right rate.
+
+use super::{FrameState, Pass, Plan, SceneId, Stage, ViewId};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Weight of a new measurement in the running means.
+const SMOOTH: f64 = 0.2;
+/// A group that no plan of so many had is forgotten.
+const KEPT: u64 = 1000;
+
+/// Passes that the device's clock times as one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Timed {
+    /// The one of them that stands for all: [`Stage::Apply`] for what carries light on (pull, push, apply, flatten, the probes' rows), [`Stage::Splat`] for all that lays light over a view's pixels.
+    pub stage: Stage,
+    /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
+    pub scene: SceneId,
+    /// For which view; `None` for work that all views share.
+    pub view: Option<ViewId>,
+}
+
+impl Timed {
+    /// What the pass is timed with; none where no clock times it (copies, and maps, which Bevy draws).
+    #[must_use]
+    pub fn of(pass: &Pass) -> Option<Self> {
+        let stage = match pass.stage {
+            Stage::Upload | Stage::Materials | Stage::ReadBack | Stage::Rsm => return None,
+            Stage::PullPush | Stage::Apply | Stage::Flatten => Stage::Apply,
+            Stage::Probe if pass.view.is_none() => Stage::Apply,
+            Stage::Probe | Stage::Splat | Stage::Vpl => Stage::Splat,
+            other => other,
+        };
+        Some(Self {
+            stage,
+            scene: match pass.view {
+                Some(_) => SceneId::WORLD,
+                None => pass.scene,
+            },
+            view: pass.view,
+        })
+    }
+
+    /// The name of the span that times it.
+    #[must_use]
+    pub fn span(&self) -> String {
+        let of = self.view.map_or(self.scene.0, |view| view.0);
+        format!("{}_{of:x}", self.stage.name())
+    }
+}
+
+/// How much there is to do, in the unit that a stage's time grows with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Work {
+    /// It isn't counted: what it costs shows when it has run.
+    #[default]
+    Uncounted,
+    /// Links of the operator that are read, once a sweep.
+    Links(u64),
+    /// Shadow rays.
+    Rays(u64),
+    /// Pixels, once for each scene (or list of virtual lights) that is laid over them.
+    Pixels(u64),
+}
+
+impl Work {
+    /// The number; none where it isn't counted or is zero.
+    #[must_use]
+    pub fn amount(self) -> Option<f64> {
+        match self {
+            Self::Uncounted => None,
+            Self::Links(n) | Self::Rays(n) | Self::Pixels(n) => (n > 0).then_some(n as f64),
+        }
+    }
+
+    fn add(&mut self, more: Self) {
+        *self = match (*self, more) {
+            (Self::Links(a), Self::Links(b)) => Self::Links(a + b),
+            (Self::Rays(a), Self::Rays(b)) => Self::Rays(a + b),
+            (Self::Pixels(a), Self::Pixels(b)) => Self::Pixels(a + b),
+            (Self::Uncounted, other) | (other, _) => other,
+        };
+    }
+}
+
+impl fmt::Display for Work {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Uncounted => f.write_str("work not counted"),
+            Self::Links(n) => write!(f, "{n} links"),
+            Self::Rays(n) => write!(f, "{n} rays"),
+            Self::Pixels(n) => write!(f, "{n} pixels"),
+        }
+    }
+}
+
+/// What a group of passes costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// How much there is to do in this frame.
+    pub work: Work,
+    /// Milliseconds that it is expected to take; none before any measurement of the stage.
+    pub predicted: Option<f32>,
+    /// Milliseconds that the device's clock said of it, a mean over its last frames; none where it has no clock, or did not answer yet.
+    pub measured: Option<f32>,
+}
+
+impl fmt::Display for Cost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, ", self.work)?;
+        match self.predicted {
+            Some(ms) => write!(f, "{ms:.2} ms expected")?,
+            None => f.write_str("cost unknown")?,
+        }
+        match self.measured {
+            Some(ms) => write!(f, ", {ms:.2} ms measured"),
+            None => f.write_str(", not measured"),
+        }
+    }
+}
+
+/// The work of the passes, one entry for all that is timed as one.
+pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
+    let mut costs: Vec<(Timed, Cost)> = Vec::new();
+    for pass in passes {
+        let Some(timed) = Timed::of(pass) else {
+            continue;
+        };
+        let scene = state.scenes.iter().find(|s| s.id == pass.scene);
+        let pixels = || {
+            let view = pass
+                .view
+                .and_then(|v| state.views.iter().find(|s| s.id == v));
+            Work::Pixels(view.map_or(0, |v| v.pixels))
+        };
+        let work = match (pass.stage, scene) {
+            (Stage::Project, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
+            (Stage::Apply, Some(scene)) => {
+                Work::Links(scene.tier.as_ref().map_or(0, |picked| picked.work))
+            }
+            (Stage::Splat | Stage::Vpl | Stage::Composite, _) => pixels(),
+            _ => Work::Uncounted,
+        };
+        match costs.iter_mut().find(|(t, _)| *t == timed) {
+            Some((_, cost)) => cost.work.add(work),
+            None => costs.push((
+                timed,
+                Cost {
+                    work,
+                    ..Cost::default()
+                },
+            )),
+        }
+    }
+    costs
+}
+
+/// Running means of milliseconds and of work.
+#[derive(Clone, Copy, Debug, Default)]
+struct Means {
+    ms: Option<f64>,
+    work: Option<f64>,
+}
+
+impl Means {
+    fn rate(&self) -> Option<f64> {
+        Some(self.ms? / self.work.filter(|w| *w > 0.0)?)
+    }
+}
+
+fn mix(mean: &mut Option<f64>, value: f64) {
+    *mean = Some(mean.map_or(value, |m| m + SMOOTH * (value - m)));
+}
+
+/// What is known of the costs on one device.
+#[derive(Clone, Debug, Default)]
+pub struct CostModel {
+    groups: BTreeMap<Timed, (Means, u64)>,
+    /// Milliseconds a unit of work, by stage.
+    rates: BTreeMap<Stage, f64>,
+    plans: u64,
+}
+
+impl CostModel {
+    /// Knows nothing.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A frame with this plan was recorded.
+    pub fn ran(&mut self, plan: &Plan) {
+        self.plans += 1;
+        for (timed, cost) in &plan.costs {
+            let (means, seen) = self.groups.entry(*timed).or_default();
+            *seen = self.plans;
+            if let Some(work) = cost.work.amount() {
+                mix(&mut means.work, work);
+            }
+        }
+        let oldest = self.plans.saturating_sub(KEPT);
+        self.groups.retain(|_, (_, seen)| *seen > oldest);
+    }
+
+    /// The device's clock said so of one of the last frames. What no plan had, and what is no time, is left out.
+    pub fn measured(&mut self, timed: Timed, ms: f32) {
+        let Some((means, _)) = self.groups.get_mut(&timed) else {
+            return;
+        };
+        if !(ms.is_finite() && ms >= 0.0) {
+            return;
+        }
+        mix(&mut means.ms, f64::from(ms));
+        if means.rate().is_some() {
+            let of_stage = (self.groups.iter()).filter(|(t, _)| t.stage == timed.stage);
+            let known: Vec<f64> = of_stage.filter_map(|(_, (m, _))| m.rate()).collect();
+            let mean = known.iter().sum::<f64>() / known.len() as f64;
+            self.rates.insert(timed.stage, mean);
+        }
+    }
+
+    /// Writes into the plan what is known.
+    pub fn price(&self, plan: &mut Plan) {
+        for (timed, cost) in &mut plan.costs {
+            let means = self.groups.get(timed).map(|(means, _)| *means);
+            let means = means.unwrap_or_default();
+            cost.measured = means.ms.map(|ms| ms as f32);
+            let rate = means
+                .rate()
+                .or_else(|| self.rates.get(&timed.stage).copied());
+            cost.predicted = match cost.work.amount() {
+                Some(work) => rate.map(|rate| (rate * work) as f32),
+                None => cost.measured,
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{Picked, SceneState, SlotChange, ViewState};
+
+    /// Two scenes on the device with four slots each, and a view of both.
+    fn state() -> FrameState {
+        let scene = |id: u64, links: u64| SceneState {
+            resident: true,
+            rays: 1000,
+            slots: vec![SlotChange::None; 4],
+            tier: Some(Picked {
+                work: links,
+                ..Picked::default()
+            }),
+            ..SceneState::new(SceneId(id))
+        };
+        FrameState {
+            scenes: vec![scene(1, 50_000), scene(2, 200_000)],
+            views: vec![ViewState {
+                id: ViewId(7),
+                gloss: false,
+                lit: true,
+                enabled: true,
+                has_gbuffer: true,
+                pixels: 10_000,
+                sees: vec![SceneId(1), SceneId(2)],
+            }],
+            ..FrameState::default()
+        }
+    }
+
+    fn moving(mut state: FrameState, scene: usize, slots: usize) -> FrameState {
+        state.scenes[scene].slots[..slots].fill(SlotChange::Geometry);
+        state
+    }
+
+    fn cost(plan: &Plan, stage: Stage) -> Cost {
+        *plan
+            .cost_of(
+                plan.passes
+                    .iter()
+                    .find(|p| p.stage == stage)
+                    .expect("it runs"),
+            )
+            .expect("it is timed")
+    }
+
+    #[test]
+    fn work_is_counted_in_what_a_stage_reads() {
+        let plan = Plan::new(&moving(state(), 1, 3));
+        assert_eq!(cost(&plan, Stage::Project).work, Work::Rays(3000));
+        assert_eq!(cost(&plan, Stage::Apply).work, Work::Links(200_000));
+        assert_eq!(cost(&plan, Stage::PullPush), cost(&plan, Stage::Apply));
+        // Both scenes go over the pixels; the composite goes once.
+        assert_eq!(cost(&plan, Stage::Splat).work, Work::Pixels(20_000));
+        assert_eq!(cost(&plan, Stage::Composite).work, Work::Pixels(10_000));
+        let groups: Vec<Stage> = plan.costs.iter().map(|(t, _)| t.stage).collect();
+        use Stage::*;
+        assert_eq!(groups, [Project, Apply, Splat, Composite]);
+        let words = plan.to_string();
+        assert!(
+            words.contains(
+                "flatten of scene 2 (transport): 3 light slot(s) new or moved; timed with pull_push"
+            ),
+            "{words}"
+        );
+        assert_eq!(
+            words.matches("cost unknown, not measured").count(),
+            4,
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn what_is_measured_on_one_scene_foretells_another() {
+        let mut model = CostModel::new();
+        let mut first = Plan::new(&moving(state(), 0, 1));
+        model.price(&mut first);
+        assert_eq!(cost(&first, Stage::Apply).predicted, None);
+        for _ in 0..5 {
+            model.ran(&first);
+            for (timed, _) in &first.costs {
+                model.measured(*timed, 2.0);
+            }
+        }
+        model.price(&mut first);
+        let Cost {
+            predicted,
+            measured,
+            ..
+        } = cost(&first, Stage::Apply);
+        assert_eq!((predicted, measured), (Some(2.0), Some(2.0)));
+        // Four times the links, three times the rays: never run, so not measured.
+        let mut second = Plan::new(&moving(state(), 1, 3));
+        model.price(&mut second);
+        let Cost {
+            predicted,
+            measured,
+            ..
+        } = cost(&second, Stage::Apply);
+        assert_eq!((predicted, measured), (Some(8.0), None));
+        assert_eq!(cost(&second, Stage::Project).predicted, Some(6.0));
+        // The same pixels as before.
+        assert_eq!(cost(&second, Stage::Splat).measured, Some(2.0));
+        assert!(
+            second
+                .to_string()
+                .contains("8.00 ms expected, not measured"),
+            "{second}"
+        );
+    }
+
+    #[test]
+    fn a_clock_that_answers_late_and_slots_that_change_give_the_right_rate() {
+        let mut model = CostModel::new();
+        // A microsecond a ray; one to four slots in turn; the answers come three frames late.
+        let mut late = std::collections::VecDeque::new();
+        for k in 0..200 {
+            let plan = Plan::new(&moving(state(), 0, 1 + k % 4));
+            model.ran(&plan);
+            late.push_back(1 + k % 4);
+            if late.len() > 3 {
+                let slots = late.pop_front().expect("four") as f32;
+                model.measured(plan.costs[0].0, slots);
+            }
+        }
+        let mut plan = Plan::new(&moving(state(), 0, 4));
+        model.price(&mut plan);
+        let predicted = cost(&plan, Stage::Project).predicted.expect("measured");
+        assert!((predicted / 4.0 - 1.0).abs() < 0.35, "{predicted}");
+    }
+
+    #[test]
+    fn what_is_gone_is_forgotten_and_what_is_no_time_left_out() {
+        let mut model = CostModel::new();
+        let plan = Plan::new(&moving(state(), 0, 1));
+        let project = plan.costs[0].0;
+        model.measured(project, 1.0);
+        assert!(model.rates.is_empty(), "no plan had it yet");
+        model.ran(&plan);
+        model.measured(project, f32::NAN);
+        model.measured(project, -1.0);
+        assert!(model.rates.is_empty());
+        model.measured(project, 1.0);
+        assert_eq!(model.rates.len(), 1);
+        let rest = Plan::new(&state());
+        for _ in 0..=KEPT {
+            model.ran(&rest);
+        }
+        assert_eq!(model.groups.len(), rest.costs.len());
+        // The rate stays: it is the device's.
+        assert_eq!(model.rates.len(), 1);
+    }
+}

@@ -1,0 +1,339 @@
+//! What a plan has decided, one line a subject, and when that is worth telling: at a change, once, and not again for what only goes back and forth.
+//!
+//! Passes come and go with every lamp that moves and stops. The log is told that an effect runs when it first does, and that it stopped when it has not run for [`PATIENCE`] frames. A subject that has
+//! changed is told again after a silence, which doubles with each telling and ends where nothing changed for as long: what flickers is told a number of times that grows with the logarithm of the time.
+
+use super::{Plan, SceneId, Skip, ViewId};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Frames that an effect rests before that is told, and the first silence about a subject.
+pub const PATIENCE: u64 = 120;
+
+/// What is decided.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Subject {
+    /// Which tier of the operator lights a scene.
+    Tier(SceneId),
+    /// Whether an octree or links do.
+    Octree(SceneId),
+    /// What becomes of its sky.
+    Sky(SceneId),
+    /// Whether an effect ([`EFFECTS`](super::EFFECTS)) runs, for a scene and a view.
+    Effect(&'static str, SceneId, Option<ViewId>),
+    /// Why a scene is not lit, or not in a view.
+    Left(SceneId, Option<ViewId>, Skip),
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (what, scene, view) = match self {
+            Self::Tier(scene) => ("tier", scene, &None),
+            Self::Octree(scene) => ("octree", scene, &None),
+            Self::Sky(scene) => ("sky", scene, &None),
+            Self::Effect(name, scene, view) => (*name, scene, view),
+            Self::Left(scene, view, _) => ("left out", scene, view),
+        };
+        write!(f, "{what}, {scene}")?;
+        match view {
+            Some(view) => write!(f, " in view {:x}", view.0),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What was decided, and why.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Decision {
+    /// About what.
+    pub subject: Subject,
+    /// What.
+    pub choice: String,
+    /// Why. It may hold figures that change from frame to frame.
+    pub why: String,
+    /// The setting that decided alone, where one did.
+    pub forced: Option<&'static str>,
+}
+
+impl fmt::Display for Decision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}, because {}", self.subject, self.choice, self.why)?;
+        match self.forced {
+            Some(setting) => write!(f, " [forced by {setting}]"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Skip {
+    /// The setting that alone keeps this from running; none where the plan found the reason in the world or the device.
+    #[must_use]
+    pub fn forced(self) -> Option<&'static str> {
+        match self {
+            Self::Hidden => Some("the scene's visibility"),
+            Self::ViewDisabled => Some("the view's settings"),
+            _ => None,
+        }
+    }
+}
+
+impl Plan {
+    /// All that this frame's plan has decided, one entry a subject.
+    #[must_use]
+    pub fn decisions(&self) -> Vec<Decision> {
+        let mut out: Vec<Decision> = Vec::new();
+        let mut push = |subject: Subject, choice: String, why: String, forced| {
+            if !out.iter().any(|d: &Decision| d.subject == subject) {
+                out.push(Decision {
+                    subject,
+                    choice,
+                    why,
+                    forced,
+                });
+            }
+        };
+        for (scene, picked) in &self.tiers {
+            let choice = format!("{} of {}", picked.tier, picked.tiers);
+            let forced = picked.forced.then_some("the quality asked for");
+            push(Subject::Tier(*scene), choice, picked.why.clone(), forced);
+        }
+        for (scene, why) in &self.linked {
+            let subject = Subject::Octree(*scene);
+            push(subject, "links".into(), why.to_string(), None);
+        }
+        for (scene, sky) in &self.skies {
+            let why = "the scene's sky says so".into();
+            push(Subject::Sky(*scene), sky.to_string(), why, None);
+        }
+        for pass in &self.passes {
+            let subject = Subject::Effect(pass.effect, pass.scene, pass.view);
+            push(subject, "runs".into(), pass.reason.to_string(), None);
+        }
+        for &(scene, view, why) in &self.skipped {
+            if why != Skip::AtRest {
+                let subject = Subject::Left(scene, view, why);
+                push(subject, "left out".into(), why.to_string(), why.forced());
+            }
+        }
+        out
+    }
+}
+
+/// What the log was told of a subject.
+#[derive(Clone, Debug)]
+struct Standing {
+    /// The choice that was told; none for an end.
+    told: Option<String>,
+    /// The last decision, and the frame that had it.
+    last: Decision,
+    seen: u64,
+    /// Not before this frame is anything told.
+    quiet_until: u64,
+    /// How long the next silence is.
+    silence: u64,
+}
+
+/// Follows decisions frame by frame, and says which changes are worth telling.
+#[derive(Clone, Debug, Default)]
+pub struct DecisionLog {
+    standing: BTreeMap<Subject, Standing>,
+    frame: u64,
+}
+
+impl DecisionLog {
+    /// Nothing told yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// One frame's decisions. Answers lines for the log: none in most frames.
+    pub fn observe(&mut self, decisions: Vec<Decision>) -> Vec<String> {
+        self.frame += 1;
+        let now = self.frame;
+        for decision in decisions {
+            let standing = (self.standing.entry(decision.subject.clone())).or_insert(Standing {
+                told: None,
+                last: decision.clone(),
+                seen: now,
+                quiet_until: 0,
+                silence: PATIENCE,
+            });
+            standing.last = decision;
+            standing.seen = now;
+        }
+        let mut lines = Vec::new();
+        self.standing.retain(|subject, standing| {
+            let here = now - standing.seen < PATIENCE;
+            let choice = here.then(|| standing.last.choice.clone());
+            if choice != standing.told && now >= standing.quiet_until {
+                lines.push(match here {
+                    true => standing.last.to_string(),
+                    false => format!("{subject}: no more"),
+                });
+                standing.told = choice;
+                standing.quiet_until = now + standing.silence;
+                standing.silence = standing.silence.saturating_mul(2);
+            }
+            // As long at peace as the silence was: the next change is news again.
+            let calm = standing.quiet_until.saturating_add(standing.silence);
+            let settled = standing.told.is_some() == here;
+            if settled && now >= calm {
+                standing.silence = PATIENCE;
+            }
+            here || standing.told.is_some() || now < calm
+        });
+        lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{FrameState, Picked, SceneState, SkyUse, SlotChange, ViewState};
+
+    const A: SceneId = SceneId(1);
+
+    fn state() -> FrameState {
+        FrameState {
+            scenes: vec![SceneState {
+                resident: true,
+                slots: vec![SlotChange::None; 2],
+                sky: SkyUse::Terms,
+                tier: Some(Picked {
+                    tier: 2,
+                    tiers: 4,
+                    why: "it was asked for".into(),
+                    forced: true,
+                    ..Picked::default()
+                }),
+                ..SceneState::new(A)
+            }],
+            views: vec![ViewState {
+                id: ViewId(7),
+                gloss: false,
+                lit: true,
+                enabled: true,
+                has_gbuffer: true,
+                pixels: 100,
+                sees: vec![A],
+            }],
+            ..FrameState::default()
+        }
+    }
+
+    fn of(state: &FrameState) -> Vec<Decision> {
+        Plan::new(state).decisions()
+    }
+
+    fn moved(yes: bool) -> FrameState {
+        let mut state = state();
+        if yes {
+            state.scenes[0].slots[0] = SlotChange::Geometry;
+        }
+        state
+    }
+
+    #[test]
+    fn what_a_setting_forces_says_so() {
+        let found = of(&state());
+        let tier = found.iter().find(|d| d.subject == Subject::Tier(A));
+        let tier = tier.expect("a tier").to_string();
+        assert_eq!(
+            tier,
+            "tier, scene 1: 2 of 4, because it was asked for [forced by the quality asked for]"
+        );
+        // The rest follows from the scene.
+        let forced = found.iter().filter(|d| d.forced.is_some()).count();
+        assert_eq!(forced, 1);
+        let mut off = state();
+        off.views[0].enabled = false;
+        off.views.push(ViewState {
+            id: ViewId(8),
+            enabled: true,
+            ..off.views[0].clone()
+        });
+        let found = of(&off);
+        let left = Subject::Left(A, Some(ViewId(7)), Skip::ViewDisabled);
+        let left = found.iter().find(|d| d.subject == left).expect("left out");
+        assert_eq!(left.forced, Some("the view's settings"));
+        let shown = |d: &&Decision| matches!(d.subject, Subject::Effect("display", A, _));
+        let shown: Vec<&Decision> = found.iter().filter(shown).collect();
+        assert_eq!(shown.len(), 1);
+        assert_eq!(
+            shown[0].subject,
+            Subject::Effect("display", A, Some(ViewId(8)))
+        );
+    }
+
+    #[test]
+    fn a_lamp_that_moves_decides_nothing_else() {
+        let standing = |moves| {
+            let mut found = of(&moved(moves));
+            found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+            found
+        };
+        assert_eq!(standing(true), standing(false));
+        assert!(of(&moved(true)).len() > of(&moved(false)).len());
+    }
+
+    #[test]
+    fn a_change_is_told_once_and_an_end_with_patience() {
+        let mut log = DecisionLog::new();
+        let first = log.observe(of(&moved(false)));
+        assert_eq!(first.len(), 3, "{first:?}");
+        assert!(log.observe(of(&moved(false))).is_empty());
+        let started = log.observe(of(&moved(true)));
+        assert_eq!(started.len(), 2, "{started:?}");
+        assert!(
+            started[0].contains("because 1 light slot(s) new or moved"),
+            "{started:?}"
+        );
+        // It moves and stops in turn: nothing is said.
+        for k in 0..50 {
+            assert!(log.observe(of(&moved(k % 3 == 0))).is_empty());
+        }
+        let ends: Vec<String> = (0..3 * PATIENCE)
+            .flat_map(|_| log.observe(of(&moved(false))))
+            .collect();
+        assert_eq!(
+            ends,
+            ["lights, scene 1: no more", "transport, scene 1: no more"]
+        );
+    }
+
+    #[test]
+    fn what_flickers_is_told_as_often_as_the_logarithm_of_the_time() {
+        for period in [2, 7, 130, 500] {
+            let mut log = DecisionLog::new();
+            let mut told = 0;
+            for k in 0..20_000u64 {
+                let mut now = moved(k % period == 0);
+                let tier = now.scenes[0].tier.as_mut().expect("a tier");
+                tier.tier = 1 + u32::from(k % period < period / 2);
+                told += log.observe(of(&now)).len();
+            }
+            // Two effects, one tier, one sky, one display.
+            assert!((5..=40).contains(&told), "{period}: {told}");
+        }
+        // And the same that changes once in long times is told each time.
+        let mut log = DecisionLog::new();
+        let mut told = 0;
+        for k in 0..20_000u64 {
+            let mut now = moved(false);
+            let tier = now.scenes[0].tier.as_mut().expect("a tier");
+            tier.tier = 1 + (k / 2000 % 2) as u32;
+            told += log.observe(of(&now)).len();
+        }
+        assert_eq!(told, 2 + 10);
+    }
+
+    #[test]
+    fn figures_in_a_reason_are_no_news() {
+        let mut log = DecisionLog::new();
+        let mut now = state();
+        log.observe(of(&now));
+        now.scenes[0].tier.as_mut().expect("a tier").why = "4.31 ms a solve".into();
+        assert!(log.observe(of(&now)).is_empty());
+    }
+}

@@ -1,0 +1,486 @@
+//! Takes the [inventory](Inventory) of a frame: compares what the world has with what it had a frame before.
+//!
+//! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
+
+use super::{Cameras, Colours, Inventory, LightSort, SceneId, Skies};
+use crate::asset::BakedScene;
+use crate::scene::{Light, MaterialFactors, SkyRadiance};
+use glam::Vec3;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Weak};
+
+/// A baked scene as the survey sees it.
+#[derive(Clone, Debug)]
+pub struct FoundScene<'a> {
+    /// Which one.
+    pub id: SceneId,
+    /// Its bake, once it is there.
+    pub bake: Option<&'a Arc<BakedScene>>,
+    /// The root's affine transform, column by column.
+    pub transform: [f32; 12],
+    /// The sky's radiance.
+    pub sky: SkyRadiance,
+    /// Multiplies the bake's emission.
+    pub emission: f32,
+    /// The factors of its materials, where they may change.
+    pub materials: &'a [MaterialFactors],
+    /// What passes its occluders.
+    pub gains: &'a [f32],
+}
+
+/// What is in the world.
+#[derive(Clone, Debug, Default)]
+pub struct Found<'a, K> {
+    /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no light here.
+    pub lights: Vec<(K, &'a Light)>,
+    /// Roots of baked scenes.
+    pub scenes: Vec<FoundScene<'a>>,
+    /// The cameras.
+    pub cameras: Cameras,
+    /// What moves and is marked to reflect light.
+    pub bouncers: u32,
+    /// Lights that ask for its bounce.
+    pub bouncing_lights: u32,
+    /// Materials with a normal map.
+    pub normal_maps: u32,
+}
+
+/// The chromaticities of several colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Hues {
+    /// All are black.
+    #[default]
+    None,
+    /// All have this one: a colour whose largest part is 1.
+    One(Vec3),
+    /// They differ.
+    Several,
+}
+
+impl Hues {
+    /// Parts of a chromaticity that differ by less are alike: an eighth of a step of eight bits and the rounding of textures.
+    const ALIKE: f32 = 2e-3;
+    const GREY: Self = Self::One(Vec3::ONE);
+
+    fn of(colour: Vec3) -> Self {
+        let most = colour.abs().max_element();
+        match most > 0.0 && most.is_finite() {
+            true => Self::One(colour / most),
+            false => Self::None,
+        }
+    }
+
+    fn with(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::None, hues) | (hues, Self::None) => hues,
+            (Self::One(a), Self::One(b))
+                if a.abs_diff_eq(b, Self::ALIKE) || a.abs_diff_eq(-b, Self::ALIKE) =>
+            {
+                self
+            }
+            _ => Self::Several,
+        }
+    }
+
+    fn all(colours: impl IntoIterator<Item = Vec3>) -> Self {
+        (colours.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
+    }
+
+    fn is_grey(self) -> bool {
+        Self::GREY.with(self) == Self::GREY
+    }
+}
+
+/// What a bake's surfaces are like.
+#[derive(Clone, Debug)]
+struct Facts {
+    /// The bake that they are of.
+    bake: Weak<BakedScene>,
+    grey: bool,
+    emission: Hues,
+}
+
+impl Facts {
+    fn of(bake: &Arc<BakedScene>) -> Self {
+        let albedo = bake.surfaces.iter().map(|s| Vec3::from(s.albedo));
+        let emission = bake.surfaces.iter().map(|s| Vec3::from(s.emission));
+        Self {
+            bake: Arc::downgrade(bake),
+            grey: Hues::all(albedo).is_grey(),
+            emission: Hues::all(emission),
+        }
+    }
+}
+
+/// A scene a frame before.
+#[derive(Clone, Debug)]
+struct Before {
+    transform: [f32; 12],
+    sky: SkyRadiance,
+    emission: f32,
+    materials: Vec<MaterialFactors>,
+    gains: Vec<f32>,
+    facts: Option<Facts>,
+}
+
+/// Takes inventories, frame after frame. `K` is what the caller knows a light by.
+#[derive(Clone, Debug)]
+pub struct Surveyor<K> {
+    lights: BTreeMap<K, Light>,
+    scenes: BTreeMap<SceneId, Before>,
+}
+
+impl<K> Default for Surveyor<K> {
+    fn default() -> Self {
+        Self {
+            lights: BTreeMap::new(),
+            scenes: BTreeMap::new(),
+        }
+    }
+}
+
+/// Kind, colour and the rest of a light; none for a sky.
+fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
+    let mut place = [0.0; 9];
+    let mut put = |at: usize, v: Vec3| place[at..at + 3].copy_from_slice(&v.to_array());
+    let (sort, colour) = match *light {
+        Light::Point {
+            position,
+            intensity,
+            range,
+        } => {
+            put(0, position);
+            place[8] = range;
+            (LightSort::Point, intensity)
+        }
+        Light::Spot {
+            position,
+            direction,
+            intensity,
+            inner,
+            outer,
+            range,
+        } => {
+            put(0, position);
+            put(3, direction);
+            [place[6], place[7], place[8]] = [inner, outer, range];
+            (LightSort::Spot, intensity)
+        }
+        Light::Directional {
+            direction,
+            irradiance,
+        } => {
+            put(3, direction);
+            (LightSort::Directional, irradiance)
+        }
+        Light::Rect {
+            center,
+            u,
+            v,
+            radiance,
+        } => {
+            put(0, center);
+            put(3, u);
+            put(6, v);
+            (LightSort::Rect, radiance)
+        }
+        Light::Sky { .. } => return None,
+    };
+    Some((sort, colour, place))
+}
+
+impl<K: Copy + Ord> Surveyor<K> {
+    /// A surveyor who has seen nothing: to its first inventory everything is new.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The inventory of this frame, beside the one before.
+    pub fn survey(&mut self, found: &Found<'_, K>) -> Inventory {
+        let mut out = Inventory {
+            bakes: found.scenes.len() as u32,
+            bouncers: found.bouncers,
+            bouncing_lights: found.bouncing_lights,
+            cameras: found.cameras,
+            normal_maps: found.normal_maps,
+            ..Inventory::default()
+        };
+        let mut hues = self.count_lights(found, &mut out);
+        let mut grey = true;
+        let mut before = std::mem::take(&mut self.scenes);
+        for scene in &found.scenes {
+            let was = before.remove(&scene.id);
+            let (now, hue, reflects_grey) = count_scene(scene, was, &mut out);
+            self.scenes.insert(scene.id, now);
+            hues = hues.with(hue);
+            grey &= reflects_grey;
+        }
+        out.bakes_moved += before.len() as u32;
+        out.colours = match (hues, grey) {
+            (Hues::None, _) => Colours::Dark,
+            (_, false) => Colours::Surfaces,
+            (Hues::Several, true) => Colours::Lights,
+            (Hues::One(_), true) => Colours::One,
+        };
+        out
+    }
+
+    /// Counts the lights; answers what colours shine.
+    fn count_lights(&mut self, found: &Found<'_, K>, out: &mut Inventory) -> Hues {
+        let mut hues = Hues::None;
+        let mut before = std::mem::take(&mut self.lights);
+        for (key, light) in &found.lights {
+            let Some((sort, colour, place)) = parts(light) else {
+                continue;
+            };
+            let census = &mut out.lights[sort as usize];
+            census.all += 1;
+            census.on += u32::from(colour != Vec3::ZERO);
+            hues = hues.with(Hues::of(colour));
+            match before.remove(key).as_ref().and_then(parts) {
+                Some((was, tint, stood)) if was == sort => {
+                    census.moved += u32::from(stood != place);
+                    census.recoloured += u32::from(tint != colour);
+                }
+                _ => census.moved += 1,
+            }
+            self.lights.insert(*key, **light);
+        }
+        for (sort, ..) in before.values().filter_map(parts) {
+            out.lights[sort as usize].moved += 1;
+        }
+        hues
+    }
+}
+
+/// Counts a scene; answers how it stands, what colours shine in it, and whether all that it reflects is grey.
+fn count_scene(
+    scene: &FoundScene<'_>,
+    was: Option<Before>,
+    out: &mut Inventory,
+) -> (Before, Hues, bool) {
+    let differ = |a: &[f32], b: &[f32]| {
+        let same = a.iter().zip(b).filter(|(x, y)| x == y).count();
+        (a.len() - same) as u32
+    };
+    let sky = Hues::all(scene.sky.terms).with(Hues::of(scene.sky.mean));
+    let skies = match (sky, scene.sky.is_uniform()) {
+        (Hues::None, _) => Skies::None,
+        (_, true) => Skies::Uniform,
+        (_, false) => Skies::Varied,
+    };
+    out.skies = out.skies.max(skies);
+    out.live_materials += scene.materials.len() as u32;
+    out.doors += scene.gains.len() as u32;
+    let facts = match (scene.bake, was.as_ref().and_then(|w| w.facts.clone())) {
+        (Some(bake), Some(facts)) if facts.bake.as_ptr() == Arc::as_ptr(bake) => Some(facts),
+        (Some(bake), _) => Some(Facts::of(bake)),
+        (None, _) => None,
+    };
+    let live = |part: fn(&MaterialFactors) -> [f32; 3]| {
+        Hues::all(scene.materials.iter().map(|m| Vec3::from(part(m))))
+    };
+    let glow = match scene.materials {
+        _ if scene.emission <= 0.0 => Hues::None,
+        [] => facts.as_ref().map_or(Hues::None, |f| f.emission),
+        _ => live(|m| m.emissive),
+    };
+    out.glowing += u32::from(glow != Hues::None);
+    let grey = facts.as_ref().is_none_or(|f| f.grey) && live(|m| m.base_color).is_grey();
+    match &was {
+        Some(was) => {
+            out.bakes_moved += u32::from(was.transform != scene.transform);
+            out.skies_changed += u32::from(was.sky != scene.sky);
+            out.glow_changed += u32::from(was.emission != scene.emission && glow != Hues::None);
+            let same = was.materials.iter().zip(scene.materials);
+            let same = same.filter(|(a, b)| a == b).count();
+            out.materials_changed += (scene.materials.len() - same) as u32;
+            out.doors_moved += differ(scene.gains, &was.gains);
+        }
+        None => {
+            out.bakes_moved += 1;
+            out.doors_moved += scene.gains.len() as u32;
+            out.materials_changed += scene.materials.len() as u32;
+            out.skies_changed += u32::from(skies != Skies::None);
+            out.glow_changed += u32::from(glow != Hues::None);
+        }
+    }
+    let now = Before {
+        transform: scene.transform,
+        sky: scene.sky,
+        emission: scene.emission,
+        materials: scene.materials.to_vec(),
+        gains: scene.gains.to_vec(),
+        facts,
+    };
+    (now, sky.with(glow), grey)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bake::{Progress, Recipe, bake_level};
+    use crate::plan::Census;
+    use crate::scene::{Material, cornell_box, mesh_of_quads};
+
+    fn lamp(at: Vec3, intensity: Vec3) -> Light {
+        Light::Point {
+            position: at,
+            intensity,
+            range: f32::INFINITY,
+        }
+    }
+
+    fn look(surveyor: &mut Surveyor<u32>, lights: &[(u32, Light)]) -> Inventory {
+        surveyor.survey(&Found {
+            lights: lights.iter().map(|(k, l)| (*k, l)).collect(),
+            ..Found::default()
+        })
+    }
+
+    /// The box with its colours, or all in grey.
+    fn bake(grey: bool) -> Arc<BakedScene> {
+        let mut quads = cornell_box();
+        if grey {
+            for quad in &mut quads {
+                quad.material = Material::diffuse(Vec3::splat(0.6));
+            }
+        }
+        let recipe = Recipe {
+            coarse_radius: Some(0.8),
+            levels: Some(2),
+            sender_levels: Some(1),
+            rays: Some(16),
+            ..Recipe::default()
+        };
+        let made = bake_level(&mesh_of_quads(&quads), &recipe, 0, &Progress::default());
+        Arc::new(made.expect("a small bake").scene)
+    }
+
+    fn scene<'a>(bake: &'a Arc<BakedScene>) -> FoundScene<'a> {
+        FoundScene {
+            id: SceneId(1),
+            bake: Some(bake),
+            transform: [0.0; 12],
+            sky: SkyRadiance::BLACK,
+            emission: 0.0,
+            materials: &[],
+            gains: &[],
+        }
+    }
+
+    #[test]
+    fn lights_that_move_change_colour_come_and_go_are_counted() {
+        let mut surveyor = Surveyor::new();
+        let mut lights: Vec<(u32, Light)> = (0..8)
+            .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
+            .collect();
+        let first = look(&mut surveyor, &lights).lights_of(LightSort::Point);
+        assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
+        assert!(look(&mut surveyor, &lights).at_rest());
+        // One moves, one changes its colour, one goes off, one goes; a sun comes.
+        lights[2].1 = lamp(Vec3::Y, Vec3::ONE);
+        lights[3].1 = lamp(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
+        lights[4].1 = lamp(Vec3::X * 4.0, Vec3::ZERO);
+        lights.remove(7);
+        let sun = Light::Directional {
+            direction: Vec3::NEG_Y,
+            irradiance: Vec3::ONE,
+        };
+        lights.push((9, sun));
+        let found = look(&mut surveyor, &lights);
+        assert_eq!(
+            found.lights_of(LightSort::Point),
+            Census {
+                all: 7,
+                on: 6,
+                moved: 2,
+                recoloured: 2
+            }
+        );
+        assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
+        assert_eq!(found.lights_of(LightSort::Spot), Census::default());
+        assert_eq!(found.colours, Colours::Lights);
+        assert!(!found.at_rest());
+        assert!(look(&mut surveyor, &lights).at_rest());
+        // A light that becomes another kind is a new one of that kind.
+        lights[0].1 = sun;
+        let found = look(&mut surveyor, &lights);
+        assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
+        assert_eq!(found.lights_of(LightSort::Point).all, 6);
+    }
+
+    #[test]
+    fn grey_is_what_surfaces_and_lights_are_together() {
+        let (grey, coloured) = (bake(true), bake(false));
+        let colours = |bake, lights: &[Vec3], sky: Vec3| {
+            let lights: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
+            let found = Found {
+                lights: (0u32..).zip(&lights).collect(),
+                scenes: vec![FoundScene {
+                    sky: sky.into(),
+                    ..scene(bake)
+                }],
+                ..Found::default()
+            };
+            Surveyor::new().survey(&found).colours
+        };
+        let warm = Vec3::new(2.0, 1.0, 0.5);
+        assert_eq!(colours(&grey, &[], Vec3::ZERO), Colours::Dark);
+        // Any chromaticity, at any strength, as long as it is one.
+        let one = [warm, 7.0 * warm, Vec3::ZERO];
+        assert_eq!(colours(&grey, &one, 0.1 * warm), Colours::One);
+        assert_eq!(colours(&grey, &one, Vec3::ONE), Colours::Lights);
+        assert_eq!(
+            colours(&grey, &[warm, Vec3::ONE], Vec3::ZERO),
+            Colours::Lights
+        );
+        assert_eq!(colours(&coloured, &one, Vec3::ZERO), Colours::Surfaces);
+    }
+
+    #[test]
+    fn a_scene_says_what_changed_about_it() {
+        let grey = bake(true);
+        let mut surveyor = Surveyor::<u32>::new();
+        let mut look = |scenes: Vec<FoundScene<'_>>| {
+            surveyor.survey(&Found {
+                scenes,
+                ..Found::default()
+            })
+        };
+        assert_eq!(look(vec![scene(&grey)]).bakes_moved, 1);
+        assert!(look(vec![scene(&grey)]).at_rest());
+        let red = [MaterialFactors {
+            base_color: [0.8, 0.1, 0.1],
+            emissive: [1.0; 3],
+        }];
+        let changed = FoundScene {
+            transform: [1.0; 12],
+            sky: Vec3::ONE.into(),
+            emission: 2.0,
+            materials: &red,
+            gains: &[0.5, 1.0],
+            ..scene(&grey)
+        };
+        let found = look(vec![changed.clone()]);
+        assert_eq!((found.skies, found.skies_changed), (Skies::Uniform, 1));
+        assert_eq!((found.live_materials, found.materials_changed), (1, 1));
+        assert_eq!((found.doors, found.doors_moved), (2, 2));
+        assert_eq!((found.glowing, found.glow_changed), (1, 1));
+        assert_eq!((found.bakes, found.bakes_moved), (1, 1));
+        // A material that is painted makes a grey bake coloured.
+        assert_eq!(found.colours, Colours::Surfaces);
+        assert!(look(vec![changed.clone()]).at_rest());
+        let shut = FoundScene {
+            gains: &[0.5, 0.0],
+            ..changed
+        };
+        let found = look(vec![shut]);
+        assert_eq!((found.doors_moved, found.materials_changed), (1, 0));
+        // It goes.
+        let found = look(Vec::new());
+        assert_eq!((found.bakes, found.bakes_moved), (0, 1));
+        assert_eq!(found.colours, Colours::Dark);
+    }
+}

@@ -1,0 +1,102 @@
+//! What the passes cost on this device: the spans of Bevy's `RenderDiagnosticsPlugin`, one for each group of passes that is timed as one, teach a [`CostModel`], which prices the next plans.
+//!
+//! The app has to add that plugin; without it, or without a clock that stands inside command encoders (Metal and WebGPU have none in Bevy), the costs stay unknown, and the plan says so.
+
+use super::diagnostics::MeshlessGiStatus;
+use super::quality::{MeshlessGiCost, span_name};
+use crate::plan::{CostModel, Plan, SceneId, Stage, Timed, ViewId, Work};
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
+use bevy::ecs::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// What is known of the costs, in both worlds.
+#[derive(Resource, Clone, Default)]
+pub(crate) struct DeviceCosts(Arc<Mutex<CostModel>>);
+
+impl DeviceCosts {
+    fn model(&self) -> MutexGuard<'_, CostModel> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes into the plan what is known.
+    pub fn price(&self, plan: &mut Plan) {
+        self.model().price(plan);
+    }
+
+    /// Another device: nothing is known of it.
+    pub fn forget(&self) {
+        *self.model() = CostModel::new();
+    }
+}
+
+/// Name of the span of what all views share.
+pub(crate) fn span(stage: Stage, scene: SceneId) -> String {
+    Timed {
+        stage,
+        scene,
+        view: None,
+    }
+    .span()
+}
+
+/// Name of the span of what a view takes.
+pub(crate) fn view_span(stage: Stage, view: ViewId) -> String {
+    Timed {
+        stage,
+        scene: SceneId::WORLD,
+        view: Some(view),
+    }
+    .span()
+}
+
+/// Where Bevy keeps what a group took.
+fn path(timed: &Timed) -> DiagnosticPath {
+    let (name, solve) = (timed.span(), span_name(timed.scene.0));
+    let mut parts = vec!["render"];
+    match (timed.view, timed.stage) {
+        (Some(_), _) => parts.push("meshless_gi_composite"),
+        (None, Stage::Project | Stage::Apply) => parts.extend(["meshless_gi_compute", &solve]),
+        (None, _) => parts.push("meshless_gi_compute"),
+    }
+    parts.extend([name.as_str(), "elapsed_gpu"]);
+    DiagnosticPath::from_components(parts)
+}
+
+/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+pub(crate) fn learn(
+    status: Res<MeshlessGiStatus>,
+    costs: Res<DeviceCosts>,
+    given: Res<MeshlessGiCost>,
+    store: Option<Res<DiagnosticsStore>>,
+    mut seen: Local<BTreeMap<Timed, (Instant, u64)>>,
+    mut last: Local<u64>,
+) {
+    let counters = status.get();
+    if counters.frame == *last {
+        return;
+    }
+    *last = counters.frame;
+    let mut model = costs.model();
+    model.ran(&counters.plan);
+    for (timed, cost) in &counters.plan.costs {
+        if let (MeshlessGiCost::Given(of), Stage::Apply, Work::Links(links)) =
+            (&*given, timed.stage, cost.work)
+        {
+            model.measured(*timed, of(links));
+            continue;
+        }
+        let measurement = (store.as_ref()).and_then(|s| s.get(&path(timed))?.measurement());
+        if let Some(found) = measurement
+            && seen
+                .insert(*timed, (found.time, counters.frame))
+                .map(|s| s.0)
+                != Some(found.time)
+        {
+            model.measured(*timed, found.value as f32);
+        }
+    }
+    // What no plan has had for long is gone.
+    seen.retain(|_, (_, frame)| *frame + 1000 > counters.frame);
+}

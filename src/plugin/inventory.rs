@@ -1,0 +1,105 @@
+//! Takes the [inventory](crate::plan::Inventory) of the world: in the main world, which materials want a normal map, looked at where one changes; in extraction, after scenes and lights were
+//! read, everything else.
+
+use super::components::MeshlessGiCamera;
+use super::extract::{ExtractedGi, LightKey, draws_gbuffer};
+use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
+use crate::plan::{Cameras, Found, FoundScene, Surveyor};
+use bevy::asset::{AssetEvent, AssetId, Assets};
+use bevy::camera::{Camera, Camera3d, Hdr};
+use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::ecs::prelude::*;
+use bevy::pbr::StandardMaterial;
+use bevy::platform::collections::HashSet;
+use bevy::render::{Extract, view::Msaa};
+
+/// The materials with a normal map.
+#[derive(Resource, Debug, Default)]
+pub(crate) struct NormalMaps(HashSet<AssetId<StandardMaterial>>);
+
+/// Follows the materials that came, changed or went in this frame; no other is looked at.
+pub(crate) fn follow_materials(
+    mut found: ResMut<NormalMaps>,
+    mut events: MessageReader<AssetEvent<StandardMaterial>>,
+    materials: Res<Assets<StandardMaterial>>,
+) {
+    for event in events.read() {
+        let (AssetEvent::Added { id }
+        | AssetEvent::Modified { id }
+        | AssetEvent::Removed { id }
+        | AssetEvent::LoadedWithDependencies { id }) = event
+        else {
+            continue;
+        };
+        let mapped = (materials.get(*id)).is_some_and(|m| m.normal_map_texture.is_some());
+        match mapped {
+            true => found.0.insert(*id),
+            false => found.0.remove(id),
+        };
+    }
+}
+
+type AnyCamera = (
+    &'static Camera,
+    Option<&'static MeshlessGiCamera>,
+    Option<&'static Msaa>,
+    (
+        Has<Hdr>,
+        Has<DepthPrepass>,
+        Has<NormalPrepass>,
+        Has<DeferredPrepass>,
+    ),
+);
+
+/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
+#[allow(clippy::type_complexity, reason = "a query and its filter")]
+pub(crate) fn take_inventory(
+    mut world: ResMut<ExtractedGi>,
+    mut surveyor: Local<Surveyor<LightKey>>,
+    cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<MeshlessGiCapture>)>>,
+    bouncers: Extract<Query<(), With<MeshlessGiBouncer>>>,
+    asking: Extract<Res<AskingLights>>,
+    maps: Extract<Res<NormalMaps>>,
+) {
+    let mut counted = Cameras::default();
+    for (camera, ours, msaa, (hdr, depth, normal, deferred)) in &cameras {
+        if !camera.is_active {
+            continue;
+        }
+        let Cameras {
+            deferred: shown,
+            forward,
+            sampled,
+            off,
+        } = &mut counted;
+        let one_sample = msaa.is_some_and(|m| *m == Msaa::Off);
+        let kind = match ours {
+            Some(camera) if !camera.enabled => off,
+            Some(_) if draws_gbuffer(hdr, depth, normal, deferred, msaa) => shown,
+            _ if one_sample => forward,
+            _ => sampled,
+        };
+        *kind += 1;
+    }
+    let world = &mut *world;
+    let found = Found {
+        lights: world.lights.iter().map(|l| (l.key, &l.light)).collect(),
+        scenes: (world.scenes.iter())
+            .map(|scene| FoundScene {
+                id: scene.id,
+                bake: scene.bake.as_ref(),
+                transform: (scene.placement.as_ref())
+                    .map_or([0.0; 12], |p| p.world_from_local.to_cols_array()),
+                sky: scene.sky,
+                emission: scene.lighting.emission.max(0.0),
+                materials: &scene.materials,
+                gains: &scene.gains,
+            })
+            .collect(),
+        cameras: counted,
+        bouncers: bouncers.iter().count() as u32,
+        bouncing_lights: asking.lights.len() as u32,
+        normal_maps: maps.0.len() as u32,
+    };
+    world.inventory = surveyor.survey(&found);
+}

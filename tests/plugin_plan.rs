@@ -1,0 +1,231 @@
+//! The plan as the running plugin shows it: what the world has, what was decided and by which setting, and what passes cost as far as the device or the test says.
+
+mod plugin_support;
+
+use bevy::light::RectLight;
+use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy::render::renderer::RenderDevice;
+use bevy_meshless_gi::plan::{
+    Census, Colours, Cost, Inventory, LightSort, Plan, Skies, Skip, Stage, Subject, Work,
+};
+use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, headless_plugins, ready, run};
+use plugin_support::stage::{counters, lit_room, spawn_lamp};
+use std::sync::Arc;
+
+const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+
+fn plan(app: &App) -> Plan {
+    counters(app).plan
+}
+
+fn inventory(app: &App) -> Inventory {
+    plan(app).inventory
+}
+
+fn cost(plan: &Plan, stage: Stage) -> Cost {
+    let pass = plan.passes.iter().find(|p| p.stage == stage);
+    let pass = pass.unwrap_or_else(|| panic!("no {stage:?}:\n{plan}"));
+    *plan.cost_of(pass).expect("it is timed")
+}
+
+fn move_to(app: &mut App, entity: Entity, place: Vec3) {
+    let world = app.world_mut();
+    world.get_mut::<Transform>(entity).unwrap().translation = place;
+}
+
+#[test]
+fn the_inventory_follows_what_the_world_has() {
+    let mut app = app();
+    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
+    let second = spawn_lamp(&mut app, -PLACE + 2.0 * Vec3::Y);
+    run(&mut app, 2);
+    let found = inventory(&app);
+    let points = found.lights_of(LightSort::Point);
+    let at_rest = Census {
+        all: 2,
+        on: 2,
+        ..Census::default()
+    };
+    assert_eq!(points, at_rest);
+    assert!(found.at_rest(), "{found}");
+    assert_eq!((found.bakes, found.cameras.deferred), (1, 1));
+    assert_eq!((found.skies, found.normal_maps), (Skies::None, 0));
+    assert_eq!(found.colours, Colours::Surfaces);
+
+    // One moves, one changes its colour; each for one frame.
+    move_to(&mut app, lamp, PLACE + 0.1 * Vec3::X);
+    let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
+    light.color = Color::linear_rgb(1.0, 0.5, 0.5);
+    run(&mut app, 1);
+    let points = inventory(&app).lights_of(LightSort::Point);
+    assert_eq!((points.moved, points.recoloured), (1, 1));
+    run(&mut app, 1);
+    assert!(inventory(&app).at_rest());
+
+    // Others come: a panel that asks for a bounce, something to give it, a sky, a forward camera.
+    app.world_mut().spawn(RectLight::default());
+    app.world_mut()
+        .entity_mut(lamp)
+        .insert(MeshlessGiReflective::default());
+    app.world_mut().spawn(MeshlessGiBouncer);
+    app.world_mut().spawn(Camera3d::default());
+    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    lighting.sky = LinearRgba::WHITE;
+    run(&mut app, 1);
+    let found = inventory(&app);
+    assert_eq!(found.lights_of(LightSort::Rect).all, 1);
+    assert_eq!((found.bouncers, found.bouncing_lights), (1, 1));
+    assert_eq!((found.skies, found.skies_changed), (Skies::Uniform, 1));
+    assert_eq!((found.cameras.sampled, found.cameras.forward), (1, 0));
+
+    // A material wants a normal map, changes its mind, and goes.
+    let mut material = StandardMaterial {
+        normal_map_texture: Some(Handle::default()),
+        ..default()
+    };
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    let handle = materials.add(material.clone());
+    run(&mut app, 2);
+    assert_eq!(inventory(&app).normal_maps, 1);
+    material.normal_map_texture = None;
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    *materials.get_mut(&handle).unwrap() = material;
+    run(&mut app, 2);
+    assert_eq!(inventory(&app).normal_maps, 0);
+
+    // A camera that is off is counted as that.
+    let mut camera = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    camera.enabled = false;
+    run(&mut app, 1);
+    let cameras = inventory(&app).cameras;
+    assert_eq!((cameras.deferred, cameras.off), (0, 1));
+}
+
+/// The test gives the cost of solves: what one tier cost foretells the other.
+#[test]
+fn costs_are_unknown_then_measured_and_foretell_another_tier() {
+    let mut app = app();
+    let (root, _, _, lamp) = lit_room(&mut app, PLACE);
+    run(&mut app, 1);
+    let first = plan(&app);
+    for stage in [Stage::Project, Stage::Apply, Stage::Splat, Stage::Composite] {
+        let cost = cost(&first, stage);
+        assert_eq!((cost.predicted, cost.measured), (None, None), "{stage:?}");
+    }
+    assert!(first.to_string().contains("cost unknown, not measured"));
+    let Work::Links(all) = cost(&first, Stage::Apply).work else {
+        panic!("{first}");
+    };
+    let Work::Rays(rays) = cost(&first, Stage::Project).work else {
+        panic!("{first}");
+    };
+    assert!(all > 1000 && rays > 100, "{all} links, {rays} rays");
+
+    app.insert_resource(MeshlessGiCost::Given(Arc::new(|links| 1e-4 * links as f32)));
+    for k in 0..6 {
+        move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+        run(&mut app, 1);
+    }
+    let seen = cost(&plan(&app), Stage::Apply);
+    let close = |found: Option<f32>, links: u64| {
+        let wanted = 1e-4 * links as f32;
+        found.is_some_and(|ms| (ms / wanted - 1.0).abs() < 1e-3)
+    };
+    assert!(
+        close(seen.predicted, all) && close(seen.measured, all),
+        "{seen}"
+    );
+
+    // A setting forces another tier, which has fewer links: cheaper before it was measured.
+    let world = app.world_mut();
+    world.entity_mut(root).insert(MeshlessGiQuality::Tier(1));
+    run(&mut app, 1);
+    let forced = plan(&app);
+    let found = cost(&forced, Stage::Apply);
+    let Work::Links(few) = found.work else {
+        panic!("{forced}");
+    };
+    assert!(few < all / 2, "{few} of {all}");
+    assert!(close(found.predicted, few), "{found}");
+    assert!(!close(found.predicted, all), "{found}");
+}
+
+/// Nothing but the tier changes where a setting forces it, and every other frame says the same.
+#[test]
+fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
+    let mut app = app();
+    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
+    run(&mut app, 2);
+    let standing = |app: &App| {
+        let mut found = plan(app).decisions();
+        found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+        found
+    };
+    let before = standing(&app);
+    assert!(before.iter().all(|d| d.forced.is_none()), "{before:?}");
+    let world = app.world_mut();
+    world.entity_mut(root).insert(MeshlessGiQuality::Tier(1));
+    run(&mut app, 2);
+    let forced = standing(&app);
+    let differ: Vec<&Subject> = (forced.iter())
+        .filter(|d| !before.contains(d))
+        .map(|d| &d.subject)
+        .collect();
+    assert!(matches!(differ[..], [Subject::Tier(_)]), "{differ:?}");
+    for k in 0..20 {
+        if k % 3 != 0 {
+            move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+        }
+        run(&mut app, 1);
+        assert_eq!(standing(&app), forced, "frame {k}");
+    }
+    // A camera that is off shows nothing, whatever else there is.
+    let mut camera = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    camera.enabled = false;
+    run(&mut app, 1);
+    let found = plan(&app);
+    assert!(found.is_empty(), "{found}");
+    assert!(
+        (found.skipped.iter()).any(|(_, _, why)| *why == Skip::NotInView),
+        "{found}"
+    );
+}
+
+/// Where the device has a clock, its milliseconds come to the plan; how many they are decides nothing.
+#[test]
+fn the_devices_clock_comes_to_the_plan() {
+    let mut app = App::new();
+    app.add_plugins((
+        headless_plugins(),
+        RenderDiagnosticsPlugin,
+        MeshlessGiPlugin::default(),
+    ))
+    .insert_resource(GlobalAmbientLight::NONE);
+    ready(&mut app);
+    let clocked = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
+    let features = app.world().resource::<RenderDevice>().features();
+    let (_, _, _, lamp) = lit_room(&mut app, PLACE);
+    for k in 0..8 {
+        move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
+        run(&mut app, 1);
+    }
+    let found = plan(&app);
+    println!("{found}");
+    for stage in [Stage::Project, Stage::Apply, Stage::Splat, Stage::Composite] {
+        let cost = cost(&found, stage);
+        if features.contains(clocked) {
+            let known = |ms: Option<f32>| ms.is_some_and(|ms| ms.is_finite() && ms >= 0.0);
+            assert!(
+                known(cost.measured) && known(cost.predicted),
+                "{stage:?}: {cost}"
+            );
+        } else {
+            println!("the device has no clock");
+            assert_eq!((cost.predicted, cost.measured), (None, None));
+        }
+    }
+    assert!(cost(&found, Stage::Splat).work == Work::Pixels(128 * 96));
+}
