@@ -103,6 +103,8 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
         Err(Skip::DeviceUnable)
     } else if !scene.loaded {
         Err(Skip::AssetMissing)
+    } else if scene.largest_buffer == u64::MAX {
+        Err(Skip::BeyondLimits)
     } else if scene.largest_buffer > state.largest_binding {
         Err(Skip::TooLarge {
             needs: scene.largest_buffer,
@@ -304,12 +306,16 @@ mod tests {
     #[test]
     fn nothing_runs_where_nothing_is_called_for() {
         type Change = fn(&mut FrameState);
-        let cases: [(Change, Skip); 6] = [
+        let cases: [(Change, Skip); 7] = [
             (|s| s.device_able = false, Skip::DeviceUnable),
             (|s| s.scenes[0].loaded = false, Skip::AssetMissing),
             (|s| s.scenes[0].shown = false, Skip::Hidden),
             (|s| s.views.clear(), Skip::NotInView),
             (|s| s.views[0].sees.clear(), Skip::NotInView),
+            (
+                |s| s.scenes[0].largest_buffer = u64::MAX,
+                Skip::BeyondLimits,
+            ),
             (
                 |s| s.scenes[0].largest_buffer = 1 << 40,
                 Skip::TooLarge {

@@ -155,6 +155,8 @@ pub enum Skip {
         /// Bytes that the device binds.
         has: u64,
     },
+    /// The device lacks another limit that the scene needs.
+    BeyondLimits,
     /// No camera asks for indirect light and sees the scene.
     NotInView,
     /// The view's settings turn indirect light off.
@@ -188,6 +190,9 @@ impl fmt::Display for Skip {
                     f,
                     "the scene needs a buffer of {needs} bytes, the device binds {has}"
                 )
+            }
+            Self::BeyondLimits => {
+                f.write_str("the device's limits do not hold the scene: the log says which")
             }
             Self::NotInView => f.write_str("no camera that asks for indirect light sees the scene"),
             Self::ViewDisabled => f.write_str("indirect light is off in the view's settings"),

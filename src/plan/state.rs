@@ -82,7 +82,7 @@ pub struct SceneState {
     pub resident: bool,
     /// The world shows the scene (it is not hidden).
     pub shown: bool,
-    /// Bytes of the largest buffer that the scene needs on the device.
+    /// Bytes of the largest buffer that the scene needs on the device; the largest number where it is another limit that refuses the scene.
     pub largest_buffer: u64,
     /// One entry a light slot. Where the device does not hold the bake, every slot that shines is [`SlotChange::Geometry`].
     pub slots: Vec<SlotChange>,

@@ -458,6 +458,9 @@ pub(crate) fn compute(
                 ctx.command_encoder(),
             );
             timed.end(ctx.command_encoder());
+        } else if plan.find(Stage::Apply, scene.id).is_some() {
+            // Nobody saw the volume while the light changed.
+            runtime.volume.forget();
         }
     }
     whole.end(ctx.command_encoder());

@@ -394,6 +394,11 @@ impl SceneVolume {
         }
     }
 
+    /// The light changed, and the voxels have that of before.
+    pub fn forget(&mut self) {
+        self.written = None;
+    }
+
     /// Goes on with what a volume needs before it can be recorded: there are buffers once that is done.
     fn prepare(
         &mut self,
