@@ -1,7 +1,7 @@
 //! The voxels of a volume as places in free space, and what each place takes from which probes: shares that depend on no light. They are found once a volume (`find`, some of them a call where
 //! there are many), so that kernel `volume` is a short sum a voxel and looks nothing up.
 //!
-//! A share is a probe's squared weight, as `probe` takes it ([L08] Eq. (3) in space), in parts of the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
+//! A share is a probe's squared weight, as `probe` takes it (\[L08\] Eq. (3) in space), in parts of the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
 //! below half of the smallest part is left out. A place's light is the sum of its shares' light over the sum of the parts, so rounding makes neither more light nor less.
 
 use super::layout::VectorIrradiance;

@@ -12,7 +12,7 @@ use std::fmt;
 
 /// A row of the table.
 pub struct Effect {
-    /// Its name, as it appears in [`Pass::effect`].
+    /// Its name, as it appears in [`Pass::effect`](super::Pass::effect).
     pub name: &'static str,
     /// What it does, in one sentence.
     pub summary: &'static str,

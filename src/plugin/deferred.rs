@@ -34,6 +34,9 @@ impl ReadyDisplays {
     }
 }
 
+/// Views whose G-buffer Bevy lights.
+type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
+
 /// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
 #[expect(
     clippy::too_many_arguments,
@@ -47,7 +50,7 @@ pub(crate) fn leave_volumes_out(
     pipelines: Res<PipelineCache>,
     layout: Option<Res<DeferredLightingLayout>>,
     keys: Option<Res<ViewKeyCache>>,
-    views: Query<(Entity, &ExtractedView), (With<ExtractedCamera>, Without<SkipDeferredLighting>)>,
+    views: Query<(Entity, &ExtractedView), Lit>,
 ) {
     let mut ready = ready.0.lock().unwrap_or_else(PoisonError::into_inner);
     ready.clear();

@@ -188,6 +188,7 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
 pub struct MeshlessGiPointCloudPart;
 
 /// Gives point clouds what they are drawn as, and takes it from those that are none any more.
+#[allow(clippy::type_complexity, reason = "what a query reads")]
 pub(crate) fn draw(
     mut commands: Commands,
     assets: Res<Assets<MeshlessGiPoints>>,

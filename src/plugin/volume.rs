@@ -201,6 +201,7 @@ type DisplayParts = (
 );
 
 /// Whether it shows indirect light over its G-buffer.
+#[allow(clippy::type_complexity, reason = "what a query reads")]
 fn displays(
     (display, msaa, (hdr, depth, normal, deferred)): (
         Option<&MeshlessGiCamera>,
