@@ -180,16 +180,15 @@ fn orders() -> Result<Vec<Order>, Box<dyn Error>> {
     let radiosity = glow(&room);
     let receivers = some(&room);
     let right = direct(&room.points, &radiosity, &receivers, false, None);
-    let series = series();
     let mut out = Vec::new();
-    for order in 0..=16 {
+    for (order, series) in series().into_iter().enumerate() {
         let settings = FmmSettings { order, ..exact() };
         let fmm = Fmm::new(&room.points, &settings, None)?;
         let start = Instant::now();
         let (e, _) = fmm.irradiance(&radiosity)?;
         out.push(Order {
             order,
-            series: series[order],
+            series,
             pass: start.elapsed().as_secs_f64(),
             error: nrmse(&at(&e, &receivers), &right),
         });
