@@ -201,10 +201,13 @@ fn a_volume_lights_no_g_buffer() {
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
 }
 
+/// What is made of a material.
+type Change = fn(&mut StandardMaterial);
+
 /// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display lights the same panel, and nothing else of the picture changes.
 #[test]
 fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
-    let shown = |change: fn(&mut StandardMaterial)| {
+    let shown = |change: Change| {
         let mut s = stage(&bake(true), Transform::IDENTITY, None);
         let mut materials = s.app.world_mut().resource_mut::<Assets<StandardMaterial>>();
         let panels = materials.iter_mut().filter_map(|(_, material)| {
@@ -216,7 +219,7 @@ fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
         s
     };
     let expected = shown(|_| ()).picture();
-    let kinds: [(&str, fn(&mut StandardMaterial), _); 2] = [
+    let kinds: [(&str, Change, _); 2] = [
         (
             "glass",
             |m| m.alpha_mode = AlphaMode::Blend,
