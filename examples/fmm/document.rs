@@ -176,7 +176,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     writeln!(
         w,
         "Order {}, {} points a leaf at most, one bounce, red, green and blue together. The sum over all pairs is timed at {RECEIVERS} receivers and scaled. Errors are at the same receivers, with sources\n\
-         near by as disks in both. Up to 25000 points the fastest of several runs counts.\n\n\
+         near by as disks in both. The fastest of three runs or more counts.\n\n\
          | points | nodes | pairs of points in the near list | tree, s | lists, s | up, s | down, s | all pairs, s | NRMSE |\n|---|---|---|---|---|---|---|---|---|",
         FmmSettings::default().order,
         FmmSettings::default().leaf,
