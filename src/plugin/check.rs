@@ -4,12 +4,11 @@
 //! too bright and flat. Each finding is told once, with what to set.
 
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
-use super::extract::draws_gbuffer;
+use super::extract::{Brought, draws_gbuffer};
 use super::reflective::{MeshlessGiBouncer, MeshlessGiCapture};
 use super::volume::Voxels;
 use bevy::asset::Assets;
-use bevy::camera::{Camera, Hdr};
-use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::camera::Camera;
 use bevy::ecs::prelude::*;
 use bevy::light::{
     AmbientLight, EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume, LightProbe,
@@ -138,12 +137,7 @@ pub(crate) fn check(
             Option<&AmbientLight>,
             Option<&EnvironmentMapLight>,
             Option<&Msaa>,
-            (
-                Has<Hdr>,
-                Has<DepthPrepass>,
-                Has<NormalPrepass>,
-                Has<DeferredPrepass>,
-            ),
+            Brought,
         ),
         Without<MeshlessGiCapture>,
     >,
@@ -183,11 +177,11 @@ pub(crate) fn check(
         tell(found, &mut findings);
         return;
     }
-    for (_, _, own, environment, msaa, (hdr, depth, normal, deferred)) in cameras
+    for (_, _, own, environment, msaa, brought) in cameras
         .iter()
         .filter(|(c, gi, ..)| c.is_active && gi.enabled)
     {
-        if !draws_gbuffer(hdr, depth, normal, deferred, msaa) {
+        if !draws_gbuffer(brought, msaa) {
             found.push(MeshlessGiFinding::NoGbuffer);
             continue;
         }

@@ -133,12 +133,7 @@ type Cameras<'w, 's> = Query<
         &'static Frustum,
         Option<&'static Msaa>,
         Option<&'static RenderLayers>,
-        (
-            Has<Hdr>,
-            Has<DepthPrepass>,
-            Has<NormalPrepass>,
-            Has<DeferredPrepass>,
-        ),
+        Brought,
     ),
     Without<MeshlessGiCapture>,
 >;
@@ -283,12 +278,17 @@ fn sky_of(
     uniform + varied.turned(turn)
 }
 
+/// What [`MeshlessGiCamera`] brings to its camera, beside one sample a pixel.
+pub(crate) type Brought = (
+    Has<Hdr>,
+    Has<DepthPrepass>,
+    Has<NormalPrepass>,
+    Has<DeferredPrepass>,
+);
+
 /// Whether a camera has all that [`MeshlessGiCamera`] brought.
 pub(crate) fn draws_gbuffer(
-    hdr: bool,
-    depth: bool,
-    normal: bool,
-    deferred: bool,
+    (hdr, depth, normal, deferred): (bool, bool, bool, bool),
     msaa: Option<&Msaa>,
 ) -> bool {
     hdr && depth && normal && deferred && msaa.is_none_or(|m| *m == Msaa::Off)
@@ -386,18 +386,7 @@ pub(crate) fn extract(
     }
     // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
     out.scenes.sort_unstable_by_key(|scene| scene.id);
-    for (
-        entity,
-        camera,
-        settings,
-        display,
-        gloss,
-        frustum,
-        msaa,
-        layers,
-        (hdr, depth, normal, deferred),
-    ) in &cameras
-    {
+    for (entity, camera, settings, display, gloss, frustum, msaa, layers, brought) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -408,7 +397,7 @@ pub(crate) fn extract(
             settings: settings.clone(),
             display: *display,
             gloss: gloss.copied(),
-            has_gbuffer: draws_gbuffer(hdr, depth, normal, deferred, msaa),
+            has_gbuffer: draws_gbuffer(brought, msaa),
             pixels: (camera.physical_viewport_size())
                 .map_or(0, |size| u64::from(size.x) * u64::from(size.y)),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),

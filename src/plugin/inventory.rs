@@ -2,12 +2,11 @@
 //! read, everything else.
 
 use super::components::MeshlessGiCamera;
-use super::extract::{ExtractedGi, LightKey, draws_gbuffer};
+use super::extract::{Brought, ExtractedGi, LightKey, draws_gbuffer};
 use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
 use crate::plan::{Cameras, Found, FoundScene, Surveyor};
 use bevy::asset::{AssetEvent, AssetId, Assets};
-use bevy::camera::{Camera, Camera3d, Hdr};
-use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::prelude::*;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
@@ -43,12 +42,7 @@ type AnyCamera = (
     &'static Camera,
     Option<&'static MeshlessGiCamera>,
     Option<&'static Msaa>,
-    (
-        Has<Hdr>,
-        Has<DepthPrepass>,
-        Has<NormalPrepass>,
-        Has<DeferredPrepass>,
-    ),
+    Brought,
 );
 
 /// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
@@ -62,7 +56,7 @@ pub(crate) fn take_inventory(
     maps: Extract<Res<NormalMaps>>,
 ) {
     let mut counted = Cameras::default();
-    for (camera, ours, msaa, (hdr, depth, normal, deferred)) in &cameras {
+    for (camera, ours, msaa, brought) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -75,7 +69,7 @@ pub(crate) fn take_inventory(
         let one_sample = msaa.is_some_and(|m| *m == Msaa::Off);
         let kind = match ours {
             Some(camera) if !camera.enabled => off,
-            Some(_) if draws_gbuffer(hdr, depth, normal, deferred, msaa) => shown,
+            Some(_) if draws_gbuffer(brought, msaa) => shown,
             _ if one_sample => forward,
             _ => sampled,
         };

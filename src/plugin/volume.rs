@@ -6,7 +6,7 @@ use super::asset::MeshlessGiAsset;
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::deferred::ReadyDisplays;
-use super::extract::{ExtractedGi, draws_gbuffer, in_view};
+use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::reflective::MeshlessGiCapture;
 use crate::asset::BakedScene;
 use crate::basis::PROBE_OVERLAP;
@@ -16,8 +16,7 @@ use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
 use bevy::camera::visibility::{RenderLayers, VisibleEntities};
-use bevy::camera::{Camera, Camera3d, Hdr};
-use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
+use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::hierarchy::ChildOf;
 use bevy::ecs::prelude::*;
 use bevy::image::{Image, ImageSampler};
@@ -192,24 +191,19 @@ type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
 type DisplayParts = (
     Option<&'static MeshlessGiCamera>,
     Option<&'static Msaa>,
-    (
-        Has<Hdr>,
-        Has<DepthPrepass>,
-        Has<NormalPrepass>,
-        Has<DeferredPrepass>,
-    ),
+    Brought,
 );
 
 /// Whether it shows indirect light over its G-buffer.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
 fn displays(
-    (display, msaa, (hdr, depth, normal, deferred)): (
+    (display, msaa, brought): (
         Option<&MeshlessGiCamera>,
         Option<&Msaa>,
         (bool, bool, bool, bool),
     ),
 ) -> bool {
-    display.is_some_and(|d| d.enabled) && draws_gbuffer(hdr, depth, normal, deferred, msaa)
+    display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
 }
 
 /// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display is off or
