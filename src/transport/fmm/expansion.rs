@@ -189,10 +189,12 @@ impl Expansions {
     /// `scratch.scaled` = `source` with terms of degree n times `ratio`ⁿ.
     fn scale<T: Real>(&self, source: &[Term<T>], ratio: T, scratch: &mut Scratch<T>) {
         scratch.scaled.clear();
-        let mut factor = T::of(1.0);
-        for degree in 0..=self.terms.order() {
-            for m in &source[scratch.scaled.len()..count(degree)] {
-                scratch.scaled.push(m.map(|v| v.map(|c| factor * c)));
+        scratch.scaled.extend_from_slice(source);
+        let mut factor = ratio;
+        for degree in 1..=self.terms.order() {
+            let terms = &mut scratch.scaled[count(degree - 1)..count(degree)];
+            for c in terms.as_flattened_mut().as_flattened_mut() {
+                *c = factor * *c;
             }
             factor = factor * ratio;
         }

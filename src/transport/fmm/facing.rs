@@ -57,6 +57,10 @@ pub fn facing(tree: &Tree, a: usize, b: usize, slack: f64) -> Facing {
 /// True where light goes from at least one point of leaf `b` to one of leaf `a`.
 #[must_use]
 pub fn any_light(tree: &Tree, a: usize, b: usize) -> bool {
+    // Most pairs of which none sees the other are told by a plane; the rest needs all pairs.
+    if facing(tree, a, b, 0.0) == Facing::Away {
+        return false;
+    }
     let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
     tree.points[na.receiver_range()].iter().any(|x| {
         tree.points[nb.source_range()].iter().any(|y| {

@@ -141,11 +141,17 @@ impl<'a, T: Real> Field<'a, T> {
         &self.entries[self.nodes[node].lists()[which].clone()]
     }
 
+    /// The radiosity of the points in the tree's order, which is what all steps take: points near by stand together. Given is that of the tree's input.
+    pub fn in_order(&self, radiosity: &[[T; 4]], out: &mut Vec<[T; 4]>) {
+        out.clear();
+        out.extend(self.points.iter().map(|p| radiosity[p.point as usize]));
+    }
+
     /// −w B / π n of a point: its radiosity as a source.
     fn source(&self, point: usize, radiosity: &[[T; 4]]) -> Term<T> {
         let p = &self.points[point];
         let q = T::default() - p.share;
-        let b = radiosity[p.point as usize];
+        let b = radiosity[point];
         p.normal.map(|n| b.map(|b| q * n * b))
     }
 
@@ -239,8 +245,8 @@ impl<'a, T: Real> Field<'a, T> {
     ) {
         let n = self.terms();
         let (center, inverse) = (self.center(node), self.size(node).reciprocal());
-        let range = self.nodes[node].receiver_range();
-        for (x, e) in self.points[range].iter().zip(out) {
+        let receivers = &self.points[self.nodes[node].receiver_range()];
+        for (x, e) in receivers.iter().zip(out.iter_mut()) {
             let v = times(minus(x.position, center), inverse);
             *e = self.expansions.r_at(v, local, scratch);
             for entry in self.list(node, 2) {
@@ -250,28 +256,37 @@ impl<'a, T: Real> Field<'a, T> {
                 let f = self.expansions.s_at(r, self.size(s), source, scratch);
                 add(e, T::of(f64::from(entry.weight)), &f);
             }
-            for entry in self.list(node, 3) {
-                let near = self.near(x, entry.source as usize, radiosity);
-                add(e, T::of(f64::from(entry.weight)), &near);
+        }
+        // A leaf of sources after the other, for all receivers: it stays in the cache.
+        for entry in self.list(node, 3) {
+            let range = self.nodes[entry.source as usize].source_range();
+            let (places, radiosity) = (&self.points[range.clone()], &radiosity[range]);
+            let weight = T::of(f64::from(entry.weight));
+            for (x, e) in receivers.iter().zip(out.iter_mut()) {
+                add(e, weight, &self.near(x, places, radiosity));
             }
         }
     }
 
     /// The near list: \[G08\] Eq. (4) with max(0, ·), between points.
-    fn near(&self, x: &FieldPoint<T>, leaf: usize, radiosity: &[[T; 4]]) -> Term<T> {
+    fn near(
+        &self,
+        x: &FieldPoint<T>,
+        sources: &[FieldPoint<T>],
+        radiosity: &[[T; 4]],
+    ) -> Term<T> {
         let zero = T::default();
         let nearest = T::of(COINCIDENT * COINCIDENT);
         let mut sum = Term::default();
-        for y in &self.points[self.nodes[leaf].source_range()] {
+        for (y, b) in sources.iter().zip(radiosity) {
             let r = minus(x.position, y.position);
             let (out, into) = (dot(y.normal, r), zero - dot(x.normal, r));
             let square = dot(r, r);
             if out > zero && into > zero && square > nearest {
                 let spread = if self.disks { square + y.share } else { square };
                 let k = zero - y.share * out * (square * spread).reciprocal();
-                let b = radiosity[y.point as usize];
                 for (sum, r) in sum.iter_mut().zip(r) {
-                    for (sum, b) in sum.iter_mut().zip(b) {
+                    for (sum, &b) in sum.iter_mut().zip(b) {
                         *sum += k * r * b;
                     }
                 }

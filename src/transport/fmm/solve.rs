@@ -240,6 +240,8 @@ pub struct Passes<'a, T> {
     pub values: Vec<Term<T>>,
     /// The leaves that receive, by their points.
     leaves: Vec<usize>,
+    /// Radiosity in the tree's order.
+    ordered: Vec<[T; 4]>,
 }
 
 impl<'a, T: Real> Passes<'a, T> {
@@ -258,6 +260,7 @@ impl<'a, T: Real> Passes<'a, T> {
             locals: vec![Term::default(); terms],
             values: vec![Term::default(); field.points.len()],
             leaves,
+            ordered: Vec::with_capacity(field.points.len()),
             field,
         }
     }
@@ -273,9 +276,11 @@ impl<'a, T: Real> Passes<'a, T> {
         PassTimes { up, down }
     }
 
-    /// The upward pass.
+    /// The upward pass, for the radiosity of every point in the order of the tree's input.
     pub fn up(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
+        field.in_order(radiosity, &mut self.ordered);
+        let radiosity = self.ordered.as_slice();
         for l in (0..field.levels()).rev() {
             let level = field.level(l);
             let (own, below) = self.sources.split_at_mut(level.end * n);
@@ -293,9 +298,11 @@ impl<'a, T: Real> Passes<'a, T> {
         }
     }
 
-    /// The downward pass and the evaluation.
+    /// The downward pass and the evaluation, for the same.
     pub fn down(&mut self, radiosity: &[[T; 4]]) {
         let (field, n) = (&self.field, self.field.terms());
+        field.in_order(radiosity, &mut self.ordered);
+        let radiosity = self.ordered.as_slice();
         let sources = &self.sources;
         for l in 0..field.levels() {
             let level = field.level(l);

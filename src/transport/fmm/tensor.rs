@@ -23,8 +23,8 @@ pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 
 pub struct Derivatives {
     /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where there is no such term.
     down: Vec<[u16; 9]>,
-    degree: Vec<f64>,
-    factorial: Vec<f64>,
+    /// For each γ: the recurrence's two factors, and γ!.
+    factors: Vec<[f64; 3]>,
 }
 
 /// No such term.
@@ -57,8 +57,12 @@ impl Derivatives {
                 .iter()
                 .map(|&e| steps.map(|s| below(e, s)))
                 .collect(),
-            degree: (0..terms.len()).map(|i| terms.degree(i) as f64).collect(),
-            factorial: terms.factorials().to_vec(),
+            factors: (terms.factorials().iter().enumerate())
+                .map(|(i, &factorial)| {
+                    let n = terms.degree(i) as f64;
+                    [-(2.0 * n + 2.0) / n, -(n + 2.0) / n, factorial]
+                })
+                .collect(),
         }
     }
 
@@ -70,32 +74,33 @@ impl Derivatives {
 
     /// ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is room for the derivatives of |r|⁻⁴.
     pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<Six<T>>) {
+        // One more, which is zero: what is not there.
+        let none = self.down.len();
         scalar.clear();
+        scalar.resize(none + 1, T::default());
         out.clear();
-        for (k, down) in self.down.iter().enumerate() {
-            let get = |i: usize| match down[i] {
-                NONE => T::default(),
-                at => scalar[at as usize],
-            };
-            let (t, one, two);
-            if k == 0 {
-                t = T::of(1.0);
-                (one, two) = ([T::default(); 3], [T::default(); 6]);
-            } else {
-                let n = self.degree[k];
-                one = [get(0), get(1), get(2)];
-                two = [get(3), get(6), get(7), get(4), get(8), get(5)];
-                let first = r[0] * one[0] + r[1] * one[1] + r[2] * one[2];
-                let second = two[0] + two[3] + two[5];
-                t = T::of(-(2.0 * n + 2.0) / n) * first - T::of((n + 2.0) / n) * second;
-            }
-            scalar.push(t);
-            let f = T::of(self.factorial[k]);
-            out.push(std::array::from_fn(|p| {
-                let [i, j] = PAIRS[p];
-                f * (r[i] * r[j] * t + r[i] * one[j] + r[j] * one[i] + two[p])
-            }));
+        out.resize(none, [T::default(); 6]);
+        let square = PAIRS.map(|[i, j]| r[i] * r[j]);
+        scalar[0] = T::of(1.0);
+        out[0] = square;
+        for (k, (down, factors)) in self.down.iter().zip(&self.factors).enumerate().skip(1) {
+            let below = |i: usize| scalar[usize::from(down[i]).min(none)];
+            let (x, y, z) = (below(0), below(1), below(2));
+            let (xx, yy, zz) = (below(3), below(4), below(5));
+            let (xy, xz, yz) = (below(6), below(7), below(8));
+            let [one, two, f] = factors.map(T::of);
+            let t = one * (r[0] * x + r[1] * y + r[2] * z) + two * (xx + yy + zz);
+            scalar[k] = t;
+            out[k] = [
+                f * (square[0] * t + (r[0] * x + r[0] * x) + xx),
+                f * (square[1] * t + (r[0] * y + r[1] * x) + xy),
+                f * (square[2] * t + (r[0] * z + r[2] * x) + xz),
+                f * (square[3] * t + (r[1] * y + r[1] * y) + yy),
+                f * (square[4] * t + (r[1] * z + r[2] * y) + yz),
+                f * (square[5] * t + (r[2] * z + r[2] * z) + zz),
+            ];
         }
+        scalar.truncate(none);
     }
 }
 
