@@ -1,5 +1,5 @@
 //! What would fewer numbers a point bring? Beside vector irradiance in three channels (48 bytes a point): irradiance at the point's own normal in three channels, and vector irradiance in one channel
-//! (16 bytes each). Prints, for a box of flat walls and for the same with a ball, what display and operator read, what that takes on the CPU and (the operator) on the device, and how far the pictures are apart.
+//! (16 bytes each). And what does kernel `apply_one` bring, which computes in one channel and writes three? Prints, for a box of flat walls and for the same with a ball, what display and operator read, what that takes on the CPU and (the operator) on the device, and how far the pictures are apart.
 //!
 //! ```text
 //! cargo run --no-default-features --features cli,gpu --example precision -- draft|medium
@@ -9,7 +9,8 @@ use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
 use bevy_meshless_gi::basis::{NO_COVER, weight};
 use bevy_meshless_gi::frame::apply::apply_row;
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
+use bevy_meshless_gi::frame::apply_one::apply_one_row;
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, SolveParams, VectorIrradiance};
 use bevy_meshless_gi::gpu::{Harness, KERNELS};
 use bevy_meshless_gi::scene::{Light, Material, Quad, cornell_box, mesh_of_quads};
 use bytemuck::NoUninit;
@@ -84,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "\n| scene | where | NRMSE scalar to vector | p99 | largest |\n|---|---|---|---|---|\n{errors}"
     );
     println!(
-        "| scene | links | bytes a solve reads and writes, three channels | one channel | scalar | ms on the CPU, three channels | one channel | ms on the device, three channels | one channel |\n|---|---|---|---|---|---|---|---|---|\n{solves}"
+        "| scene | links | bytes a solve reads and writes, three channels | one channel and three written | all in one channel | scalar | ms on the CPU, `apply` | `apply_one` | ms on the device, `apply` | `apply_one` | all in one channel |\n|---|---|---|---|---|---|---|---|---|---|---|\n{solves}"
     );
     Ok(())
 }
@@ -193,15 +194,14 @@ fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<V
 }
 
 /// The least seconds of each of two, taken in turns, so that a busy machine spoils both alike.
-fn fastest(mut one: impl FnMut(), mut other: impl FnMut()) -> [f64; 2] {
-    let mut least = [f64::INFINITY; 2];
+fn fastest<const N: usize>(mut all: [&mut dyn FnMut(); N]) -> [f64; N] {
+    let mut least = [f64::INFINITY; N];
     for _ in 0..RUNS {
-        let start = Instant::now();
-        one();
-        let between = Instant::now();
-        other();
-        least[0] = least[0].min((between - start).as_secs_f64());
-        least[1] = least[1].min(between.elapsed().as_secs_f64());
+        for (run, least) in all.iter_mut().zip(&mut least) {
+            let start = Instant::now();
+            run();
+            *least = least.min(start.elapsed().as_secs_f64());
+        }
     }
     least
 }
@@ -226,18 +226,18 @@ fn display(
     }
     let a_place = |n: usize| n as f64 / places.len() as f64;
     let read = |value: usize| a_place(looked * 36 + planes * 16 + count * value);
-    let [of_vector, of_scalar] = fastest(
-        || {
+    let [of_vector, of_scalar] = fastest([
+        &mut || {
             for &(x, n) in places {
                 black_box(vector(scene, values, x, n, n));
             }
         },
-        || {
+        &mut || {
             for &(x, n) in places {
                 black_box(scalar(scene, scalars, x, n));
             }
         },
-    );
+    ]);
     let own = size_of_val(values);
     let links = scene.operator.links.len() * 8;
     let others = size_of_val(&scene.points[..])
@@ -306,48 +306,51 @@ fn solve(
     let links = scene.operator.links.len();
     let rows = &scene.operator.rows;
     let grey: Vec<f32> = senders.iter().map(|f| f[0]).collect();
-    let [three, one] = fastest(
-        || {
+    let all = &scene.operator.links;
+    let [three, one] = fastest([
+        &mut || {
             for row in rows {
-                black_box(apply_row(row, &scene.operator.links, senders));
+                black_box(apply_row(row, all, senders));
             }
         },
-        || {
+        &mut || {
             for row in rows {
-                let mut sum = Vec3::ZERO;
-                let start = row.start as usize;
-                for link in &scene.operator.links[start..start + row.count as usize] {
-                    sum += link.vector() * grey[link.sender() as usize];
-                }
-                black_box(row.scale * sum);
+                black_box(apply_one_row(row, all, senders, 1, [1.0; 4]));
             }
         },
-    );
-    let three_channels = Applied::new(harness, scene, &three_channels()?, senders, 48);
-    let one_channel = Applied::new(harness, scene, &one_channel()?, &grey, 16);
-    let [device_three, device_one] = fastest(|| three_channels.run(), || one_channel.run());
+    ]);
+    let three_channels = Applied::new(harness, scene, &kernel("apply")?, senders, 48);
+    let one_channel = Applied::new(harness, scene, &kernel("apply_one")?, senders, 48);
+    let alone = Applied::new(harness, scene, &alone()?, &grey, 16);
+    let [device_three, device_one, device_alone] = fastest([
+        &mut || three_channels.run(),
+        &mut || one_channel.run(),
+        &mut || alone.run(),
+    ]);
     let bytes = |coefficient: usize, value: usize| links * (8 + coefficient) + rows.len() * value;
     Ok(format!(
-        "| {name} | {links} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.2} |\n",
+        "| {name} | {links} | {} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.2} |\n",
         bytes(16, 48),
+        bytes(4, 48),
         bytes(4, 16),
         bytes(16, 16),
         1e3 * three,
         1e3 * one,
         1e3 * device_three,
         1e3 * device_one,
+        1e3 * device_alone,
     ))
 }
 
-/// Kernel `apply` as it is.
-fn three_channels() -> Result<String, Box<dyn Error>> {
-    let kernel = KERNELS.iter().find(|k| k.name == "apply");
-    Ok(kernel.ok_or("no kernel `apply`")?.source.into())
+/// A kernel as it is.
+fn kernel(name: &str) -> Result<String, Box<dyn Error>> {
+    let kernel = KERNELS.iter().find(|k| k.name == name);
+    Ok(kernel.ok_or("no such kernel")?.source.into())
 }
 
-/// The same for one channel: a coefficient is one number, a value three.
-fn one_channel() -> Result<String, Box<dyn Error>> {
-    let mut source = three_channels()?;
+/// `apply` for arrays of one channel: a coefficient is one number, a value three.
+fn alone() -> Result<String, Box<dyn Error>> {
+    let mut source = kernel("apply")?;
     for (from, to) in [
         ("coefficients: array<vec4f>", "coefficients: array<f32>"),
         ("applied: array<VectorIrradiance>", "applied: array<vec4f>"),
@@ -380,7 +383,7 @@ fn one_channel() -> Result<String, Box<dyn Error>> {
     Ok(source)
 }
 
-/// The operator on the device, in one of the two.
+/// The operator on the device, in one of the three.
 struct Applied<'a> {
     harness: &'a Harness,
     pipeline: wgpu::ComputePipeline,
@@ -405,7 +408,7 @@ impl<'a> Applied<'a> {
             label: None,
             layout: None,
             module: &module,
-            entry_point: Some("apply"),
+            entry_point: None,
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
         });
@@ -431,13 +434,24 @@ impl<'a> Applied<'a> {
             filled(&vec![0; value * rows.len()], read),
             filled(bytemuck::cast_slice(&order), read),
         ];
-        let entries: Vec<_> = (1..)
+        let params = SolveParams {
+            hue: [1.0; 4],
+            ..SolveParams::default()
+        };
+        let params = filled(bytemuck::bytes_of(&params), wgpu::BufferUsages::UNIFORM);
+        let mut entries: Vec<_> = (1..)
             .zip(&buffers)
             .map(|(binding, buffer)| wgpu::BindGroupEntry {
                 binding,
                 resource: buffer.as_entire_binding(),
             })
             .collect();
+        if source.contains("fn apply_one(") {
+            entries.push(wgpu::BindGroupEntry {
+                binding: 0,
+                resource: params.as_entire_binding(),
+            });
+        }
         let bind = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &pipeline.get_bind_group_layout(0),

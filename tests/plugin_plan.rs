@@ -6,13 +6,20 @@ use bevy::light::RectLight;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
+use bevy_meshless_gi::frame::Channels;
 use bevy_meshless_gi::plan::{
-    Census, Colours, Cost, Inventory, LightSort, Plan, Skies, Skip, Stage, Subject, Work,
+    Census, Colours, Cost, Inventory, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject, Work,
 };
 use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
 use bevy_meshless_gi::prelude::*;
-use plugin_support::app::{app, headless_plugins, ready, run};
-use plugin_support::stage::{counters, lit_room, spawn_lamp};
+use bevy_meshless_gi::scene::Light;
+use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use plugin_support::flip::flip;
+use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::stage::{
+    CANDELA, MOST, assert_alike, counters, indirect, lit_room, settings, spawn_baked, spawn_lamp,
+    view,
+};
 use std::sync::Arc;
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
@@ -228,4 +235,106 @@ fn the_devices_clock_comes_to_the_plan() {
         }
     }
     assert!(cost(&found, Stage::Splat).work == Work::Pixels(128 * 96));
+}
+
+/// The room in grey under a lamp of one colour, and what the CPU makes of it in three channels.
+#[test]
+fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
+    let grey = Room::cornell().recoloured(|c| Vec3::splat(c.max_element()));
+    let bake = grey.bake(1);
+    let mut app = app();
+    let root = spawn_baked(&mut app, &grey, &bake, Transform::IDENTITY);
+    let image = target(&mut app);
+    (app.world_mut()).spawn((camera(&image, view()), indirect()));
+    let lamp = spawn_lamp(&mut app, PLACE);
+    let paint = |app: &mut App, [r, g, b]: [f32; 3]| {
+        let mut light = app.world_mut().get_mut::<PointLight>(lamp).unwrap();
+        light.color = Color::linear_rgb(r, g, b);
+    };
+    let right = |colours: &[(Vec3, [f32; 3])]| {
+        let lights: Vec<Light> = (colours.iter())
+            .map(|(position, colour)| Light::Point {
+                position: *position,
+                intensity: CANDELA * Vec3::from(*colour),
+                range: 20.0,
+            })
+            .collect();
+        let root = Transform::IDENTITY;
+        cpu_indirect(&grey, &bake, root, view(), &lights, &settings())
+    };
+    let channels = |app: &App| {
+        let plan = plan(app);
+        let [(_, picked)] = plan.channels[..] else {
+            panic!("{plan}");
+        };
+        picked
+    };
+    const WARM: [f32; 3] = [1.0, 0.6, 0.3];
+    const BLUE: [f32; 3] = [0.1, 0.3, 1.0];
+    paint(&mut app, WARM);
+    run(&mut app, 1);
+    let first = plan(&app);
+    assert!(
+        matches!(channels(&app).channels, Channels::One(_)),
+        "{first}"
+    );
+    assert!(matches!(cost(&first, Stage::Apply).work, Work::OneChannel(n) if n > 1000));
+    let warm = right(&[(PLACE, WARM)]);
+    assert_alike("one_channel", &warm, &picture(&mut app, &image));
+    // Another colour for all: still one, in its own frame.
+    paint(&mut app, BLUE);
+    run(&mut app, 1);
+    assert!(matches!(channels(&app).channels, Channels::One(_)));
+    let blue = right(&[(PLACE, BLUE)]);
+    assert!(flip(&warm, &blue) > MOST);
+    assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
+
+    // A second lamp in another colour: three, at once.
+    let place = PLACE + 0.6 * Vec3::X;
+    let second = spawn_lamp(&mut app, place);
+    run(&mut app, 1);
+    assert_eq!(channels(&app).channels, Channels::Three);
+    let work = |app: &App| counters(app).dispatches_of(Stage::Apply);
+    assert!(work(&app) > 0);
+    let both = right(&[(PLACE, BLUE), (place, [1.0; 3])]);
+    assert!(flip(&blue, &both) > MOST);
+    assert_alike("two_colours", &both, &picture(&mut app, &image));
+
+    // It goes: one channel again after a while, and nothing is solved for that.
+    app.world_mut().despawn(second);
+    run(&mut app, 1);
+    assert!(work(&app) > 0);
+    let mut changed = 0;
+    for _ in 0..STEADY + 5 {
+        let before = channels(&app).channels;
+        run(&mut app, 1);
+        assert_eq!(work(&app), 0);
+        changed += u32::from(channels(&app).channels != before);
+    }
+    assert_eq!(changed, 1);
+    assert!(matches!(channels(&app).channels, Channels::One(_)));
+    assert_alike("blue_again", &blue, &picture(&mut app, &image));
+
+    // A setting decides alone, whatever there is, and the light follows.
+    let ask = |app: &mut App, channels| {
+        let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+        lighting.channels = channels;
+        run(app, 1);
+    };
+    ask(&mut app, MeshlessGiChannels::Three);
+    assert_eq!(channels(&app).channels, Channels::Three);
+    assert!(channels(&app).forced && work(&app) > 0);
+    spawn_lamp(&mut app, place);
+    ask(&mut app, MeshlessGiChannels::One);
+    assert!(matches!(channels(&app).channels, Channels::One(_)));
+    assert!(channels(&app).forced && work(&app) > 0);
+    let found = picture(&mut app, &image);
+    let coloured = |p: &[f32; 3]| (p[0] - p[2]).abs() > 0.02 * p[1];
+    assert!(
+        !found.pixels.iter().any(coloured),
+        "green decides, and light is white"
+    );
+    ask(&mut app, MeshlessGiChannels::Auto);
+    assert!(!channels(&app).forced && work(&app) > 0);
+    assert_alike("as_it_takes", &both, &picture(&mut app, &image));
 }

@@ -16,7 +16,7 @@ use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cpu_indirect};
 use plugin_support::stage::{
-    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
 };
 use std::sync::{Arc, OnceLock};
 
@@ -44,13 +44,7 @@ fn cornell() -> (Room, Arc<BakedScene>) {
 
 /// The room on its root before a camera that shows indirect light alone.
 fn stage(app: &mut App, bake: &Arc<BakedScene>, root: Transform) -> (Entity, Handle<Image>) {
-    let scene = bake.clone();
-    let asset = app
-        .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
-    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
-    Room::cornell().spawn(app, root);
+    let root = spawn_baked(app, &Room::cornell(), bake, root);
     let image = target(app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     (root, image)

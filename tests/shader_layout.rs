@@ -105,6 +105,8 @@ fn layouts() -> Vec<Layout> {
             differences,
             apart,
             sky_terms,
+            channel,
+            hue,
             sky_more
         }),
         layout!(Span { first, count, base }),
@@ -834,6 +836,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "settings",
         "cpu_frame",
         "anderson",
+        "channels",
         "reflective",
         "subsplat",
         "view",

@@ -5,6 +5,8 @@
 #[cfg(feature = "gltf")]
 #[path = "twins/baked.rs"]
 mod baked;
+#[path = "twins/channels.rs"]
+mod channels;
 #[path = "twins/compare.rs"]
 mod compare;
 #[path = "twins/depth.rs"]
@@ -68,6 +70,7 @@ fn settings(sweeps: u32, baked_bounces: bool) -> FrameSettings {
         sky: Vec3::new(0.2, 0.3, 0.5).into(),
         emission: 0.8,
         tier: FrameSettings::ALL_TIERS,
+        ..FrameSettings::default()
     }
 }
 

@@ -110,9 +110,10 @@ struct SolveParams {
     differences: u32,
     apart: f32,
     sky_terms: u32,
+    channel: u32,
     pad0: u32,
     pad1: u32,
-    pad2: u32,
+    hue: vec4f,
     sky_more: array<vec4f, 8>,
 }
 

@@ -30,14 +30,13 @@ pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> Vector
     }
 }
 
-/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
-pub fn apply(
+/// Fills `out[points]` by `of`; rows that a frame of this tier does not use count as rows without links.
+pub(super) fn over_rows(
     params: &SolveParams,
     rows: &[Row],
-    links: &[Link],
     points: Range<usize>,
-    coefficients: &[[f32; 4]],
     out: &mut [VectorIrradiance],
+    of: impl Fn(&Row) -> VectorIrradiance + Sync,
 ) {
     let first = points.start;
     out[points]
@@ -47,8 +46,22 @@ pub fn apply(
         .for_each(|(i, e)| {
             let row = &rows[first + i];
             *e = match row.used(params.tier) {
-                true => apply_row(row, links, coefficients),
+                true => of(row),
                 false => VectorIrradiance::default(),
             };
         });
+}
+
+/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
+pub fn apply(
+    params: &SolveParams,
+    rows: &[Row],
+    links: &[Link],
+    points: Range<usize>,
+    coefficients: &[[f32; 4]],
+    out: &mut [VectorIrradiance],
+) {
+    over_rows(params, rows, points, out, |row| {
+        apply_row(row, links, coefficients)
+    });
 }

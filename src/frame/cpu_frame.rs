@@ -6,14 +6,15 @@ use super::materials::{present, sound_factors};
 use super::occlude::{occlude, passing, sound_gains};
 use super::{
     FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
-    bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity, splat,
+    apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity,
+    splat,
 };
 use crate::asset::BakedScene;
 use crate::asset::PointSurface;
 use crate::scene::{Bvh, MaterialFactors};
-use crate::transport::Link;
 use crate::transport::fmm::Passes;
 use crate::transport::fmm::passes::Field;
+use crate::transport::{Link, Row};
 use glam::Vec3;
 use std::ops::Range;
 
@@ -254,7 +255,7 @@ impl CpuFrame {
             self.sweep(scene, &params, &steps, &mut octree);
         }
         self.transport(scene, &params, &steps, &mut octree, Whom::All);
-        self.light_space(scene, &params);
+        self.light_space(scene, &params, &steps);
         self.solved = Some(*settings);
         self.counters.solves += 1;
         self.counters.sweeps += u64::from(steps.sweeps);
@@ -320,7 +321,7 @@ impl CpuFrame {
             }
         }
         self.transport(scene, &params, &steps, &mut octree, Whom::All);
-        self.light_space(scene, &params);
+        self.light_space(scene, &params, &steps);
         // No plain solve is like this one.
         self.solved = None;
         self.counters.sweeps += u64::from(sweeps - 1);
@@ -395,7 +396,8 @@ impl CpuFrame {
             // The sky is no function of any level.
             let sky = scene.senders();
             self.differences[sky] = self.senders[sky];
-            apply::apply(
+            operate(
+                steps,
                 params,
                 &operator.rows,
                 &operator.links,
@@ -416,7 +418,8 @@ impl CpuFrame {
                 Some(occluded) => &occluded.links,
                 None => &operator.links,
             };
-            apply::apply(
+            operate(
+                steps,
                 params,
                 &operator.rows,
                 links,
@@ -437,7 +440,7 @@ impl CpuFrame {
     }
 
     /// The senders' light at the probes.
-    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams) {
+    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams, steps: &Steps) {
         if let Some(probes) = &scene.probes {
             let all = 0..probes.rows.len();
             let links = match &self.occluded {
@@ -445,7 +448,8 @@ impl CpuFrame {
                 None => &probes.links,
             };
             let rows = &probes.rows;
-            apply::apply(params, rows, links, all, &self.senders, &mut self.probes);
+            let (senders, out) = (&self.senders, &mut self.probes);
+            operate(steps, params, rows, links, all, senders, out);
         }
     }
 
@@ -597,6 +601,23 @@ enum Whom {
     All,
     /// The senders, for their next reflection.
     Senders,
+}
+
+/// The operator, in as many channels as the frame takes.
+fn operate(
+    steps: &Steps,
+    params: &SolveParams,
+    rows: &[Row],
+    links: &[Link],
+    points: Range<usize>,
+    coefficients: &[[f32; 4]],
+    out: &mut [VectorIrradiance],
+) {
+    let apply = match steps.one {
+        true => apply_one::apply_one,
+        false => apply::apply,
+    };
+    apply(params, rows, links, points, coefficients, out);
 }
 
 /// Room for the passes, where the octree carries the light.

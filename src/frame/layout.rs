@@ -40,7 +40,7 @@ impl VectorIrradiance {
     }
 }
 
-/// What all kernels of a solve know. 208 bytes.
+/// What all kernels of a solve know. 224 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SolveParams {
@@ -74,8 +74,12 @@ pub struct SolveParams {
     pub apart: f32,
     /// How many terms of the sky beside its mean the bake knows: none or all eight.
     pub sky_terms: u32,
+    /// The channel that is applied where one is ([`Channels`](super::Channels)).
+    pub channel: u32,
     /// Not used.
-    pub pad: [u32; 3],
+    pub pad: [u32; 2],
+    /// The three channels beside it; the fourth number is not used.
+    pub hue: [f32; 4],
     /// π times those terms ([`SkyRadiance`](crate::scene::SkyRadiance)), RGB, W/m².
     pub sky_more: [[f32; 4]; 8],
 }

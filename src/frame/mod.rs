@@ -10,6 +10,7 @@
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
 //! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
+//! | [`apply_one`] | the same in one channel, where surfaces are grey and all light has one colour |
 //! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance of the senders' points, in place of `apply` where the bake has an octree |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
@@ -29,8 +30,10 @@
 
 mod anderson;
 pub mod apply;
+pub mod apply_one;
 pub mod bounce;
 pub mod brdf;
+mod channels;
 pub mod composite;
 pub mod compress;
 mod cpu_frame;
@@ -64,6 +67,7 @@ pub mod volume;
 pub mod volume_places;
 pub mod vpl;
 
+pub use channels::Channels;
 pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};

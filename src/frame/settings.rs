@@ -1,11 +1,13 @@
 //! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
 
+use super::Channels;
 use super::layout::SolveParams;
 use super::light::BRIGHTEST;
 use super::project::{apart, extent};
 use crate::asset::BakedScene;
 use crate::scene::SkyRadiance;
 use crate::transport::SenderForm;
+use glam::Vec3;
 use std::f32::consts::PI;
 use std::ops::Range;
 
@@ -23,6 +25,8 @@ pub struct FrameSettings {
     pub emission: f32,
     /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of them: all links (design D11), or the octree of rule `fmm`.
     pub tier: u32,
+    /// In how many channels links are applied; an octree takes all three.
+    pub channels: Channels,
 }
 
 impl Default for FrameSettings {
@@ -33,6 +37,7 @@ impl Default for FrameSettings {
             sky: SkyRadiance::BLACK,
             emission: 1.0,
             tier: Self::ALL_TIERS,
+            channels: Channels::Three,
         }
     }
 }
@@ -154,6 +159,7 @@ impl SceneShape {
             true => v.clamp(-BRIGHTEST, BRIGHTEST),
             false => 0.0,
         };
+        let (channel, hue) = settings.channels.one().unwrap_or((0, Vec3::ONE));
         SolveParams {
             sky: (settings.sky.mean * PI).to_array().map(finite),
             // Surfaces are as bright as lamps already.
@@ -179,7 +185,9 @@ impl SceneShape {
             } else {
                 0
             },
-            pad: [0; 3],
+            channel: channel as u32,
+            pad: [0; 2],
+            hue: hue.extend(0.0).to_array(),
             sky_more: (settings.sky.terms)
                 .map(|t| (t * PI).to_array().map(finite))
                 .map(|[r, g, b]| [r, g, b, 0.0]),
@@ -205,6 +213,8 @@ pub struct Steps {
     pub differences: bool,
     /// Coefficients are components: `compress` runs before every `apply`.
     pub components: bool,
+    /// Links are applied in one channel: `apply_one` in place of `apply`.
+    pub one: bool,
     /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten` for points of finer levels than send.
     pub octree: bool,
 }
@@ -233,6 +243,7 @@ impl Steps {
             baked,
             differences: shape.form == SenderForm::Differences && !octree,
             components,
+            one: settings.channels.one().is_some() && !octree,
             octree,
         }
     }

@@ -223,7 +223,7 @@ impl GpuFrame {
             recorder.pull(&mut pass, 0..steps.pull.len());
         }
         recorder.transport(&mut pass, &steps, params.tier, false);
-        recorder.light_space(&mut pass);
+        recorder.light_space(&mut pass, &steps);
         self.counters.solves += 1;
     }
 
@@ -415,24 +415,13 @@ impl Recorder<'_> {
         if steps.components {
             self.compress(pass);
         }
-        for part in 0..b.links.len() {
-            let bind = self.kernels.bind(
-                Pass::Apply,
-                &[
-                    (1, self.span()),
-                    (2, b.rows.as_entire_binding()),
-                    (3, b.links[part].as_entire_binding()),
-                    (4, coefficients.as_entire_binding()),
-                    (5, applied.as_entire_binding()),
-                    (6, b.order.as_entire_binding()),
-                ],
-            );
-            let lists = match sweep {
-                true => &b.sender_parts,
-                false => &b.tier_parts,
-            };
-            let list = &lists[tier as usize - 1];
-            self.spans(pass, Pass::Apply, &bind, list, part..part + 1);
+        let lists = match sweep {
+            true => &b.sender_parts,
+            false => &b.tier_parts,
+        };
+        if let Some(list) = lists.get((tier as usize).wrapping_sub(1)) {
+            let (rows, values) = ([&b.rows, &b.order], [coefficients, applied]);
+            self.apply(pass, steps.one, rows, &b.links, list, values);
         }
         if steps.differences {
             let bind = self.kernels.bind(
@@ -458,22 +447,47 @@ impl Recorder<'_> {
     }
 
     /// The senders' light at the probes.
-    fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>) {
+    fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &Steps) {
         let b = self.b;
         let Some(probes) = &b.probes else { return };
-        for (part, links) in probes.links.iter().enumerate() {
-            let bind = self.kernels.bind(
-                Pass::Apply,
-                &[
-                    (1, self.span()),
-                    (2, probes.rows.as_entire_binding()),
-                    (3, links.as_entire_binding()),
-                    (4, b.senders.as_entire_binding()),
-                    (5, probes.values.as_entire_binding()),
-                    (6, probes.order.as_entire_binding()),
-                ],
-            );
-            self.spans(pass, Pass::Apply, &bind, &probes.parts, part..part + 1);
+        self.apply(
+            pass,
+            steps.one,
+            [&probes.rows, &probes.order],
+            &probes.links,
+            &probes.parts,
+            [&b.senders, &probes.values],
+        );
+    }
+
+    /// The operator in all channels or in `one`: `rows` and their order, links part by part with the span of each, from the first to the second of `values`.
+    fn apply(
+        &mut self,
+        pass: &mut wgpu::ComputePass<'_>,
+        one: bool,
+        rows: [&wgpu::Buffer; 2],
+        links: &[wgpu::Buffer],
+        list: &SpanList,
+        values: [&wgpu::Buffer; 2],
+    ) {
+        let kernel = match one {
+            true => Pass::ApplyOne,
+            false => Pass::Apply,
+        };
+        for (part, links) in links.iter().enumerate() {
+            let mut resources = vec![
+                (1, self.span()),
+                (2, rows[0].as_entire_binding()),
+                (3, links.as_entire_binding()),
+                (4, values[0].as_entire_binding()),
+                (5, values[1].as_entire_binding()),
+                (6, rows[1].as_entire_binding()),
+            ];
+            if one {
+                resources.push((0, self.b.params.as_entire_binding()));
+            }
+            let bind = self.kernels.bind(kernel, &resources);
+            self.spans(pass, kernel, &bind, list, part..part + 1);
         }
     }
 

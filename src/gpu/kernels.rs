@@ -172,7 +172,7 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
 ];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 23] = [
+pub const KERNELS: [Kernel; 24] = [
     Kernel {
         name: "occlude",
         source: shader!("occlude"),
@@ -272,6 +272,26 @@ pub const KERNELS: [Kernel; 23] = [
             workgroup: [64, 1, 1],
             items: 64 / crate::frame::apply::LANES,
             bindings: &[1, 2, 3, 4, 5, 6],
+        }],
+    },
+    Kernel {
+        name: "apply_one",
+        source: shader!("apply_one"),
+        bindings: &[
+            PARAMS,
+            SPAN,
+            bind(2, "rows", Read(size_of::<Row>())),
+            bind(3, "links", Read(size_of::<Link>())),
+            bind(4, "coefficients", Read(4)),
+            bind(5, "applied", Write(VECTOR)),
+            bind(6, "order", Read(4)),
+        ],
+        entries: &[Entry {
+            pass: Pass::ApplyOne,
+            name: "apply_one",
+            workgroup: [64, 1, 1],
+            items: 64 / crate::frame::apply::LANES,
+            bindings: &[0, 1, 2, 3, 4, 5, 6],
         }],
     },
     Kernel {

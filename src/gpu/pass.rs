@@ -19,6 +19,8 @@ pub enum Pass {
     Compress,
     /// `apply`.
     Apply,
+    /// `apply_one`.
+    ApplyOne,
     /// `bounce`, one live Jacobi step.
     Sweep,
     /// `bounce`, baked, the coarsest points.
@@ -89,7 +91,7 @@ pub enum Pass {
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 40;
+    pub const COUNT: usize = 41;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -100,6 +102,7 @@ impl Pass {
         Self::Push,
         Self::Compress,
         Self::Apply,
+        Self::ApplyOne,
         Self::Sweep,
         Self::Gather,
         Self::Spread,

@@ -4,6 +4,8 @@
 //! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
 //! gives the right rate.
 
+use crate::frame::Channels;
+
 use super::{FrameState, Pass, Plan, SceneId, Stage, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -61,6 +63,8 @@ pub enum Work {
     Uncounted,
     /// Links of the operator that are read, once a sweep.
     Links(u64),
+    /// The same, in one channel of three.
+    OneChannel(u64),
     /// Shadow rays.
     Rays(u64),
     /// Pixels, once for each scene (or list of virtual lights) that is laid over them.
@@ -73,13 +77,27 @@ impl Work {
     pub fn amount(self) -> Option<f64> {
         match self {
             Self::Uncounted => None,
-            Self::Links(n) | Self::Rays(n) | Self::Pixels(n) => (n > 0).then_some(n as f64),
+            Self::Links(n) | Self::OneChannel(n) | Self::Rays(n) | Self::Pixels(n) => {
+                (n > 0).then_some(n as f64)
+            }
+        }
+    }
+
+    /// What it is counted in.
+    fn unit(self) -> Unit {
+        match self {
+            Self::Uncounted => Unit::None,
+            Self::Links(_) => Unit::Links,
+            Self::OneChannel(_) => Unit::OneChannel,
+            Self::Rays(_) => Unit::Rays,
+            Self::Pixels(_) => Unit::Pixels,
         }
     }
 
     fn add(&mut self, more: Self) {
         *self = match (*self, more) {
             (Self::Links(a), Self::Links(b)) => Self::Links(a + b),
+            (Self::OneChannel(a), Self::OneChannel(b)) => Self::OneChannel(a + b),
             (Self::Rays(a), Self::Rays(b)) => Self::Rays(a + b),
             (Self::Pixels(a), Self::Pixels(b)) => Self::Pixels(a + b),
             (Self::Uncounted, other) | (other, _) => other,
@@ -87,11 +105,23 @@ impl Work {
     }
 }
 
+/// What work is counted in: costs of one unit say nothing of another's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Unit {
+    #[default]
+    None,
+    Links,
+    OneChannel,
+    Rays,
+    Pixels,
+}
+
 impl fmt::Display for Work {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Uncounted => f.write_str("work not counted"),
             Self::Links(n) => write!(f, "{n} links"),
+            Self::OneChannel(n) => write!(f, "{n} links in one channel"),
             Self::Rays(n) => write!(f, "{n} rays"),
             Self::Pixels(n) => write!(f, "{n} pixels"),
         }
@@ -140,7 +170,12 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
         let work = match (pass.stage, scene) {
             (Stage::Project, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
             (Stage::Apply, Some(scene)) => {
-                Work::Links(scene.tier.as_ref().map_or(0, |picked| picked.work))
+                let links = scene.tier.as_ref().map_or(0, |picked| picked.work);
+                let picked = scene.channels.map(|picked| picked.channels);
+                match picked {
+                    Some(Channels::One(_)) => Work::OneChannel(links),
+                    _ => Work::Links(links),
+                }
             }
             (Stage::Splat | Stage::Vpl | Stage::Composite, _) => pixels(),
             _ => Work::Uncounted,
@@ -162,6 +197,7 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
 /// Running means of milliseconds and of work.
 #[derive(Clone, Copy, Debug, Default)]
 struct Means {
+    unit: Unit,
     ms: Option<f64>,
     work: Option<f64>,
 }
@@ -180,8 +216,8 @@ fn mix(mean: &mut Option<f64>, value: f64) {
 #[derive(Clone, Debug, Default)]
 pub struct CostModel {
     groups: BTreeMap<Timed, (Means, u64)>,
-    /// Milliseconds a unit of work, by stage.
-    rates: BTreeMap<Stage, f64>,
+    /// Milliseconds a unit of work, by stage and unit.
+    rates: BTreeMap<(Stage, Unit), f64>,
     plans: u64,
 }
 
@@ -198,6 +234,13 @@ impl CostModel {
         for (timed, cost) in &plan.costs {
             let (means, seen) = self.groups.entry(*timed).or_default();
             *seen = self.plans;
+            let unit = cost.work.unit();
+            if means.unit != unit {
+                *means = Means {
+                    unit,
+                    ..Means::default()
+                };
+            }
             if let Some(work) = cost.work.amount() {
                 mix(&mut means.work, work);
             }
@@ -216,22 +259,25 @@ impl CostModel {
         }
         mix(&mut means.ms, f64::from(ms));
         if means.rate().is_some() {
-            let of_stage = (self.groups.iter()).filter(|(t, _)| t.stage == timed.stage);
+            let unit = means.unit;
+            let alike = |t: &Timed, m: &Means| t.stage == timed.stage && m.unit == unit;
+            let of_stage = (self.groups.iter()).filter(|(t, (m, _))| alike(t, m));
             let known: Vec<f64> = of_stage.filter_map(|(_, (m, _))| m.rate()).collect();
             let mean = known.iter().sum::<f64>() / known.len() as f64;
-            self.rates.insert(timed.stage, mean);
+            self.rates.insert((timed.stage, unit), mean);
         }
     }
 
     /// Writes into the plan what is known.
     pub fn price(&self, plan: &mut Plan) {
         for (timed, cost) in &mut plan.costs {
+            let unit = cost.work.unit();
             let means = self.groups.get(timed).map(|(means, _)| *means);
-            let means = means.unwrap_or_default();
+            let means = means.filter(|m| m.unit == unit).unwrap_or_default();
             cost.measured = means.ms.map(|ms| ms as f32);
             let rate = means
                 .rate()
-                .or_else(|| self.rates.get(&timed.stage).copied());
+                .or_else(|| self.rates.get(&(timed.stage, unit)).copied());
             cost.predicted = match cost.work.amount() {
                 Some(work) => rate.map(|rate| (rate * work) as f32),
                 None => cost.measured,
@@ -243,7 +289,7 @@ impl CostModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{Picked, SceneState, SlotChange, ViewState};
+    use crate::plan::{Picked, PickedChannels, SceneState, SlotChange, ViewState};
 
     /// Two scenes on the device with four slots each, and a view of both.
     fn state() -> FrameState {
@@ -393,5 +439,43 @@ mod tests {
         assert_eq!(model.groups.len(), rest.costs.len());
         // The rate stays: it is the device's.
         assert_eq!(model.rates.len(), 1);
+    }
+
+    #[test]
+    fn one_channel_has_a_rate_of_its_own() {
+        let mut model = CostModel::new();
+        let in_one = |mut state: FrameState| {
+            state.scenes[0].channels = Some(PickedChannels {
+                channels: Channels::One(glam::Vec3::ONE),
+                forced: false,
+                why: "",
+            });
+            state
+        };
+        let mut three = Plan::new(&moving(state(), 0, 1));
+        let mut one = Plan::new(&moving(in_one(state()), 0, 1));
+        assert_eq!(cost(&one, Stage::Apply).work, Work::OneChannel(50_000));
+        let mut run = |plan: &mut Plan, ms: f32| {
+            for _ in 0..20 {
+                model.ran(plan);
+                let timed = plan.costs.iter().map(|(t, _)| *t);
+                let apply = timed.into_iter().find(|t| t.stage == Stage::Apply);
+                model.measured(apply.expect("it runs"), ms);
+            }
+            model.price(plan);
+            cost(plan, Stage::Apply)
+        };
+        let close =
+            |found: Option<f32>, ms: f32| found.is_some_and(|f| (f / ms - 1.0).abs() < 1e-3);
+        assert!(close(run(&mut three, 4.0).predicted, 4.0));
+        let first = run(&mut one, 2.0);
+        assert!(
+            close(first.predicted, 2.0) && close(first.measured, 2.0),
+            "{first}"
+        );
+        // Another scene in three channels is foretold by what three channels took.
+        let mut other = Plan::new(&moving(state(), 1, 1));
+        model.price(&mut other);
+        assert!(close(cost(&other, Stage::Apply).predicted, 16.0));
     }
 }

@@ -15,6 +15,8 @@ pub const PATIENCE: u64 = 120;
 pub enum Subject {
     /// Which tier of the operator lights a scene.
     Tier(SceneId),
+    /// In how many channels links do.
+    Channels(SceneId),
     /// Whether an octree or links do.
     Octree(SceneId),
     /// What becomes of its sky.
@@ -29,6 +31,7 @@ impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (what, scene, view) = match self {
             Self::Tier(scene) => ("tier", scene, &None),
+            Self::Channels(scene) => ("channels", scene, &None),
             Self::Octree(scene) => ("octree", scene, &None),
             Self::Sky(scene) => ("sky", scene, &None),
             Self::Effect(name, scene, view) => (*name, scene, view),
@@ -96,6 +99,11 @@ impl Plan {
             let choice = format!("{} of {}", picked.tier, picked.tiers);
             let forced = picked.forced.then_some("the quality asked for");
             push(Subject::Tier(*scene), choice, picked.why.clone(), forced);
+        }
+        for (scene, picked) in &self.channels {
+            let subject = Subject::Channels(*scene);
+            let forced = picked.forced.then_some("the channels asked for");
+            push(subject, picked.choice().into(), picked.why.into(), forced);
         }
         for (scene, why) in &self.linked {
             let subject = Subject::Octree(*scene);
@@ -190,7 +198,10 @@ impl DecisionLog {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{FrameState, Picked, SceneState, SkyUse, SlotChange, ViewState};
+    use crate::frame::Channels;
+    use crate::plan::{
+        FrameState, Picked, PickedChannels, SceneState, SkyUse, SlotChange, ViewState,
+    };
 
     const A: SceneId = SceneId(1);
 
@@ -335,5 +346,31 @@ mod tests {
         log.observe(of(&now));
         now.scenes[0].tier.as_mut().expect("a tier").why = "4.31 ms a solve".into();
         assert!(log.observe(of(&now)).is_empty());
+    }
+
+    #[test]
+    fn channels_are_decided_where_links_are() {
+        let mut now = state();
+        let picked = PickedChannels {
+            channels: Channels::One(glam::Vec3::ONE),
+            forced: true,
+            why: "it is asked for",
+        };
+        now.scenes[0].channels = Some(picked);
+        let subject = Subject::Channels(A);
+        let found = of(&now);
+        let decision = found.iter().find(|d| d.subject == subject);
+        assert_eq!(
+            decision.expect("decided").to_string(),
+            "channels, scene 1: one channel, because it is asked for [forced by the channels asked for]"
+        );
+        assert!(
+            Plan::new(&now)
+                .to_string()
+                .contains("use  scene 1 in one channel: it is asked for")
+        );
+        // An octree carries the light in all three.
+        now.scenes[0].tier.as_mut().expect("a tier").octree = true;
+        assert!(of(&now).iter().all(|d| d.subject != subject));
     }
 }

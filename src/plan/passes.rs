@@ -2,8 +2,8 @@
 
 use super::cost::{self, Cost, Timed};
 use super::{
-    EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, Reason, SceneId, Skip, SkyUse,
-    Stage, ViewId,
+    EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedChannels, Reason,
+    SceneId, Skip, SkyUse, Stage, ViewId,
 };
 use std::fmt;
 
@@ -20,6 +20,8 @@ pub struct Plan {
     pub resting: Vec<LightId>,
     /// The tiers of the operators that run, and why.
     pub tiers: Vec<(SceneId, Picked)>,
+    /// In how many channels links are applied, and why.
+    pub channels: Vec<(SceneId, PickedChannels)>,
     /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
     pub linked: Vec<(SceneId, NoOctree)>,
     /// Scenes whose sky varies, and what becomes of it.
@@ -156,6 +158,9 @@ impl fmt::Display for Plan {
         }
         for (scene, picked) in &self.tiers {
             writeln!(f, "use  {scene} with {picked}")?;
+        }
+        for (scene, picked) in &self.channels {
+            writeln!(f, "use  {scene} in {picked}")?;
         }
         for (scene, why) in &self.linked {
             writeln!(f, "use  {scene} with its links: {why}")?;

@@ -2,7 +2,7 @@
 //!
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
-use super::{Cameras, Colours, Inventory, LightSort, SceneId, Skies};
+use super::{Cameras, Colours, Inventory, LightSort, SceneColours, SceneId, Skies};
 use crate::asset::BakedScene;
 use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use glam::Vec3;
@@ -89,6 +89,20 @@ impl Hues {
     fn is_grey(self) -> bool {
         Self::GREY.with(self) == Self::GREY
     }
+
+    /// Of light of these chromaticities on surfaces that are all grey, or not.
+    fn on(self, grey: bool) -> SceneColours {
+        let (colours, hue) = match (self, grey) {
+            (Self::None, _) => (Colours::Dark, Vec3::ONE),
+            (_, false) => (Colours::Surfaces, Vec3::ONE),
+            (Self::Several, true) => (Colours::Lights, Vec3::ONE),
+            // The terms of a sky have either sign.
+            (Self::One(hue), true) if hue.min_element() >= 0.0 => (Colours::One, hue),
+            (Self::One(hue), true) if hue.max_element() <= 0.0 => (Colours::One, -hue),
+            (Self::One(_), true) => (Colours::Lights, Vec3::ONE),
+        };
+        SceneColours { colours, hue }
+    }
 }
 
 /// What a bake's surfaces are like.
@@ -128,6 +142,7 @@ struct Before {
 pub struct Surveyor<K> {
     lights: BTreeMap<K, Light>,
     scenes: BTreeMap<SceneId, Before>,
+    colours: BTreeMap<SceneId, SceneColours>,
 }
 
 impl<K> Default for Surveyor<K> {
@@ -135,6 +150,7 @@ impl<K> Default for Surveyor<K> {
         Self {
             lights: BTreeMap::new(),
             scenes: BTreeMap::new(),
+            colours: BTreeMap::new(),
         }
     }
 }
@@ -206,24 +222,27 @@ impl<K: Copy + Ord> Surveyor<K> {
             normal_maps: found.normal_maps,
             ..Inventory::default()
         };
-        let mut hues = self.count_lights(found, &mut out);
-        let mut grey = true;
+        let lights = self.count_lights(found, &mut out);
+        let (mut hues, mut grey) = (lights, true);
+        self.colours.clear();
         let mut before = std::mem::take(&mut self.scenes);
         for scene in &found.scenes {
             let was = before.remove(&scene.id);
             let (now, hue, reflects_grey) = count_scene(scene, was, &mut out);
             self.scenes.insert(scene.id, now);
+            (self.colours).insert(scene.id, lights.with(hue).on(reflects_grey));
             hues = hues.with(hue);
             grey &= reflects_grey;
         }
         out.bakes_moved += before.len() as u32;
-        out.colours = match (hues, grey) {
-            (Hues::None, _) => Colours::Dark,
-            (_, false) => Colours::Surfaces,
-            (Hues::Several, true) => Colours::Lights,
-            (Hues::One(_), true) => Colours::One,
-        };
+        out.colours = hues.on(grey).colours;
         out
+    }
+
+    /// What colours the light of a scene of the last inventory has: its sky, what glows in it, and all lights of the world.
+    #[must_use]
+    pub fn colours_of(&self, scene: SceneId) -> SceneColours {
+        self.colours.get(&scene).copied().unwrap_or_default()
     }
 
     /// Counts the lights; answers what colours shine.
@@ -415,16 +434,25 @@ mod tests {
     fn grey_is_what_surfaces_and_lights_are_together() {
         let (grey, coloured) = (bake(true), bake(false));
         let colours = |bake, lights: &[Vec3], sky: Vec3| {
-            let lights: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
+            let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
             let found = Found {
-                lights: (0u32..).zip(&lights).collect(),
+                lights: (0u32..).zip(&lamps).collect(),
                 scenes: vec![FoundScene {
                     sky: sky.into(),
                     ..scene(bake)
                 }],
                 ..Found::default()
             };
-            Surveyor::new().survey(&found).colours
+            let mut surveyor = Surveyor::new();
+            let all = surveyor.survey(&found).colours;
+            let own = surveyor.colours_of(SceneId(1));
+            assert_eq!(own.colours, all);
+            let expected = match all {
+                Colours::One => lights[0],
+                _ => Vec3::ONE,
+            };
+            assert!(own.hue.abs_diff_eq(expected / expected.max_element(), 1e-6));
+            all
         };
         let warm = Vec3::new(2.0, 1.0, 0.5);
         assert_eq!(colours(&grey, &[], Vec3::ZERO), Colours::Dark);

@@ -22,6 +22,11 @@ pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
         if let Some(picked) = &scene.tier {
             plan.tiers.push((scene.id, picked.clone()));
         }
+        // An octree takes all three.
+        let octree = (scene.tier.as_ref()).is_some_and(|picked| picked.octree);
+        if let (Some(picked), false) = (scene.channels, octree && scene.no_octree.is_none()) {
+            plan.channels.push((scene.id, picked));
+        }
         if let Some(why) = scene.no_octree {
             plan.linked.push((scene.id, why));
         }

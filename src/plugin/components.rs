@@ -6,6 +6,7 @@
 use super::asset::MeshlessGiAsset;
 use super::display::MeshlessGiDisplay;
 use super::quality::{MeshlessGiQuality, MeshlessGiTier};
+use crate::plan::ChannelRequest;
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};
 use bevy::color::LinearRgba;
@@ -46,6 +47,31 @@ pub struct MeshlessGiLighting {
     pub emission: f32,
     /// Diffuse reflections, from 1 (direct light reflected once) to 256. A bake with baked bounces ignores it.
     pub bounces: u32,
+    /// In how many channels the operator is applied. By default as many as the scene calls for.
+    pub channels: MeshlessGiChannels,
+}
+
+/// In how many channels a bake's operator is applied. One costs less, and is right where every surface is grey and all that shines has one colour.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, Debug, PartialEq, Hash)]
+pub enum MeshlessGiChannels {
+    /// One where that is right, three else. The plan says which, and why; a light of another colour is seen in the frame in which it shines.
+    #[default]
+    Auto,
+    /// Always three.
+    Three,
+    /// Always one. Where colours differ, green decides and indirect light is white.
+    One,
+}
+
+impl From<MeshlessGiChannels> for ChannelRequest {
+    fn from(asked: MeshlessGiChannels) -> Self {
+        match asked {
+            MeshlessGiChannels::Auto => Self::Auto,
+            MeshlessGiChannels::Three => Self::Three,
+            MeshlessGiChannels::One => Self::One,
+        }
+    }
 }
 
 impl Default for MeshlessGiLighting {
@@ -54,6 +80,7 @@ impl Default for MeshlessGiLighting {
             sky: LinearRgba::BLACK,
             emission: 998.0,
             bounces: 4,
+            channels: MeshlessGiChannels::Auto,
         }
     }
 }

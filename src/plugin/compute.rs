@@ -4,7 +4,7 @@
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
 use super::capture::{LightMaps, Reflections};
-use super::components::MeshlessGiView;
+use super::components::{MeshlessGiChannels, MeshlessGiView};
 use super::composite::ViewRuntime;
 use super::costs::{DeviceCosts, span};
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
@@ -15,7 +15,7 @@ use super::soft::{ExtractedSoft, SceneSoft};
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::asset::BakedScene;
-use crate::frame::{FrameLight, FrameSettings};
+use crate::frame::{Channels, FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
     FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId, ViewState,
@@ -39,6 +39,8 @@ pub(crate) struct SceneRuntime {
     volume: SceneVolume,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
+    /// The channels that the level asked for then.
+    asked: MeshlessGiChannels,
     /// The factors of the materials that the device's surfaces are of; none for those of the bake.
     painted: Vec<MaterialFactors>,
     /// What passes the occluders in what the device has; none for all open.
@@ -78,6 +80,7 @@ fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
         tier: (scene.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
         sky: scene.sky,
         emission: lighting.emission.max(0.0),
+        channels: (scene.channels).map_or(Channels::Three, |picked| picked.channels),
         ..FrameSettings::bounces(lighting.bounces)
     }
 }
@@ -161,6 +164,7 @@ impl GiRender {
             read_back,
             probes: scene.bake.as_ref().is_some_and(|b| b.probes.is_some()),
             tier: scene.tier.clone(),
+            channels: scene.channels,
             rays: scene.bake.as_ref().map_or(0, |b| b.rays_per_slot()),
             sky: match (&scene.bake, scene.sky.is_uniform()) {
                 (_, true) | (None, _) => SkyUse::Uniform,
@@ -188,6 +192,7 @@ impl GiRender {
             soft: SceneSoft::default(),
             volume: SceneVolume::default(),
             solved: None,
+            asked: MeshlessGiChannels::Auto,
             painted: Vec::new(),
             gains: Vec::new(),
             idle_frames: 0,
@@ -234,7 +239,14 @@ impl GiRender {
         }
         state.resident = runtime.frame.is_some();
         state.materials_changed = runtime.painted(scene);
-        state.settings_changed = runtime.solved != Some(frame_settings(scene));
+        let now = frame_settings(scene);
+        // Channels that the plan picks are how a solve is done, and not what it says.
+        let before = runtime.solved.map(|solved| FrameSettings {
+            channels: now.channels,
+            ..solved
+        });
+        let asks_anew = runtime.asked != scene.lighting.channels;
+        state.settings_changed = before != Some(now) || asks_anew;
         state.idle_frames = runtime.idle_frames;
         // Fewer lights need less.
         runtime.too_large = runtime
@@ -542,6 +554,7 @@ impl SceneRuntime {
             solve.end(encoder);
             self.slots.mark_applied();
             self.solved = Some(*settings);
+            self.asked = scene.lighting.channels;
         }
         if plan.find(Stage::Soft, id).is_some() {
             let timed = recorder.time_span(encoder, span(Stage::Soft, id));

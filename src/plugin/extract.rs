@@ -20,7 +20,7 @@ use super::sky::MeshlessGiSky;
 use super::transform::Placement;
 use super::volume::MeshlessGiVolume;
 use crate::asset::BakedScene;
-use crate::plan::{Inventory, Picked, SceneId, ViewId};
+use crate::plan::{Inventory, Picked, PickedChannels, SceneId, ViewId};
 use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -57,6 +57,8 @@ pub(crate) struct ExtractedScene {
     pub gains: Vec<f32>,
     /// The tier and why; none while the bake loads.
     pub tier: Option<Picked>,
+    /// In how many channels links are applied, and why; the inventory says so, none while the bake loads.
+    pub channels: Option<PickedChannels>,
 }
 
 /// A camera with display settings.
@@ -369,6 +371,7 @@ pub(crate) fn extract(
             layers: layers.cloned().unwrap_or_default(),
             lighting: lighting.clone(),
             tier: tier.picked(),
+            channels: None,
         });
     }
     let whole = !out.scenes.is_empty() && out.scenes.iter().all(|s| s.bake.is_some());

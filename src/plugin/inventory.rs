@@ -4,13 +4,14 @@
 use super::components::MeshlessGiCamera;
 use super::extract::{Brought, ExtractedGi, LightKey, draws_gbuffer};
 use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
-use crate::plan::{Cameras, Found, FoundScene, Surveyor};
+use crate::plan::{Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor};
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::prelude::*;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
+use std::collections::BTreeMap;
 
 /// The materials with a normal map.
 #[derive(Resource, Debug, Default)]
@@ -50,6 +51,7 @@ type AnyCamera = (
 pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
     mut surveyor: Local<Surveyor<LightKey>>,
+    mut pickers: Local<BTreeMap<SceneId, ChannelPicker>>,
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<MeshlessGiCapture>)>>,
     bouncers: Extract<Query<(), With<MeshlessGiBouncer>>>,
     asking: Extract<Res<AskingLights>>,
@@ -96,4 +98,10 @@ pub(crate) fn take_inventory(
         normal_maps: maps.0.len() as u32,
     };
     world.inventory = surveyor.survey(&found);
+    pickers.retain(|id, _| world.scenes.iter().any(|s| s.id == *id));
+    for scene in world.scenes.iter_mut().filter(|s| s.bake.is_some()) {
+        let picker = pickers.entry(scene.id).or_default();
+        let asked = scene.lighting.channels.into();
+        scene.channels = Some(picker.pick(asked, surveyor.colours_of(scene.id)));
+    }
 }

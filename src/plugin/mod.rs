@@ -93,8 +93,8 @@ pub use build_step::{AssetBuild, AssetBuildError, process_assets};
 pub use capture::MeshlessGiCaptureGraph;
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
-    MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
-    MeshlessGiView,
+    MeshlessGi, MeshlessGiCamera, MeshlessGiChannels, MeshlessGiLight, MeshlessGiLighting,
+    MeshlessGiSettings, MeshlessGiView,
 };
 pub use diagnostics::{
     MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
@@ -169,6 +169,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiLighting>()
             .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiOccluder>()
+            .register_type::<MeshlessGiChannels>()
             .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiPointCloudPart>()
             .register_type::<MeshlessGiQuality>()

@@ -1,8 +1,9 @@
 //! What most apps use, by name.
 
 pub use super::{
-    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiDisplay,
-    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder,
-    MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality,
-    MeshlessGiReflective, MeshlessGiSky, MeshlessGiSoftShadow, MeshlessGiSystems, MeshlessGiVolume,
+    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiChannels,
+    MeshlessGiDisplay, MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials,
+    MeshlessGiOccluder, MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints,
+    MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSky, MeshlessGiSoftShadow,
+    MeshlessGiSystems, MeshlessGiVolume,
 };

@@ -16,7 +16,7 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         | Pass::Gather
         | Pass::Spread
         | Pass::Add => Stage::PullPush,
-        Pass::Apply => Stage::Apply,
+        Pass::Apply | Pass::ApplyOne => Stage::Apply,
         Pass::Averages | Pass::Differences => Stage::Flatten,
         Pass::Soft => Stage::Soft,
         Pass::Splat

@@ -2,14 +2,16 @@
 
 use super::app::{camera, target};
 use super::flip::{Picture, flip};
-use super::scenes::cornell;
+use super::scenes::{Room, cornell};
 use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 /// The largest mean FLIP between the plugin's frame and the CPU's.
 pub const MOST: f32 = 0.02;
@@ -82,10 +84,16 @@ pub fn lit_room(app: &mut App, place: Vec3) -> (Entity, Entity, Handle<Image>, E
 /// A room with its bake on one root.
 pub fn spawn_room(app: &mut App, root: Transform) -> Entity {
     let (room, bake) = cornell();
+    spawn_baked(app, &room, &bake, root)
+}
+
+/// This room with this bake on one root.
+pub fn spawn_baked(app: &mut App, room: &Room, bake: &Arc<BakedScene>, root: Transform) -> Entity {
+    let scene = bake.clone();
     let asset = app
         .world_mut()
         .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
+        .add(MeshlessGiAsset { scene });
     let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
     room.spawn(app, root);
     root

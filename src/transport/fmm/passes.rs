@@ -269,12 +269,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// The near list: \[G08\] Eq. (4) with max(0, ·), between points.
-    fn near(
-        &self,
-        x: &FieldPoint<T>,
-        sources: &[FieldPoint<T>],
-        radiosity: &[[T; 4]],
-    ) -> Term<T> {
+    fn near(&self, x: &FieldPoint<T>, sources: &[FieldPoint<T>], radiosity: &[[T; 4]]) -> Term<T> {
         let zero = T::default();
         let nearest = T::of(COINCIDENT * COINCIDENT);
         let mut sum = Term::default();

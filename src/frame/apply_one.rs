@@ -1,0 +1,47 @@
+//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces are grey and whose light has one chromaticity ([`Channels::One`](super::Channels::One)):
+//! E⃗_i = h s_i Σ_j F_ij f_j (\[L08\] Eq. (14)) with f_j the channel of the coefficients that is largest in the chromaticity h. A third of the products and of the loads of coefficients; what is
+//! written has three channels, so that no kernel after it differs.
+
+use super::apply::over_rows;
+use super::layout::{SolveParams, VectorIrradiance};
+use crate::transport::{Link, Row};
+use glam::Vec3;
+use std::ops::Range;
+
+/// E⃗ of one row, W/m², from channel `channel` of the coefficients; `hue` is what the three channels are beside it. A row without links is black.
+#[must_use]
+#[inline]
+pub fn apply_one_row(
+    row: &Row,
+    links: &[Link],
+    coefficients: &[[f32; 4]],
+    channel: usize,
+    hue: [f32; 4],
+) -> VectorIrradiance {
+    let start = row.start as usize;
+    let mut sum = Vec3::ZERO;
+    for link in &links[start..start + row.count as usize] {
+        sum += link.vector() * coefficients[link.sender() as usize][channel];
+    }
+    let e = row.scale * sum;
+    let [x, y, z] = e.to_array().map(|e| {
+        let [r, g, b, _] = hue.map(|h| h * e);
+        [r, g, b, 0.0]
+    });
+    VectorIrradiance { x, y, z }
+}
+
+/// Fills `out[points]`; rows that a frame of this tier does not use count as rows without links.
+pub fn apply_one(
+    params: &SolveParams,
+    rows: &[Row],
+    links: &[Link],
+    points: Range<usize>,
+    coefficients: &[[f32; 4]],
+    out: &mut [VectorIrradiance],
+) {
+    let (channel, hue) = (params.channel as usize, params.hue);
+    over_rows(params, rows, points, out, |row| {
+        apply_one_row(row, links, coefficients, channel, hue)
+    });
+}

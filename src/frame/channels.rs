@@ -1,0 +1,47 @@
+//! In how many channels a frame applies the operator: a choice of [`FrameSettings`](super::FrameSettings), which the plan makes ([`crate::plan::ChannelPicker`]).
+
+use glam::Vec3;
+
+/// In how many channels the operator is applied.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Channels {
+    /// Red, green and blue.
+    #[default]
+    Three,
+    /// One, and the others follow from it: right where all surfaces are grey and all that shines has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or not
+    /// finite) is white. Of light of other colours the channel that is largest here decides alone, green where several are.
+    One(Vec3),
+}
+
+impl Channels {
+    /// The channel that is applied, and the others beside it (1 for itself); none for three.
+    #[must_use]
+    pub fn one(self) -> Option<(usize, Vec3)> {
+        let Self::One(hue) = self else { return None };
+        let most = hue.max_element();
+        let hue = match most.is_finite() && most > 0.0 && hue.is_finite() {
+            true => (hue / most).max(Vec3::ZERO),
+            false => Vec3::ONE,
+        };
+        let channel = if hue.y == 1.0 { 1 } else { hue.max_position() };
+        Some((channel, hue))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_channel_is_applied_and_nonsense_is_white() {
+        assert_eq!(Channels::Three.one(), None);
+        let one = |r, g, b| Channels::One(Vec3::new(r, g, b)).one().expect("one");
+        assert_eq!(one(1.0, 4.0, 2.0), (1, Vec3::new(0.25, 1.0, 0.5)));
+        assert_eq!(one(0.0, 0.0, 1e-30), (2, Vec3::Z));
+        for v in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            assert_eq!(one(v, v, v), (1, Vec3::ONE));
+        }
+        assert_eq!(one(f32::NAN, 1.0, 1.0), (1, Vec3::ONE));
+        assert_eq!(one(-1.0, 2.0, 0.0), (1, Vec3::Y));
+    }
+}

@@ -1,0 +1,191 @@
+//! In how many channels a scene's operator is applied: one where its surfaces are grey and all that shines has one chromaticity, three else. [`Surveyor`](super::Surveyor) knows what there is;
+//! [`ChannelPicker`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another colour.
+
+use super::Colours;
+use crate::frame::Channels;
+use glam::Vec3;
+use std::fmt;
+
+/// Frames of one colour, one after another, before a scene that had several is one channel again.
+pub const STEADY: u32 = 60;
+
+/// What is asked of a scene's channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ChannelRequest {
+    /// As many as it takes.
+    #[default]
+    Auto,
+    /// All three.
+    Three,
+    /// One, whatever the colours: where they are several, green decides and light is white.
+    One,
+}
+
+/// What colours a scene's light has.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SceneColours {
+    /// Whether it is one.
+    pub colours: Colours,
+    /// That one, largest part 1; white where there are none or several.
+    pub hue: Vec3,
+}
+
+/// A choice and its reason.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PickedChannels {
+    /// What frames take.
+    pub channels: Channels,
+    /// A setting says so: nothing else has a say.
+    pub forced: bool,
+    /// Why.
+    pub why: &'static str,
+}
+
+impl PickedChannels {
+    /// The choice in words.
+    #[must_use]
+    pub fn choice(&self) -> &'static str {
+        match self.channels {
+            Channels::Three => "three channels",
+            Channels::One(_) => "one channel",
+        }
+    }
+}
+
+impl fmt::Display for PickedChannels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.choice(), self.why)
+    }
+}
+
+/// Picks, frame by frame, for one scene.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ChannelPicker {
+    /// One channel, with its hue, or three; none before anything shone.
+    now: Option<Option<Vec3>>,
+    /// Frames of one colour in a row.
+    steady: u32,
+}
+
+impl ChannelPicker {
+    /// Nothing seen yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What this frame's solve takes. Three channels come with the frame that needs them, one channel only after [`STEADY`] frames that do with it; what shines first is taken as it is, and darkness
+    /// changes nothing.
+    pub fn pick(&mut self, asked: ChannelRequest, found: SceneColours) -> PickedChannels {
+        let waits = match found.colours {
+            Colours::Dark => false,
+            Colours::One => {
+                self.steady = self.steady.saturating_add(1);
+                let wait = self.now == Some(None) && self.steady < STEADY;
+                self.now = Some((!wait).then_some(found.hue));
+                wait
+            }
+            Colours::Surfaces | Colours::Lights => {
+                (self.now, self.steady) = (Some(None), 0);
+                false
+            }
+        };
+        let (channels, why) = match asked {
+            ChannelRequest::Three => (Channels::Three, "they are asked for"),
+            ChannelRequest::One => (Channels::One(found.hue), "it is asked for"),
+            ChannelRequest::Auto => match (self.now, found.colours) {
+                (Some(Some(hue)), _) => (
+                    Channels::One(hue),
+                    "surfaces are grey and all that shines has one colour",
+                ),
+                (_, Colours::Surfaces) => (Channels::Three, "surfaces are coloured"),
+                (_, Colours::Lights) => (Channels::Three, "what shines differs in colour"),
+                (None, _) => (Channels::Three, "nothing has shone yet"),
+                (Some(None), _) if waits => {
+                    (Channels::Three, "there were several colours until just now")
+                }
+                (Some(None), _) => (
+                    Channels::Three,
+                    "there were several colours before it went dark",
+                ),
+            },
+        };
+        PickedChannels {
+            channels,
+            forced: asked != ChannelRequest::Auto,
+            why,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WARM: Vec3 = Vec3::new(1.0, 0.8, 0.5);
+
+    fn found(colours: Colours) -> SceneColours {
+        SceneColours { colours, hue: WARM }
+    }
+
+    fn auto(picker: &mut ChannelPicker, colours: Colours) -> Channels {
+        let picked = picker.pick(ChannelRequest::Auto, found(colours));
+        assert!(!picked.forced && !picked.why.is_empty());
+        picked.channels
+    }
+
+    #[test]
+    fn one_channel_from_the_first_light_on_three_at_once_and_one_again_with_patience() {
+        let mut picker = ChannelPicker::new();
+        assert_eq!(auto(&mut picker, Colours::Dark), Channels::Three);
+        assert_eq!(auto(&mut picker, Colours::One), Channels::One(WARM));
+        // The lamp blinks.
+        assert_eq!(auto(&mut picker, Colours::Dark), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, Colours::Lights), Channels::Three);
+        for _ in 1..STEADY {
+            assert_eq!(auto(&mut picker, Colours::One), Channels::Three);
+        }
+        assert_eq!(auto(&mut picker, Colours::One), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, Colours::Surfaces), Channels::Three);
+        // Darkness is no sign of anything.
+        for _ in 0..2 * STEADY {
+            assert_eq!(auto(&mut picker, Colours::Dark), Channels::Three);
+        }
+        assert_eq!(auto(&mut picker, Colours::One), Channels::Three);
+    }
+
+    #[test]
+    fn a_lamp_that_changes_its_colour_at_every_period_brings_few_changes() {
+        for period in [2, STEADY - 1, STEADY + 5] {
+            let mut picker = ChannelPicker::new();
+            let (mut before, mut changes) = (Channels::Three, 0);
+            for k in 0..1000 {
+                let colours = if k % period == 0 {
+                    Colours::Lights
+                } else {
+                    Colours::One
+                };
+                let now = auto(&mut picker, colours);
+                // Never one channel where there are several colours.
+                assert!(colours == Colours::One || now == Channels::Three);
+                changes += u32::from(now != before);
+                before = now;
+            }
+            assert!(changes <= 2 * 1000 / STEADY, "{period}: {changes}");
+            assert_eq!(changes == 0, period < STEADY);
+        }
+    }
+
+    #[test]
+    fn a_setting_decides_alone_and_is_forgotten_with_itself() {
+        let mut picker = ChannelPicker::new();
+        for colours in [Colours::Dark, Colours::One, Colours::Lights] {
+            let three = picker.pick(ChannelRequest::Three, found(colours));
+            assert_eq!((three.channels, three.forced), (Channels::Three, true));
+            let one = picker.pick(ChannelRequest::One, found(colours));
+            assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
+            assert_eq!(one.to_string(), "one channel: it is asked for");
+        }
+        assert_eq!(auto(&mut picker, Colours::Lights), Channels::Three);
+    }
+}

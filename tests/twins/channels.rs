@@ -1,0 +1,132 @@
+//! `apply_one` against its twin, for every form of coefficients, with sweeps and without, and at probes; and beside `apply`, where one channel is all that there is.
+
+#[cfg(feature = "gltf")]
+use crate::baked::{bake_box, lights, recipe};
+use crate::compare::{SINGLE, Scale, differing};
+use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::frame::{Channels, CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
+use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass};
+use bevy_meshless_gi::scene::SkyRadiance;
+use bevy_meshless_gi::transport::SenderForm;
+use glam::Vec3;
+
+const HUE: Vec3 = Vec3::new(0.4, 1.0, 0.7);
+const FORMS: [SenderForm; 3] = [
+    SenderForm::Averages,
+    SenderForm::Differences,
+    SenderForm::Components,
+];
+
+fn one(sweeps: u32) -> FrameSettings {
+    FrameSettings {
+        channels: Channels::One(HUE),
+        ..settings(sweeps, false)
+    }
+}
+
+#[test]
+fn one_channel_of_any_scene() {
+    for form in FORMS {
+        for sweeps in [0, 2] {
+            solve_agrees(
+                form,
+                &one(sweeps),
+                &[
+                    (VALUES, |s| bend(s, 99)),
+                    (VALUES, |s| {
+                        (s.operator.rows.iter_mut()).for_each(|r| r.scale *= 1.001);
+                    }),
+                    (VALUES, |s| {
+                        (s.surfaces.iter_mut()).for_each(|s| s.albedo[1] *= 1.01);
+                    }),
+                ],
+            );
+        }
+    }
+}
+
+/// What lights a scene of grey surfaces, all in `HUE`.
+fn grey(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
+    let mut scene = synthetic::scene(form);
+    for surface in &mut scene.surfaces {
+        surface.albedo = [surface.albedo[1]; 3];
+        surface.emission = (surface.emission[1] * HUE).to_array();
+    }
+    let mut lights = synthetic::lights();
+    for light in &mut lights {
+        light.color = (light.color[1] * HUE).to_array();
+    }
+    (scene, lights)
+}
+
+fn at(channels: Channels) -> FrameSettings {
+    FrameSettings {
+        channels,
+        sky: SkyRadiance::from(0.3 * HUE),
+        ..settings(2, false)
+    }
+}
+
+/// How many values of `right` are others in one channel of `hue`, on the CPU.
+fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -> usize {
+    let found = cpu(scene, lights, &at(Channels::One(hue)));
+    differing(found.values(), right.values(), 12, SINGLE, Scale::Rms).len()
+}
+
+#[test]
+fn where_all_is_grey_one_channel_says_as_much_as_three() {
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    for form in FORMS {
+        let (scene, mut lights) = grey(form);
+        let right = cpu(&scene, &lights, &at(Channels::Three));
+        assert_eq!(off(&scene, &lights, &right, HUE), 0, "{form:?}");
+        // As bright as it comes.
+        assert_eq!(off(&scene, &lights, &right, 30.0 * HUE), 0, "{form:?}");
+
+        let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
+        let frame = solved(&harness, &kernels, frame, &right, &at(Channels::One(HUE)));
+        let values: Vec<VectorIrradiance> =
+            output(&harness, &frame, Pass::Averages, scene.points.len());
+        let found = differing(&values, right.values(), 12, 2.0 * SINGLE, Scale::Rms);
+        assert!(found.is_empty(), "{form:?}: {} differ", found.len());
+        let counters = frame.counters();
+        assert_eq!(counters.of(Pass::Apply), 0);
+        assert!(counters.of(Pass::ApplyOne) >= 3);
+
+        // Another colour of light, or of a wall, is not grey any more.
+        assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");
+        lights[0].color = [9.0, 1.0, 1.0];
+        let three = cpu(&scene, &lights, &at(Channels::Three));
+        assert!(off(&scene, &lights, &three, HUE) > 100, "{form:?}");
+    }
+}
+
+#[cfg(feature = "gltf")]
+#[test]
+fn light_in_free_space_takes_one_channel_too() {
+    use bevy_meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
+    let Some(harness) = harness() else { return };
+    let kernels = Kernels::new(&harness.device).unwrap();
+    let scene = bake_box(&Recipe {
+        probes: Some(FreeSpaceLight {
+            spacing: Some(0.8),
+            ..FreeSpaceLight::default()
+        }),
+        ..recipe(Rule::Bounded, BounceMode::Live)
+    });
+    let (lights, settings) = (lights(), one(2));
+    let twin = cpu(&scene, &lights, &settings);
+    let frame = GpuFrame::new(&kernels, &harness.queue, &scene, lights.len() as u32).unwrap();
+    let frame = solved(&harness, &kernels, frame, &twin, &settings);
+    let rows = scene.probes.as_ref().unwrap().rows.len();
+    let found: Vec<VectorIrradiance> = output(&harness, &frame, Pass::Volume, rows);
+    let wrong = |twin: &CpuFrame| differing(&found, twin.probes(), 12, SINGLE, Scale::Rms).len();
+    assert_eq!(wrong(&twin), 0);
+    let mut spoiled = scene.clone();
+    for row in &mut spoiled.probes.as_mut().unwrap().rows {
+        row.scale *= 1.001;
+    }
+    assert!(wrong(&cpu(&spoiled, &lights, &settings)) > rows / 2);
+}
