@@ -1,4 +1,4 @@
-//! Scenes get what they call for and nothing else: the eleven scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
+//! Scenes get what they call for and nothing else: the twelve scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
@@ -8,7 +8,8 @@ mod scenes;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::frame::Channels;
+use bevy_meshless_gi::plan::{PickedChannels, Stage};
 use bevy_meshless_gi::plugin::MeshlessGiCounters;
 use plugin_support::app::{app, run};
 use plugin_support::stage::counters;
@@ -53,12 +54,19 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
             scene.name, found.buffers, found.bytes
         );
         assert_eq!(ran, wanted, "{}:\n{}", scene.name, found.plan);
+        // One channel where all is grey, and only there.
+        let one = |c: &PickedChannels| matches!(c.channels, Channels::One(_));
+        let channels = &found.plan.channels;
+        assert_eq!(channels.len(), 1);
+        assert_eq!(one(&channels[0].1), scene.grey, "{}", found.plan);
         seen.push(found);
     }
     // A lamp at rest: no more on the device whether or not anything changes; what moves costs no buffer, and a bake that could do more only what is shown of it.
     let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
     assert_eq!(of(0), of(2));
     assert_eq!(of(0), of(3));
+    // One channel takes the place of three.
+    assert_eq!((of(4).0, of(4).1), (of(3).0, of(3).1));
     let everything = seen.len() - 1;
     for k in 0..everything {
         assert!(

@@ -8,7 +8,9 @@ use bevy_meshless_gi::bake::{Recipe, Sky};
 use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::frame::materials::live_surfaces;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{MeshlessGiMaterials, MeshlessGiSky};
+use bevy_meshless_gi::plugin::{
+    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiMaterials, MeshlessGiSky,
+};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::SkyRadiance;
 use glam::Mat3;
@@ -185,4 +187,28 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         let none = ([0; 4], 0);
         assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
     }
+
+    // A name that comes again, one that is unknown, a material that is gone: the rest follows. Another texture is said to do nothing.
+    let findings = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let before = findings(&app);
+    let mut more = named.to_vec();
+    more.insert(0, ("nobody".into(), left.clone()));
+    more.push((format!("quad {TOP}"), Handle::default()));
+    app.world_mut()
+        .entity_mut(root)
+        .insert(MeshlessGiMaterials(more));
+    run(&mut app, 2);
+    let c = counters(&app);
+    let none = ([0; 4], 0);
+    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+    assert_eq!(findings(&app), before);
+    let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    assets.get_mut(&left).unwrap().base_color_texture = Some(Handle::default());
+    run(&mut app, 2);
+    let c = counters(&app);
+    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+    assert_eq!(
+        findings(&app)[before.len()..],
+        [MeshlessGiFinding::LiveTexture]
+    );
 }

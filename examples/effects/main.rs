@@ -1,4 +1,4 @@
-//! What scenes call for, and what that costs: eleven scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
+//! What scenes call for, and what that costs: twelve scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
 //! dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into FOLDER/EFFECTS.md.
 //!
 //! ```text
@@ -105,9 +105,9 @@ fn table() -> Result<String, String> {
     Ok(format!(
         "# What scenes call for\n\n\
          Made by `cargo run --features cli,engine --example effects -- -o docs`. Do not edit.\n\n\
-         Eleven scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite), what there is on the device, and milliseconds of that \
+         Twelve scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite), what there is on the device, and milliseconds of that \
          device's own clock: what all cameras share, and what the deferred camera's display takes, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
-         buffer; `cargo test --features cli,engine --test plugin_effects` holds every scene to that.\n\n\
+         buffer; where all is grey, `apply` runs in one channel; `cargo test --features cli,engine --test plugin_effects` holds every scene to that.\n\n\
          | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms |\n|---|---|---|---|---|---|---|\n{rows}",
         SIZE.x, SIZE.y
     ))

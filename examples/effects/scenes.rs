@@ -40,6 +40,8 @@ pub struct Scene {
     no_deferred: bool,
     /// The bake knows light in free space and what its points see.
     rich: bool,
+    /// All surfaces are grey, and so is what glows.
+    pub grey: bool,
     /// The stages that run in every frame; no other does.
     pub runs: &'static [Stage],
 }
@@ -50,7 +52,7 @@ use Stage::{
 };
 
 /// All of them.
-pub const SCENES: [Scene; 11] = [
+pub const SCENES: [Scene; 12] = [
     Scene {
         name: "one lamp at rest",
         lamp: Some(false),
@@ -74,6 +76,13 @@ pub const SCENES: [Scene; 11] = [
     Scene {
         name: "one lamp that moves",
         lamp: Some(true),
+        runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
+        ..NONE
+    },
+    Scene {
+        name: "the same in a grey room",
+        lamp: Some(true),
+        grey: true,
         runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
         ..NONE
     },
@@ -156,11 +165,12 @@ const NONE: Scene = Scene {
     forward: false,
     no_deferred: false,
     rich: false,
+    grey: false,
     runs: &[],
 };
 
-/// The Cornell box with a sign on its back wall.
-fn quads() -> Vec<Quad> {
+/// The Cornell box with a sign on its back wall; or all of it in grey.
+fn quads(grey: bool) -> Vec<Quad> {
     let mut quads = cornell_box();
     let low = Vec3::new(-0.4, 1.3, -0.98);
     quads.push(Quad {
@@ -172,18 +182,28 @@ fn quads() -> Vec<Quad> {
         ],
         material: Material::emissive(Vec3::splat(0.1), Vec3::new(1.0, 0.2, 0.5)),
     });
+    for material in quads.iter_mut().map(|q| &mut q.material).filter(|_| grey) {
+        let grey = |colour: Vec3| Vec3::splat(colour.max_element());
+        material.base_color = grey(material.base_color.truncate()).extend(material.base_color.w);
+        material.emissive = grey(material.emissive);
+    }
     quads
 }
 
-/// The box, baked in four ways.
-pub type Bakes = [[Arc<BakedScene>; 2]; 2];
+/// The box, baked in several ways.
+pub struct Bakes {
+    /// With light in free space and visibility or not, with a screen or not.
+    of: [[Arc<BakedScene>; 2]; 2],
+    /// In grey, with none of that.
+    grey: Arc<BakedScene>,
+}
 
-/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one.
+/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one. And in grey, without all that.
 ///
 /// # Errors
 /// In words.
 pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
-    let bake = |rich: bool, screen: bool| {
+    let bake = |rich: bool, screen: bool, grey: bool| {
         let mut recipe = recipe.clone();
         if !rich {
             (recipe.probes, recipe.soft_shadows) = (None, None);
@@ -197,13 +217,21 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
                 }],
             }];
         }
-        let made = bake_level(&mesh_of_quads(&quads()), &recipe, 0, &Progress::default());
+        let made = bake_level(
+            &mesh_of_quads(&quads(grey)),
+            &recipe,
+            0,
+            &Progress::default(),
+        );
         made.map(|b| Arc::new(b.scene)).map_err(|e| e.to_string())
     };
-    Ok([
-        [bake(false, false)?, bake(false, true)?],
-        [bake(true, false)?, bake(true, true)?],
-    ])
+    Ok(Bakes {
+        of: [
+            [bake(false, false, false)?, bake(false, true, false)?],
+            [bake(true, false, false)?, bake(true, true, false)?],
+        ],
+        grey: bake(false, false, true)?,
+    })
 }
 
 /// What moves along.
@@ -216,7 +244,11 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     if scene.no_deferred {
         world.insert_resource(DefaultOpaqueRendererMethod::forward());
     }
-    let bake = bakes[usize::from(scene.rich)][usize::from(scene.screen)].clone();
+    let bake = match scene.grey {
+        true => &bakes.grey,
+        false => &bakes.of[usize::from(scene.rich)][usize::from(scene.screen)],
+    };
+    let bake = bake.clone();
     let asset = world
         .resource_mut::<Assets<MeshlessGiAsset>>()
         .add(MeshlessGiAsset { scene: bake });
@@ -229,7 +261,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     }
     let root = root.id();
     world
-        .run_system_cached_with(room, root)
+        .run_system_cached_with(room, (root, scene.grey))
         .expect("the room can be made");
     if scene.screen {
         world.spawn(MeshlessGiOccluder {
@@ -308,13 +340,13 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
 }
 
 fn room(
-    In(root): In<Entity>,
+    In((root, grey)): In<(Entity, bool)>,
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     let mut root = commands.entity(root);
-    super::common::spawn_quads(&quads(), &mut root, &mut meshes, &mut materials);
+    super::common::spawn_quads(&quads(grey), &mut root, &mut meshes, &mut materials);
 }
 
 /// What changes from frame `k - 1` to frame `k`.

@@ -67,6 +67,12 @@ pub enum Work {
     OneChannel(u64),
     /// Shadow rays.
     Rays(u64),
+    /// Parts of links that occluders are in the way of.
+    Passages(u64),
+    /// Lamps with soft shadows, once a point that remembers what it sees.
+    Sights(u64),
+    /// Voxels of a volume.
+    Voxels(u64),
     /// Pixels, once for each scene (or list of virtual lights) that is laid over them.
     Pixels(u64),
 }
@@ -77,9 +83,13 @@ impl Work {
     pub fn amount(self) -> Option<f64> {
         match self {
             Self::Uncounted => None,
-            Self::Links(n) | Self::OneChannel(n) | Self::Rays(n) | Self::Pixels(n) => {
-                (n > 0).then_some(n as f64)
-            }
+            Self::Links(n)
+            | Self::OneChannel(n)
+            | Self::Rays(n)
+            | Self::Pixels(n)
+            | Self::Passages(n)
+            | Self::Sights(n)
+            | Self::Voxels(n) => (n > 0).then_some(n as f64),
         }
     }
 
@@ -91,6 +101,9 @@ impl Work {
             Self::OneChannel(_) => Unit::OneChannel,
             Self::Rays(_) => Unit::Rays,
             Self::Pixels(_) => Unit::Pixels,
+            Self::Passages(_) => Unit::Passages,
+            Self::Sights(_) => Unit::Sights,
+            Self::Voxels(_) => Unit::Voxels,
         }
     }
 
@@ -114,6 +127,9 @@ enum Unit {
     OneChannel,
     Rays,
     Pixels,
+    Passages,
+    Sights,
+    Voxels,
 }
 
 impl fmt::Display for Work {
@@ -124,6 +140,9 @@ impl fmt::Display for Work {
             Self::OneChannel(n) => write!(f, "{n} links in one channel"),
             Self::Rays(n) => write!(f, "{n} rays"),
             Self::Pixels(n) => write!(f, "{n} pixels"),
+            Self::Passages(n) => write!(f, "{n} parts of links"),
+            Self::Sights(n) => write!(f, "{n} sights of lamps"),
+            Self::Voxels(n) => write!(f, "{n} voxels"),
         }
     }
 }
@@ -177,7 +196,14 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
                     _ => Work::Links(links),
                 }
             }
-            (Stage::Splat | Stage::Vpl | Stage::Composite, _) => pixels(),
+            (Stage::Occlude, Some(scene)) => Work::Passages(scene.passages),
+            (Stage::Soft, Some(scene)) => {
+                Work::Sights(scene.soft.points * scene.soft.lights as u64)
+            }
+            (Stage::Volume, Some(scene)) => Work::Voxels(scene.volume.voxels),
+            (Stage::Splat | Stage::Vpl | Stage::Composite | Stage::Gloss | Stage::Shade, _) => {
+                pixels()
+            }
             _ => Work::Uncounted,
         };
         match costs.iter_mut().find(|(t, _)| *t == timed) {
@@ -289,7 +315,10 @@ impl CostModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{Picked, PickedChannels, SceneState, SlotChange, ViewState};
+    use crate::plan::{
+        DisplayUse, Picked, PickedChannels, SceneState, SlotChange, SoftState, ViewState,
+        VolumeState,
+    };
 
     /// Two scenes on the device with four slots each, and a view of both.
     fn state() -> FrameState {
@@ -312,6 +341,7 @@ mod tests {
                 enabled: true,
                 has_gbuffer: true,
                 pixels: 10_000,
+                display: DisplayUse::Subsplats,
                 sees: vec![SceneId(1), SceneId(2)],
             }],
             ..FrameState::default()
@@ -477,5 +507,32 @@ mod tests {
         let mut other = Plan::new(&moving(state(), 1, 1));
         model.price(&mut other);
         assert!(close(cost(&other, Stage::Apply).predicted, 16.0));
+    }
+
+    #[test]
+    fn doors_volumes_and_soft_shadows_are_counted_in_units_of_their_own() {
+        let mut state = state();
+        let scene = &mut state.scenes[0];
+        (scene.occluders_changed, scene.passages) = (1, 5000);
+        scene.probes = true;
+        scene.volume = VolumeState {
+            asked: true,
+            seen: true,
+            held: false,
+            voxels: 4096,
+        };
+        scene.soft = SoftState {
+            lights: 2,
+            remembers: true,
+            points: 300,
+            ..SoftState::default()
+        };
+        let plan = Plan::new(&state);
+        assert_eq!(cost(&plan, Stage::Occlude).work, Work::Passages(5000));
+        assert_eq!(cost(&plan, Stage::Volume).work, Work::Voxels(4096));
+        assert_eq!(cost(&plan, Stage::Soft).work, Work::Sights(600));
+        assert_eq!(cost(&plan, Stage::Shade).work, Work::Pixels(10_000));
+        let counted = |(_, cost): &(Timed, Cost)| cost.work != Work::Uncounted;
+        assert!(plan.costs.iter().all(counted), "{plan}");
     }
 }

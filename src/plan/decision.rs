@@ -3,7 +3,7 @@
 //! Passes come and go with every lamp that moves and stops. The log is told that an effect runs when it first does, and that it stopped when it has not run for [`PATIENCE`] frames. A subject that has
 //! changed is told again after a silence, which doubles with each telling and ends where nothing changed for as long: what flickers is told a number of times that grows with the logarithm of the time.
 
-use super::{Plan, SceneId, Skip, ViewId};
+use super::{DisplayUse, Plan, SceneId, Skip, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -21,6 +21,8 @@ pub enum Subject {
     Octree(SceneId),
     /// What becomes of its sky.
     Sky(SceneId),
+    /// At which pixels a view evaluates light.
+    Display(ViewId),
     /// Whether an effect ([`EFFECTS`](super::EFFECTS)) runs, for a scene and a view.
     Effect(&'static str, SceneId, Option<ViewId>),
     /// Why a scene is not lit, or not in a view.
@@ -29,11 +31,15 @@ pub enum Subject {
 
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Self::Display(view) = self {
+            return write!(f, "display of view {:x}", view.0);
+        }
         let (what, scene, view) = match self {
             Self::Tier(scene) => ("tier", scene, &None),
             Self::Channels(scene) => ("channels", scene, &None),
             Self::Octree(scene) => ("octree", scene, &None),
             Self::Sky(scene) => ("sky", scene, &None),
+            Self::Display(_) => return Ok(()),
             Self::Effect(name, scene, view) => (*name, scene, view),
             Self::Left(scene, view, _) => ("left out", scene, view),
         };
@@ -112,6 +118,16 @@ impl Plan {
         for (scene, sky) in &self.skies {
             let why = "the scene's sky says so".into();
             push(Subject::Sky(*scene), sky.to_string(), why, None);
+        }
+        for &(view, display) in &self.displays {
+            let forced = (display == DisplayUse::Full).then_some("the camera's display");
+            let subject = Subject::Display(view);
+            push(
+                subject,
+                display.choice().into(),
+                display.why().into(),
+                forced,
+            );
         }
         for pass in &self.passes {
             let subject = Subject::Effect(pass.effect, pass.scene, pass.view);
@@ -227,6 +243,7 @@ mod tests {
                 enabled: true,
                 has_gbuffer: true,
                 pixels: 100,
+                display: DisplayUse::Subsplats,
                 sees: vec![A],
             }],
             ..FrameState::default()
@@ -292,7 +309,7 @@ mod tests {
     fn a_change_is_told_once_and_an_end_with_patience() {
         let mut log = DecisionLog::new();
         let first = log.observe(of(&moved(false)));
-        assert_eq!(first.len(), 3, "{first:?}");
+        assert_eq!(first.len(), 4, "{first:?}");
         assert!(log.observe(of(&moved(false))).is_empty());
         let started = log.observe(of(&moved(true)));
         assert_eq!(started.len(), 2, "{started:?}");
@@ -324,7 +341,7 @@ mod tests {
                 tier.tier = 1 + u32::from(k % period < period / 2);
                 told += log.observe(of(&now)).len();
             }
-            // Two effects, one tier, one sky, one display.
+            // Two effects, one tier, one sky, one display at its pixels.
             assert!((5..=40).contains(&told), "{period}: {told}");
         }
         // And the same that changes once in long times is told each time.
@@ -336,7 +353,7 @@ mod tests {
             tier.tier = 1 + (k / 2000 % 2) as u32;
             told += log.observe(of(&now)).len();
         }
-        assert_eq!(told, 2 + 10);
+        assert_eq!(told, 3 + 10);
     }
 
     #[test]
@@ -372,5 +389,41 @@ mod tests {
         // An octree carries the light in all three.
         now.scenes[0].tier.as_mut().expect("a tier").octree = true;
         assert!(of(&now).iter().all(|d| d.subject != subject));
+    }
+
+    #[test]
+    fn views_say_at_which_pixels() {
+        let mut now = state();
+        let told = |state: &FrameState| {
+            let found = of(state);
+            let mine = found
+                .iter()
+                .find(|d| d.subject == Subject::Display(ViewId(7)));
+            mine.map(ToString::to_string)
+        };
+        let of_it = "display of view 7: ";
+        let by = |what: &str| Some(format!("{of_it}{what}"));
+        assert_eq!(
+            told(&now),
+            by("subsplats, because light varies less than pixels do")
+        );
+        now.views[0].display = DisplayUse::NoRoom;
+        assert_eq!(
+            told(&now),
+            by("every pixel, because the device has no room for subsplats")
+        );
+        now.views[0].display = DisplayUse::Full;
+        assert_eq!(
+            told(&now),
+            by("every pixel, because it is asked for [forced by the camera's display]")
+        );
+        assert!(
+            Plan::new(&now)
+                .to_string()
+                .contains("use  view 7 with every pixel")
+        );
+        // A view that shows nothing decides nothing.
+        now.views[0].sees.clear();
+        assert_eq!(told(&now), None);
     }
 }

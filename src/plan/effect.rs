@@ -194,6 +194,7 @@ fn display(state: &FrameState, plan: &mut Plan) {
         }
         // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
+            plan.displays.push((view.id, view.display));
             plan.push("display", Stage::Composite, scene, Reason::InView)
                 .view = Some(view.id);
         }
@@ -209,7 +210,7 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{BounceState, LightId, NoOctree, ViewId};
+    use crate::plan::{BounceState, DisplayUse, LightId, NoOctree, ViewId};
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);
@@ -222,6 +223,7 @@ mod tests {
             enabled: true,
             has_gbuffer: true,
             pixels: 1000,
+            display: DisplayUse::Subsplats,
             sees: sees.to_vec(),
         }
     }

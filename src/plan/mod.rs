@@ -61,7 +61,7 @@ pub use passes::Plan;
 pub use picked::Picked;
 pub use quality::{Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange, SoftState, ViewId,
-    ViewState, VolumeState,
+    BounceState, DisplayUse, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange,
+    SoftState, ViewId, ViewState, VolumeState,
 };
 pub use survey::{Found, FoundScene, Surveyor};

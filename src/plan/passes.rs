@@ -2,8 +2,8 @@
 
 use super::cost::{self, Cost, Timed};
 use super::{
-    EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedChannels, Reason,
-    SceneId, Skip, SkyUse, Stage, ViewId,
+    DisplayUse, EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedChannels,
+    Reason, SceneId, Skip, SkyUse, Stage, ViewId,
 };
 use std::fmt;
 
@@ -26,6 +26,8 @@ pub struct Plan {
     pub linked: Vec<(SceneId, NoOctree)>,
     /// Scenes whose sky varies, and what becomes of it.
     pub skies: Vec<(SceneId, SkyUse)>,
+    /// At which pixels the views that show indirect light evaluate it.
+    pub displays: Vec<(ViewId, DisplayUse)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
     /// What the passes cost, as far as is known: one entry for all that the device's clock times as one, in the order of the passes.
@@ -167,6 +169,10 @@ impl fmt::Display for Plan {
         }
         for (scene, sky) in &self.skies {
             writeln!(f, "use  {scene} with {sky}")?;
+        }
+        for (view, display) in &self.displays {
+            let (choice, why) = (display.choice(), display.why());
+            writeln!(f, "use  view {:x} with {choice}: {why}", view.0)?;
         }
         for scene in &self.release {
             writeln!(f, "free {scene}")?;

@@ -56,7 +56,7 @@ pub(super) fn penumbrae(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{SceneId, SoftState, ViewId};
+    use crate::plan::{DisplayUse, SceneId, SoftState, ViewId};
 
     const A: SceneId = SceneId(1);
 
@@ -68,6 +68,7 @@ mod tests {
             enabled: true,
             has_gbuffer: true,
             pixels: 1000,
+            display: DisplayUse::Subsplats,
             sees: vec![A],
         }
     }

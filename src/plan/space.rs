@@ -30,7 +30,9 @@ pub(super) fn volume(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{SceneId, SceneState, SlotChange, ViewId, ViewState, VolumeState};
+    use crate::plan::{
+        DisplayUse, SceneId, SceneState, SlotChange, ViewId, ViewState, VolumeState,
+    };
 
     const A: SceneId = SceneId(1);
 
@@ -55,6 +57,7 @@ mod tests {
             enabled: true,
             has_gbuffer: true,
             pixels: 1000,
+            display: DisplayUse::Subsplats,
             sees: vec![A],
         }
     }

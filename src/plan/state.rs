@@ -58,6 +58,8 @@ pub struct SoftState {
     pub held: bool,
     /// Bytes of the largest buffer that this needs on the device, where it is known not to fit.
     pub largest_buffer: u64,
+    /// Points that remember.
+    pub points: u64,
 }
 
 /// What cameras without a G-buffer ask of a scene: its light in free space as a volume.
@@ -69,6 +71,8 @@ pub struct VolumeState {
     pub seen: bool,
     /// The texture holds the light of an earlier frame, for the volume as it is now.
     pub held: bool,
+    /// How many voxels it has.
+    pub voxels: u64,
 }
 
 /// One baked scene in the world.
@@ -98,6 +102,8 @@ pub struct SceneState {
     pub materials_changed: bool,
     /// So many occluders of the bake do not stand as the device last had them.
     pub occluders_changed: usize,
+    /// Parts of links that occluders are in the way of.
+    pub passages: u64,
     /// The bake knows light in free space.
     pub probes: bool,
     /// What cameras without a G-buffer ask of it.
@@ -133,6 +139,7 @@ impl SceneState {
             read_back: false,
             materials_changed: false,
             occluders_changed: 0,
+            passages: 0,
             probes: false,
             volume: VolumeState::default(),
             sky: SkyUse::Uniform,
@@ -167,6 +174,39 @@ impl fmt::Display for SkyUse {
     }
 }
 
+/// At which pixels a view evaluates indirect light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DisplayUse {
+    /// At a fraction of them, and in between by interpolation.
+    #[default]
+    Subsplats,
+    /// At all, as its settings say.
+    Full,
+    /// At all: the device has no room for what subsplats need.
+    NoRoom,
+}
+
+impl DisplayUse {
+    /// The choice in words.
+    #[must_use]
+    pub fn choice(self) -> &'static str {
+        match self {
+            Self::Subsplats => "subsplats",
+            Self::Full | Self::NoRoom => "every pixel",
+        }
+    }
+
+    /// Why.
+    #[must_use]
+    pub fn why(self) -> &'static str {
+        match self {
+            Self::Subsplats => "light varies less than pixels do",
+            Self::Full => "it is asked for",
+            Self::NoRoom => "the device has no room for subsplats",
+        }
+    }
+}
+
 /// One camera that carries the display settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewState {
@@ -182,6 +222,8 @@ pub struct ViewState {
     pub lit: bool,
     /// How many pixels it draws.
     pub pixels: u64,
+    /// At which of them it evaluates light.
+    pub display: DisplayUse,
     /// The scenes whose box meets its frustum.
     pub sees: Vec<SceneId>,
 }

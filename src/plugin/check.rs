@@ -50,6 +50,8 @@ pub enum MeshlessGiFinding {
     SoftShadowCount,
     /// A scene is to have a volume for forward cameras, and its bake knows no light in free space.
     NoFreeSpace,
+    /// A material of [`MeshlessGiMaterials`](super::MeshlessGiMaterials) got another texture.
+    LiveTexture,
 }
 
 impl MeshlessGiFinding {
@@ -112,6 +114,10 @@ impl MeshlessGiFinding {
             Self::NoFreeSpace => {
                 "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
                  recipe, or with `--probes`."
+            }
+            Self::LiveTexture => {
+                "A material that `MeshlessGiMaterials` names got another texture for its base colour or its emission: indirect light keeps that of the bake. Change `base_color` or \
+                 `emissive`, which multiply it, or bake the level again."
             }
         }
     }

@@ -34,7 +34,7 @@ pub(crate) struct ViewRuntime {
     gloss: Option<ViewGloss>,
     shade: Option<ViewShade>,
     /// The device has no room for subsplats of this size.
-    too_large: bool,
+    pub(super) too_large: bool,
 }
 
 impl ViewRuntime {

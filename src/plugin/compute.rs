@@ -8,6 +8,7 @@ use super::components::{MeshlessGiChannels, MeshlessGiView};
 use super::composite::ViewRuntime;
 use super::costs::{DeviceCosts, span};
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
+use super::display::MeshlessGiDisplay;
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
@@ -18,8 +19,8 @@ use crate::asset::BakedScene;
 use crate::frame::{Channels, FrameLight, FrameSettings};
 use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
-    FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId, ViewState,
-    falls_back,
+    DisplayUse, FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId,
+    ViewState, falls_back,
 };
 use crate::scene::{Bounds, MaterialFactors};
 use bevy::ecs::prelude::*;
@@ -126,6 +127,13 @@ impl GiRender {
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 pixels: view.pixels,
+                display: match view.display {
+                    MeshlessGiDisplay::Full => DisplayUse::Full,
+                    _ if self.views.get(&view.id).is_some_and(|v| v.too_large) => {
+                        DisplayUse::NoRoom
+                    }
+                    MeshlessGiDisplay::Subsplats(_) => DisplayUse::Subsplats,
+                },
                 sees: view.sees.clone(),
             });
         }
@@ -166,6 +174,8 @@ impl GiRender {
             tier: scene.tier.clone(),
             channels: scene.channels,
             rays: scene.bake.as_ref().map_or(0, |b| b.rays_per_slot()),
+            passages: (scene.bake.as_ref().and_then(|b| b.occluders.as_ref()))
+                .map_or(0, |o| (o.links.len() + o.probes.len()) as u64),
             sky: match (&scene.bake, scene.sky.is_uniform()) {
                 (_, true) | (None, _) => SkyUse::Uniform,
                 (Some(bake), false) if bake.sky.is_some() => SkyUse::Terms,

@@ -12,7 +12,7 @@ use super::components::{
 use super::display::MeshlessGiDisplay;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::gloss::MeshlessGiGloss;
-use super::materials::{MeshlessGiMaterials, factors, unknown};
+use super::materials::{MeshlessGiMaterials, Resolved};
 use super::occluders::{MeshlessGiOccluder, gains};
 use super::quality::MeshlessGiTier;
 use super::reflective::MeshlessGiCapture;
@@ -34,7 +34,7 @@ use bevy::light::{DirectionalLight, PointLight, RectLight, SpotLight};
 use bevy::log::warn;
 use bevy::math::{Mat3, Vec3};
 use bevy::pbr::StandardMaterial;
-use bevy::platform::collections::HashSet;
+use bevy::platform::collections::{HashMap, HashSet};
 use bevy::render::{Extract, view::Msaa};
 use bevy::transform::components::GlobalTransform;
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -296,6 +296,17 @@ pub(crate) fn draws_gbuffer(
     hdr && depth && normal && deferred && msaa.is_none_or(|m| *m == Msaa::Off)
 }
 
+/// What was said of roots and occluders; each is told once.
+#[derive(Default)]
+pub(crate) struct Told {
+    /// Roots that are scaled differently along their axes.
+    distorted: HashSet<Entity>,
+    /// Roots whose bake knows less of a sky than there is.
+    flat: HashSet<Entity>,
+    /// What names something that no bake knows.
+    strange: HashSet<Entity>,
+}
+
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,
@@ -313,10 +324,9 @@ pub(crate) fn extract(
     directionals: Extract<Query<(LightParts, &DirectionalLight)>>,
     rects: Extract<Query<(LightParts, &RectLight)>>,
     volumes: Extract<Query<(), With<MeshlessGiVolume>>>,
-    mut warned: Local<HashSet<Entity>>,
-    mut flat: Local<HashSet<Entity>>,
+    mut told: Local<Told>,
     standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
-    mut strange: Local<HashSet<Entity>>,
+    mut resolved: Local<HashMap<Entity, Resolved>>,
     occluders: Extract<Query<(Entity, &MeshlessGiOccluder)>>,
 ) {
     out.keep_frames = settings.keep_frames;
@@ -325,12 +335,13 @@ pub(crate) fn extract(
         .and_then(|store| store.get_config::<MeshlessGiGizmos>())
         .is_some_and(wants_coefficients);
     let standard = standard.as_deref();
+    resolved.retain(|entity, _| scenes.contains(*entity));
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
     for (entity, gi, lighting, tier, transform, visibility, layers, sky, materials) in &scenes {
         let placement = Placement::new(transform);
-        if placement.is_some_and(|p| p.distorted) && warned.insert(entity) {
+        if placement.is_some_and(|p| p.distorted) && told.distorted.insert(entity) {
             warn!(
                 "The root {entity} of a baked scene is scaled differently along its axes (or sheared). Indirect light follows \
                  the mean scale; bake the level in its final shape instead."
@@ -340,16 +351,19 @@ pub(crate) fn extract(
         let sky = sky_of(lighting, sky, placement.as_ref());
         if !sky.is_uniform()
             && (bake.as_ref()).is_some_and(|b| b.sky.is_none())
-            && flat.insert(entity)
+            && told.flat.insert(entity)
         {
             warn!(
                 "`MeshlessGiSky` varies, and the bake of {entity} knows a uniform sky only: its mean is used. Bake with `sky: Harmonics` in \
                  the recipe, or with `--sky harmonics`."
             );
         }
-        if let (Some(materials), Some(bake)) = (materials, &bake) {
-            let names = unknown(bake.materials.as_ref(), materials);
-            if !names.is_empty() && strange.insert(entity) {
+        let mut factors = Vec::new();
+        if let Some(bake) = &bake {
+            let resolved = resolved.entry(entity).or_default();
+            let names;
+            (factors, names) = resolved.factors(bake, materials, standard);
+            if !names.is_empty() && told.strange.insert(entity) {
                 warn!(
                     "`MeshlessGiMaterials` of {entity} names what its bake does not know: {names:?}. Names are those of the level's file, and the bake \
                      needs `live_materials: true` in the recipe, or `--live-materials`."
@@ -358,8 +372,7 @@ pub(crate) fn extract(
         }
         out.scenes.push(ExtractedScene {
             id: SceneId(entity.to_bits()),
-            materials: (bake.as_ref().and_then(|b| b.materials.as_ref()))
-                .map_or_else(Vec::new, |live| factors(live, materials, standard)),
+            materials: factors,
             gains: (bake.as_ref().and_then(|b| b.occluders.as_ref()))
                 .map_or_else(Vec::new, |known| {
                     gains(known, occluders.iter().map(|o| o.1))
@@ -380,7 +393,7 @@ pub(crate) fn extract(
             let known = scene.bake.as_ref().and_then(|b| b.occluders.as_ref());
             known.is_some_and(|o| o.names.contains(&occluder.name))
         };
-        if !out.scenes.iter().any(knows) && strange.insert(entity) {
+        if !out.scenes.iter().any(knows) && told.strange.insert(entity) {
             warn!(
                 "`MeshlessGiOccluder` of {entity} names what no bake knows: `{}`. Name it in the recipe (`occluders: [(name: \"{}\")]`), or with `--occluder`.",
                 occluder.name, occluder.name

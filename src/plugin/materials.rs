@@ -1,13 +1,17 @@
 //! Live materials: base colours and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
 
-use crate::asset::LiveMaterials;
+use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
+use crate::asset::BakedScene;
 use crate::frame::materials::sound_factors;
 use crate::scene::MaterialFactors;
-use bevy::asset::{Assets, Handle};
+use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
+use bevy::image::Image;
 use bevy::pbr::StandardMaterial;
+use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
+use std::sync::{Arc, Weak};
 
 /// Which asset a material of the bake is in this world: its name in the level's file, and the [`StandardMaterial`] that is drawn. Goes beside
 /// [`MeshlessGi`](super::MeshlessGi). Indirect light then follows `base_color` and `emissive` of the asset, in the frame in which they change; textures and
@@ -18,36 +22,99 @@ use bevy::reflect::prelude::*;
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 
-/// The factors of the bake's materials now.
-pub(crate) fn factors(
-    live: &LiveMaterials,
-    named: Option<&MeshlessGiMaterials>,
-    assets: Option<&Assets<StandardMaterial>>,
-) -> Vec<MaterialFactors> {
-    let mut out = live.factors.clone();
-    let (Some(named), Some(assets)) = (named, assets) else {
-        return out;
-    };
-    for (name, handle) in &named.0 {
-        let Some(material) = assets.get(handle) else {
-            continue;
-        };
-        let now = MaterialFactors {
-            base_color: LinearRgba::from(material.base_color).to_vec3().to_array(),
-            emissive: material.emissive.to_vec3().to_array(),
-        };
-        let called = live.names.iter().zip(&mut out).filter(|(n, _)| *n == name);
-        called.for_each(|(_, factors)| *factors = now);
-    }
-    sound_factors(live, &out)
+/// Which of a bake's materials the named ones are: looked up where bake or names changed, for both may be hundreds.
+#[derive(Debug, Default)]
+pub(crate) struct Resolved {
+    bake: Weak<BakedScene>,
+    named: Vec<(String, Handle<StandardMaterial>)>,
+    /// Places in `named` and among the bake's materials, in the order of the former.
+    at: Vec<(usize, usize)>,
+    /// Names that the bake does not know, or all of them where it knows no materials.
+    unknown: Vec<String>,
 }
 
-/// Names that the bake does not know, or all of them where it knows no materials.
-pub(crate) fn unknown<'a>(
-    live: Option<&LiveMaterials>,
-    named: &'a MeshlessGiMaterials,
-) -> Vec<&'a str> {
-    let known = |name: &String| live.is_some_and(|l| l.names.contains(name));
-    let all = named.0.iter().map(|(name, _)| name);
-    all.filter(|n| !known(n)).map(String::as_str).collect()
+impl Resolved {
+    /// Looks names up where they are not those of the frame before.
+    fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&MeshlessGiMaterials>) {
+        let named = named.map_or(&[][..], |n| &n.0);
+        if self.bake.as_ptr() == Arc::as_ptr(bake) && self.named == named {
+            return;
+        }
+        let mut known: HashMap<&str, Vec<usize>> = HashMap::default();
+        if let Some(live) = &bake.materials {
+            for (at, name) in live.names.iter().enumerate() {
+                known.entry(name).or_default().push(at);
+            }
+        }
+        let found = |name: &String| known.get(name.as_str()).map_or(&[][..], Vec::as_slice);
+        let names = named.iter().map(|(name, _)| name);
+        *self = Self {
+            bake: Arc::downgrade(bake),
+            at: (names.clone().enumerate())
+                .flat_map(|(k, name)| found(name).iter().map(move |&at| (k, at)))
+                .collect(),
+            unknown: names.filter(|n| found(n).is_empty()).cloned().collect(),
+            named: named.to_vec(),
+        };
+    }
+
+    /// The factors of the bake's materials now, none where it knows no materials, and the names that it does not know.
+    pub fn factors(
+        &mut self,
+        bake: &Arc<BakedScene>,
+        named: Option<&MeshlessGiMaterials>,
+        assets: Option<&Assets<StandardMaterial>>,
+    ) -> (Vec<MaterialFactors>, &[String]) {
+        self.follow(bake, named);
+        let Some(live) = &bake.materials else {
+            return (Vec::new(), &self.unknown);
+        };
+        let mut out = live.factors.clone();
+        for &(k, at) in &self.at {
+            let Some(material) = assets.and_then(|a| a.get(&self.named[k].1)) else {
+                continue;
+            };
+            out[at] = MaterialFactors {
+                base_color: LinearRgba::from(material.base_color).to_vec3().to_array(),
+                emissive: material.emissive.to_vec3().to_array(),
+            };
+        }
+        (sound_factors(live, &out), &self.unknown)
+    }
+}
+
+type Textures = [Option<AssetId<Image>>; 2];
+
+/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+pub(crate) fn check_textures(
+    mut events: MessageReader<AssetEvent<StandardMaterial>>,
+    materials: Option<Res<Assets<StandardMaterial>>>,
+    named: Query<&MeshlessGiMaterials>,
+    mut before: Local<HashMap<AssetId<StandardMaterial>, Textures>>,
+    mut findings: ResMut<MeshlessGiFindings>,
+) {
+    for event in events.read() {
+        let (id, new) = match *event {
+            AssetEvent::Added { id } => (id, true),
+            AssetEvent::Modified { id } => (id, false),
+            AssetEvent::Removed { id } => {
+                before.remove(&id);
+                continue;
+            }
+            _ => continue,
+        };
+        let Some(material) = materials.as_ref().and_then(|m| m.get(id)) else {
+            continue;
+        };
+        let of = |texture: &Option<Handle<Image>>| texture.as_ref().map(Handle::id);
+        let now = [
+            of(&material.base_color_texture),
+            of(&material.emissive_texture),
+        ];
+        let was = before.insert(id, now);
+        let live = || named.iter().any(|n| n.0.iter().any(|(_, h)| h.id() == id));
+        if !new && was.is_some_and(|was| was != now) && live() {
+            tell(vec![MeshlessGiFinding::LiveTexture], &mut findings);
+        }
+    }
 }

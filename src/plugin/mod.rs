@@ -247,7 +247,12 @@ impl Plugin for MeshlessGiPlugin {
             )
             .add_systems(
                 Last,
-                (check::check, soft::check_soft, volume::check_volumes)
+                (
+                    check::check,
+                    soft::check_soft,
+                    volume::check_volumes,
+                    materials::check_textures,
+                )
                     .chain()
                     .in_set(MeshlessGiSystems::Check),
             );

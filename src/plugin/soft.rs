@@ -168,6 +168,7 @@ impl SceneSoft {
             remembers: bake.visibility.is_some(),
             held: self.held.as_ref().is_some_and(alike),
             largest_buffer: self.too_large,
+            points: (bake.visibility.as_ref()).map_or(0, |v| v.points.len() as u64),
         }
     }
 

@@ -355,6 +355,7 @@ impl SceneVolume {
             asked: self.refused != Some(volume.voxels.shape),
             seen: volume.seen,
             held: self.written.as_ref().is_some_and(held),
+            voxels: u64::from(volume.voxels.shape.voxels()),
         }
     }
 
