@@ -2,6 +2,9 @@
 
 mod plugin_support;
 
+use bevy::camera::visibility::NoFrustumCulling;
+use bevy::mesh::VertexAttributeValues;
+use bevy::mesh::skinning::{SkinnedMesh, SkinnedMeshInverseBindposes};
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
@@ -11,7 +14,8 @@ use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room, cpu_indirect};
 use plugin_support::stage::{
-    MOST, assert_alike, counters, indirect, keep, lamp, settings, spawn_lamp, view, work,
+    MOST, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
+    work,
 };
 use std::sync::Arc;
 
@@ -47,30 +51,34 @@ fn with_panel() -> Room {
 
 /// An app that shows the room with the panel in the light of `bake`.
 fn stage(bake: &Arc<BakedScene>, display: MeshlessGiDisplay) -> (App, Handle<Image>, Entity) {
+    let (app, image, lamp, _) = stage_of(&with_panel(), bake, display);
+    (app, image, lamp)
+}
+
+/// An app that shows a room in the light of `bake`: its picture, its lamp, its root.
+fn stage_of(
+    room: &Room,
+    bake: &Arc<BakedScene>,
+    display: MeshlessGiDisplay,
+) -> (App, Handle<Image>, Entity, Entity) {
     let mut app = app();
-    let asset = app
-        .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset {
-            scene: bake.clone(),
-        });
-    let root = app
-        .world_mut()
-        .spawn((MeshlessGi(asset), Transform::IDENTITY))
-        .id();
-    with_panel().spawn(&mut app, root);
+    let root = spawn_baked(&mut app, room, bake, Transform::IDENTITY);
     let image = target(&mut app);
     app.world_mut()
         .spawn((camera(&image, view()), indirect()))
         .insert(display);
     let lamp = spawn_lamp(&mut app, LAMP);
-    (app, image, lamp)
+    (app, image, lamp, root)
 }
 
 fn on_cpu(bake: &BakedScene, place: Vec3) -> Picture {
+    on_cpu_of(&with_panel(), bake, place)
+}
+
+fn on_cpu_of(room: &Room, bake: &BakedScene, place: Vec3) -> Picture {
     let lights = [lamp(place)];
     cpu_indirect(
-        &with_panel(),
+        room,
         bake,
         Transform::IDENTITY,
         view(),
@@ -156,4 +164,85 @@ fn a_bake_without_probes_runs_nothing_of_them() {
         .count();
     let all = without.0.pixels.len();
     assert!(alike * 2 > all && alike + 200 < all, "{alike} of {all}");
+}
+
+/// The panel as a mesh that a joint moves: its vertices stand behind the room, and only the joint's pose brings them into it. The light is that of where it is drawn, in each pose.
+#[test]
+fn skinned_meshes_get_the_light_of_where_their_joints_put_them() {
+    let bake = bake(true);
+    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, MeshlessGiDisplay::Full);
+    let world = app.world_mut();
+    let panel = *world.get::<Children>(root).unwrap().last().unwrap();
+    let away = Vec3::new(0.0, 0.0, -7.0);
+    let mesh = world.get::<Mesh3d>(panel).unwrap().0.clone();
+    {
+        let mut meshes = world.resource_mut::<Assets<Mesh>>();
+        let mut mesh = meshes.get_mut(&mesh).unwrap();
+        let Some(VertexAttributeValues::Float32x3(places)) =
+            mesh.attribute_mut(Mesh::ATTRIBUTE_POSITION)
+        else {
+            panic!("the panel has places");
+        };
+        for place in places.iter_mut() {
+            *place = (Vec3::from(*place) + away).to_array();
+        }
+        let count = places.len();
+        mesh.insert_attribute(
+            Mesh::ATTRIBUTE_JOINT_INDEX,
+            VertexAttributeValues::Uint16x4(vec![[0; 4]; count]),
+        );
+        mesh.insert_attribute(
+            Mesh::ATTRIBUTE_JOINT_WEIGHT,
+            vec![[1.0f32, 0.0, 0.0, 0.0]; count],
+        );
+    }
+    let poses = world
+        .resource_mut::<Assets<SkinnedMeshInverseBindposes>>()
+        .add(SkinnedMeshInverseBindposes::from(vec![
+            Mat4::from_translation(-away),
+        ]));
+    let joint = world.spawn(Transform::IDENTITY).id();
+    world.entity_mut(panel).insert((
+        SkinnedMesh {
+            inverse_bindposes: poses,
+            joints: vec![joint],
+        },
+        NoFrustumCulling,
+    ));
+    run(&mut app, 4);
+    let first = on_cpu(&bake, LAMP);
+    assert_alike("skinned", &first, &picture(&mut app, &image));
+    // The joint walks: other light, in the same frame.
+    let step = Vec3::new(0.05, -0.3, 0.35);
+    let mut pose = app.world_mut().get_mut::<Transform>(joint).unwrap();
+    pose.translation = step;
+    run(&mut app, 1);
+    assert_eq!(work(&counters(&app)), [0; 4], "no light changed");
+    let mut walked = with_panel();
+    walked.0.last_mut().unwrap().corner += step;
+    let expected = on_cpu_of(&walked, &bake, LAMP);
+    assert!(first.nrmse(&expected) > 0.1, "another picture");
+    assert_alike("skinned_walked", &expected, &picture(&mut app, &image));
+}
+
+/// Many small things in the air, as particles are that a G-buffer holds.
+#[test]
+fn particles_are_lit_each_by_where_it_is() {
+    let bake = bake(true);
+    let mut room = Room::cornell();
+    for k in 0..48 {
+        let at = |a: f32| (a * (k as f32 + 0.5)).fract() - 0.5;
+        room.0.push(Quad {
+            corner: Vec3::new(1.5 * at(0.618), 1.0 + 1.4 * at(0.755), 0.3 + at(0.57)),
+            u: Vec3::X * 0.09,
+            v: Vec3::Y * 0.09,
+            colour: Vec3::splat(0.7),
+        });
+    }
+    let (mut app, image, ..) = stage_of(&room, &bake, MeshlessGiDisplay::Full);
+    run(&mut app, 4);
+    let expected = on_cpu_of(&room, &bake, LAMP);
+    let dark = on_cpu_of(&room, &self::bake(false), LAMP);
+    assert!(flip(&dark, &expected) > MOST, "they show");
+    assert_alike("particles", &expected, &picture(&mut app, &image));
 }

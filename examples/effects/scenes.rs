@@ -1,4 +1,4 @@
-//! Eleven scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
+//! Twelve scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::RectLight;
