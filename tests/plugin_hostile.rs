@@ -91,6 +91,7 @@ fn numbers_that_make_no_sense_leave_nothing_behind() {
         sky: LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0),
         emission: f32::NAN,
         bounces: u32::MAX,
+        channels: MeshlessGiChannels::Auto,
     };
     app.world_mut().entity_mut(root).insert(strange);
     run(&mut app, 1);

@@ -3,7 +3,7 @@
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
 use super::{Cameras, Colours, Inventory, LightSort, SceneColours, SceneId, Skies};
-use crate::asset::BakedScene;
+use crate::asset::{BakedScene, LiveMaterials};
 use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use glam::Vec3;
 use std::collections::BTreeMap;
@@ -86,6 +86,15 @@ impl Hues {
         (colours.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
     }
 
+    /// What is left of colours of these chromaticities behind a factor.
+    fn times(self, factor: Vec3) -> Self {
+        match self {
+            Self::One(hue) => Self::of(hue * factor),
+            Self::Several if factor == Vec3::ZERO => Self::None,
+            other => other,
+        }
+    }
+
     fn is_grey(self) -> bool {
         Self::GREY.with(self) == Self::GREY
     }
@@ -110,19 +119,60 @@ impl Hues {
 struct Facts {
     /// The bake that they are of.
     bake: Weak<BakedScene>,
-    grey: bool,
-    emission: Hues,
+    /// What all surfaces reflect and emit.
+    all: [Hues; 2],
+    /// The same of those that no live material covers.
+    rest: [Hues; 2],
+    /// What the shares of each live material reflect and emit for factors of one: its textures are in them.
+    shares: Vec<[Hues; 2]>,
 }
 
 impl Facts {
     fn of(bake: &Arc<BakedScene>) -> Self {
-        let albedo = bake.surfaces.iter().map(|s| Vec3::from(s.albedo));
-        let emission = bake.surfaces.iter().map(|s| Vec3::from(s.emission));
-        Self {
+        let mut facts = Self {
             bake: Arc::downgrade(bake),
-            grey: Hues::all(albedo).is_grey(),
-            emission: Hues::all(emission),
+            all: [Hues::None; 2],
+            rest: [Hues::None; 2],
+            shares: Vec::new(),
+        };
+        let add = |hues: &mut [Hues; 2], [albedo, emission]: [[f32; 3]; 2]| {
+            hues[0] = hues[0].with(Hues::of(albedo.into()));
+            hues[1] = hues[1].with(Hues::of(emission.into()));
+        };
+        for (j, surface) in bake.surfaces.iter().enumerate() {
+            let own = [surface.albedo, surface.emission];
+            add(&mut facts.all, own);
+            let covers = |live: &LiveMaterials| !live.row(j).is_empty();
+            // Points that do not send have no row.
+            if j < bake.senders() && !bake.materials.as_ref().is_some_and(covers) {
+                add(&mut facts.rest, own);
+            }
         }
+        if let Some(live) = &bake.materials {
+            facts.shares = vec![[Hues::None; 2]; live.factors.len()];
+            for share in &live.shares {
+                if let Some(hues) = facts.shares.get_mut(share.material as usize) {
+                    add(hues, [share.albedo, share.emission]);
+                }
+            }
+        }
+        facts
+    }
+
+    /// What surfaces reflect and emit with these factors of its materials; all as baked where there are none.
+    fn now(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
+        if materials.is_empty() {
+            return self.all;
+        }
+        let mut now = self.rest;
+        for (m, factors) in materials.iter().enumerate() {
+            let shares = self.shares.get(m).copied().unwrap_or([Hues::GREY; 2]);
+            let factors = [factors.base_color, factors.emissive];
+            for k in 0..2 {
+                now[k] = now[k].with(shares[k].times(factors[k].into()));
+            }
+        }
+        now
     }
 }
 
@@ -297,16 +347,15 @@ fn count_scene(
         (Some(bake), _) => Some(Facts::of(bake)),
         (None, _) => None,
     };
-    let live = |part: fn(&MaterialFactors) -> [f32; 3]| {
-        Hues::all(scene.materials.iter().map(|m| Vec3::from(part(m))))
-    };
-    let glow = match scene.materials {
-        _ if scene.emission <= 0.0 => Hues::None,
-        [] => facts.as_ref().map_or(Hues::None, |f| f.emission),
-        _ => live(|m| m.emissive),
+    let [reflected, emitted] = facts
+        .as_ref()
+        .map_or([Hues::None; 2], |f| f.now(scene.materials));
+    let glow = match scene.emission <= 0.0 {
+        true => Hues::None,
+        false => emitted,
     };
     out.glowing += u32::from(glow != Hues::None);
-    let grey = facts.as_ref().is_none_or(|f| f.grey) && live(|m| m.base_color).is_grey();
+    let grey = reflected.is_grey();
     match &was {
         Some(was) => {
             out.bakes_moved += u32::from(was.transform != scene.transform);
@@ -339,6 +388,7 @@ fn count_scene(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::asset::MaterialShare;
     use crate::bake::{Progress, Recipe, bake_level};
     use crate::plan::Census;
     use crate::scene::{Material, cornell_box, mesh_of_quads};
@@ -465,6 +515,61 @@ mod tests {
             Colours::Lights
         );
         assert_eq!(colours(&coloured, &one, Vec3::ZERO), Colours::Surfaces);
+    }
+
+    /// A sign with a coloured texture that was dark when it was baked, and a wall that was black: their factors are white now, and what they shine in is not.
+    #[test]
+    fn textures_of_live_materials_count_with_their_factors() {
+        let mut baked = (*bake(true)).clone();
+        let senders = baked.senders() as u32;
+        for surface in &mut baked.surfaces[..2] {
+            (surface.albedo, surface.emission) = ([0.0; 3], [0.0; 3]);
+        }
+        let share = |material, albedo, emission| MaterialShare {
+            material,
+            albedo,
+            emission,
+        };
+        baked.materials = Some(LiveMaterials {
+            names: vec!["wall".into(), "sign".into()],
+            factors: vec![MaterialFactors::default(); 2],
+            starts: [0, 1].into_iter().chain((0..senders).map(|_| 2)).collect(),
+            shares: vec![
+                share(0, [0.2, 0.6, 0.2], [0.0; 3]),
+                share(1, [0.5; 3], [0.1, 0.2, 0.9]),
+            ],
+        });
+        baked
+            .materials
+            .as_mut()
+            .expect("some")
+            .starts
+            .truncate(senders as usize + 1);
+        let baked = Arc::new(baked);
+        let white = [lamp(Vec3::ZERO, Vec3::ONE)];
+        let colours = |wall: f32, sign: Vec3| {
+            let factors = |base_color: f32, emissive: Vec3| MaterialFactors {
+                base_color: [base_color; 3],
+                emissive: emissive.to_array(),
+            };
+            let materials = [factors(wall, Vec3::ZERO), factors(0.7, sign)];
+            let found = Found {
+                lights: (0u32..).zip(&white).collect(),
+                scenes: vec![FoundScene {
+                    emission: 1.0,
+                    materials: &materials,
+                    ..scene(&baked)
+                }],
+                ..Found::default()
+            };
+            Surveyor::new().survey(&found).colours
+        };
+        assert_eq!(colours(0.0, Vec3::ZERO), Colours::One);
+        assert_eq!(colours(1.0, Vec3::ZERO), Colours::Surfaces);
+        assert_eq!(colours(0.0, Vec3::ONE), Colours::Lights);
+        // A factor may undo the texture's colour.
+        let undone = 0.1 / Vec3::new(0.1, 0.2, 0.9);
+        assert_eq!(colours(0.0, undone), Colours::One);
     }
 
     #[test]
