@@ -12,6 +12,8 @@ use std::fmt;
 
 /// Weight of a new measurement in the running means.
 const SMOOTH: f64 = 0.2;
+/// Answers of the clock that are not looked at after work came to be counted in another unit: they are some frames late.
+const LATE: u32 = 4;
 /// A group that no plan of so many had is forgotten.
 const KEPT: u64 = 1000;
 
@@ -190,9 +192,13 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
             (Stage::Project, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
             (Stage::Apply, Some(scene)) => {
                 let links = scene.tier.as_ref().map_or(0, |picked| picked.work);
+                // An octree takes all three channels.
+                let octree = scene.tier.as_ref().is_some_and(|picked| picked.octree);
                 let picked = scene.channels.map(|picked| picked.channels);
                 match picked {
-                    Some(Channels::One(_)) => Work::OneChannel(links),
+                    Some(Channels::One(_)) if !octree || scene.no_octree.is_some() => {
+                        Work::OneChannel(links)
+                    }
                     _ => Work::Links(links),
                 }
             }
@@ -224,6 +230,8 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Means {
     unit: Unit,
+    /// So many answers of the clock are of before the unit changed.
+    late: u32,
     ms: Option<f64>,
     work: Option<f64>,
 }
@@ -264,6 +272,7 @@ impl CostModel {
             if means.unit != unit {
                 *means = Means {
                     unit,
+                    late: if means.ms.is_some() { LATE } else { 0 },
                     ..Means::default()
                 };
             }
@@ -281,6 +290,10 @@ impl CostModel {
             return;
         };
         if !(ms.is_finite() && ms >= 0.0) {
+            return;
+        }
+        if means.late > 0 {
+            means.late -= 1;
             return;
         }
         mix(&mut means.ms, f64::from(ms));
@@ -485,7 +498,7 @@ mod tests {
         let mut three = Plan::new(&moving(state(), 0, 1));
         let mut one = Plan::new(&moving(in_one(state()), 0, 1));
         assert_eq!(cost(&one, Stage::Apply).work, Work::OneChannel(50_000));
-        let mut run = |plan: &mut Plan, ms: f32| {
+        let run = |model: &mut CostModel, plan: &mut Plan, ms: f32| {
             for _ in 0..20 {
                 model.ran(plan);
                 let timed = plan.costs.iter().map(|(t, _)| *t);
@@ -497,8 +510,29 @@ mod tests {
         };
         let close =
             |found: Option<f32>, ms: f32| found.is_some_and(|f| (f / ms - 1.0).abs() < 1e-3);
-        assert!(close(run(&mut three, 4.0).predicted, 4.0));
-        let first = run(&mut one, 2.0);
+        assert!(close(run(&mut model, &mut three, 4.0).predicted, 4.0));
+        // The clock still answers for three channels.
+        let late = Cost {
+            work: Work::OneChannel(50_000),
+            ..Cost::default()
+        };
+        for _ in 0..LATE {
+            model.ran(&one);
+            let timed = one
+                .costs
+                .iter()
+                .map(|(t, _)| *t)
+                .find(|t| t.stage == Stage::Apply);
+            model.measured(timed.expect("it runs"), 4.0);
+        }
+        model.price(&mut one);
+        assert_eq!(cost(&one, Stage::Apply), late);
+        // An octree takes all three.
+        let mut octree = in_one(state());
+        octree.scenes[0].tier.as_mut().expect("a tier").octree = true;
+        let octree = Plan::new(&moving(octree, 0, 1));
+        assert_eq!(cost(&octree, Stage::Apply).work, Work::Links(50_000));
+        let first = run(&mut model, &mut one, 2.0);
         assert!(
             close(first.predicted, 2.0) && close(first.measured, 2.0),
             "{first}"

@@ -382,6 +382,11 @@ fn count_scene(
         gains: scene.gains.to_vec(),
         facts,
     };
+    // A bake that knows a uniform sky only has the mean of another.
+    let sky = match scene.bake.is_some_and(|bake| bake.sky.is_none()) {
+        true => Hues::of(scene.sky.mean),
+        false => sky,
+    };
     (now, sky.with(glow), grey)
 }
 

@@ -250,10 +250,14 @@ impl GiRender {
         state.resident = runtime.frame.is_some();
         state.materials_changed = runtime.painted(scene);
         let now = frame_settings(scene);
-        // Channels that the plan picks are how a solve is done, and not what it says.
-        let before = runtime.solved.map(|solved| FrameSettings {
-            channels: now.channels,
-            ..solved
+        // Channels that the plan picks are how a solve is done, and not what it says; those that a setting forces are.
+        let forced = scene.channels.is_some_and(|picked| picked.forced);
+        let before = runtime.solved.map(|solved| match forced {
+            true => solved,
+            false => FrameSettings {
+                channels: now.channels,
+                ..solved
+            },
         });
         let asks_anew = runtime.asked != scene.lighting.channels;
         state.settings_changed = before != Some(now) || asks_anew;

@@ -81,8 +81,11 @@ pub(crate) fn learn(
     let mut model = costs.model();
     model.ran(&counters.plan);
     for (timed, cost) in &counters.plan.costs {
-        if let (MeshlessGiCost::Given(of), Stage::Apply, Work::Links(links)) =
-            (&*given, timed.stage, cost.work)
+        if let (
+            MeshlessGiCost::Given(of),
+            Stage::Apply,
+            Work::Links(links) | Work::OneChannel(links),
+        ) = (&*given, timed.stage, cost.work)
         {
             model.measured(*timed, of(links));
             continue;
