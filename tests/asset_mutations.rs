@@ -315,6 +315,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
                 sky: Vec3::ONE.into(),
                 emission: 1.0,
                 tier: 1,
+                ..FrameSettings::default()
             },
         );
         for p in scene.points.iter().take(4) {
