@@ -88,7 +88,7 @@ type Textures = [Option<AssetId<Image>>; 2];
 /// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
-    materials: Option<Res<Assets<StandardMaterial>>>,
+    materials: Res<Assets<StandardMaterial>>,
     named: Query<&MeshlessGiMaterials>,
     mut before: Local<HashMap<AssetId<StandardMaterial>, Textures>>,
     mut findings: ResMut<MeshlessGiFindings>,
@@ -103,7 +103,7 @@ pub(crate) fn check_textures(
             }
             _ => continue,
         };
-        let Some(material) = materials.as_ref().and_then(|m| m.get(id)) else {
+        let Some(material) = materials.get(id) else {
             continue;
         };
         let of = |texture: &Option<Handle<Image>>| texture.as_ref().map(Handle::id);

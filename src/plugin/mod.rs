@@ -251,7 +251,7 @@ impl Plugin for MeshlessGiPlugin {
                     check::check,
                     soft::check_soft,
                     volume::check_volumes,
-                    materials::check_textures,
+                    materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
                 )
                     .chain()
                     .in_set(MeshlessGiSystems::Check),
