@@ -193,7 +193,7 @@ fn scalar(scene: &BakedScene, values: &[[f32; 4]], x: Vec3, n: Vec3) -> Option<V
     Some((e.truncate() / of).max(Vec3::ZERO))
 }
 
-/// The least seconds of each of two, taken in turns, so that a busy machine spoils both alike.
+/// The least seconds of each, taken in turns, so that a busy machine spoils all alike.
 fn fastest<const N: usize>(mut all: [&mut dyn FnMut(); N]) -> [f64; N] {
     let mut least = [f64::INFINITY; N];
     for _ in 0..RUNS {

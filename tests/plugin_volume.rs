@@ -200,6 +200,8 @@ fn both_kinds_of_cameras_show_the_same_light() {
 
 /// Edge of the volume's voxels in the rooms, metres: walls are two centimetres.
 const VOXEL: f32 = 0.1;
+/// The largest NRMSE between the pictures of both cameras in the rooms.
+const OFF: f32 = 0.05;
 
 /// The triangles of `rooms_open` as one of Bevy's meshes a triangle, below `root`.
 fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
@@ -236,7 +238,8 @@ fn rough(world: &mut World, colour: Vec3) -> MeshMaterial3d<StandardMaterial> {
     MeshMaterial3d(world.resource_mut::<Assets<_>>().add(material))
 }
 
-/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a forward one agree on it, frame by frame.
+/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a forward one show the same light of it. Held is the light (NRMSE); the eye's
+/// measure is printed beside, and is 0.055 to 0.058 here, over what the pictures of the Cornell room with its black margins are held to.
 #[test]
 fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
     let file = concat!(
@@ -299,8 +302,11 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
             world.entity_mut(*root).insert(fine);
             // What its voxels take from which probes is found meanwhile.
             let written = |app: &App| counters(app).dispatches_of(Stage::Volume) > 0;
+            let mut frames = 0;
             while !written(app) {
                 run(app, 1);
+                frames += 1;
+                assert!(frames < 10_000, "the volume is never written");
             }
         }
         run(app, 4);
@@ -317,8 +323,8 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
         keep(name, &deferred.beside(&forward));
         let (d, off) = (flip(&deferred, &forward), forward.nrmse(&deferred));
         println!("{name}: FLIP {d:.4}, NRMSE {off:.4}");
-        assert!(off <= MOST, "{name}: {off}");
-        assert!(dark.nrmse(&deferred) > 3.0 * MOST, "{name}: it is lit");
+        assert!(off <= OFF, "{name}: {off}");
+        assert!(dark.nrmse(&deferred) > 3.0 * OFF, "{name}: it is lit");
     }
 }
 
