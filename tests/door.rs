@@ -36,7 +36,13 @@ fn quad(origin: Vec3, u: Vec3, v: Vec3, albedo: f32) -> Quad {
     }
 }
 
+/// Two rooms.
 fn rooms(opening: Opening) -> TriangleMesh {
+    level(&[4.0], opening)
+}
+
+/// Rooms one behind the other, with a wall between them at each of these x, and an opening in each.
+fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
     let [w, h, d] = SIZE.to_array();
     let [left, right, top] = OPENING;
@@ -48,39 +54,45 @@ fn rooms(opening: Opening) -> TriangleMesh {
         quad(Vec3::ZERO, h * y, d * z, 0.7),
         quad(w * x, d * z, h * y, 0.7),
     ];
-    for [from, to, low, high] in [
-        [0.0, left, 0.0, h],
-        [right, d, 0.0, h],
-        [left, right, top, h],
-    ] {
-        let corner = from * z + low * y;
-        let (across, up) = ((to - from) * z, (high - low) * y);
-        quads.push(quad(WALL[0] * x + corner, across, up, 0.7));
-        quads.push(quad(WALL[1] * x + corner, up, across, 0.7));
-    }
-    let (foot, thick) = (WALL[0] * x + left * z, (WALL[1] - WALL[0]) * x);
-    let across = (right - left) * z;
-    quads.push(quad(foot, thick, top * y, 0.7));
-    quads.push(quad(foot + across, top * y, thick, 0.7));
-    quads.push(quad(foot + top * y, thick, across, 0.7));
-    if opening == Opening::Panel {
-        let foot = DOOR[0] * x + left * z;
-        quads.push(quad(foot, across, top * y, 0.0));
-        let foot = DOOR[1] * x + left * z;
-        quads.push(quad(foot, top * y, across, 0.0));
+    for &wall in walls {
+        let [from_x, to_x] = [wall - 0.1, wall + 0.1];
+        for [from, to, low, high] in [
+            [0.0, left, 0.0, h],
+            [right, d, 0.0, h],
+            [left, right, top, h],
+        ] {
+            let corner = from * z + low * y;
+            let (across, up) = ((to - from) * z, (high - low) * y);
+            quads.push(quad(from_x * x + corner, across, up, 0.7));
+            quads.push(quad(to_x * x + corner, up, across, 0.7));
+        }
+        let (foot, thick) = (from_x * x + left * z, (to_x - from_x) * x);
+        let across = (right - left) * z;
+        quads.push(quad(foot, thick, top * y, 0.7));
+        quads.push(quad(foot + across, top * y, thick, 0.7));
+        quads.push(quad(foot + top * y, thick, across, 0.7));
+        if opening == Opening::Panel {
+            let foot = (wall - 0.02) * x + left * z;
+            quads.push(quad(foot, across, top * y, 0.0));
+            let foot = (wall + 0.02) * x + left * z;
+            quads.push(quad(foot, top * y, across, 0.0));
+        }
     }
     mesh_of_quads(&quads)
 }
 
-/// The sides of the door, within the wall.
-const DOOR: [f32; 2] = [3.98, 4.02];
-
+/// The door between two rooms.
 fn door() -> OccluderShape {
+    door_at("door", 4.0)
+}
+
+/// A door in the middle of the wall at x, four centimetres thick.
+fn door_at(name: &str, x: f32) -> OccluderShape {
     let [left, right, top] = OPENING;
     OccluderShape {
-        name: "door".into(),
+        name: name.into(),
         boxes: vec![OccluderBox {
-            center: [4.0, 0.5 * top, 0.5 * (left + right)],
+            center: [x, 0.5 * top, 0.5 * (left + right)],
             half_edges: [0.02, 0.5 * top, 0.5 * (right - left)],
         }],
     }
@@ -264,6 +276,54 @@ fn a_shut_door_leaves_nothing_beyond_it() {
         root_mean_square(&nearly) > 0.01 * bright,
         "a gap is no shut door"
     );
+}
+
+/// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and what lies before it stays lit.
+#[test]
+fn two_doors_in_a_row() {
+    let mesh = level(&[3.0, 5.5], Opening::Open);
+    let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| places(from, to));
+    let viewpoints = vec![[1.5, 1.3, 1.8], [4.2, 1.3, 1.8], [6.7, 1.3, 1.8]];
+    let recipe = |occluders| Recipe {
+        viewpoints: viewpoints.clone(),
+        ..recipe(occluders)
+    };
+    let doors = vec![door_at("first", 3.0), door_at("second", 5.5)];
+    let scene = baked(&mesh, &recipe(doors));
+    // None, the first, the second, both.
+    let known = scene.occluders.as_ref().expect("two doors");
+    assert_eq!(known.sets, [0, 1, 2, 3]);
+    let of = |gains: [f32; 2]| {
+        let frame = lit(&scene, &gains);
+        rooms
+            .each_ref()
+            .map(|room| root_mean_square(&light(&frame, &scene, room)))
+    };
+    let open = of([1.0, 1.0]);
+    let without = baked(&mesh, &recipe(Vec::new()));
+    let frame = lit(&without, &[]);
+    for (k, room) in rooms.iter().enumerate() {
+        let right = root_mean_square(&light(&frame, &without, room));
+        println!("open, room {k}: {:.3e} beside {right:.3e}", open[k]);
+        assert!((open[k] / right - 1.0).abs() < 0.1, "{k}");
+    }
+    for (gains, dark) in [
+        ([0.0, 1.0], [false, true, true]),
+        ([1.0, 0.0], [false, false, true]),
+        ([0.0, 0.0], [false, true, true]),
+    ] {
+        let found = of(gains);
+        for k in 0..3 {
+            let part = found[k] / open[k];
+            println!("doors {gains:?}, room {k}: {part:.2e} of the open light");
+            assert!(if dark[k] { part <= 0.01 } else { part > 0.5 }, "{gains:?}");
+        }
+    }
+    // What passes both passes a half of a half; what comes back and forth takes a little more away.
+    let half = of([0.5, 0.5])[2] / open[2];
+    let one = of([0.5, 1.0])[2] / open[2];
+    println!("half open in the last room, both {half:.3}, the first {one:.3}");
+    assert!((0.15..0.3).contains(&half) && (0.35..0.55).contains(&one));
 }
 
 #[test]

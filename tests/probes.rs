@@ -76,14 +76,9 @@ fn compare(
     (errors(&values, &right, &noise), missing)
 }
 
-#[test]
-fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rooms_open");
-    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
-    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
-    let scene = baked(&mesh, draft());
-    // From the far corner of one room through the door, up and down, to the other's.
-    let centers: Vec<Vec3> = (0..100)
+/// From the far corner of one room of `rooms_open` through the door, up and down, to the other's.
+fn through_two_rooms() -> Vec<Vec3> {
+    (0..100)
         .map(|k| {
             let t = k as f32 / 99.0;
             let door = (-((t - 0.5) * 9.0).powi(2)).exp();
@@ -91,7 +86,16 @@ fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
             let y = 0.4 + 1.8 * (0.5 + 0.5 * (t * 33.0).sin());
             Vec3::new(0.4 + 7.2 * t, y + door * (1.0 - y), z + door * (1.95 - z))
         })
-        .collect();
+        .collect()
+}
+
+#[test]
+fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rooms_open");
+    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let scene = baked(&mesh, draft());
+    let centers = through_two_rooms();
     let places = balls(&centers, 0.15, 8);
     let (found, missing) = compare(&scene, &mesh, &description.lights, &places);
     let probes = scene.probes.as_ref().unwrap();
@@ -129,6 +133,60 @@ fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
     };
     let none = vec![Vec3::ZERO; places.len()];
     assert!(errors(&value(&wrong), &value(&right), &none).nrmse > 0.15);
+}
+
+/// `rooms_open` with its opening walled up: a ball on the same way has none of the lit room's light in the other.
+#[test]
+fn a_ball_in_the_sealed_room_is_dark() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rooms_open");
+    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+    let open = load_gltf(&description.geometry[0]).unwrap().mesh;
+    let corner = |x| Vec3::new(x, 0.0, 1.5);
+    let (up, across) = (2.0 * Vec3::Y, 0.9 * Vec3::Z);
+    let mut triangles = Vec::new();
+    let mut materials = Vec::new();
+    for i in 0..open.len() {
+        triangles.push(open.triangle(i).unwrap());
+        materials.push(open.material(i).unwrap().clone());
+    }
+    for (a, u, v) in [(corner(4.0), across, up), (corner(4.02), up, across)] {
+        triangles.extend([[a, a + u, a + u + v], [a, a + u + v, a + v]]);
+        materials.extend([(); 2].map(|()| Material::diffuse(Vec3::splat(0.7))));
+    }
+    let sealed = TriangleMesh::new(triangles, (0..materials.len() as u32).collect(), materials);
+    let recipe = Recipe {
+        viewpoints: vec![[2.0, 1.4, 2.0], [6.0, 1.4, 2.0]],
+        ..draft()
+    };
+    let light = |mesh: &TriangleMesh| {
+        let scene = baked(mesh, recipe.clone());
+        let meshes = std::slice::from_ref(mesh);
+        let ours = Evaluator::new(&scene, meshes, &description.lights, Bounces::Count(4));
+        let (mut lit, mut dark) = (Vec::new(), Vec::new());
+        for center in through_two_rooms() {
+            for (x, n) in balls(&[center], 0.15, 8) {
+                let e = ours.in_space(x, n).expect("a probe reaches").element_sum();
+                // Not in the wall.
+                match x.x {
+                    x if x < 3.99 => lit.push(e),
+                    x if x > 4.03 => dark.push(e),
+                    _ => {}
+                }
+            }
+        }
+        let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
+        let most = dark.iter().fold(0.0f32, |a, &b| a.max(b));
+        (mean(&lit), mean(&dark), most)
+    };
+    let (lit, dark, most) = light(&sealed);
+    let (_, through, _) = light(&open);
+    println!(
+        "sealed: {:.1e} of what comes through the opening, at most {:.1e} of the lit room's",
+        dark / through,
+        most / lit
+    );
+    assert!(lit > 0.0 && through > 0.01 * lit, "{through} beside {lit}");
+    assert!(most <= 1e-4 * lit, "{most} of {lit}");
 }
 
 /// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and reflects nothing.

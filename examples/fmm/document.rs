@@ -1,6 +1,6 @@
 //! The document: tables, charts, and what they say.
 
-use super::{Found, POINTS, RECEIVERS, Size};
+use super::{Found, POINTS, RECEIVERS, ROUNDS, Size};
 use bevy_meshless_gi::accuracy::{Axis, Chart, Format, Series, Style};
 use bevy_meshless_gi::transport::fmm::FmmSettings;
 use std::error::Error;
@@ -29,16 +29,13 @@ impl Size {
     }
 }
 
-/// Where `ours` falls below the sum over all pairs, between two measured sizes by their logarithms.
+/// From where on `ours` stays below the sum over all pairs, between two measured sizes by their logarithms; the first size where it never is above.
 fn overtakes(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
     let gap = |s: &Size| (ours(s) / s.direct).ln();
-    if sizes.first().is_some_and(|s| gap(s) <= 0.0) {
+    let Some(last) = sizes.iter().rposition(|s| gap(s) > 0.0) else {
         return sizes.first().map(|s| s.points as f64);
-    }
-    let pair = sizes
-        .windows(2)
-        .find(|w| gap(&w[0]) > 0.0 && gap(&w[1]) <= 0.0)?;
-    let [a, b] = [&pair[0], &pair[1]];
+    };
+    let [a, b] = [&sizes[last], sizes.get(last + 1)?];
     let t = gap(a) / (gap(a) - gap(b));
     let (la, lb) = ((a.points as f64).ln(), (b.points as f64).ln());
     Some((la + t * (lb - la)).exp())
@@ -176,7 +173,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     writeln!(
         w,
         "Order {}, {} points a leaf at most, one bounce, red, green and blue together. The sum over all pairs is timed at {RECEIVERS} receivers and scaled. Errors are at the same receivers, with sources\n\
-         near by as disks in both. The fastest of three runs or more counts.\n\n\
+         near by as disks in both. The fastest of {ROUNDS} rounds over all numbers counts.\n\n\
          | points | nodes | pairs of points in the near list | tree, s | lists, s | up, s | down, s | all pairs, s | NRMSE |\n|---|---|---|---|---|---|---|---|---|",
         FmmSettings::default().order,
         FmmSettings::default().leaf,
@@ -196,19 +193,24 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let least = sizes.first().map(|s| s.points as f64);
     let said = |n: Option<f64>| match n {
         None => "nowhere".into(),
-        Some(n) if Some(n) == least => format!("fewer than {n:.0} points"),
+        Some(n) if Some(n) == least => format!("{n:.0} points or fewer"),
         Some(n) => format!("{n:.0} points"),
     };
     let (from, to) = (fitted.first(), sizes.last());
+    let (lower, upper) = fitted.split_at(fitted.len() / 2);
     writeln!(
         w,
-        "\nFitted from {} to {} points: **time of a pass ~ N^{pass:.2}**, with tree and lists N^{whole:.2}; all pairs N^{:.2}. A pass overtakes the sum over all pairs at {}, with tree and lists at {}.\n\n\
+        "\nFitted from {} to {} points: **time of a pass ~ N^{pass:.2}**, with tree and lists N^{whole:.2}; all pairs N^{:.2}. The lower half of these sizes alone grows as N^{:.2}, where most points\n\
+         are near, the upper half as N^{:.2}; all without the largest as N^{:.2}. A pass takes less than the sum over all pairs from {} on, with tree and lists from {}.\n\n\
          ![Time by number of points](fmm/time.svg)\n\n\
          The upward pass takes {} of both ([G08] §3.1.6: less than 1 % beside its downward pass).\n\n\
          ![Upward and downward pass](fmm/passes.svg)\n\n## Points that look away from each other\n",
         from.map_or(0, |s| s.points),
         to.map_or(0, |s| s.points),
         exponent(&of(fitted, |s| s.direct)),
+        exponent(&of(lower, Size::pass)),
+        exponent(&of(upper, Size::pass)),
+        exponent(&of(&fitted[..fitted.len().saturating_sub(1)], Size::pass)),
         said(overtakes(sizes, Size::pass)),
         said(overtakes(sizes, Size::whole)),
         percent(to.map_or(0.0, |s| s.seconds[2] / s.pass())),

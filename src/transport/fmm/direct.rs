@@ -5,6 +5,7 @@ use super::settings::FmmPoint;
 use super::tree::COINCIDENT;
 use crate::scene::Geometry;
 use glam::{DVec3, Vec3};
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Irradiance at `receivers` (indices of points) from all points of radiosity `radiosity`, W/m²: \[G08\] Eq. (4) with max(0, ·), as disks where `disks`
@@ -31,29 +32,69 @@ pub fn direct(
                 (min.min(p), max.max(p))
             });
     let nearest = COINCIDENT * (corners.1 - corners.0).max_element();
+    let shines = |(p, b): &(&FmmPoint, &Vec3)| p.normal != Vec3::ZERO && **b != Vec3::ZERO;
+    let sources: Vec<_> = points
+        .iter()
+        .zip(radiosity)
+        .filter(shines)
+        .map(|(point, b)| Source {
+            point,
+            position: point.position.as_dvec3(),
+            normal: point.normal.as_dvec3().normalize_or_zero(),
+            share: f64::from(point.weight) / core::f64::consts::PI,
+            radiosity: b.as_dvec3(),
+        })
+        .collect();
+    let rules = Rules {
+        nearest: nearest * nearest,
+        disks,
+        geometry,
+    };
     receivers
         .par_iter()
-        .map(|&i| {
-            let x = &points[i as usize];
-            let nx = x.normal.as_dvec3().normalize_or_zero();
-            let mut sum = DVec3::ZERO;
-            for (y, b) in points.iter().zip(radiosity) {
-                let r = x.position.as_dvec3() - y.position.as_dvec3();
-                let (out, into) = (y.normal.as_dvec3().normalize_or_zero().dot(r), -nx.dot(r));
-                if out <= 0.0 || into <= 0.0 || r.length() <= nearest || *b == Vec3::ZERO {
-                    continue;
-                }
-                if geometry.is_some_and(|g| hidden(g, x, y)) {
-                    continue;
-                }
-                let share = f64::from(y.weight) / core::f64::consts::PI;
-                let square = r.length_squared();
-                let spread = if disks { square + share } else { square };
-                sum += share * out * into / (square * spread) * b.as_dvec3();
-            }
-            sum.as_vec3()
-        })
+        .map(|&i| irradiance(&points[i as usize], &sources, &rules).as_vec3())
         .collect()
+}
+
+/// A point that gives light, prepared once for all receivers.
+struct Source<'a> {
+    point: &'a FmmPoint,
+    position: DVec3,
+    normal: DVec3,
+    share: f64,
+    radiosity: DVec3,
+}
+
+struct Rules<'a> {
+    /// Square of the distance within which two points are one place.
+    nearest: f64,
+    disks: bool,
+    geometry: Option<&'a dyn Geometry>,
+}
+
+/// At one point, for the widest vectors that the machine has, as the method's passes are.
+#[multiversion(targets("x86_64+avx2"))]
+fn irradiance(x: &FmmPoint, sources: &[Source<'_>], rules: &Rules<'_>) -> DVec3 {
+    let position = x.position.as_dvec3();
+    let normal = x.normal.as_dvec3().normalize_or_zero();
+    let mut sum = DVec3::ZERO;
+    for y in sources {
+        let r = position - y.position;
+        let (out, into, square) = (y.normal.dot(r), -normal.dot(r), r.length_squared());
+        if out <= 0.0 || into <= 0.0 || square <= rules.nearest {
+            continue;
+        }
+        if rules.geometry.is_some_and(|g| hidden(g, x, y.point)) {
+            continue;
+        }
+        let spread = if rules.disks {
+            square + y.share
+        } else {
+            square
+        };
+        sum += y.share * out * into / (square * spread) * y.radiosity;
+    }
+    sum
 }
 
 fn hidden(geometry: &dyn Geometry, x: &FmmPoint, y: &FmmPoint) -> bool {

@@ -42,7 +42,7 @@ impl<T> Default for Scratch<T> {
 }
 
 /// K n for the vector n in three colours.
-#[inline]
+#[inline(always)]
 fn product<T: Real>(k: &Six<T>, m: &Term<T>, out: &mut Term<T>) {
     for c in 0..4 {
         let (x, y, z) = (m[0][c], m[1][c], m[2][c]);
@@ -52,7 +52,7 @@ fn product<T: Real>(k: &Six<T>, m: &Term<T>, out: &mut Term<T>) {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn add<T: Real>(out: &mut Term<T>, factor: T, m: &Term<T>) {
     for i in 0..3 {
         for c in 0..4 {
@@ -61,6 +61,7 @@ fn add<T: Real>(out: &mut Term<T>, factor: T, m: &Term<T>) {
     }
 }
 
+#[inline(always)]
 fn length<T: Real>(v: [T; 3]) -> T {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
@@ -77,6 +78,7 @@ impl Expansions {
     }
 
     /// v^α / α! of all terms.
+    #[inline(always)]
     fn powers<T: Real>(&self, v: [T; 3], out: &mut Vec<T>) {
         out.clear();
         out.push(T::of(1.0));
@@ -87,6 +89,7 @@ impl Expansions {
     }
 
     /// Adds a source to an S-expansion: `v` = (c − y) / s, `source` = q n_y.
+    #[inline(always)]
     pub fn source<T: Real>(
         &self,
         v: [T; 3],
@@ -101,6 +104,7 @@ impl Expansions {
     }
 
     /// S→S: adds a child's expansion to its parent's. `v` = (c_parent − c_child) / s_parent, `ratio` = s_child / s_parent.
+    #[inline(always)]
     pub fn s_to_s<T: Real>(
         &self,
         v: [T; 3],
@@ -124,6 +128,7 @@ impl Expansions {
     }
 
     /// R→R: adds a parent's expansion to its child's. `v` = (c_child − c_parent) / s_parent, `ratio` = s_child / s_parent.
+    #[inline(always)]
     pub fn r_to_r<T: Real>(
         &self,
         v: [T; 3],
@@ -149,6 +154,7 @@ impl Expansions {
     }
 
     /// The derivatives at r / |r|, and 1 / |r|.
+    #[inline(always)]
     fn kernel<T: Real>(&self, r: [T; 3], scratch: &mut Scratch<T>) -> T {
         let inverse = length(r).reciprocal();
         let unit = r.map(|c| c * inverse);
@@ -159,6 +165,7 @@ impl Expansions {
 
     /// S→R, far list: adds what the S-expansion `source` about c_s is near c_r to the R-expansion there. `r` = c_r − c_s; `sizes` = [s_s, s_r] in the same unit;
     /// `weight` the part of the light that arrives.
+    #[inline(always)]
     pub fn s_to_r<T: Real>(
         &self,
         r: [T; 3],
@@ -187,6 +194,7 @@ impl Expansions {
     }
 
     /// `scratch.scaled` = `source` with terms of degree n times `ratio`ⁿ.
+    #[inline(always)]
     fn scale<T: Real>(&self, source: &[Term<T>], ratio: T, scratch: &mut Scratch<T>) {
         scratch.scaled.clear();
         scratch.scaled.extend_from_slice(source);
@@ -201,6 +209,7 @@ impl Expansions {
     }
 
     /// Local list: adds one source to an R-expansion. `r` = c_r − y, `size` = s_r.
+    #[inline(always)]
     pub fn point_to_r<T: Real>(
         &self,
         r: [T; 3],
@@ -226,6 +235,7 @@ impl Expansions {
     }
 
     /// Multipole list: F at a point from an S-expansion. `r` = x − c_s, `size` = s_s.
+    #[inline(always)]
     pub fn s_at<T: Real>(
         &self,
         r: [T; 3],
@@ -254,6 +264,7 @@ impl Expansions {
     }
 
     /// F at a point from an R-expansion: `v` = (x − c) / s.
+    #[inline(always)]
     pub fn r_at<T: Real>(&self, v: [T; 3], local: &[Term<T>], scratch: &mut Scratch<T>) -> Term<T> {
         self.powers(v, &mut scratch.powers);
         let mut out = Term::default();

@@ -10,6 +10,7 @@
 //! | [`facing`], [`visibility`] | which nodes light each other |
 //! | [`lists`] | the four interaction lists |
 //! | [`passes`] | upward and downward, node by node, in either precision |
+//! | `threads` | the same, shared out to threads |
 //! | `solve` | the solver |
 //! | `operator` | the octree as a bake stores it |
 //! | [`direct()`] | the sum over all pairs that it stands in for |
@@ -29,10 +30,12 @@ mod settings;
 mod solve;
 pub mod tensor;
 pub mod terms;
+mod threads;
 pub mod tree;
 pub mod visibility;
 
 pub use direct::direct;
 pub use operator::{FmmNode, FmmOperator, FmmPlace};
 pub use settings::{FmmError, FmmPoint, FmmSettings, check_points};
-pub use solve::{Fmm, FmmSolution, PassTimes, Passes};
+pub use solve::{Fmm, FmmSolution};
+pub use threads::{PassTimes, Passes};

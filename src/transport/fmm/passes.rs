@@ -48,14 +48,17 @@ pub struct Field<'a, T> {
     centers: Vec<([T; 3], T)>,
 }
 
+#[inline(always)]
 fn minus<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
+#[inline(always)]
 fn times<T: Real>(a: [T; 3], f: T) -> [T; 3] {
     a.map(|c| c * f)
 }
 
+#[inline(always)]
 fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -129,10 +132,12 @@ impl<'a, T: Real> Field<'a, T> {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
+    #[inline(always)]
     fn center(&self, node: usize) -> [T; 3] {
         self.centers[node].0
     }
 
+    #[inline(always)]
     fn size(&self, node: usize) -> T {
         self.centers[node].1
     }
@@ -148,6 +153,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// −w B / π n of a point: its radiosity as a source.
+    #[inline(always)]
     fn source(&self, point: usize, radiosity: &[[T; 4]]) -> Term<T> {
         let p = &self.points[point];
         let q = T::default() - p.share;
@@ -156,6 +162,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// The S-expansion of a leaf, from nothing.
+    #[inline(always)]
     pub fn leaf(
         &self,
         node: usize,
@@ -173,6 +180,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// The S-expansion of a node from its children's, which `below` holds from node `first` on.
+    #[inline(always)]
     pub fn gather(
         &self,
         node: usize,
@@ -193,6 +201,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// The R-expansion of a node, from nothing: its far and local lists, and its parent's expansion. `sources` are all S-expansions.
+    #[inline(always)]
     pub fn receive(
         &self,
         node: usize,
@@ -234,6 +243,7 @@ impl<'a, T: Real> Field<'a, T> {
 
     /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what arrives there, but for the slack's band. `local` is the leaf's
     /// R-expansion, `sources` are all S-expansions.
+    #[inline(always)]
     pub fn evaluate(
         &self,
         node: usize,
@@ -269,6 +279,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 
     /// The near list: \[G08\] Eq. (4) with max(0, ·), between points.
+    #[inline(always)]
     fn near(&self, x: &FieldPoint<T>, sources: &[FieldPoint<T>], radiosity: &[[T; 4]]) -> Term<T> {
         let zero = T::default();
         let nearest = T::of(COINCIDENT * COINCIDENT);
@@ -291,6 +302,7 @@ impl<'a, T: Real> Field<'a, T> {
     }
 }
 
+#[inline(always)]
 fn add<T: Real>(out: &mut Term<T>, factor: T, value: &Term<T>) {
     for (out, value) in out.iter_mut().zip(value) {
         for (out, value) in out.iter_mut().zip(value) {

@@ -3,27 +3,17 @@
 //! \[G08\] §3.1.6 runs everything three times, once a colour, and iterates three times; here the colours go together and the iteration ends by a tolerance. Results are the same
 //! bits for any number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
 
-use super::expansion::{Expansions, Scratch, Term};
+use super::expansion::Expansions;
 use super::lists::{Lists, lists};
 use super::operator::FmmOperator;
 use super::passes::{Field, along};
-use super::real::Real;
 use super::settings::{FmmError, FmmPoint, FmmSettings, check_points};
+use super::threads::{PassTimes, Passes};
 use super::tree::{Tree, TreePoint};
 use super::visibility::Visibility;
 use crate::scene::Geometry;
 use glam::Vec3;
-use rayon::prelude::*;
 use std::time::{Duration, Instant};
-
-/// How long the parts of a pass took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PassTimes {
-    /// S-expansions and S→S.
-    pub up: Duration,
-    /// The rest.
-    pub down: Duration,
-}
 
 /// A solution of B = ρE + M.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,9 +41,6 @@ pub struct Fmm {
     /// Tree and lists.
     pub build: [Duration; 2],
 }
-
-/// Nodes that a thread takes at least.
-const NODES: usize = 8;
 
 impl Fmm {
     /// Builds the tree and the lists; with a geometry what is hidden does not shine.
@@ -225,115 +212,5 @@ impl Fmm {
             };
         }
         Ok(solution)
-    }
-}
-
-/// The buffers of the passes, used again and again.
-pub struct Passes<'a, T> {
-    /// What the passes run over.
-    pub field: Field<'a, T>,
-    /// S-expansions, node after node.
-    pub sources: Vec<Term<T>>,
-    /// R-expansions.
-    pub locals: Vec<Term<T>>,
-    /// Vector irradiance at the receivers in the tree's order, W/m²; nothing at the others.
-    pub values: Vec<Term<T>>,
-    /// The leaves that receive, by their points.
-    leaves: Vec<usize>,
-    /// Radiosity in the tree's order.
-    ordered: Vec<[T; 4]>,
-}
-
-impl<'a, T: Real> Passes<'a, T> {
-    /// With room for all expansions.
-    #[must_use]
-    pub fn new(field: Field<'a, T>) -> Self {
-        let terms = field.terms() * field.nodes.len();
-        let receives = |&i: &usize| {
-            let node = &field.nodes[i];
-            node.is_leaf() && !node.receiver_range().is_empty()
-        };
-        let mut leaves: Vec<_> = (0..field.nodes.len()).filter(receives).collect();
-        leaves.sort_by_key(|&i| field.nodes[i].start);
-        Self {
-            sources: vec![Term::default(); terms],
-            locals: vec![Term::default(); terms],
-            values: vec![Term::default(); field.points.len()],
-            leaves,
-            ordered: Vec::with_capacity(field.points.len()),
-            field,
-        }
-    }
-
-    /// Both passes, for the radiosity of every point in the order of the tree's input.
-    pub fn run(&mut self, radiosity: &[[T; 4]]) -> PassTimes {
-        let start = Instant::now();
-        self.up(radiosity);
-        let up = start.elapsed();
-        let start = Instant::now();
-        self.down(radiosity);
-        let down = start.elapsed();
-        PassTimes { up, down }
-    }
-
-    /// The upward pass, for the radiosity of every point in the order of the tree's input.
-    pub fn up(&mut self, radiosity: &[[T; 4]]) {
-        let (field, n) = (&self.field, self.field.terms());
-        field.in_order(radiosity, &mut self.ordered);
-        let radiosity = self.ordered.as_slice();
-        for l in (0..field.levels()).rev() {
-            let level = field.level(l);
-            let (own, below) = self.sources.split_at_mut(level.end * n);
-            own[level.start * n..]
-                .par_chunks_mut(n)
-                .with_min_len(NODES)
-                .enumerate()
-                .for_each_init(Scratch::default, |scratch, (i, out)| {
-                    let node = level.start + i;
-                    match field.nodes[node].is_leaf() {
-                        true => field.leaf(node, radiosity, scratch, out),
-                        false => field.gather(node, below, level.end, scratch, out),
-                    }
-                });
-        }
-    }
-
-    /// The downward pass and the evaluation, for the same.
-    pub fn down(&mut self, radiosity: &[[T; 4]]) {
-        let (field, n) = (&self.field, self.field.terms());
-        field.in_order(radiosity, &mut self.ordered);
-        let radiosity = self.ordered.as_slice();
-        let sources = &self.sources;
-        for l in 0..field.levels() {
-            let level = field.level(l);
-            let (above, own) = self.locals.split_at_mut(level.start * n);
-            own[..level.len() * n]
-                .par_chunks_mut(n)
-                .with_min_len(NODES)
-                .enumerate()
-                .for_each_init(Scratch::default, |scratch, (i, out)| {
-                    let node = level.start + i;
-                    let parent = field.nodes[node].parent as usize;
-                    let parent = (l > 0).then(|| &above[parent * n..(parent + 1) * n]);
-                    field.receive(node, sources, parent, radiosity, scratch, out);
-                });
-        }
-        let mut rest = self.values.as_mut_slice();
-        let mut at = 0;
-        let mut parts = Vec::with_capacity(self.leaves.len());
-        for &node in &self.leaves {
-            let range = field.nodes[node].receiver_range();
-            let (own, other) = rest[range.start - at..].split_at_mut(range.len());
-            parts.push((node, own));
-            (rest, at) = (other, range.end);
-        }
-        let locals = &self.locals;
-        parts.into_par_iter().with_min_len(NODES).for_each_init(
-            Scratch::default,
-            |scratch, (node, out)| {
-                let local = &locals[node * n..(node + 1) * n];
-                field.evaluate(node, sources, local, radiosity, scratch, out);
-            },
-        );
     }
 }

@@ -73,6 +73,7 @@ impl Derivatives {
     }
 
     /// ∂^γ K(r) at the unit vector `r` for all γ. `scalar` is room for the derivatives of |r|⁻⁴.
+    #[inline(always)]
     pub fn at<T: Real>(&self, r: [T; 3], scalar: &mut Vec<T>, out: &mut Vec<Six<T>>) {
         // One more, which is zero: what is not there.
         let none = self.down.len();

@@ -1,0 +1,255 @@
+//! The passes node after node, shared out to threads: a node is one thread's, so results are the same bits for any number of them (design D5). What a node does is [`Field`]'s; here it is
+//! compiled a second time for the widest vectors that an x86-64 processor may have, which changes no bit either: lanes of colours side by side, sums in the same order, no fused products.
+
+use super::expansion::{Scratch, Term};
+use super::passes::Field;
+use super::real::Real;
+use multiversion::multiversion;
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// How long the parts of a pass took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PassTimes {
+    /// S-expansions and S→S.
+    pub up: Duration,
+    /// The rest.
+    pub down: Duration,
+}
+
+/// Nodes that a thread takes at least.
+const NODES: usize = 8;
+
+/// The buffers of the passes, used again and again.
+pub struct Passes<'a, T> {
+    /// What the passes run over.
+    pub field: Field<'a, T>,
+    /// S-expansions, node after node.
+    pub sources: Vec<Term<T>>,
+    /// R-expansions.
+    pub locals: Vec<Term<T>>,
+    /// Vector irradiance at the receivers in the tree's order, W/m²; nothing at the others.
+    pub values: Vec<Term<T>>,
+    /// The leaves that receive, by their points.
+    leaves: Vec<usize>,
+    /// Radiosity in the tree's order.
+    ordered: Vec<[T; 4]>,
+}
+
+impl<'a, T: Real> Passes<'a, T> {
+    /// With room for all expansions.
+    #[must_use]
+    pub fn new(field: Field<'a, T>) -> Self {
+        let terms = field.terms() * field.nodes.len();
+        let receives = |&i: &usize| {
+            let node = &field.nodes[i];
+            node.is_leaf() && !node.receiver_range().is_empty()
+        };
+        let mut leaves: Vec<_> = (0..field.nodes.len()).filter(receives).collect();
+        leaves.sort_by_key(|&i| field.nodes[i].start);
+        Self {
+            sources: vec![Term::default(); terms],
+            locals: vec![Term::default(); terms],
+            values: vec![Term::default(); field.points.len()],
+            leaves,
+            ordered: Vec::with_capacity(field.points.len()),
+            field,
+        }
+    }
+
+    /// Both passes, for the radiosity of every point in the order of the tree's input.
+    pub fn run(&mut self, radiosity: &[[T; 4]]) -> PassTimes {
+        let start = Instant::now();
+        self.up(radiosity);
+        let up = start.elapsed();
+        let start = Instant::now();
+        self.down(radiosity);
+        let down = start.elapsed();
+        PassTimes { up, down }
+    }
+
+    /// The upward pass, for the radiosity of every point in the order of the tree's input.
+    pub fn up(&mut self, radiosity: &[[T; 4]]) {
+        let (field, n) = (&self.field, self.field.terms());
+        field.in_order(radiosity, &mut self.ordered);
+        let radiosity = self.ordered.as_slice();
+        for l in (0..field.levels()).rev() {
+            let level = field.level(l);
+            let (own, below) = self.sources.split_at_mut(level.end * n);
+            own[level.start * n..]
+                .par_chunks_mut(n)
+                .with_min_len(NODES)
+                .enumerate()
+                .for_each_init(Scratch::default, |scratch, (i, out)| {
+                    let node = level.start + i;
+                    ascend(field, node, radiosity, below, level.end, scratch, out);
+                });
+        }
+    }
+
+    /// The downward pass and the evaluation, for the same.
+    pub fn down(&mut self, radiosity: &[[T; 4]]) {
+        let (field, n) = (&self.field, self.field.terms());
+        field.in_order(radiosity, &mut self.ordered);
+        let radiosity = self.ordered.as_slice();
+        let sources = &self.sources;
+        for l in 0..field.levels() {
+            let level = field.level(l);
+            let (above, own) = self.locals.split_at_mut(level.start * n);
+            own[..level.len() * n]
+                .par_chunks_mut(n)
+                .with_min_len(NODES)
+                .enumerate()
+                .for_each_init(Scratch::default, |scratch, (i, out)| {
+                    let node = level.start + i;
+                    let parent = field.nodes[node].parent as usize;
+                    let parent = (l > 0).then(|| &above[parent * n..(parent + 1) * n]);
+                    descend(field, node, sources, parent, radiosity, scratch, out);
+                });
+        }
+        let mut rest = self.values.as_mut_slice();
+        let mut at = 0;
+        let mut parts = Vec::with_capacity(self.leaves.len());
+        for &node in &self.leaves {
+            let range = field.nodes[node].receiver_range();
+            let (own, other) = rest[range.start - at..].split_at_mut(range.len());
+            parts.push((node, own));
+            (rest, at) = (other, range.end);
+        }
+        let locals = &self.locals;
+        parts.into_par_iter().with_min_len(NODES).for_each_init(
+            Scratch::default,
+            |scratch, (node, out)| {
+                let local = &locals[node * n..(node + 1) * n];
+                arrive(field, node, sources, local, radiosity, scratch, out);
+            },
+        );
+    }
+}
+
+/// The upward pass's step of a node, for the widest vectors that the machine has: the same bits, as sums keep their order.
+#[multiversion(targets("x86_64+avx2"))]
+fn ascend<T: Real>(
+    field: &Field<'_, T>,
+    node: usize,
+    radiosity: &[[T; 4]],
+    below: &[Term<T>],
+    first: usize,
+    scratch: &mut Scratch<T>,
+    out: &mut [Term<T>],
+) {
+    match field.nodes[node].is_leaf() {
+        true => field.leaf(node, radiosity, scratch, out),
+        false => field.gather(node, below, first, scratch, out),
+    }
+}
+
+/// The downward pass's step of a node, likewise.
+#[multiversion(targets("x86_64+avx2"))]
+fn descend<T: Real>(
+    field: &Field<'_, T>,
+    node: usize,
+    sources: &[Term<T>],
+    parent: Option<&[Term<T>]>,
+    radiosity: &[[T; 4]],
+    scratch: &mut Scratch<T>,
+    out: &mut [Term<T>],
+) {
+    field.receive(node, sources, parent, radiosity, scratch, out);
+}
+
+/// What arrives at a leaf, likewise.
+#[multiversion(targets("x86_64+avx2"))]
+fn arrive<T: Real>(
+    field: &Field<'_, T>,
+    node: usize,
+    sources: &[Term<T>],
+    local: &[Term<T>],
+    radiosity: &[[T; 4]],
+    scratch: &mut Scratch<T>,
+    out: &mut [Term<T>],
+) {
+    field.evaluate(node, sources, local, radiosity, scratch, out);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::{FmmPoint, FmmSettings};
+    use super::super::solve::Fmm;
+    use super::*;
+    use crate::samples::Random;
+    use glam::Vec3;
+
+    /// The steps as they are compiled for every machine, one after another.
+    fn one_by_one<T: Real>(field: &Field<'_, T>, radiosity: &[[T; 4]]) -> Vec<Term<T>> {
+        let n = field.terms();
+        let none = vec![Term::default(); n * field.nodes.len()];
+        let (mut sources, mut locals) = (none.clone(), none);
+        let mut values = vec![Term::default(); field.points.len()];
+        let mut ordered = Vec::new();
+        field.in_order(radiosity, &mut ordered);
+        let scratch = &mut Scratch::default();
+        for node in (0..field.nodes.len()).rev() {
+            let (own, below) = sources.split_at_mut((node + 1) * n);
+            let own = &mut own[node * n..];
+            match field.nodes[node].is_leaf() {
+                true => field.leaf(node, &ordered, scratch, own),
+                false => field.gather(node, below, node + 1, scratch, own),
+            }
+        }
+        for node in 0..field.nodes.len() {
+            let (above, own) = locals.split_at_mut(node * n);
+            let parent = field.nodes[node].parent as usize;
+            let parent = (node > 0).then(|| &above[parent * n..(parent + 1) * n]);
+            let own = &mut own[..n];
+            field.receive(node, &sources, parent, &ordered, scratch, own);
+            if field.nodes[node].is_leaf() {
+                let out = &mut values[field.nodes[node].receiver_range()];
+                field.evaluate(node, &sources, own, &ordered, scratch, out);
+            }
+        }
+        values
+    }
+
+    fn same_bits<T: Real + std::fmt::Debug>(field: Field<'_, T>, radiosity: &[[T; 4]]) {
+        let right = one_by_one(&field, radiosity);
+        let mut passes = Passes::new(field);
+        passes.run(radiosity);
+        assert_eq!(passes.values, right);
+        let lit = right.iter().filter(|v| **v != Term::default());
+        assert!(lit.count() * 2 > right.len());
+    }
+
+    #[test]
+    fn any_vectors_and_any_threads_give_the_same_bits() {
+        let mut random = Random::new(2, 7, 1);
+        // The inside of a ball and a smaller ball in it: all four lists.
+        let points: Vec<_> = (0..3000)
+            .map(|i| {
+                let v = Vec3::from_array(std::array::from_fn(|_| random.unit() - 0.5)).normalize();
+                let (radius, side) = if i % 4 == 0 { (0.2, 1.0) } else { (1.0, -1.0) };
+                FmmPoint {
+                    position: radius * v,
+                    normal: side * v,
+                    weight: 0.004 * radius * radius,
+                    receives: true,
+                }
+            })
+            .collect();
+        let fmm = Fmm::new(&points, &FmmSettings::default(), None).expect("good points");
+        let lists = fmm.lists();
+        for list in [&lists.far, &lists.local, &lists.multipole, &lists.near] {
+            assert!(!list.entries.is_empty());
+        }
+        let radiosity: Vec<[f64; 4]> = points
+            .iter()
+            .map(|p| [p.position.x + 1.0, p.position.y + 1.0, 0.3, 0.0].map(f64::from))
+            .collect();
+        same_bits(
+            Field::new(fmm.tree(), lists, fmm.expansions(), true),
+            &radiosity,
+        );
+        let narrow: Vec<[f32; 4]> = radiosity.iter().map(|b| b.map(|c| c as f32)).collect();
+        same_bits(Field::of(&fmm.operator(|at| at)), &narrow);
+    }
+}
