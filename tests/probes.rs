@@ -165,13 +165,12 @@ fn a_ball_in_the_sealed_room_is_dark() {
         let (mut lit, mut dark) = (Vec::new(), Vec::new());
         for center in through_two_rooms() {
             for (x, n) in balls(&[center], 0.15, 8) {
-                let e = ours.in_space(x, n).expect("a probe reaches").element_sum();
-                // Not in the wall.
-                match x.x {
-                    x if x < 3.99 => lit.push(e),
-                    x if x > 4.03 => dark.push(e),
-                    _ => {}
+                // Nothing lies in the wall.
+                if (3.99..4.03).contains(&x.x) {
+                    continue;
                 }
+                let side = if x.x < 4.0 { &mut lit } else { &mut dark };
+                side.push(ours.in_space(x, n).expect("a probe reaches").element_sum());
             }
         }
         let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;

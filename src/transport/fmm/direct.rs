@@ -72,7 +72,7 @@ struct Rules<'a> {
     geometry: Option<&'a dyn Geometry>,
 }
 
-/// At one point, for the widest vectors that the machine has, as the method's passes are.
+/// At one point, compiled for AVX2 too, as the method's passes are: what is compared has the same means.
 #[multiversion(targets("x86_64+avx2"))]
 fn irradiance(x: &FmmPoint, sources: &[Source<'_>], rules: &Rules<'_>) -> DVec3 {
     let position = x.position.as_dvec3();
