@@ -170,6 +170,19 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
                 tints[0], tints[1]
             );
             assert!(floor.len() > 5 && tints[0] > 1.2 * tints[1]);
+            // And the walls of triangles colour the points of the ball: red on one side, green on the other.
+            let side = |left: bool| {
+                let center = Vec3::new(0.1, 0.6, 0.1);
+                let facing = |(x, n): &&(Vec3, Vec3)| {
+                    x.distance(center) < 0.45 && (if left { -n.x } else { n.x }) > 0.4
+                };
+                let own: Vec<_> = places.iter().filter(facing).copied().collect();
+                let sum: Vec3 = indirect(&fmm.0, &level, &own).into_iter().sum();
+                (own.len(), sum.x / sum.y)
+            };
+            let (left, right) = (side(true), side(false));
+            println!("red over green on the ball's sides, places and tint: {left:?}, {right:?}");
+            assert!(left.0 > 5 && right.0 > 5 && left.1 > 1.3 * right.1);
         }
     }
 }

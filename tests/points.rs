@@ -122,6 +122,15 @@ fn tool(arguments: &[&str], code: i32) -> String {
 
 #[test]
 fn the_tool_takes_points_like_triangles() {
+    the_tool_takes_points("Bounded");
+}
+
+#[test]
+fn the_tool_takes_points_under_rule_fmm() {
+    the_tool_takes_points("Fmm");
+}
+
+fn the_tool_takes_points(rule: &str) {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
     let box_glb = concat!(
@@ -136,7 +145,14 @@ fn the_tool_takes_points_like_triangles() {
         fs::read(&ply).unwrap() == fs::read(&again).unwrap(),
         "twice the same"
     );
-    fs::write(at("q.gi.ron"), "(scene: \"box.ply\", preset: Draft, rays: 64, levels: 4, sender_levels: 3, extra_levels: 0, epsilon: 0.03)").unwrap();
+    let own = if rule == "Bounded" {
+        "epsilon: 0.03"
+    } else {
+        "leaf: 16"
+    };
+    let settings = "preset: Draft, rays: 64, levels: 4, sender_levels: 3, extra_levels: 0";
+    let recipe = format!("(scene: \"box.ply\", rule: {rule}, {settings}, {own})");
+    fs::write(at("q.gi.ron"), recipe).unwrap();
     for (out, threads) in [("one.mgi", "1"), ("two.mgi", "3")] {
         tool(
             &[
@@ -156,7 +172,14 @@ fn the_tool_takes_points_like_triangles() {
         fs::read(at("one.mgi")).unwrap() == fs::read(at("two.mgi")).unwrap(),
         "threads change nothing"
     );
-    assert!(tool(&["inspect", &at("one.mgi")], 0).contains("links"));
+    let inspected = tool(&["inspect", &at("one.mgi")], 0);
+    let octree = inspected
+        .lines()
+        .any(|l| l.contains("octree") && l.contains("nodes"));
+    assert!(
+        inspected.contains("links") && octree == (rule == "Fmm"),
+        "{inspected}"
+    );
     tool(&["validate", &at("one.mgi"), "--level", &ply], 0);
     let spot = r#"{"type":"spot","position":[2.78,5.4,2.795],"direction":[0,-1,0],"intensity":[10,9,7],"inner_deg":45,"outer_deg":65}"#;
     let sky = r#"{"type":"sky","radiance":[0.1,0.1,0.1]}"#;
