@@ -1,5 +1,6 @@
 // volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward. Twin: src/frame/volume.rs. The twin asks from each side of a voxel which other voxel's light it
-// reads; here the thread of that one, which sums its light once, writes it to all the sides that read it. Every texel has one writer.
+// reads; here the thread of that one, which sums its light once, writes it to all the sides that read it. A side that faces as a wall beside its voxel does has the wall's light, which the voxel's
+// own thread writes. Every texel has one writer.
 
 struct VolumeParams {
     size: vec3u,
@@ -10,7 +11,21 @@ struct VolumeParams {
     steps: array<array<vec4i, 9>, 6>,
 }
 
+// A place on a wall beside a voxel; its shares start here.
+struct Face {
+    normal: vec3f,
+    start: u32,
+}
+
+// What a face takes from a point's function.
+struct FaceShare {
+    point: u32,
+    part: f32,
+}
+
 const AHEAD: u32 = 4u;
+// A side reads a face where the cosine between them is more.
+const FACING: f32 = 0.5;
 const SHARE_BITS: u32 = 12u;
 
 @group(0) @binding(0) var<uniform> params: VolumeParams;
@@ -19,7 +34,14 @@ const SHARE_BITS: u32 = 12u;
 @group(0) @binding(2) var<storage, read> shares: array<u32>;
 // Three a probe.
 @group(0) @binding(3) var<storage, read> values: array<VectorIrradiance>;
-@group(0) @binding(4) var voxels: texture_storage_3d<rgba16float, write>;
+// Where the faces of each voxel start, and at last where they end.
+@group(0) @binding(4) var<storage, read> face_starts: array<u32>;
+// And one behind the last.
+@group(0) @binding(5) var<storage, read> faces: array<Face>;
+@group(0) @binding(6) var<storage, read> face_shares: array<FaceShare>;
+// One a point.
+@group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
+@group(0) @binding(8) var voxels: texture_storage_3d<rgba16float, write>;
 
 fn inside(voxel: vec3u) -> bool {
     return all(voxel < params.size);
@@ -65,6 +87,38 @@ fn light_of(voxel: vec3u) -> SpaceLight {
     return SpaceLight(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
 }
 
+// The face of a voxel of the volume that `n` faces most, the first of those; one behind the voxel's last where none faces as it does.
+fn face_of(voxel: vec3u, n: vec3f) -> u32 {
+    let i = index_of(voxel);
+    let end = face_starts[i + 1u];
+    var best = FACING;
+    var found = end;
+    for (var face = face_starts[i]; face < end; face++) {
+        let cosine = dot(faces[face].normal, n);
+        if cosine > best {
+            best = cosine;
+            found = face;
+        }
+    }
+    return found;
+}
+
+fn has_face(voxel: vec3u, n: vec3f) -> bool {
+    return face_of(voxel, n) < face_starts[index_of(voxel) + 1u];
+}
+
+// The light of a face's wall.
+fn on_a_wall(face: u32) -> vec3f {
+    var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    let end = faces[face + 1u].start;
+    for (var at = faces[face].start; at < end; at++) {
+        let share = face_shares[at];
+        add_scaled(&e, share.part, point_values[share.point]);
+    }
+    let n = faces[face].normal;
+    return max((e.x * n.x + e.y * n.y + e.z * n.z).xyz, vec3f(0.0));
+}
+
 fn scaled(scale: f32, e: VectorIrradiance) -> VectorIrradiance {
     return VectorIrradiance(scale * e.x, scale * e.y, scale * e.z);
 }
@@ -101,8 +155,13 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         var light = space_irradiance(own, n);
         // The side of the voxel that has this one ahead.
         let behind = stepped(voxel, -ahead);
-        if own.reached && inside(behind) {
+        if own.reached && inside(behind) && !has_face(behind, n) {
             store(behind, side, light);
+        }
+        let face = face_of(voxel, n);
+        if face < face_starts[index_of(voxel) + 1u] {
+            store(voxel, side, on_a_wall(face));
+            continue;
         }
         // One's own, where nothing is ahead.
         if is_reached(stepped(voxel, ahead)) {

@@ -238,8 +238,7 @@ fn rough(world: &mut World, colour: Vec3) -> MeshMaterial3d<StandardMaterial> {
     MeshMaterial3d(world.resource_mut::<Assets<_>>().add(material))
 }
 
-/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a forward one show the same light of it. Held is the light (NRMSE); the eye's
-/// measure is printed beside, and is 0.055 to 0.058 here, over what the pictures of the Cornell room with its black margins are held to.
+/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a forward one show the same light of it, by the eye's measure (FLIP) and by the light (NRMSE).
 #[test]
 fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
     let file = concat!(
@@ -323,7 +322,7 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
         keep(name, &deferred.beside(&forward));
         let (d, off) = (flip(&deferred, &forward), forward.nrmse(&deferred));
         println!("{name}: FLIP {d:.4}, NRMSE {off:.4}");
-        assert!(off <= OFF, "{name}: {off}");
+        assert!(d <= MOST && off <= OFF, "{name}: {d}, {off}");
         assert!(dark.nrmse(&deferred) > 3.0 * OFF, "{name}: it is lit");
     }
 }
@@ -341,8 +340,8 @@ fn a_volume_lights_no_g_buffer() {
     s.ask(MeshlessGiVolume::default());
     s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
-    // Parameters, starts and shares of the places.
-    assert_eq!(counters(&s.app).buffers, buffers + 3);
+    // Parameters, starts and shares of the places; the same of the walls' faces, and the faces.
+    assert_eq!(counters(&s.app).buffers, buffers + 6);
     s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
 }

@@ -13,7 +13,7 @@ use bevy_meshless_gi::frame::splat::{SEAM, splat_covered};
 use bevy_meshless_gi::frame::volume::volume;
 use bevy_meshless_gi::frame::{
     CpuFrame, FrameLight, FrameSettings, VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape,
-    voxels_of,
+    VolumeValues, voxels_of,
 };
 use bevy_meshless_gi::samples::{Random, lattice, trace_particles, uniform_sphere};
 use bevy_meshless_gi::scene::{
@@ -305,8 +305,11 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
         range: f32::INFINITY,
     };
     let frame = solved(&scene, &FrameLight::expand(&lamp, 1), 0.0, 4);
-    let probes = scene.probes.as_ref().unwrap();
     let [from, to] = scene.info.bounds.map(Vec3::from);
+    let values = VolumeValues {
+        points: frame.values(),
+        probes: frame.probes(),
+    };
     // The wall between the rooms is two voxels thick, and three where none of the axes lies in it.
     let leaning = Mat4::from_euler(glam::EulerRot::XYZ, 0.5, 0.8, 0.3);
     let turns = [
@@ -318,13 +321,19 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
         let (from, to) = (from - edge, to + edge);
         let voxels = voxels_of(to - from, edge, u32::MAX);
         let shape = VolumeShape::new([from, to], voxels).unwrap();
-        let places = VolumePlaces::of(shape, probes);
-        shares_say_what_probes_say(&places, probes, frame.probes());
+        let places = VolumePlaces::of(shape, &scene);
+        shares_say_what_probes_say(&places, &scene, frame.probes());
+        println!(
+            "{} faces, {} shares, {} probe shares",
+            places.faces().faces.len(),
+            places.faces().shares.len(),
+            places.shares().len()
+        );
         let all = shape.texels();
         let params = VolumeParams::new(&shape, &turn);
         let texels: Vec<[f32; 4]> = (0..all.element_product())
             .map(|i| UVec3::new(i % all.x, i / all.x % all.y, i / (all.x * all.y)))
-            .map(|t| volume(&params, &places, frame.probes(), t))
+            .map(|t| volume(&params, &places, values, t))
             .collect();
         let read = |x: Vec3, n: Vec3| read_volume(&shape, &params, &texels, x, n);
         let mut random = Random::new(2, 0, 0);
@@ -370,11 +379,16 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
 }
 
 /// The light of each place by its shares beside the look-up that they stand for, and found in many calls beside all at once.
-fn shares_say_what_probes_say(places: &VolumePlaces, probes: &Probes, values: &[VectorIrradiance]) {
+fn shares_say_what_probes_say(
+    places: &VolumePlaces,
+    scene: &BakedScene,
+    values: &[VectorIrradiance],
+) {
+    let probes = scene.probes.as_ref().unwrap();
     let shape = places.shape();
     let mut by_and_by = VolumePlaces::new(*shape);
     let mut calls = 1;
-    while !by_and_by.find(probes, 1) {
+    while !by_and_by.find(scene, 1) {
         calls += 1;
     }
     assert!(calls > 1 && by_and_by == *places, "{calls} calls");

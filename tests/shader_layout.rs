@@ -11,11 +11,11 @@ use bevy_meshless_gi::frame::fmm_layout::{
 use bevy_meshless_gi::frame::pyramid::{self, CellRange};
 use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
-    CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
-    RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span, SplatParams,
-    SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf,
-    compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample, volume,
-    volume_places, vpl,
+    CompositeParams, Face, FaceShare, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams,
+    RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span,
+    SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
+    apply, brdf, compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample,
+    volume, volume_faces, volume_places, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -159,6 +159,8 @@ fn layouts() -> Vec<Layout> {
             scale,
             seam
         }),
+        layout!(Face { normal, start }),
+        layout!(FaceShare { point, part }),
         layout!(VolumeParams {
             size,
             scale,
@@ -341,6 +343,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("NOWHERE", None),
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("AHEAD", Some(volume::AHEAD as f64)),
+        ("FACING", Some(f64::from(volume_faces::FACING))),
         ("SHARE_BITS", Some(f64::from(volume_places::SHARE_BITS))),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
@@ -842,6 +845,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "view",
         "fmm_layout",
         "materials",
+        "volume_faces",
         "volume_places",
     ]
     .map(str::to_owned);

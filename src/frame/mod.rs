@@ -64,6 +64,7 @@ pub mod subsplat;
 pub mod upsample;
 mod view;
 pub mod volume;
+pub mod volume_faces;
 pub mod volume_places;
 pub mod vpl;
 
@@ -81,5 +82,6 @@ pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};
-pub use volume::VolumeParams;
+pub use volume::{VolumeParams, VolumeValues};
+pub use volume_faces::{Face, FaceShare, Faces};
 pub use volume_places::{VolumePlaces, VolumeShape, voxels_of};

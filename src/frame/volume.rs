@@ -2,7 +2,8 @@
 //! transparent surfaces. From the probes' values, behind `apply`, to a texture.
 //!
 //! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that of the voxel that lies one further along the
-//! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Walls thinner than two voxels have voxels of the next room beside those of
+//! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Beside a baked wall, in front of it or inside, it is the wall's own
+//! (`volume_faces`). Walls thinner than two voxels have voxels of the next room beside those of
 //! this one: what stands closer than a voxel to such a wall, and faces it, is lit from both. In a level that leans (no axis of the world lies in its walls) that is so below three voxels.
 //!
 //! The light of each voxel's middle is summed once, from shares that depend on no light (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not the voxels'
@@ -11,6 +12,7 @@
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
+use super::volume_faces::FACING;
 use super::volume_places::{VolumePlaces, VolumeShape};
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
@@ -76,13 +78,22 @@ fn index(size: UVec3, voxel: UVec3) -> u32 {
     voxel.x + size.x * (voxel.y + size.y * voxel.z)
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is 1. The light of the voxel ahead, else the voxel's own, else the mean of those
-/// around the one ahead; black where no probe reaches any of them.
+/// The light that a volume is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct VolumeValues<'a> {
+    /// Of the scene's points.
+    pub points: &'a [VectorIrradiance],
+    /// Of its probes, [`PROBE_ROWS`](crate::transport::PROBE_ROWS) each.
+    pub probes: &'a [VectorIrradiance],
+}
+
+/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is 1. The light of the voxel's face that the side faces as most; without one that of the
+/// voxel ahead, else the voxel's own, else the mean of those around the one ahead; black where no probe reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
     places: &VolumePlaces,
-    values: &[VectorIrradiance],
+    values: VolumeValues<'_>,
     texel: UVec3,
 ) -> [f32; 4] {
     let size = UVec3::from(params.size);
@@ -92,9 +103,11 @@ pub fn volume(
     let voxel = texel % size;
     let side = 2 * axis + usize::from(away);
     let n = Vec3::from_slice(&params.axes[axis][..3]) * if away { -1.0 } else { 1.0 };
-    let light = |place: u32| Some(places.light(values, place)?.irradiance(n));
+    let light = |place: u32| Some(places.light(values.probes, place)?.irradiance(n));
     let step = |k: usize| params.step(voxel, side, k).and_then(light);
-    let e = step(AHEAD).or_else(|| light(index(size, voxel)));
+    let e = on_a_wall(places, values.points, index(size, voxel), n);
+    let e = e.or_else(|| step(AHEAD));
+    let e = e.or_else(|| light(index(size, voxel)));
     let e = e.unwrap_or_else(|| {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0f32);
         for e in (0..9).filter_map(step) {
@@ -107,4 +120,27 @@ pub fn volume(
         .min(Vec3::splat(LARGEST_HALF))
         .extend(1.0)
         .to_array()
+}
+
+/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own normal, so that sides at an angle to it together show it as it is. None where no face faces as `n` does.
+fn on_a_wall(
+    places: &VolumePlaces,
+    values: &[VectorIrradiance],
+    voxel: u32,
+    n: Vec3,
+) -> Option<Vec3> {
+    let faces = places.faces();
+    let mut best = (FACING, None);
+    for face in faces.of(voxel) {
+        let cosine = Vec3::from_array(faces.faces[face].normal).dot(n);
+        if cosine > best.0 {
+            best = (cosine, Some(face));
+        }
+    }
+    let mut e = VectorIrradiance::default();
+    let face = best.1?;
+    for share in faces.shares_of(face) {
+        e.add_scaled(share.part, &values[share.point as usize]);
+    }
+    Some(e.dot(faces.faces[face].normal.into()).max(Vec3::ZERO))
 }

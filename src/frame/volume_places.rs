@@ -6,7 +6,8 @@
 
 use super::layout::VectorIrradiance;
 use super::probe::SpaceLight;
-use crate::asset::Probes;
+use super::volume_faces::{Faces, Walls};
+use crate::asset::{BakedScene, Probes};
 use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{UVec3, Vec3};
@@ -79,6 +80,19 @@ impl VolumeShape {
         self.size * UVec3::new(1, 2, 3)
     }
 
+    /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each edge; none where there are none.
+    #[must_use]
+    pub fn between(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
+        let at = |x: Vec3| (x - self.low) / self.voxel - 0.5;
+        let (from, to) = (
+            at(low).ceil().max(Vec3::ZERO),
+            at(high).floor().min(self.size.as_vec3() - 1.0),
+        );
+        from.cmple(to)
+            .all()
+            .then(|| [from.as_uvec3(), to.as_uvec3()])
+    }
+
     /// The middle of a voxel, metres; x runs fastest.
     #[must_use]
     pub fn place(&self, index: u32) -> Vec3 {
@@ -106,13 +120,16 @@ pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
     count(edge)
 }
 
-/// What each place of a volume takes from which probes.
+/// What each place of a volume takes from which probes, and from which functions of the walls beside it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumePlaces {
     shape: VolumeShape,
     /// Where the shares of a place start, and at last where they end.
     starts: Vec<u32>,
     shares: Vec<u32>,
+    faces: Faces,
+    /// What faces are made of, until all are found.
+    walls: Walls,
 }
 
 impl VolumePlaces {
@@ -123,21 +140,27 @@ impl VolumePlaces {
             shape,
             starts: vec![0],
             shares: Vec::new(),
+            faces: Faces::default(),
+            walls: Walls::default(),
         }
     }
 
     /// Of a whole volume.
     #[must_use]
-    pub fn of(shape: VolumeShape, probes: &Probes) -> Self {
+    pub fn of(shape: VolumeShape, scene: &BakedScene) -> Self {
         let mut places = Self::new(shape);
-        while !places.find(probes, u64::MAX) {}
+        while !places.find(scene, u64::MAX) {}
         places
     }
 
-    /// Goes on until about `most` probes were looked at, each as often as it may reach a place, or all is found, which it says. The same `probes` for all calls. Deterministic for any number of threads.
-    pub fn find(&mut self, probes: &Probes, most: u64) -> bool {
+    /// Goes on until about `most` functions of probes and surfaces were looked at, each as often as it may reach a place, or all is found, which it says. The same `scene` for all calls. Deterministic for any number of threads.
+    pub fn find(&mut self, scene: &BakedScene, most: u64) -> bool {
         let all = self.shape.voxels();
-        let mut looks = 0u64;
+        let (points, display) = (&scene.points, &scene.display);
+        let mut looks = match self.is_whole() {
+            true => 0,
+            false => self.walls.find(&self.shape, points, display, most),
+        };
         while !self.is_whole() && looks < most {
             let found = self.starts.len() as u32 - 1;
             let end = all.min(found + RUN * RUNS);
@@ -145,15 +168,21 @@ impl VolumePlaces {
                 .step_by(RUN as usize)
                 .collect::<Vec<_>>()
                 .into_par_iter()
-                .map(|first| Run::find(&self.shape, probes, first..end.min(first + RUN)))
+                .map(|first| {
+                    Run::find(&self.shape, scene, &self.walls, first..end.min(first + RUN))
+                })
                 .collect();
             for run in runs {
                 let before = self.shares.len() as u32;
                 self.starts.extend(run.ends.iter().map(|end| before + end));
                 self.shares.extend(run.shares);
+                self.faces.append(run.faces);
                 // A place that is looked up costs something too.
                 looks += run.looks + run.ends.len() as u64;
             }
+        }
+        if self.is_whole() {
+            self.walls = Walls::default();
         }
         self.is_whole()
     }
@@ -182,6 +211,12 @@ impl VolumePlaces {
         &self.shares
     }
 
+    /// The faces.
+    #[must_use]
+    pub fn faces(&self) -> &Faces {
+        &self.faces
+    }
+
     /// The light at a place that is found; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<SpaceLight> {
@@ -204,20 +239,34 @@ struct Run {
     /// Where each place's shares end, from the run's first share.
     ends: Vec<u32>,
     shares: Vec<u32>,
-    /// How many probes were looked at.
+    faces: Faces,
+    /// How many functions were looked at.
     looks: u64,
 }
 
 impl Run {
-    fn find(shape: &VolumeShape, probes: &Probes, places: std::ops::Range<u32>) -> Self {
+    fn find(
+        shape: &VolumeShape,
+        scene: &BakedScene,
+        walls: &Walls,
+        places: std::ops::Range<u32>,
+    ) -> Self {
         let mut run = Self {
             ends: Vec::with_capacity(places.len()),
             shares: Vec::new(),
+            faces: Faces::default(),
             looks: 0,
         };
         let mut reaching: Vec<(u32, f32)> = Vec::new();
         for place in places {
             let x = shape.place(place);
+            run.looks += run
+                .faces
+                .find(walls.of(place), &scene.points, &scene.display, x);
+            let Some(probes) = &scene.probes else {
+                run.ends.push(0);
+                continue;
+            };
             let near = probes.grid.near(x);
             run.looks += near.len() as u64;
             reaching.clear();
@@ -294,6 +343,7 @@ mod tests {
         let mut run = Run {
             ends: Vec::new(),
             shares: Vec::new(),
+            faces: Faces::default(),
             looks: 0,
         };
         // Every third is strong, and there are more of them than a place takes; the weak ones would round to nothing.

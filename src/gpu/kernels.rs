@@ -10,9 +10,10 @@ use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
-    CompositeParams, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams, RsmParams,
-    RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, SplatParams,
-    SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams, rsm,
+    CompositeParams, Face, FaceShare, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams,
+    RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams,
+    SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
+    rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -401,14 +402,18 @@ pub const KERNELS: [Kernel; 24] = [
             bind(1, "starts", Read(4)),
             bind(2, "shares", Read(4)),
             bind(3, "values", Read(VECTOR)),
-            bind(4, "voxels", Voxels),
+            bind(4, "face_starts", Read(4)),
+            bind(5, "faces", Read(size_of::<Face>())),
+            bind(6, "face_shares", Read(size_of::<FaceShare>())),
+            bind(7, "point_values", Read(VECTOR)),
+            bind(8, "voxels", Voxels),
         ],
         entries: &[Entry {
             pass: Pass::Volume,
             name: "volume",
             workgroup: [4, 4, 4],
             items: 64,
-            bindings: &[0, 1, 2, 3, 4],
+            bindings: &[0, 1, 2, 3, 4, 5, 6, 7, 8],
         }],
     },
     Kernel {

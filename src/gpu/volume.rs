@@ -5,16 +5,19 @@ use super::frame::compute;
 use super::pipelines::Kernels;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
-use crate::frame::VolumeParams;
 use crate::frame::volume_places::{VolumePlaces, VolumeShape};
+use crate::frame::{Face, VolumeParams};
 
-/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes.
+/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls.
 #[derive(Debug)]
 pub struct VolumeBuffers {
     shape: VolumeShape,
     params: wgpu::Buffer,
     starts: wgpu::Buffer,
     shares: wgpu::Buffer,
+    face_starts: wgpu::Buffer,
+    faces: wgpu::Buffer,
+    face_shares: wgpu::Buffer,
 }
 
 impl VolumeBuffers {
@@ -32,11 +35,22 @@ impl VolumeBuffers {
     ) -> Result<Self, GpuError> {
         assert!(places.is_whole(), "a volume whose places are not found");
         let make = Maker::new(device, queue);
+        let found = places.faces();
+        let face_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
+        // Shares of the last one end where those of this one start.
+        let mut faces = found.faces.clone();
+        faces.push(Face {
+            start: found.shares.len() as u32,
+            ..Face::default()
+        });
         Ok(Self {
             shape: *places.shape(),
             params: uniform(device, "volume", size_of::<VolumeParams>() as u64),
             starts: make.upload("starts of a volume's shares", places.starts())?,
             shares: make.upload("shares of a volume", places.shares())?,
+            face_starts: make.upload("starts of a volume's faces", &face_starts)?,
+            faces: make.upload("faces of a volume", &faces)?,
+            face_shares: make.upload("shares of a volume's faces", &found.shares)?,
         })
     }
 
@@ -58,14 +72,21 @@ impl VolumeBuffers {
         self.all().iter().map(|b| b.size()).sum()
     }
 
-    fn all(&self) -> [&wgpu::Buffer; 3] {
-        [&self.params, &self.starts, &self.shares]
+    fn all(&self) -> [&wgpu::Buffer; 6] {
+        [
+            &self.params,
+            &self.starts,
+            &self.shares,
+            &self.face_starts,
+            &self.faces,
+            &self.face_shares,
+        ]
     }
 }
 
 impl GpuFrame {
-    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VolumeShape::texels`] that may be stored to, from the probes' values as the last
-    /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found with this scene's probes. Nothing for a scene without probes.
+    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VolumeShape::texels`] that may be stored to, from the values of probes and points as the last
+    /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found in this scene. Nothing for a scene without probes.
     pub fn volume(
         &mut self,
         kernels: &Kernels,
@@ -86,7 +107,11 @@ impl GpuFrame {
                 (1, buffers.starts.as_entire_binding()),
                 (2, buffers.shares.as_entire_binding()),
                 (3, probes.values.as_entire_binding()),
-                (4, wgpu::BindingResource::TextureView(voxels)),
+                (4, buffers.face_starts.as_entire_binding()),
+                (5, buffers.faces.as_entire_binding()),
+                (6, buffers.face_shares.as_entire_binding()),
+                (7, self.buffers().values.as_entire_binding()),
+                (8, wgpu::BindingResource::TextureView(voxels)),
             ],
         );
         let mut pass = compute(encoder, "meshless_gi volume");

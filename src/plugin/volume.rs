@@ -37,14 +37,14 @@ use std::sync::Arc;
 /// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
 /// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
 ///
-/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Surfaces are lit between voxels: coarser than what a deferred camera shows,
+/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are lit between voxels, which is coarser,
 /// and walls thinner than two voxels let light of the next room through within a voxel. On devices that sample one volume at a time the nearest one counts: use one a place.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiVolume {
     /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions. Voxels become larger where they would be more.
     pub most: u32,
 }
 
@@ -310,7 +310,7 @@ pub(crate) fn extract_volumes(
     }
 }
 
-/// How many functions of probes are looked at in a frame in which a volume's places are found: some milliseconds of one core.
+/// How many functions of probes and surfaces are looked at in a frame in which a volume's places are found: some milliseconds of one core.
 const LOOKS_A_FRAME: u64 = 1 << 19;
 
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
@@ -407,12 +407,12 @@ impl SceneVolume {
             return;
         }
         self.buffers = None;
-        let Some(probes) = &bake.probes else {
+        if bake.probes.is_none() {
             return;
-        };
+        }
         let begun = self.places.take().filter(|p| *p.shape() == shape);
         let mut places = begun.unwrap_or_else(|| VolumePlaces::new(shape));
-        if !places.find(probes, LOOKS_A_FRAME) {
+        if !places.find(bake, LOOKS_A_FRAME) {
             self.places = Some(places);
             return;
         }

@@ -5,7 +5,9 @@ use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solved};
 use bevy_meshless_gi::frame::volume::{AHEAD, volume};
-use bevy_meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape};
+use bevy_meshless_gi::frame::{
+    VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+};
 use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
@@ -20,12 +22,17 @@ fn volumes() {
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
     let mut frame = solved(&harness, &kernels, frame, &of.twin, &settings(2, false));
     let probes = of.scene.probes.as_ref().unwrap();
-    let values: Vec<VectorIrradiance> = harness
-        .read(
-            frame.buffers().output(Pass::Volume).unwrap(),
-            probes.rows.len(),
-        )
-        .unwrap();
+    let read = |buffer, count| -> Vec<VectorIrradiance> { harness.read(buffer, count).unwrap() };
+    let buffers = frame.buffers();
+    let in_space = read(buffers.output(Pass::Volume).unwrap(), probes.rows.len());
+    let on_walls = read(
+        buffers.output(Pass::Averages).unwrap(),
+        of.scene.points.len(),
+    );
+    let values = VolumeValues {
+        points: &on_walls,
+        probes: &in_space,
+    };
 
     // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the bake's.
     let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
@@ -33,7 +40,7 @@ fn volumes() {
     let size = UVec3::new(19, 17, 21);
     let shape = VolumeShape::new([low - 0.3, high + 0.3], size).unwrap();
     let params = VolumeParams::new(&shape, &turned);
-    let places = VolumePlaces::of(shape, probes);
+    let places = VolumePlaces::of(shape, &of.scene);
     let texels = shape.texels();
     assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
@@ -53,8 +60,11 @@ fn volumes() {
     let view = texture.create_view(&TextureViewDescriptor::default());
     let buffers = VolumeBuffers::new(&harness.device, &harness.queue, &places).unwrap();
     let shares = places.shares().len() as u64;
-    let held = 928 + 4 * (u64::from(shape.voxels()) + 1 + shares);
-    assert_eq!((buffers.count(), buffers.bytes()), (3, held));
+    let faces = places.faces();
+    let (found, of_faces) = (faces.faces.len() as u64, faces.shares.len() as u64);
+    let held = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
+    let held = held + 16 * (found + 1) + 8 * of_faces;
+    assert_eq!((buffers.count(), buffers.bytes()), (6, held));
     harness
         .run(|encoder| {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);
@@ -63,7 +73,7 @@ fn volumes() {
     assert_eq!(frame.counters().of(Pass::Volume), 1);
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
-    type Voxels<'a> = (VolumeParams, &'a VolumePlaces, &'a [VectorIrradiance]);
+    type Voxels<'a> = (VolumeParams, &'a VolumePlaces, VolumeValues<'a>);
     let expected = |(params, places, values): Voxels<'_>| -> Vec<[f32; 4]> {
         let at = |i: u32| {
             UVec3::new(
@@ -77,12 +87,14 @@ fn volumes() {
             .collect()
     };
     let off = |of: Voxels<'_>| differing(&gpu, &expected(of), 4, HALF, Scale::Rms).len();
-    assert_eq!(off((params, &places, &values)), 0);
+    assert_eq!(off((params, &places, values)), 0);
     let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
     // What must be noticed: other values, a little more light, the bake's axes in place of the world's, other voxels ahead, voxels half a voxel aside.
-    let mut moved = values.clone();
-    moved.rotate_left(3);
+    let (mut aloft, mut along) = (in_space.clone(), on_walls.clone());
+    aloft.rotate_left(3);
+    along.rotate_left(3);
+    let moved = |points, probes| VolumeValues { points, probes };
     let changed = |change: &dyn Fn(&mut VolumeParams)| {
         let mut changed = params;
         change(&mut changed);
@@ -90,26 +102,29 @@ fn volumes() {
     };
     let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
     let aside = VolumeShape::new([corner, corner + (high - low + 0.6)], size).unwrap();
-    let aside = VolumePlaces::of(aside, probes);
-    let spoiled: [(&str, Voxels<'_>); 5] = [
-        ("values", (params, &places, &moved)),
+    let aside = VolumePlaces::of(aside, &of.scene);
+    let spoiled: [(&str, Voxels<'_>); 6] = [
+        ("values", (params, &places, moved(&on_walls, &aloft))),
         (
-            "brighter",
-            (changed(&|p| p.scale *= 1.01), &places, &values),
+            "values on walls",
+            (params, &places, moved(&along, &in_space)),
         ),
+        ("brighter", (changed(&|p| p.scale *= 1.01), &places, values)),
         (
             "axes",
-            (changed(&|p| p.axes.rotate_left(1)), &places, &values),
+            (changed(&|p| p.axes.rotate_left(1)), &places, values),
         ),
         (
             "steps",
-            (changed(&|p| p.steps.rotate_left(2)), &places, &values),
+            (changed(&|p| p.steps.rotate_left(2)), &places, values),
         ),
-        ("aside", (params, &aside, &values)),
+        ("aside", (params, &aside, values)),
     ];
     for (what, of) in spoiled {
         let found = off(of);
-        assert!(found * 4 > gpu.len(), "{what} goes unnoticed: {found}");
+        // Sides on walls are the fewer ones.
+        let least = if what == "values on walls" { 8 } else { 4 };
+        assert!(found * least > gpu.len(), "{what} goes unnoticed: {found}");
     }
     // Sides with nothing ahead and nothing of their own are there, and lit by what is beside: without those steps they are dark.
     let alone = changed(&|p| {
@@ -117,7 +132,7 @@ fn volumes() {
             *side = [side[AHEAD]; 9];
         }
     });
-    let found = off((alone, &places, &values));
+    let found = off((alone, &places, values));
     eprintln!("{found} of {} sides in edges", gpu.len());
     assert!(found > 20, "sides in edges go unnoticed: {found}");
 }

@@ -1,0 +1,238 @@
+//! The walls beside a volume's voxels: what a side that faces as a wall does takes from which functions on surfaces. Found with the places of a volume (`volume_places`), for kernel `volume`.
+//!
+//! An engine lights a wall between the eight voxels around each of its places, in front of it and inside. Light in free space there comes from probes that lie some way off, and the wall's own
+//! functions know better: so a voxel whose middle lies within a voxel of a wall has a face, the place on the wall that is nearest to it, with the shares that kernel `splat` would take there
+//! (\[L08\] Eq. (3), squared weights over radii). Both layers of voxels have the same place, and between them the wall looks as a display of it does.
+//!
+//! A face has its wall's normal and no side: which sides of the voxel read it depends on how the level stands in the world.
+
+use super::splat::SEAM;
+use super::volume_places::{MOST_SHARES, VolumeShape};
+use crate::asset::Display;
+use crate::basis::weight;
+use crate::samples::Point;
+use bytemuck::{Pod, Zeroable};
+use glam::{UVec3, Vec3, Vec4};
+
+/// A side reads a face where the cosine between them is more: 60 degrees, so that all three sides by which an engine may see a wall show its light.
+pub const FACING: f32 = 0.5;
+/// Of walls with normals that have this cosine and more a voxel has one face: 30 degrees.
+const ALIKE: f32 = 0.866_025_4;
+/// Most faces of a voxel.
+pub const MOST_FACES: usize = 6;
+/// Most shares of all faces of a volume: what WebGPU binds at most, 128 MiB. Voxels behind the one that would be over have no faces.
+const MOST_OF_ALL: usize = 1 << 24;
+/// No function.
+const NONE: u32 = u32::MAX;
+/// A function stands for the wall up to this part of its radius: one that covers alone covers well as far as that.
+const CORE: f32 = 0.5;
+
+/// A place on a wall beside a voxel. 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Face {
+    /// The wall's normal there, a unit vector of the bake's local space.
+    pub normal: [f32; 3],
+    /// Where its shares start; they end where those of the next one start.
+    pub start: u32,
+}
+
+/// What a face takes from a function on a surface. 8 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FaceShare {
+    /// The function's point.
+    pub point: u32,
+    /// Its part; those of a face sum to one.
+    pub part: f32,
+}
+
+/// Faces of voxels that follow one another.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Faces {
+    /// Where each voxel's faces end, from the first one.
+    pub ends: Vec<u32>,
+    /// Where the shares of each start, from the first one.
+    pub faces: Vec<Face>,
+    /// The shares.
+    pub shares: Vec<FaceShare>,
+}
+
+impl Faces {
+    /// Puts `other` behind; what would be over the limit without its faces.
+    pub(super) fn append(&mut self, other: Self) {
+        let (faces, shares) = (self.faces.len() as u32, self.shares.len() as u32);
+        if self.shares.len() + other.shares.len() > MOST_OF_ALL {
+            self.ends.extend(other.ends.iter().map(|_| faces));
+            return;
+        }
+        self.ends.extend(other.ends.iter().map(|end| end + faces));
+        self.faces.extend(other.faces.iter().map(|f| Face {
+            start: f.start + shares,
+            ..*f
+        }));
+        self.shares.extend(other.shares);
+    }
+
+    /// The faces of a voxel, as indices.
+    #[must_use]
+    pub fn of(&self, voxel: u32) -> std::ops::Range<usize> {
+        let end = |i: u32| self.ends[i as usize] as usize;
+        voxel.checked_sub(1).map_or(0, end)..end(voxel)
+    }
+
+    /// The shares of a face.
+    #[must_use]
+    pub fn shares_of(&self, face: usize) -> &[FaceShare] {
+        let end = self.faces.get(face + 1).map(|f| f.start as usize);
+        &self.shares[self.faces[face].start as usize..end.unwrap_or(self.shares.len())]
+    }
+
+    /// Adds the faces of the next voxel, whose middle is `x`, and says how many functions were looked at.
+    pub(super) fn find(
+        &mut self,
+        walls: &[u32; MOST_FACES],
+        points: &[Point],
+        display: &Display,
+        x: Vec3,
+    ) -> u64 {
+        let mut looks = 0;
+        for &j in walls.iter().filter(|&&j| j != NONE) {
+            let (center, n) = (points[j as usize].x(), points[j as usize].n());
+            // Where it is nothing but functions that end there, the middle of the one that was found.
+            for at in [on_wall(&points[j as usize], &display.planes, x), center] {
+                looks += display.grid.near(at).len() as u64;
+                if self.add(points, display, at, n) {
+                    break;
+                }
+            }
+        }
+        self.ends.push(self.faces.len() as u32);
+        looks
+    }
+
+    /// Adds a face at `x`, a place on a wall with this normal, if functions cover it well.
+    fn add(&mut self, points: &[Point], display: &Display, x: Vec3, n: Vec3) -> bool {
+        let mut cover = 0.0;
+        let mut shares: Vec<FaceShare> = Vec::new();
+        for &j in display.grid.near(x) {
+            let point = &points[j as usize];
+            let w = weight(point, &display.planes, x, n);
+            if w > 0.0 {
+                cover += w;
+                let part = (w / point.radius) * (w / point.radius);
+                shares.push(FaceShare { point: j, part });
+            }
+        }
+        if cover < SEAM {
+            return false;
+        }
+        if shares.len() > MOST_SHARES {
+            let strongest = |a: &FaceShare, b: &FaceShare| {
+                b.part.total_cmp(&a.part).then(a.point.cmp(&b.point))
+            };
+            shares.select_nth_unstable_by(MOST_SHARES, strongest);
+            shares.truncate(MOST_SHARES);
+            shares.sort_unstable_by_key(|s| s.point);
+        }
+        let all: f32 = shares.iter().map(|s| s.part).sum();
+        for share in &mut shares {
+            share.part /= all;
+        }
+        self.faces.push(Face {
+            normal: n.to_array(),
+            start: self.shares.len() as u32,
+        });
+        self.shares.append(&mut shares);
+        true
+    }
+}
+
+/// For each voxel of a volume the functions that stand for the walls beside it: of those that face alike the nearest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Walls {
+    /// The functions of each voxel; the last ones may be none.
+    nearest: Vec<[u32; MOST_FACES]>,
+    /// How many of the scene's functions were looked at.
+    seen: usize,
+}
+
+impl Walls {
+    /// Goes on with the functions of a scene until about `most` voxels were looked at, each as often as a function may stand beside it. Says how many it were; 0 when all functions are seen.
+    pub fn find(
+        &mut self,
+        shape: &VolumeShape,
+        points: &[Point],
+        display: &Display,
+        most: u64,
+    ) -> u64 {
+        self.nearest
+            .resize(shape.voxels() as usize, [NONE; MOST_FACES]);
+        let mut looks = 0;
+        while self.seen < points.len() && looks < most {
+            looks += 1 + self.enter(shape, points, &display.planes, self.seen as u32);
+            self.seen += 1;
+        }
+        looks
+    }
+
+    /// Of a voxel.
+    pub fn of(&self, voxel: u32) -> &[u32; MOST_FACES] {
+        &self.nearest[voxel as usize]
+    }
+
+    fn enter(&mut self, shape: &VolumeShape, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {
+        let point = &points[j as usize];
+        let n = point.n();
+        // An interpolation on the wall reads the middles of voxels that are less than one away along each edge.
+        let reach = n.abs().dot(shape.voxel());
+        let aside = CORE * point.radius * (1.0 - n * n).max(Vec3::ZERO).map(f32::sqrt);
+        let around = shape.voxel() + aside;
+        let Some([from, to]) = shape.between(point.x() - around, point.x() + around) else {
+            return 0;
+        };
+        let size = shape.size();
+        for z in from.z..=to.z {
+            for y in from.y..=to.y {
+                for x in from.x..=to.x {
+                    let voxel = UVec3::new(x, y, z);
+                    let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
+                    let x = shape.place(voxel);
+                    if (x - point.x()).dot(n).abs() > reach {
+                        continue;
+                    }
+                    let far = |j: u32| {
+                        let point = &points[j as usize];
+                        x.distance_squared(on_wall(point, planes, x))
+                    };
+                    let list = &mut self.nearest[voxel as usize];
+                    let alike = |&i: &u32| i == NONE || points[i as usize].n().dot(n) >= ALIKE;
+                    if let Some(k) = list.iter().position(alike)
+                        && (list[k] == NONE || far(j) < far(list[k]))
+                    {
+                        list[k] = j;
+                    }
+                }
+            }
+        }
+        (to - from + 1).as_u64vec3().element_product()
+    }
+}
+
+/// The place nearest to `x` that a function stands for: on its plane, within [`CORE`] of its radius, and before its clip planes.
+fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
+    let (center, n, radius) = (point.x(), point.n(), CORE * point.radius);
+    let from = x - center;
+    let along = from - from.dot(n) * n;
+    let mut at = center + along.clamp_length_max(radius);
+    for plane in &planes[point.plane_range()] {
+        let plane = Vec4::from_array(*plane);
+        let behind = -plane.dot(at.extend(1.0));
+        let inwards = plane.truncate().reject_from_normalized(n);
+        if behind > 0.0 {
+            // A little farther than onto it; a plane that is the wall's own moves nothing.
+            at += inwards * ((behind + 1e-3 * radius) / inwards.length_squared().max(1e-3));
+        }
+    }
+    at
+}
