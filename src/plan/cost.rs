@@ -4,9 +4,8 @@
 //! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
 //! gives the right rate.
 
+use super::{FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
 use crate::frame::Channels;
-
-use super::{FrameState, Pass, Plan, SceneId, Stage, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -191,17 +190,9 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
         let work = match (pass.stage, scene) {
             (Stage::Project, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
             (Stage::Apply, Some(scene)) => {
-                let links = scene.tier.as_ref().map_or(0, |picked| picked.work);
-                // An octree takes all three channels.
-                let octree = scene.tier.as_ref().is_some_and(|picked| picked.octree);
-                let picked = scene.channels.map(|picked| picked.channels);
-                match picked {
-                    Some(Channels::One(_)) if !octree || scene.no_octree.is_some() => {
-                        Work::OneChannel(links)
-                    }
-                    _ => Work::Links(links),
-                }
+                carried(scene, scene.tier.as_ref().map_or(0, |picked| picked.work))
             }
+            (Stage::Probe, Some(scene)) if pass.view.is_none() => carried(scene, scene.probe_links),
             (Stage::Occlude, Some(scene)) => Work::Passages(scene.passages),
             (Stage::Soft, Some(scene)) => {
                 Work::Sights(scene.soft.points * scene.soft.lights as u64)
@@ -224,6 +215,17 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
         }
     }
     costs
+}
+
+/// So many links of a scene, in as many channels as they carry.
+fn carried(scene: &SceneState, links: u64) -> Work {
+    // An octree takes all three channels.
+    let octree = scene.tier.as_ref().is_some_and(|picked| picked.octree);
+    let octree = octree && scene.no_octree.is_none();
+    match scene.channels.map(|picked| picked.channels) {
+        Some(Channels::One(_)) if !octree => Work::OneChannel(links),
+        _ => Work::Links(links),
+    }
 }
 
 /// Running means of milliseconds and of work.
@@ -389,6 +391,12 @@ mod tests {
         let groups: Vec<Stage> = plan.costs.iter().map(|(t, _)| t.stage).collect();
         use Stage::*;
         assert_eq!(groups, [Project, Apply, Splat, Composite]);
+        // The probes' rows are applied with the others, and timed with them.
+        let mut in_space = moving(state(), 1, 3);
+        (in_space.scenes[1].probes, in_space.scenes[1].probe_links) = (true, 3000);
+        let both = Plan::new(&in_space);
+        assert_eq!(cost(&both, Apply).work, Work::Links(203_000));
+        assert_eq!(both.costs.len(), plan.costs.len());
         let words = plan.to_string();
         assert!(
             words.contains(

@@ -3,7 +3,7 @@
 //! Passes come and go with every lamp that moves and stops. The log is told that an effect runs when it first does, and that it stopped when it has not run for [`PATIENCE`] frames. A subject that has
 //! changed is told again after a silence, which doubles with each telling and ends where nothing changed for as long: what flickers is told a number of times that grows with the logarithm of the time.
 
-use super::{DisplayUse, Plan, SceneId, Skip, ViewId};
+use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, Timed, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -51,8 +51,8 @@ impl fmt::Display for Subject {
     }
 }
 
-/// What was decided, and why.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// What was decided, why, and what that costs.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
     /// About what.
     pub subject: Subject,
@@ -62,11 +62,16 @@ pub struct Decision {
     pub why: String,
     /// The setting that decided alone, where one did.
     pub forced: Option<&'static str>,
+    /// What the passes that follow from it cost in this frame, with all that the device's clock times as one with them; none where nothing of it runs, or no clock times it.
+    pub costs: Vec<(Timed, Cost)>,
 }
 
 impl fmt::Display for Decision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}, because {}", self.subject, self.choice, self.why)?;
+        for (timed, cost) in &self.costs {
+            write!(f, "; {}: {cost}", timed.stage.name())?;
+        }
         match self.forced {
             Some(setting) => write!(f, " [forced by {setting}]"),
             None => Ok(()),
@@ -93,11 +98,13 @@ impl Plan {
         let mut out: Vec<Decision> = Vec::new();
         let mut push = |subject: Subject, choice: String, why: String, forced| {
             if !out.iter().any(|d: &Decision| d.subject == subject) {
+                let costs = self.costs_of(&subject);
                 out.push(Decision {
                     subject,
                     choice,
                     why,
                     forced,
+                    costs,
                 });
             }
         };
@@ -137,6 +144,30 @@ impl Plan {
             if why != Skip::AtRest {
                 let subject = Subject::Left(scene, view, why);
                 push(subject, "left out".into(), why.to_string(), why.forced());
+            }
+        }
+        out
+    }
+
+    /// What the passes that follow from a decision cost, one entry for all that is timed as one.
+    fn costs_of(&self, subject: &Subject) -> Vec<(Timed, Cost)> {
+        let carries = |p: &Pass, of: SceneId| p.stage == Stage::Apply && p.scene == of;
+        let lays = |p: &Pass, of: ViewId| p.stage == Stage::Splat && p.view == Some(of);
+        let follows = |p: &&Pass| match subject {
+            Subject::Tier(scene) | Subject::Channels(scene) | Subject::Octree(scene) => {
+                carries(p, *scene)
+            }
+            // One more link a row at most.
+            Subject::Sky(_) | Subject::Left(..) => false,
+            Subject::Display(view) => lays(p, *view),
+            Subject::Effect(name, scene, view) => {
+                (p.effect, p.scene, p.view) == (*name, *scene, *view)
+            }
+        };
+        let mut out: Vec<(Timed, Cost)> = Vec::new();
+        for timed in self.passes.iter().filter(follows).filter_map(Timed::of) {
+            if out.iter().all(|(t, _)| *t != timed) {
+                out.extend(self.costs.iter().find(|(t, _)| *t == timed).copied());
             }
         }
         out
@@ -271,6 +302,31 @@ mod tests {
             tier,
             "tier, scene 1: 2 of 4, because it was asked for [forced by the quality asked for]"
         );
+        // Nothing of it runs at rest. Where a lamp moves, it costs what carries its light on.
+        let tier_of = |plan: &Plan| {
+            let found = plan.decisions();
+            let tier = found.iter().find(|d| d.subject == Subject::Tier(A));
+            tier.expect("a tier").to_string()
+        };
+        let mut plan = Plan::new(&moved(true));
+        assert_eq!(
+            tier_of(&plan),
+            "tier, scene 1: 2 of 4, because it was asked for; apply: 0 links, cost unknown, not measured \
+             [forced by the quality asked for]"
+        );
+        let apply = plan.costs.iter_mut().find(|(t, _)| t.stage == Stage::Apply);
+        let (_, cost) = apply.expect("it is timed");
+        (cost.predicted, cost.measured) = (Some(1.5), Some(1.25));
+        assert!(tier_of(&plan).contains("1.50 ms expected, 1.25 ms measured"));
+        // What goes over a view's pixels; the composite is an entry of its own.
+        let shown = plan.decisions();
+        let shown = |of: &Subject| {
+            let shown = shown.iter().find(|d| d.subject == *of).expect("decided");
+            shown.costs.iter().map(|(t, _)| t.stage).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(&Subject::Display(ViewId(7))), [Stage::Splat]);
+        let lights = Subject::Effect("lights", A, None);
+        assert_eq!(shown(&lights), [Stage::Project]);
         // The rest follows from the scene.
         let forced = found.iter().filter(|d| d.forced.is_some()).count();
         assert_eq!(forced, 1);
@@ -299,6 +355,8 @@ mod tests {
         let standing = |moves| {
             let mut found = of(&moved(moves));
             found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+            // What a choice costs in a frame is no choice.
+            found.iter_mut().for_each(|d| d.costs.clear());
             found
         };
         assert_eq!(standing(true), standing(false));

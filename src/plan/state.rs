@@ -106,6 +106,8 @@ pub struct SceneState {
     pub passages: u64,
     /// The bake knows light in free space.
     pub probes: bool,
+    /// Links of those rows.
+    pub probe_links: u64,
     /// What cameras without a G-buffer ask of it.
     pub volume: VolumeState,
     /// What becomes of the sky.
@@ -141,6 +143,7 @@ impl SceneState {
             occluders_changed: 0,
             passages: 0,
             probes: false,
+            probe_links: 0,
             volume: VolumeState::default(),
             sky: SkyUse::Uniform,
             soft: SoftState::default(),

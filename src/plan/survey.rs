@@ -26,6 +26,8 @@ pub struct FoundScene<'a> {
     pub materials: &'a [MaterialFactors],
     /// What passes its occluders.
     pub gains: &'a [f32],
+    /// Which of [`Found::lights`] do not light it, as indices in ascending order: they are of other layers, or end before it.
+    pub unlit_by: Vec<usize>,
 }
 
 /// What is in the world.
@@ -273,14 +275,22 @@ impl<K: Copy + Ord> Surveyor<K> {
             ..Inventory::default()
         };
         let lights = self.count_lights(found, &mut out);
-        let (mut hues, mut grey) = (lights, true);
+        let all = |hues: Hues, (_, light): (usize, &Hues)| hues.with(*light);
+        let world = lights.iter().enumerate().fold(Hues::None, all);
+        let (mut hues, mut grey) = (world, true);
         self.colours.clear();
         let mut before = std::mem::take(&mut self.scenes);
         for scene in &found.scenes {
             let was = before.remove(&scene.id);
             let (now, hue, reflects_grey) = count_scene(scene, was, &mut out);
             self.scenes.insert(scene.id, now);
-            (self.colours).insert(scene.id, lights.with(hue).on(reflects_grey));
+            let lit = match scene.unlit_by.as_slice() {
+                [] => world,
+                unlit => (lights.iter().enumerate())
+                    .filter(|(k, _)| unlit.binary_search(k).is_err())
+                    .fold(Hues::None, all),
+            };
+            (self.colours).insert(scene.id, lit.with(hue).on(reflects_grey));
             hues = hues.with(hue);
             grey &= reflects_grey;
         }
@@ -289,24 +299,24 @@ impl<K: Copy + Ord> Surveyor<K> {
         out
     }
 
-    /// What colours the light of a scene of the last inventory has: its sky, what glows in it, and all lights of the world.
+    /// What colours the light of a scene of the last inventory has: its sky, what glows in it, and the lights that light it.
     #[must_use]
     pub fn colours_of(&self, scene: SceneId) -> SceneColours {
         self.colours.get(&scene).copied().unwrap_or_default()
     }
 
-    /// Counts the lights; answers what colours shine.
-    fn count_lights(&mut self, found: &Found<'_, K>, out: &mut Inventory) -> Hues {
-        let mut hues = Hues::None;
+    /// Counts the lights; answers what colour each shines in.
+    fn count_lights(&mut self, found: &Found<'_, K>, out: &mut Inventory) -> Vec<Hues> {
+        let mut hues = vec![Hues::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
-        for (key, light) in &found.lights {
+        for ((key, light), hue) in found.lights.iter().zip(&mut hues) {
             let Some((sort, colour, place)) = parts(light) else {
                 continue;
             };
             let census = &mut out.lights[sort as usize];
             census.all += 1;
             census.on += u32::from(colour != Vec3::ZERO);
-            hues = hues.with(Hues::of(colour));
+            *hue = Hues::of(colour);
             match before.remove(key).as_ref().and_then(parts) {
                 Some((was, tint, stood)) if was == sort => {
                     census.moved += u32::from(stood != place);
@@ -441,6 +451,7 @@ mod tests {
             emission: 0.0,
             materials: &[],
             gains: &[],
+            unlit_by: Vec::new(),
         }
     }
 
@@ -507,6 +518,13 @@ mod tests {
                 _ => Vec3::ONE,
             };
             assert!(own.hue.abs_diff_eq(expected / expected.max_element(), 1e-6));
+            // Lights that do not reach it say nothing of its colours.
+            let mut aside = found.clone();
+            aside.scenes[0].unlit_by = (0..lights.len()).collect();
+            surveyor.survey(&aside);
+            let unlit = surveyor.colours_of(SceneId(1)).colours;
+            aside.lights.clear();
+            assert_eq!(unlit, surveyor.survey(&aside).colours);
             all
         };
         let warm = Vec3::new(2.0, 1.0, 0.5);

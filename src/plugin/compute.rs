@@ -86,7 +86,7 @@ fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
     }
 }
 
-fn bounds(bake: &BakedScene) -> Bounds {
+pub(super) fn bounds(bake: &BakedScene) -> Bounds {
     let [min, max] = bake.info.bounds.map(Vec3::from_array);
     Bounds { min, max }
 }
@@ -171,6 +171,9 @@ impl GiRender {
             shown: scene.shown && scene.placement.is_some(),
             read_back,
             probes: scene.bake.as_ref().is_some_and(|b| b.probes.is_some()),
+            probe_links: (scene.bake.as_ref())
+                .and_then(|b| b.probes.as_ref())
+                .map_or(0, |p| p.links.len() as u64),
             tier: scene.tier.clone(),
             channels: scene.channels,
             rays: scene.bake.as_ref().map_or(0, |b| b.rays_per_slot()),

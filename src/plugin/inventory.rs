@@ -2,9 +2,13 @@
 //! read, everything else.
 
 use super::components::MeshlessGiCamera;
-use super::extract::{Brought, ExtractedGi, LightKey, draws_gbuffer};
+use super::compute::bounds;
+use super::extract::{
+    Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
+};
 use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
-use crate::plan::{Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor};
+use crate::frame::FrameLight;
+use crate::plan::{Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches};
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::prelude::*;
@@ -45,6 +49,17 @@ type AnyCamera = (
     Option<&'static Msaa>,
     Brought,
 );
+
+/// Whether a light of the world may light a scene: it is of the scene's layers, and does not end before it.
+fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
+    let (Some(placement), Some(bake)) = (&scene.placement, &scene.bake) else {
+        return true;
+    };
+    let local = placement.matrix();
+    let arrives = |part: &FrameLight| reaches(&part.to_local(&local), bounds(bake));
+    light.layers.intersects(&scene.layers)
+        && FrameLight::expand(&light.light, 1).iter().any(arrives)
+}
 
 /// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
 #[allow(clippy::type_complexity, reason = "a query and its filter")]
@@ -90,6 +105,10 @@ pub(crate) fn take_inventory(
                 emission: scene.lighting.emission.max(0.0),
                 materials: &scene.materials,
                 gains: &scene.gains,
+                unlit_by: (world.lights.iter().enumerate())
+                    .filter(|(_, light)| !lights(light, scene))
+                    .map(|(k, _)| k)
+                    .collect(),
             })
             .collect(),
         cameras: counted,
