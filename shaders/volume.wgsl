@@ -24,8 +24,14 @@ struct FaceShare {
 }
 
 const AHEAD: u32 = 4u;
-// A side reads a face where the cosine between them is more.
+// Of ways: free as far as the next voxel, and a wall there.
+const FREE: u32 = 255u;
+const WHOLE: f32 = 254.0;
+const ALL_FREE: vec2u = vec2u(0xffffffffu);
+// A side reads a face where the cosine between them is more; in a voxel in the ground that does not matter.
 const FACING: f32 = 0.5;
+// Cosines that differ by less are the same.
+const SAME: f32 = 1e-4;
 const SHARE_BITS: u32 = 12u;
 
 @group(0) @binding(0) var<uniform> params: VolumeParams;
@@ -41,7 +47,9 @@ const SHARE_BITS: u32 = 12u;
 @group(0) @binding(6) var<storage, read> face_shares: array<FaceShare>;
 // One a point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
-@group(0) @binding(8) var voxels: texture_storage_3d<rgba16float, write>;
+// How far the ways from each voxel to the next ones are free, a byte each: along the edges and against them. Then one that is 0 between the sides of a wall.
+@group(0) @binding(8) var<storage, read> ways: array<vec2u>;
+@group(0) @binding(9) var voxels: texture_storage_3d<rgba16float, write>;
 
 fn inside(voxel: vec3u) -> bool {
     return all(voxel < params.size);
@@ -91,11 +99,11 @@ fn light_of(voxel: vec3u) -> SpaceLight {
 fn face_of(voxel: vec3u, n: vec3f) -> u32 {
     let i = index_of(voxel);
     let end = face_starts[i + 1u];
-    var best = FACING;
+    var best = select(-2.0, FACING, is_reached(voxel));
     var found = end;
     for (var face = face_starts[i]; face < end; face++) {
         let cosine = dot(faces[face].normal, n);
-        if cosine > best {
+        if cosine > best + SAME {
             best = cosine;
             found = face;
         }
@@ -137,10 +145,35 @@ fn around(voxel: vec3u, side: u32, n: vec3f) -> vec3f {
     return sum / max(count, 1.0);
 }
 
+fn way_of(voxel: vec3u, side: u32) -> u32 {
+    return (ways[index_of(voxel)][side / 4u] >> (8u * (side % 4u))) & 255u;
+}
+
+// Whether something stands before the middle of the voxel a step away.
+fn ends_before(voxel: vec3u, by: vec3i) -> bool {
+    var ends = false;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let side = 2u * axis + select(0u, 1u, by[axis] < 0);
+        ends = ends || (by[axis] != 0 && way_of(voxel, side) != FREE);
+    }
+    return ends;
+}
+
+// What a side stores beside its light.
+fn stored_way(voxel: vec3u, side: u32) -> f32 {
+    if all(ways[index_of(voxel)] == ALL_FREE) {
+        return -2.0;
+    }
+    if (ways[index_of(voxel)].y >> 16u & 255u) == 0u {
+        return -0.125;
+    }
+    return -(0.25 + f32(way_of(voxel, side)) / WHOLE);
+}
+
 fn store(voxel: vec3u, side: u32, light: vec3f) {
     // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
     let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
-    textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), 1.0));
+    textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), stored_way(voxel, side)));
 }
 
 @compute @workgroup_size(4, 4, 4)
@@ -153,9 +186,9 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
         let n = params.axes[side / 2u].xyz * select(1.0, -1.0, side % 2u == 1u);
         let ahead = params.steps[side][AHEAD].xyz;
         var light = space_irradiance(own, n);
-        // The side of the voxel that has this one ahead.
+        // The side of the voxel that has this one ahead, unless it keeps its own light.
         let behind = stepped(voxel, -ahead);
-        if own.reached && inside(behind) && !has_face(behind, n) {
+        if own.reached && inside(behind) && !has_face(behind, n) && !(is_reached(behind) && ends_before(behind, ahead)) {
             store(behind, side, light);
         }
         let face = face_of(voxel, n);
@@ -164,7 +197,7 @@ fn volume(@builtin(global_invocation_id) voxel: vec3u) {
             continue;
         }
         // One's own, where nothing is ahead.
-        if is_reached(stepped(voxel, ahead)) {
+        if is_reached(stepped(voxel, ahead)) && !(own.reached && ends_before(voxel, ahead)) {
             continue;
         }
         if !own.reached {

@@ -15,7 +15,7 @@ use bevy_meshless_gi::frame::{
     RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span,
     SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
     apply, brdf, compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample,
-    volume, volume_faces, volume_places, vpl,
+    volume, volume_faces, volume_places, volume_ways, vpl,
 };
 use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -344,6 +344,10 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("AHEAD", Some(volume::AHEAD as f64)),
         ("FACING", Some(f64::from(volume_faces::FACING))),
+        ("SAME", Some(f64::from(volume_faces::SAME))),
+        ("FREE", Some(f64::from(volume_ways::FREE))),
+        ("WHOLE", Some(f64::from(volume_ways::WHOLE))),
+        ("ALL_FREE", None),
         ("SHARE_BITS", Some(f64::from(volume_places::SHARE_BITS))),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
@@ -847,6 +851,8 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
         "materials",
         "volume_faces",
         "volume_places",
+        "volume_read",
+        "volume_ways",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("src/frame", "rs")

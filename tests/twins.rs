@@ -36,6 +36,8 @@ mod soft;
 mod subsplats;
 #[path = "twins/synthetic.rs"]
 mod synthetic;
+#[path = "twins/volume_read.rs"]
+mod volume_read;
 
 use bevy_meshless_gi::asset::{BakedScene, SkySight};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};

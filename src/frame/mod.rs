@@ -66,6 +66,8 @@ mod view;
 pub mod volume;
 pub mod volume_faces;
 pub mod volume_places;
+pub mod volume_read;
+pub mod volume_ways;
 pub mod vpl;
 
 pub use channels::Channels;
@@ -85,3 +87,4 @@ pub use view::{SubsplatCounts, Subsplats, subsplats};
 pub use volume::{VolumeParams, VolumeValues};
 pub use volume_faces::{Face, FaceShare, Faces};
 pub use volume_places::{VolumePlaces, VolumeShape, voxels_of};
+pub use volume_ways::Ways;

@@ -3,8 +3,7 @@
 //!
 //! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that of the voxel that lies one further along the
 //! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Beside a baked wall, in front of it or inside, it is the wall's own
-//! (`volume_faces`). Walls thinner than two voxels have voxels of the next room beside those of
-//! this one: what stands closer than a voxel to such a wall, and faces it, is lit from both. In a level that leans (no axis of the world lies in its walls) that is so below three voxels.
+//! (`volume_faces`). A voxel that has a wall before the one ahead keeps its own light, and says how far it is to walls (`volume_ways`), so that what lies beyond is not lit by it (`volume_read`).
 //!
 //! The light of each voxel's middle is summed once, from shares that depend on no light (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not the voxels'
 //! (a level that is turned) a side reads the voxel whose middle is nearest to the place before it. The steps to them are the same from every voxel, so that the kernel, with a thread a voxel, hands
@@ -12,7 +11,7 @@
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
-use super::volume_faces::FACING;
+use super::volume_faces::{FACING, SAME};
 use super::volume_places::{VolumePlaces, VolumeShape};
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
@@ -87,8 +86,9 @@ pub struct VolumeValues<'a> {
     pub probes: &'a [VectorIrradiance],
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is 1. The light of the voxel's face that the side faces as most; without one that of the
-/// voxel ahead, else the voxel's own, else the mean of those around the one ahead; black where no probe reaches any of them.
+/// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is how far a way is free ([`Ways::stored`](super::Ways::stored)). The light of the
+/// voxel's face that the side faces as most; without one that of the voxel ahead, unless a wall stands before it; else the voxel's own, else the mean of those around the one ahead; black where no probe
+/// reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
@@ -105,9 +105,15 @@ pub fn volume(
     let n = Vec3::from_slice(&params.axes[axis][..3]) * if away { -1.0 } else { 1.0 };
     let light = |place: u32| Some(places.light(values.probes, place)?.irradiance(n));
     let step = |k: usize| params.step(voxel, side, k).and_then(light);
-    let e = on_a_wall(places, values.points, index(size, voxel), n);
-    let e = e.or_else(|| step(AHEAD));
-    let e = e.or_else(|| light(index(size, voxel)));
+    let own = index(size, voxel);
+    let ways = &places.ways()[own as usize];
+    let [x, y, z, _] = params.steps[side][AHEAD];
+    let mine = light(own);
+    let e = on_a_wall(places, values.points, own, n, mine.is_some());
+    let e = e.or_else(|| {
+        let walled = mine.is_some() && ways.ends_before([x, y, z]);
+        if walled { mine } else { step(AHEAD).or(mine) }
+    });
     let e = e.unwrap_or_else(|| {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0f32);
         for e in (0..9).filter_map(step) {
@@ -118,22 +124,24 @@ pub fn volume(
     });
     (e * params.scale)
         .min(Vec3::splat(LARGEST_HALF))
-        .extend(1.0)
+        .extend(ways.stored(side))
         .to_array()
 }
 
-/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own normal, so that sides at an angle to it together show it as it is. None where no face faces as `n` does.
+/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own normal, so that sides at an angle to it together show it as it is. None where no face faces as `n` does: within 60 degrees in the
+/// air; a voxel in the ground has no light but that of the walls that it has a face of.
 fn on_a_wall(
     places: &VolumePlaces,
     values: &[VectorIrradiance],
     voxel: u32,
     n: Vec3,
+    in_air: bool,
 ) -> Option<Vec3> {
     let faces = places.faces();
-    let mut best = (FACING, None);
+    let mut best = (if in_air { FACING } else { -2.0 }, None);
     for face in faces.of(voxel) {
         let cosine = Vec3::from_array(faces.faces[face].normal).dot(n);
-        if cosine > best.0 {
+        if cosine > best.0 + SAME {
             best = (cosine, Some(face));
         }
     }

@@ -16,6 +16,8 @@ use glam::{UVec3, Vec3, Vec4};
 
 /// A side reads a face where the cosine between them is more: 60 degrees, so that all three sides by which an engine may see a wall show its light.
 pub const FACING: f32 = 0.5;
+/// Cosines that differ by less are the same, and the first face counts: rounding decides nothing.
+pub const SAME: f32 = 1e-4;
 /// Of walls with normals that have this cosine and more a voxel has one face: 30 degrees.
 const ALIKE: f32 = 0.866_025_4;
 /// Most faces of a voxel.
@@ -88,21 +90,20 @@ impl Faces {
         &self.shares[self.faces[face].start as usize..end.unwrap_or(self.shares.len())]
     }
 
-    /// Adds the faces of the next voxel, whose middle is `x`, and says how many functions were looked at.
+    /// Adds the faces of the next voxel, whose middle is `x`: the places `beside` it. Says how many functions were looked at.
     pub(super) fn find(
         &mut self,
-        walls: &[u32; MOST_FACES],
+        beside: &[Beside],
         points: &[Point],
         display: &Display,
         x: Vec3,
     ) -> u64 {
         let mut looks = 0;
-        for &j in walls.iter().filter(|&&j| j != NONE) {
-            let (center, n) = (points[j as usize].x(), points[j as usize].n());
+        for wall in beside.iter().filter(|b| !b.is_beyond(beside, x)) {
             // Where it is nothing but functions that end there, the middle of the one that was found.
-            for at in [on_wall(&points[j as usize], &display.planes, x), center] {
+            for at in [wall.at, points[wall.point as usize].x()] {
                 looks += display.grid.near(at).len() as u64;
-                if self.add(points, display, at, n) {
+                if self.add(points, display, at, wall.n) {
                     break;
                 }
             }
@@ -148,6 +149,33 @@ impl Faces {
     }
 }
 
+/// The place on a wall that is nearest to a voxel's middle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Beside {
+    /// The function that stands for it.
+    point: u32,
+    at: Vec3,
+    /// The wall's normal.
+    pub n: Vec3,
+}
+
+impl Beside {
+    /// How far before the wall `x` lies, metres; behind it that is negative.
+    pub fn height(&self, x: Vec3) -> f32 {
+        (x - self.at).dot(self.n)
+    }
+
+    /// Whether the wall stands in the next room: the middle `x` lies behind it, and before another one that faces away from it.
+    pub fn is_beyond(&self, all: &[Self], x: Vec3) -> bool {
+        let depth = -self.height(x);
+        let between = |other: &Self| {
+            let height = other.height(x);
+            other.n.dot(self.n) < -FACING && height > 0.0 && height <= depth * (1.0 + 1e-3)
+        };
+        depth > 0.0 && all.iter().any(between)
+    }
+}
+
 /// For each voxel of a volume the functions that stand for the walls beside it: of those that face alike the nearest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Walls {
@@ -176,9 +204,23 @@ impl Walls {
         looks
     }
 
-    /// Of a voxel.
-    pub fn of(&self, voxel: u32) -> &[u32; MOST_FACES] {
-        &self.nearest[voxel as usize]
+    /// The places beside a voxel with middle `x`.
+    pub fn beside(
+        &self,
+        voxel: u32,
+        points: &[Point],
+        planes: &[[f32; 4]],
+        x: Vec3,
+    ) -> ([Beside; MOST_FACES], usize) {
+        let mut beside = [Beside::default(); MOST_FACES];
+        let mut count = 0;
+        for &point in self.nearest[voxel as usize].iter().filter(|&&j| j != NONE) {
+            let of = &points[point as usize];
+            let (at, n) = (on_wall(of, planes, x), of.n());
+            beside[count] = Beside { point, at, n };
+            count += 1;
+        }
+        (beside, count)
     }
 
     fn enter(&mut self, shape: &VolumeShape, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {

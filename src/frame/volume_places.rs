@@ -7,6 +7,7 @@
 use super::layout::VectorIrradiance;
 use super::probe::SpaceLight;
 use super::volume_faces::{Faces, Walls};
+use super::volume_ways::Ways;
 use crate::asset::{BakedScene, Probes};
 use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
@@ -25,6 +26,8 @@ pub const SHARE_BITS: u32 = 12;
 const WHOLE: u32 = (1 << SHARE_BITS) - 1;
 /// Places that one task finds.
 const RUN: u32 = 256;
+/// A ray takes as long as looking at this many functions, about.
+const RAY: u64 = 8;
 /// Tasks between two looks at how much was done.
 const RUNS: u32 = 8;
 
@@ -128,6 +131,7 @@ pub struct VolumePlaces {
     starts: Vec<u32>,
     shares: Vec<u32>,
     faces: Faces,
+    ways: Vec<Ways>,
     /// What faces are made of, until all are found.
     walls: Walls,
 }
@@ -141,6 +145,7 @@ impl VolumePlaces {
             starts: vec![0],
             shares: Vec::new(),
             faces: Faces::default(),
+            ways: Vec::new(),
             walls: Walls::default(),
         }
     }
@@ -177,6 +182,7 @@ impl VolumePlaces {
                 self.starts.extend(run.ends.iter().map(|end| before + end));
                 self.shares.extend(run.shares);
                 self.faces.append(run.faces);
+                self.ways.extend(run.ways);
                 // A place that is looked up costs something too.
                 looks += run.looks + run.ends.len() as u64;
             }
@@ -217,6 +223,12 @@ impl VolumePlaces {
         &self.faces
     }
 
+    /// For each place how far the ways to the next ones are free.
+    #[must_use]
+    pub fn ways(&self) -> &[Ways] {
+        &self.ways
+    }
+
     /// The light at a place that is found; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<SpaceLight> {
@@ -240,7 +252,8 @@ struct Run {
     ends: Vec<u32>,
     shares: Vec<u32>,
     faces: Faces,
-    /// How many functions were looked at.
+    ways: Vec<Ways>,
+    /// How many functions were looked at, and how many rays went.
     looks: u64,
 }
 
@@ -255,14 +268,22 @@ impl Run {
             ends: Vec::with_capacity(places.len()),
             shares: Vec::new(),
             faces: Faces::default(),
+            ways: Vec::with_capacity(places.len()),
             looks: 0,
         };
+        let (points, display) = (&scene.points, &scene.display);
         let mut reaching: Vec<(u32, f32)> = Vec::new();
         for place in places {
             let x = shape.place(place);
-            run.looks += run
-                .faces
-                .find(walls.of(place), &scene.points, &scene.display, x);
+            let (beside, count) = walls.beside(place, points, &display.planes, x);
+            let beside = &beside[..count];
+            run.looks += run.faces.find(beside, points, display, x);
+            let behind = (beside.iter())
+                .filter(|b| !b.is_beyond(beside, x))
+                .map(|b| (-b.height(x), b.n))
+                .filter(|(depth, _)| *depth > 0.0);
+            run.ways.push(Ways::find(shape, &scene.bvh, x, behind));
+            run.looks += RAY * 6;
             let Some(probes) = &scene.probes else {
                 run.ends.push(0);
                 continue;
@@ -344,6 +365,7 @@ mod tests {
             ends: Vec::new(),
             shares: Vec::new(),
             faces: Faces::default(),
+            ways: Vec::new(),
             looks: 0,
         };
         // Every third is strong, and there are more of them than a place takes; the weak ones would round to nothing.

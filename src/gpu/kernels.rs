@@ -13,7 +13,7 @@ use crate::frame::{
     CompositeParams, Face, FaceShare, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams,
     RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams,
     SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
-    rsm,
+    Ways, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -406,14 +406,15 @@ pub const KERNELS: [Kernel; 24] = [
             bind(5, "faces", Read(size_of::<Face>())),
             bind(6, "face_shares", Read(size_of::<FaceShare>())),
             bind(7, "point_values", Read(VECTOR)),
-            bind(8, "voxels", Voxels),
+            bind(8, "ways", Read(size_of::<Ways>())),
+            bind(9, "voxels", Voxels),
         ],
         entries: &[Entry {
             pass: Pass::Volume,
             name: "volume",
             workgroup: [4, 4, 4],
             items: 64,
-            bindings: &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+            bindings: &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
         }],
     },
     Kernel {

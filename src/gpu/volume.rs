@@ -8,7 +8,7 @@ use super::{GpuError, GpuFrame, Pass};
 use crate::frame::volume_places::{VolumePlaces, VolumeShape};
 use crate::frame::{Face, VolumeParams};
 
-/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls.
+/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls, and how far it sees.
 #[derive(Debug)]
 pub struct VolumeBuffers {
     shape: VolumeShape,
@@ -18,6 +18,7 @@ pub struct VolumeBuffers {
     face_starts: wgpu::Buffer,
     faces: wgpu::Buffer,
     face_shares: wgpu::Buffer,
+    ways: wgpu::Buffer,
 }
 
 impl VolumeBuffers {
@@ -51,6 +52,7 @@ impl VolumeBuffers {
             face_starts: make.upload("starts of a volume's faces", &face_starts)?,
             faces: make.upload("faces of a volume", &faces)?,
             face_shares: make.upload("shares of a volume's faces", &found.shares)?,
+            ways: make.upload("ways of a volume", places.ways())?,
         })
     }
 
@@ -72,7 +74,7 @@ impl VolumeBuffers {
         self.all().iter().map(|b| b.size()).sum()
     }
 
-    fn all(&self) -> [&wgpu::Buffer; 6] {
+    fn all(&self) -> [&wgpu::Buffer; 7] {
         [
             &self.params,
             &self.starts,
@@ -80,6 +82,7 @@ impl VolumeBuffers {
             &self.face_starts,
             &self.faces,
             &self.face_shares,
+            &self.ways,
         ]
     }
 }
@@ -111,7 +114,8 @@ impl GpuFrame {
                 (5, buffers.faces.as_entire_binding()),
                 (6, buffers.face_shares.as_entire_binding()),
                 (7, self.buffers().values.as_entire_binding()),
-                (8, wgpu::BindingResource::TextureView(voxels)),
+                (8, buffers.ways.as_entire_binding()),
+                (9, wgpu::BindingResource::TextureView(voxels)),
             ],
         );
         let mut pass = compute(encoder, "meshless_gi volume");

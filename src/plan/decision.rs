@@ -460,7 +460,9 @@ mod tests {
             mine.map(ToString::to_string)
         };
         let of_it = "display of view 7: ";
-        let by = |what: &str| Some(format!("{of_it}{what}"));
+        // No clock has measured it yet.
+        let cost = "; splat: 100 pixels, cost unknown, not measured";
+        let by = |what: &str| Some(format!("{of_it}{what}{cost}"));
         assert_eq!(
             told(&now),
             by("subsplats, because light varies less than pixels do")
@@ -473,7 +475,9 @@ mod tests {
         now.views[0].display = DisplayUse::Full;
         assert_eq!(
             told(&now),
-            by("every pixel, because it is asked for [forced by the camera's display]")
+            Some(format!(
+                "{of_it}every pixel, because it is asked for{cost} [forced by the camera's display]"
+            ))
         );
         assert!(
             Plan::new(&now)

@@ -52,6 +52,8 @@ pub enum MeshlessGiFinding {
     NoFreeSpace,
     /// A material of [`MeshlessGiMaterials`](super::MeshlessGiMaterials) got another texture.
     LiveTexture,
+    /// Bevy's shader module for irradiance volumes is not the one that ours takes the place of.
+    VolumeShader,
 }
 
 impl MeshlessGiFinding {
@@ -118,6 +120,10 @@ impl MeshlessGiFinding {
             Self::LiveTexture => {
                 "A material that `MeshlessGiMaterials` names got another texture for its base colour or its emission: indirect light keeps that of the bake. Change `base_color` or \
                  `emissive`, which multiply it, or bake the level again."
+            }
+            Self::VolumeShader => {
+                "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `MeshlessGiVolume` lets light of the next \
+                 room through walls thinner than two voxels. Use the Bevy release that the plugin's documentation names, or smaller voxels."
             }
         }
     }

@@ -34,6 +34,7 @@
 //! | `inventory` | both | counts what there is and what changed of it |
 //! | `compute` | render, `RenderGraph`, before the cameras | makes the [plan](crate::plan), uploads, projects, applies, flattens |
 //! | `volume` | both | light in free space as one of Bevy's irradiance volumes, for cameras without a G-buffer |
+//! | `volume_shader` | main, `PostUpdate` | has Bevy read such a volume with its walls in mind |
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
@@ -85,6 +86,7 @@ mod soft;
 mod stages;
 mod transform;
 mod volume;
+mod volume_shader;
 
 pub use asset::MeshlessGiAsset;
 pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
@@ -234,6 +236,9 @@ impl Plugin for MeshlessGiPlugin {
                         .before(TransformSystems::Propagate)
                         .before(AssetEventSystems)
                         .run_if(resource_exists::<Assets<Image>>),
+                    volume_shader::replace
+                        .in_set(MeshlessGiSystems::Shape)
+                        .before(AssetEventSystems),
                     volume::hide
                         .in_set(MeshlessGiSystems::Hide)
                         .after(VisibilitySystems::CheckVisibility),

@@ -37,14 +37,16 @@ use std::sync::Arc;
 /// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
 /// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
 ///
-/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are lit between voxels, which is coarser,
-/// and walls thinner than two voxels let light of the next room through within a voxel. On devices that sample one volume at a time the nearest one counts: use one a place.
+/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are
+/// lit between voxels, which is coarser. No wall lets light of the next room through, however thin: as soon as there is such a component, Bevy's shader module for irradiance volumes is replaced by one
+/// that leaves out voxels behind walls (other volumes look as before; pipelines are compiled anew once, so let the component be there when a level is loaded). On devices that sample one volume at a time
+/// the nearest one counts: use one a place.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiVolume {
     /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions, and eight for the ways to walls. Voxels become larger where they would be more.
     pub most: u32,
 }
 

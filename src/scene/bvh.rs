@@ -85,6 +85,22 @@ impl Bvh {
         crossed
     }
 
+    /// How far `ray` comes before it meets what stays, metres; `ray.max_t` where it meets nothing. Occluders are looked through.
+    #[must_use]
+    pub fn distance(&self, ray: &Ray) -> f32 {
+        let mut ray = *ray;
+        let shear = Shear::new(ray.direction);
+        self.walk(&ray.clone(), |triangle| {
+            if triangle.occluder == 0
+                && let Some(t) = shear.meets(&ray, triangle)
+            {
+                ray.max_t = t;
+            }
+            false
+        });
+        ray.max_t
+    }
+
     /// True when no light passes along `ray` with t in (0, `ray.max_t`).
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
@@ -144,7 +160,7 @@ impl Bvh {
             }
             let first = node.first as usize;
             let leaf = &self.triangles[first..first + node.count as usize];
-            if leaf.iter().any(|t| shear.meets(ray, t) && meet(t)) {
+            if (leaf.iter()).any(|t| shear.meets(ray, t).is_some() && meet(t)) {
                 return;
             }
         }
@@ -186,7 +202,8 @@ impl Shear {
         }
     }
 
-    fn meets(&self, ray: &Ray, triangle: &BvhTriangle) -> bool {
+    /// Where along the ray; none where they do not meet.
+    fn meets(&self, ray: &Ray, triangle: &BvhTriangle) -> Option<f32> {
         let [x, y, z] = self.axes;
         let corner = |v: [f32; 3]| {
             let v = Vec3::from_array(v) - ray.origin;
@@ -203,9 +220,9 @@ impl Shear {
         let outside = u.min(v).min(w) < 0.0 && u.max(v).max(w) > 0.0;
         let det = u + v + w;
         if outside || det == 0.0 {
-            return false;
+            return None;
         }
         let t = (u * a.z + v * b.z + w * c.z) / det;
-        t > 0.0 && t < ray.max_t
+        (t > 0.0 && t < ray.max_t).then_some(t)
     }
 }

@@ -63,8 +63,8 @@ fn volumes() {
     let faces = places.faces();
     let (found, of_faces) = (faces.faces.len() as u64, faces.shares.len() as u64);
     let held = 928 + 4 * (2 * (u64::from(shape.voxels()) + 1) + shares);
-    let held = held + 16 * (found + 1) + 8 * of_faces;
-    assert_eq!((buffers.count(), buffers.bytes()), (6, held));
+    let held = held + 16 * (found + 1) + 8 * (of_faces + u64::from(shape.voxels()));
+    assert_eq!((buffers.count(), buffers.bytes()), (7, held));
     harness
         .run(|encoder| {
             frame.volume(&kernels, &harness.queue, encoder, &buffers, &params, &view);

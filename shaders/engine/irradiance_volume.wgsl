@@ -1,0 +1,113 @@
+// The light of irradiance volumes at a surface: takes the place of Bevy's module of this name once a level has a volume of ours (src/plugin/volume_shader.rs). Twin: src/frame/volume_read.rs.
+//
+// A texel of ours has a negative fourth number: how far it is from its voxel to a wall (src/frame/volume_ways.rs). Between voxels of which some have a wall nearer than the place, those are left out.
+// Where no wall is near, and in volumes that are not ours, light is what the sampler says, as it is with Bevy's module.
+#define_import_path bevy_pbr::irradiance_volume
+
+#import bevy_pbr::light_probe::{light_probe_iterator_new, light_probe_iterator_next}
+#import bevy_pbr::mesh_view_bindings::{
+    irradiance_volumes,
+    irradiance_volume,
+    irradiance_volume_sampler,
+    light_probes,
+};
+#import bevy_pbr::clustered_forward::ClusterableObjectIndexRanges
+
+#ifdef LIGHTMAP
+#import bevy_pbr::mesh_view_types::LIGHT_PROBE_FLAG_AFFECTS_LIGHTMAPPED_MESH_DIFFUSE;
+#endif
+
+#ifdef IRRADIANCE_VOLUMES_ARE_USABLE
+
+// A texel of a voxel all of whose ways are free has -2.
+const MESHLESS_GI_OPEN: f32 = -1.999;
+// What is added to the length of a way.
+const MESHLESS_GI_QUARTER: f32 = 0.25;
+// A place this far beyond a wall, voxels, is not lit through it; one before that by less and less.
+const MESHLESS_GI_BEFORE: f32 = 0.01;
+const MESHLESS_GI_BEYOND: f32 = 0.03;
+// Where so little is left of the eight voxels, all of them count.
+const MESHLESS_GI_LEAST: f32 = 1e-3;
+
+fn irradiance_volume_light(
+    world_position: vec3<f32>,
+    N: vec3<f32>,
+    clusterable_object_index_ranges: ptr<function, ClusterableObjectIndexRanges>,
+) -> vec3<f32> {
+    var probes = light_probe_iterator_new(world_position, true, clusterable_object_index_ranges);
+    let square = N * N;
+    let is_away = N < vec3f(0.0);
+    let away = vec3u(is_away);
+    var light = vec3f(0.0);
+    var all_volumes = 0.0;
+    while (true) {
+        let found = light_probe_iterator_next(&probes);
+        if found.texture_index < 0 {
+            break;
+        }
+#ifdef LIGHTMAP
+        if (found.flags & LIGHT_PROBE_FLAG_AFFECTS_LIGHTMAPPED_MESH_DIFFUSE) == 0u {
+            continue;
+        }
+#endif
+        // Not a function with the texture as its argument: naga has none for a texture of an array.
+#ifdef MULTIPLE_LIGHT_PROBES_IN_ARRAY
+        let voxels = irradiance_volumes[found.texture_index];
+#else
+        let voxels = irradiance_volume;
+#endif
+        let all_texels = vec3f(textureDimensions(voxels));
+        let size = textureDimensions(voxels) / vec3u(1u, 2u, 3u);
+        let local = (found.light_from_world * vec4f(world_position, 1.0)).xyz;
+        // Among the middles of the voxels, which are half a texel inside.
+        let place = clamp((local + 0.5) * vec3f(size), vec3f(0.5), vec3f(size) - 0.5);
+
+        let corner = place / all_texels;
+        let half = select(vec3f(0.0), vec3f(0.5), is_away);
+        let third = 1.0 / 3.0;
+        let x = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.x, 0.0), 0.0);
+        let y = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.y, third), 0.0);
+        let z = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.z, 2.0 * third), 0.0);
+        var here = x.rgb * square.x + y.rgb * square.y + z.rgb * square.z;
+
+        // In an open place all six texels of all eight voxels say so.
+        if x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
+            let first = vec3u(place - 0.5);
+            var sum = vec3f(0.0);
+            var all_weights = 0.0;
+            for (var k = 0u; k < 8u; k++) {
+                let voxel = min(first + vec3u(k & 1u, (k >> 1u) & 1u, k >> 2u), size - 1u);
+                let offset = place - (vec3f(voxel) + 0.5);
+                let far = abs(offset);
+                var weight = max(1.0 - far.x, 0.0) * max(1.0 - far.y, 0.0) * max(1.0 - far.z, 0.0);
+                for (var axis = 0u; axis < 3u; axis++) {
+                    let texel = voxel + size * vec3u(0u, select(0u, 1u, offset[axis] < 0.0), axis);
+                    let way = textureLoad(voxels, texel, 0).a;
+                    if way > MESHLESS_GI_OPEN {
+                        let beyond = far[axis] + way + MESHLESS_GI_QUARTER;
+                        weight *= 1.0 - smoothstep(MESHLESS_GI_BEFORE, MESHLESS_GI_BEYOND, beyond);
+                    }
+                }
+                if weight <= 0.0 {
+                    continue;
+                }
+                let along_x = textureLoad(voxels, voxel + size * vec3u(0u, away.x, 0u), 0).rgb;
+                let along_y = textureLoad(voxels, voxel + size * vec3u(0u, away.y, 1u), 0).rgb;
+                let along_z = textureLoad(voxels, voxel + size * vec3u(0u, away.z, 2u), 0).rgb;
+                sum += weight * (along_x * square.x + along_y * square.y + along_z * square.z);
+                all_weights += weight;
+            }
+            if all_weights > MESHLESS_GI_LEAST {
+                here = sum / all_weights;
+            }
+        }
+        light += here * found.intensity * found.weight;
+        all_volumes += found.weight;
+    }
+    if all_volumes != 0.0 {
+        light /= all_volumes;
+    }
+    return light;
+}
+
+#endif

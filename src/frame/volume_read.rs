@@ -1,0 +1,66 @@
+//! What an engine reads of a volume that kernel `volume` wrote: the twin of the module that takes the place of Bevy's (`shaders/engine/irradiance_volume.wgsl`). Behind the kernels: it runs at each pixel of
+//! what is drawn forward.
+//!
+//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place (`volume_ways`) are left out. So neither a thin wall nor a floor between two storeys lets light
+//! through, and no place is dark because the next room is.
+
+use super::volume::VolumeParams;
+use glam::{UVec3, Vec3};
+
+/// Voxels without walls near them: all their texels have less.
+pub const OPEN: f32 = -1.999;
+/// What [`Ways::stored`](super::Ways::stored) adds to the length of a way.
+pub const QUARTER: f32 = 0.25;
+/// A place less than this beyond a wall, voxels, is lit as if it were before it.
+pub const BEFORE: f32 = 0.01;
+/// One farther than this beyond a wall is not lit from before it.
+pub const BEYOND: f32 = 0.03;
+/// Where so little is left of the eight voxels, all of them count.
+pub const LEAST: f32 = 1e-3;
+
+/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white one, in the texels' unit. `place` is in voxels from the volume's corner, `texels` are those of
+/// [`volume`](super::volume::volume), x first and z last.
+#[must_use]
+pub fn read_volume(params: &VolumeParams, texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
+    let size = UVec3::from(params.size);
+    let edges = size.as_vec3();
+    let place = place.clamp(Vec3::splat(0.5), edges - 0.5);
+    let texel = |voxel: UVec3, side: usize| {
+        let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
+        texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize]
+    };
+    let sides = [0, 1, 2].map(|axis| 2 * axis + usize::from(n[axis] < 0.0));
+    let first = (place - 0.5).as_uvec3();
+    let (mut whole, mut some) = ((Vec3::ZERO, 0.0), (Vec3::ZERO, 0.0));
+    for k in 0..8u32 {
+        let step = UVec3::new(k & 1, k >> 1 & 1, k >> 2);
+        let voxel = (first + step).min(size - 1);
+        let from = place - (voxel.as_vec3() + 0.5);
+        let weight = (1.0 - from.abs()).max(Vec3::ZERO).element_product();
+        let light: Vec3 = (sides.iter())
+            .map(|&side| (n[side / 2] * n[side / 2]) * Vec3::from_slice(&texel(voxel, side)[..3]))
+            .sum();
+        whole = (whole.0 + weight * light, whole.1 + weight);
+        let seen: f32 = (0..3)
+            .map(|axis| {
+                let way = texel(voxel, 2 * axis + usize::from(from[axis] < 0.0))[3];
+                let beyond = from[axis].abs() + way + QUARTER;
+                // Volumes that are not ours have nothing below zero.
+                match way > OPEN && way < 0.0 {
+                    true => 1.0 - smooth_step((beyond - BEFORE) / (BEYOND - BEFORE)),
+                    false => 1.0,
+                }
+            })
+            .product();
+        some = (some.0 + weight * seen * light, some.1 + weight * seen);
+    }
+    match some.1 > LEAST {
+        true => some.0 / some.1,
+        false => whole.0 / whole.1,
+    }
+}
+
+fn smooth_step(t: f32) -> f32 {
+    let t = t.clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}

@@ -1,0 +1,162 @@
+//! How far the ways from a voxel's middle are free: six numbers a voxel, along the edges of the grid and against them, up to the next voxel. Found with the places of a volume (`volume_places`),
+//! handed on by kernel `volume` and read where a surface looks its light up (`volume_read`): a voxel behind a wall lights nothing before it.
+//!
+//! Voxels in the ground have middles that no wall of the room above comes down to. So a voxel behind a surface also looks along that surface, from just before it: what stands on the ground there
+//! bounds the ways below it too.
+
+use super::volume_faces::FACING;
+use super::volume_places::VolumeShape;
+use crate::scene::{Bvh, Ray};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+/// A way that is free as far as the next voxel.
+pub const FREE: u8 = 255;
+/// A wall at the next voxel's middle.
+pub const WHOLE: f32 = 254.0;
+/// How far before a surface the ways along it run, and from how far behind a voxel's middle its own start, voxels.
+const LIFT: f32 = 0.05;
+/// Ways start as much behind a middle, voxels: a wall through the middle bounds both sides.
+const BEHIND: f32 = 1e-3;
+
+/// The ways from one voxel. 8 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct Ways {
+    /// How far it is to a wall, in 254ths of a voxel, or [`FREE`]. Along each edge, and then against it.
+    pub sides: [u8; 6],
+    /// 0 for a middle between the two sides of a wall, which lights nothing; else [`FREE`].
+    lights: u8,
+    /// [`FREE`].
+    rest: u8,
+}
+
+impl Default for Ways {
+    fn default() -> Self {
+        Self {
+            sides: [FREE; 6],
+            lights: FREE,
+            rest: FREE,
+        }
+    }
+}
+
+impl Ways {
+    /// Of a voxel with middle `x`, metres. `behind` are the surfaces beside it that it lies behind: how far, metres, and their normals.
+    pub(super) fn find(
+        shape: &VolumeShape,
+        bvh: &Bvh,
+        x: Vec3,
+        behind: impl Iterator<Item = (f32, Vec3)> + Clone,
+    ) -> Self {
+        let mut ways = Self::default();
+        let voxel = shape.voxel();
+        ways.bound(bvh, x, x, voxel, |_| true);
+        for (depth, n) in behind.clone() {
+            if behind.clone().any(|(_, other)| other.dot(n) < -FACING) {
+                ways.lights = 0;
+            }
+            let from = x + n * (depth + LIFT * voxel.min_element());
+            ways.bound(bvh, from, x, voxel, |axis| n[axis].abs() < 0.5);
+        }
+        ways
+    }
+
+    /// Ends the ways from `x` where those from `from` end.
+    fn bound(
+        &mut self,
+        bvh: &Bvh,
+        from: Vec3,
+        x: Vec3,
+        voxel: Vec3,
+        along: impl Fn(usize) -> bool,
+    ) {
+        for (side, way) in self.sides.iter_mut().enumerate() {
+            let axis = side / 2;
+            if !along(axis) {
+                continue;
+            }
+            let direction = Vec3::AXES[axis] * [1.0, -1.0][side % 2];
+            let edge = voxel[axis];
+            // `from` may lie aside of `x` along the way.
+            let start = (from - x).dot(direction) - BEHIND * edge;
+            let ray = Ray::segment(from - direction * (BEHIND * edge), direction, edge - start);
+            let free = bvh.distance(&ray);
+            if free < ray.max_t {
+                let end = (start + free) / edge;
+                *way = (*way).min((end.clamp(0.0, 1.0) * WHOLE).round() as u8);
+            }
+        }
+    }
+
+    /// Whether something stands before the middle of the voxel that lies `step` voxels along each edge away.
+    #[must_use]
+    pub fn ends_before(&self, step: [i32; 3]) -> bool {
+        let ends = |axis: usize| match step[axis] {
+            0 => false,
+            s => self.sides[2 * axis + usize::from(s < 0)] != FREE,
+        };
+        (0..3).any(ends)
+    }
+
+    /// What kernel `volume` stores for a side beside its light: -2 where all ways of the voxel are free, else a quarter and the length of that side's way, voxels, with the minus sign that tells it
+    /// from an engine's own volumes; a free way has a little more than 1.25, and a middle that lights nothing an eighth.
+    #[must_use]
+    pub fn stored(&self, side: usize) -> f32 {
+        match self.lights {
+            0 => -0.125,
+            _ if *self == Self::default() => -2.0,
+            _ => -(0.25 + f32::from(self.sides[side]) / WHOLE),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::UVec3;
+
+    /// A wall of no thickness at x = 0.3 from the ground at y = 0 up.
+    fn level() -> Bvh {
+        let quad = |a: Vec3, b: Vec3, c: Vec3| [[a, b, c], [a + c - b, a, c]];
+        let wall = quad(
+            Vec3::new(0.3, 0.0, -9.0),
+            Vec3::new(0.3, 9.0, -9.0),
+            Vec3::new(0.3, 9.0, 9.0),
+        );
+        let ground = quad(
+            Vec3::new(-9.0, 0.0, -9.0),
+            Vec3::new(9.0, 0.0, -9.0),
+            Vec3::new(9.0, 0.0, 9.0),
+        );
+        Bvh::build(&[wall, ground].concat()).0
+    }
+
+    #[test]
+    fn ways_end_at_walls_also_below_the_ground() {
+        let shape = VolumeShape::new([Vec3::splat(-4.0), Vec3::splat(4.0)], UVec3::splat(8));
+        let shape = shape.expect("a box");
+        let bvh = level();
+        let find = |x: Vec3| Ways::find(&shape, &bvh, x, [].into_iter());
+        let at = |x: f32, y: f32| find(Vec3::new(x, y, 0.1)).sides;
+        assert_eq!(at(-2.0, 2.0), [FREE; 6]);
+        assert_eq!(at(-0.2, 2.0), [127, FREE, FREE, FREE, FREE, FREE]);
+        assert_eq!(at(0.8, 0.5), [FREE, 127, FREE, 127, FREE, FREE]);
+        // In the wall both sides end.
+        assert_eq!(at(0.3, 2.0), [0, 0, FREE, FREE, FREE, FREE]);
+        // Below the ground it is the wall above that counts.
+        let below = Vec3::new(-0.2, -0.5, 0.1);
+        assert_eq!(find(below).sides, [FREE, FREE, 127, FREE, FREE, FREE]);
+        let ways = Ways::find(&shape, &bvh, below, [(0.5, Vec3::Y)].into_iter());
+        assert_eq!(ways.sides, [127, FREE, 127, FREE, FREE, FREE]);
+        assert!(ways.ends_before([1, 0, 0]) && ways.ends_before([0, 1, 0]));
+        assert!(!ways.ends_before([-1, -1, 1]) && !Ways::default().ends_before([1, 1, 1]));
+        assert_eq!(ways.stored(0), -0.75);
+        assert!(ways.stored(1) < -1.25 && ways.stored(1) > -1.5);
+        assert_eq!(Ways::default().stored(3), -2.0);
+        // Between the sides of a wall.
+        let within = [(0.01, Vec3::X), (0.02, Vec3::NEG_X)].into_iter();
+        let ways = Ways::find(&shape, &bvh, Vec3::new(0.3, 2.0, 0.1), within);
+        assert_eq!([0, 1, 5].map(|side| ways.stored(side)), [-0.125; 3]);
+    }
+}

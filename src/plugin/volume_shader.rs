@@ -1,0 +1,103 @@
+//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one in its place as soon as a level has a [`MeshlessGiVolume`], one that knows which voxels lie behind a
+//! wall (`shaders/engine/irradiance_volume.wgsl`; twin: [`read_volume`](crate::frame::volume_read::read_volume)). Volumes that are not ours look as before.
+//!
+//! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and pipelines that import it are made anew. A module that does not look as it does in the release that this was
+//! written for stays as it is, and that is told: walls then let light of the next room through.
+
+use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
+use super::volume::MeshlessGiVolume;
+use bevy::asset::Assets;
+use bevy::ecs::prelude::*;
+use bevy::shader::{Shader, ShaderImport, Source};
+
+/// The module of ours.
+const OURS: &str = include_str!("../../shaders/engine/irradiance_volume.wgsl");
+/// Under which name Bevy's shaders import it.
+const MODULE: &str = "bevy_pbr::irradiance_volume";
+/// What they call, without spaces.
+const CALLED: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<f32>,clusterable_object_index_ranges:ptr<function,ClusterableObjectIndexRanges>,)->vec3<f32>{";
+/// What that looks up, without spaces.
+const LOOKS_UP: &str = "light_probe_iterator_next(&iterator)";
+
+/// Replaces the module once, in the frame in which Bevy has loaded it and a level has a volume. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
+pub(crate) fn replace(
+    volumes: Query<(), With<MeshlessGiVolume>>,
+    shaders: Option<ResMut<Assets<Shader>>>,
+    mut findings: ResMut<MeshlessGiFindings>,
+    mut done: Local<bool>,
+) {
+    let Some(mut shaders) = shaders.filter(|_| !*done && !volumes.is_empty()) else {
+        return;
+    };
+    let found = shaders.iter().find(|(_, shader)| is_module(shader));
+    let Some((id, ours)) = found.map(|(id, shader)| (id, is_known(shader).then(|| ours(shader))))
+    else {
+        return;
+    };
+    *done = true;
+    let Some(ours) = ours else {
+        tell(vec![MeshlessGiFinding::VolumeShader], &mut findings);
+        return;
+    };
+    // The place is there, so nothing can be wrong with it.
+    let _ = shaders.insert(id, ours);
+}
+
+fn ours(theirs: &Shader) -> Shader {
+    Shader::from_wgsl_with_defs(OURS, &theirs.path, theirs.shader_defs.clone())
+}
+
+fn is_module(shader: &Shader) -> bool {
+    matches!(&shader.import_path, ShaderImport::Custom(name) if name == MODULE)
+}
+
+/// Whether it is called and looks probes up as the module of ours does.
+fn is_known(shader: &Shader) -> bool {
+    let Source::Wgsl(text) = &shader.source else {
+        return false;
+    };
+    let dense: String = text.split_whitespace().collect();
+    dense.contains(CALLED) && dense.contains(LOOKS_UP)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::ecs::system::RunSystemOnce;
+
+    const HEAD: &str = "#define_import_path bevy_pbr::irradiance_volume\n";
+
+    /// What becomes of a module with this text in a world with a volume, and whether something is told.
+    fn become_of(text: &str, volume: bool) -> (String, bool) {
+        let mut world = World::new();
+        world.init_resource::<Assets<Shader>>();
+        world.init_resource::<MeshlessGiFindings>();
+        let shader = Shader::from_wgsl(format!("{HEAD}{text}"), "a.wgsl");
+        let handle = world.resource_mut::<Assets<Shader>>().add(shader);
+        if volume {
+            world.spawn(MeshlessGiVolume::default());
+        }
+        world.run_system_once(replace).expect("it runs");
+        let shaders = world.resource::<Assets<Shader>>();
+        let Source::Wgsl(text) = &shaders.get(&handle).expect("still there").source else {
+            panic!("no WGSL");
+        };
+        let told = !world.resource::<MeshlessGiFindings>().0.is_empty();
+        (text.to_string(), told)
+    }
+
+    #[test]
+    fn a_module_is_replaced_where_it_is_known_and_asked_for() {
+        let known = "fn irradiance_volume_light(world_position: vec3<f32>, N: vec3<f32>,\n    clusterable_object_index_ranges: ptr<function, ClusterableObjectIndexRanges>,) -> vec3<f32> {\n    let found = light_probe_iterator_next(&iterator);\n}";
+        assert_eq!(become_of(known, true), (OURS.to_owned(), false));
+        assert_eq!(become_of(known, false), (format!("{HEAD}{known}"), false));
+        for (from, to) in [
+            ("N: vec3<f32>", "N: vec4<f32>"),
+            ("(&iterator)", "(iterator)"),
+        ] {
+            let other = known.replace(from, to);
+            assert_ne!(other, known);
+            assert_eq!(become_of(&other, true), (format!("{HEAD}{other}"), true));
+        }
+    }
+}

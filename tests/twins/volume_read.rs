@@ -1,0 +1,254 @@
+//! The module that takes the place of Bevy's for irradiance volumes against its twin, `read_volume`: the file itself, with what it imports from Bevy made here.
+
+use crate::compare::{HALF, Scale, differing};
+use crate::harness;
+use crate::picture::wide;
+use crate::synthetic::Dice;
+use bevy_meshless_gi::frame::volume_read::read_volume;
+use bevy_meshless_gi::frame::{VolumeParams, VolumeShape};
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, UVec3, Vec3};
+use half::f16;
+use wgpu::util::DeviceExt;
+
+/// Two volumes are at every place: the second one counts half, and shines four times as bright.
+const BEVY: &str = "
+struct ClusterableObjectIndexRanges { first: u32 }
+struct LightProbeQueryResult { texture_index: i32, intensity: f32, light_from_world: mat4x4<f32>, weight: f32, flags: u32 }
+struct LightProbeIterator { found: u32 }
+struct Place { place: vec3f, facing: vec3f }
+@group(0) @binding(0) var irradiance_volume: texture_3d<f32>;
+@group(0) @binding(1) var irradiance_volume_sampler: sampler;
+@group(0) @binding(2) var<storage, read> places: array<Place>;
+@group(0) @binding(3) var<storage, read_write> lights: array<vec4f>;
+fn light_probe_iterator_new(place: vec3<f32>, is_volume: bool, ranges: ptr<function, ClusterableObjectIndexRanges>) -> LightProbeIterator {
+    return LightProbeIterator((*ranges).first + select(9u, 0u, is_volume));
+}
+fn light_probe_iterator_next(probes: ptr<function, LightProbeIterator>) -> LightProbeQueryResult {
+    (*probes).found += 1u;
+    let k = (*probes).found;
+    let size = vec3f(textureDimensions(irradiance_volume)) / vec3f(1.0, 2.0, 3.0);
+    let matrix = mat4x4<f32>(1.0 / size.x, 0.0, 0.0, 0.0, 0.0, 1.0 / size.y, 0.0, 0.0, 0.0, 0.0, 1.0 / size.z, 0.0, -0.5, -0.5, -0.5, 1.0);
+    return LightProbeQueryResult(select(-1, 0, k < 3u), select(4.0, 1.0, k == 1u), matrix, select(0.5, 1.0, k == 1u), 0u);
+}
+@compute @workgroup_size(64)
+fn read_all(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= arrayLength(&places) {
+        return;
+    }
+    var ranges = ClusterableObjectIndexRanges(0u);
+    lights[id.x] = vec4f(irradiance_volume_light(places[id.x].place, places[id.x].facing, &ranges), 1.0);
+}
+";
+
+/// A place in voxels from the corner, and where the surface there faces.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Place {
+    place: [f32; 3],
+    pad: u32,
+    facing: [f32; 3],
+    pad2: u32,
+}
+
+/// The module without what its preprocessor does, as it is with these definitions.
+fn preprocessed(text: &str, defined: &[&str]) -> String {
+    let (mut out, mut inside, mut import) = (String::new(), Vec::new(), false);
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words.as_slice() {
+            ["#ifdef", name] => inside.push(defined.contains(name)),
+            ["#else"] => {
+                let last = inside.last_mut().unwrap();
+                *last = !*last;
+            }
+            ["#endif"] => {
+                inside.pop().unwrap();
+            }
+            ["#define_import_path", _] => {}
+            [first, ..] if import || *first == "#import" => {
+                import = line.contains('{') && !line.contains('}') || import && !line.contains('}');
+            }
+            _ if inside.iter().all(|within| *within) => {
+                out.push_str(line);
+                out.push('\n');
+            }
+            _ => {}
+        }
+    }
+    assert!(inside.is_empty() && !out.contains('#'), "{out}");
+    out
+}
+
+#[test]
+fn a_volume_is_read_as_its_twin_reads_it() {
+    let Some(harness) = harness() else { return };
+    let device = &harness.device;
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/shaders/engine/irradiance_volume.wgsl"
+    );
+    let text = std::fs::read_to_string(path).unwrap();
+    let module = preprocessed(&text, &["IRRADIANCE_VOLUMES_ARE_USABLE"]);
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: None,
+        source: wgpu::ShaderSource::Wgsl(format!("{BEVY}{module}").into()),
+    });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: None,
+        layout: None,
+        module: &module,
+        entry_point: Some("read_all"),
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    });
+
+    let mut dice = Dice::new(5);
+    let size = UVec3::new(7, 5, 6);
+    let shape = VolumeShape::new([Vec3::ZERO, size.as_vec3()], size).unwrap();
+    let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
+    let texels = shape.texels();
+    // A third of the voxels see no wall, and so does a corner of the volume; some ways are free.
+    let walls: Vec<[f32; 6]> = (0..size.element_product())
+        .map(|i| {
+            let open = dice.below(3) == 0 || i % size.x < 3;
+            std::array::from_fn(|_| match (open, dice.below(3)) {
+                (true, _) => -2.0,
+                (false, 0) => -0.25 - 255.0 / 254.0,
+                (false, _) => -0.25 - dice.unit(),
+            })
+        })
+        .collect();
+    let voxels: Vec<[f16; 4]> = (0..texels.element_product())
+        .map(|i| {
+            let t = UVec3::new(
+                i % texels.x,
+                i / texels.x % texels.y,
+                i / (texels.x * texels.y),
+            );
+            let (voxel, side) = (t % size, 2 * (t.z / size.z) + t.y / size.y);
+            let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
+            let light = dice.colour();
+            [
+                light.x,
+                light.y,
+                light.z,
+                walls[voxel as usize][side as usize],
+            ]
+            .map(f16::from_f32)
+        })
+        .collect();
+    // Also in the outermost half voxels and beyond, and along the axes.
+    let places: Vec<Place> = (0..2000)
+        .map(|k| {
+            let part = Vec3::new(dice.unit(), dice.unit(), dice.unit());
+            let facing = match k % 4 {
+                0 => Vec3::AXES[k / 4 % 3] * [1.0, -1.0][k / 12 % 2],
+                _ => dice.direction(),
+            };
+            Place {
+                place: ((part * 1.2 - 0.1) * size.as_vec3()).to_array(),
+                pad: 0,
+                facing: facing.to_array(),
+                pad2: 0,
+            }
+        })
+        .collect();
+
+    let on_device = |voxels: &[[f16; 4]]| -> Vec<[f32; 4]> {
+        let texture = device.create_texture_with_data(
+            &harness.queue,
+            &wgpu::TextureDescriptor {
+                label: None,
+                size: wgpu::Extent3d {
+                    width: texels.x,
+                    height: texels.y,
+                    depth_or_array_layers: texels.z,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D3,
+                format: wgpu::TextureFormat::Rgba16Float,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            wgpu::util::TextureDataOrder::LayerMajor,
+            bytemuck::cast_slice(voxels),
+        );
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let upload = |contents: &[u8], usage| {
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: None,
+                contents,
+                usage: usage | wgpu::BufferUsages::STORAGE,
+            })
+        };
+        let given = upload(bytemuck::cast_slice(&places), wgpu::BufferUsages::COPY_DST);
+        let lights = upload(
+            bytemuck::cast_slice(&vec![[0f32; 4]; places.len()]),
+            wgpu::BufferUsages::COPY_SRC,
+        );
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let resources = [
+            wgpu::BindingResource::TextureView(&view),
+            wgpu::BindingResource::Sampler(&sampler),
+            given.as_entire_binding(),
+            lights.as_entire_binding(),
+        ];
+        let entries: Vec<_> = (0u32..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        let bind = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        harness
+            .run(|encoder| {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+                pass.set_pipeline(&pipeline);
+                pass.set_bind_group(0, &bind, &[]);
+                pass.dispatch_workgroups(places.len().div_ceil(64) as u32, 1, 1);
+            })
+            .unwrap();
+        harness.read(&lights, places.len()).unwrap()
+    };
+    let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
+        let light = |p: &Place| {
+            let light = read_volume(&params, voxels, p.place.into(), p.facing.into());
+            // 1 of the first volume, 4 · ½ of the second, over 1½.
+            (light * 2.0).extend(1.0).to_array()
+        };
+        places.iter().map(light).collect()
+    };
+    let off = |a: &[[f32; 4]], b: &[[f32; 4]]| differing(a, b, 4, 4.0 * HALF, Scale::Rms).len();
+
+    let found = on_device(&voxels);
+    let twin = expected(&wide(&voxels));
+    assert_eq!(off(&found, &twin), 0);
+    // Without what ways say it is another picture, and so it is where a way is a tenth longer.
+    let spoiled = |change: &dyn Fn(f32) -> f32| -> Vec<[f32; 4]> {
+        let mut voxels = wide(&voxels);
+        voxels.iter_mut().for_each(|t| t[3] = change(t[3]));
+        voxels
+    };
+    let plain = spoiled(&|_| 1.0);
+    assert!(off(&found, &expected(&plain)) * 3 > places.len());
+    let longer = spoiled(&|way| if way > -1.9 { way - 0.1 } else { way });
+    assert!(off(&found, &expected(&longer)) * 20 > places.len());
+    // A volume that is not ours is read as it is between its texels.
+    let other: Vec<[f16; 4]> = plain.iter().map(|t| t.map(f16::from_f32)).collect();
+    assert_eq!(off(&on_device(&other), &expected(&plain)), 0);
+    // As much light everywhere is as much between any of them.
+    let even: Vec<[f16; 4]> = (voxels.iter())
+        .map(|t| [f16::ONE, f16::ONE, f16::ONE, t[3]])
+        .collect();
+    let even = on_device(&even);
+    let largest = even.iter().map(|t| (t[0] - 2.0).abs()).fold(0.0, f32::max);
+    assert!(largest < 0.01, "{largest}");
+}
