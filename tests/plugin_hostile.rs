@@ -90,7 +90,7 @@ fn numbers_that_make_no_sense_leave_nothing_behind() {
     let strange = MeshlessGiLighting {
         sky: LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0),
         emission: f32::NAN,
-        bounces: u32::MAX,
+        bounces: Some(u32::MAX),
         channels: MeshlessGiChannels::Auto,
     };
     app.world_mut().entity_mut(root).insert(strange);

@@ -6,19 +6,20 @@ use bevy::light::RectLight;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
-use bevy_meshless_gi::frame::Channels;
+use bevy_meshless_gi::frame::{Channels, FrameSettings};
 use bevy_meshless_gi::plan::{
-    Census, Colours, Cost, Inventory, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject, Work,
+    Census, Colours, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
+    Work, bounces_at,
 };
 use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::flip;
-use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::scenes::{Room, cornell, cpu_indirect};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, counters, indirect, lit_room, settings, spawn_baked, spawn_lamp,
-    view,
+    CANDELA, MOST, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
+    spawn_lamp, view,
 };
 use std::sync::Arc;
 
@@ -169,15 +170,20 @@ fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
         found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+        // What a choice costs in a frame is no choice.
+        found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
     let before = standing(&app);
-    // The test's cameras ask for every pixel.
+    // The test's cameras ask for every pixel, and its rooms for so many reflections.
     let forced: Vec<&Subject> = (before.iter())
         .filter(|d| d.forced.is_some())
         .map(|d| &d.subject)
         .collect();
-    assert!(matches!(forced[..], [Subject::Display(_)]), "{before:?}");
+    assert!(
+        matches!(forced[..], [Subject::Bounces(_), Subject::Display(_)]),
+        "{before:?}"
+    );
     let world = app.world_mut();
     world.entity_mut(root).insert(MeshlessGiQuality::Tier(1));
     run(&mut app, 2);
@@ -240,6 +246,67 @@ fn the_devices_clock_comes_to_the_plan() {
         }
     }
     assert!(cost(&found, Stage::Splat).work == Work::Pixels(128 * 96));
+}
+
+/// A room is solved with as many reflections as its surfaces call for, and with another number where a setting says so.
+#[test]
+fn reflections_are_as_many_as_surfaces_call_for() {
+    let mut app = app();
+    let (room, bake) = cornell();
+    let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
+    let image = target(&mut app);
+    (app.world_mut()).spawn((camera(&image, view()), indirect()));
+    spawn_lamp(&mut app, PLACE);
+    let ask = |app: &mut App, bounces: Option<u32>| {
+        let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+        lighting.bounces = bounces;
+        run(app, 1);
+        let plan = plan(app);
+        let [(_, picked)] = plan.reflections[..] else {
+            panic!("{plan}");
+        };
+        println!("{picked}");
+        let dispatched = counters(app).dispatches_of(Stage::Apply);
+        assert_eq!(dispatched, picked.bounces, "{plan}");
+        let settings = FrameSettings {
+            sweeps: picked.bounces - 1,
+            ..settings()
+        };
+        let lights = [lamp(PLACE)];
+        let cpu = cpu_indirect(
+            &room,
+            &bake,
+            Transform::IDENTITY,
+            view(),
+            &lights,
+            &settings,
+        );
+        assert_alike("reflections", &cpu, &picture(app, &image));
+        (picked, cpu)
+    };
+    let (few, short) = ask(&mut app, Some(2));
+    assert!(few.forced && few.bounces == 2, "{few}");
+    let (many, whole) = ask(&mut app, None);
+    let gain = bake.info.energy.gain;
+    assert!(!many.forced && many.bounces == bounces_at(gain), "{many}");
+    assert_eq!(many.gain, Some(gain));
+    // What is left out is hardly seen; two reflections are not enough.
+    let settings = FrameSettings {
+        sweeps: 4 * many.bounces,
+        ..settings()
+    };
+    let lights = [lamp(PLACE)];
+    let all = cpu_indirect(
+        &room,
+        &bake,
+        Transform::IDENTITY,
+        view(),
+        &lights,
+        &settings,
+    );
+    let (left, lost) = (whole.nrmse(&all), short.nrmse(&all));
+    println!("beside four times as many: NRMSE {left:.4}, with two {lost:.4}");
+    assert!(left < LEFT && lost > 5.0 * LEFT, "{left} {lost}");
 }
 
 /// The room in grey under a lamp of one colour, and what the CPU makes of it in three channels.

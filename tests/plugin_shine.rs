@@ -7,7 +7,7 @@ use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{Recipe, Sky};
 use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::frame::materials::live_surfaces;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::{Stage, bounces_at};
 use bevy_meshless_gi::plugin::{
     MeshlessGiFinding, MeshlessGiFindings, MeshlessGiMaterials, MeshlessGiSky,
 };
@@ -187,6 +187,29 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         let none = ([0; 4], 0);
         assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
     }
+
+    // As many reflections as surfaces call for: more where a wall is painted white, and no fewer when it is dark again.
+    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    let asked = std::mem::take(&mut lighting.bounces);
+    let reflections = |app: &mut App, grey: f32| {
+        let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        assets.get_mut(&left).unwrap().base_color = Color::linear_rgb(grey, grey, grey);
+        run(app, 2);
+        let [(_, picked)] = counters(app).plan.reflections[..] else {
+            panic!("{}", counters(app).plan);
+        };
+        println!("{picked}");
+        picked.bounces
+    };
+    let (grey, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
+    assert!(
+        bounces_at(bake.info.energy.gain) < white && grey <= white,
+        "{grey} {white}"
+    );
+    assert_eq!(reflections(&mut app, 0.05), white);
+    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    lighting.bounces = asked;
+    run(&mut app, 2);
 
     // A name that comes again, one that is unknown, a material that is gone: the rest follows. Another texture is said to do nothing.
     let findings = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();

@@ -563,7 +563,7 @@ fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_l
         assert_eq!(c.projected_slots, 0, "{}", c.plan);
         assert!(c.dispatches_of(Stage::Apply) > 0, "{}", c.plan);
     };
-    change(&mut app, |l| l.bounces = 1);
+    change(&mut app, |l| l.bounces = Some(1));
     change(&mut app, |l| l.emission = 0.0);
     change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
     let changed = bevy_meshless_gi::frame::FrameSettings {

@@ -17,6 +17,8 @@ pub enum Subject {
     Tier(SceneId),
     /// In how many channels links do.
     Channels(SceneId),
+    /// With how many reflections.
+    Bounces(SceneId),
     /// Whether an octree or links do.
     Octree(SceneId),
     /// What becomes of its sky.
@@ -37,6 +39,7 @@ impl fmt::Display for Subject {
         let (what, scene, view) = match self {
             Self::Tier(scene) => ("tier", scene, &None),
             Self::Channels(scene) => ("channels", scene, &None),
+            Self::Bounces(scene) => ("reflections", scene, &None),
             Self::Octree(scene) => ("octree", scene, &None),
             Self::Sky(scene) => ("sky", scene, &None),
             Self::Display(_) => return Ok(()),
@@ -118,6 +121,11 @@ impl Plan {
             let forced = picked.forced.then_some("the channels asked for");
             push(subject, picked.choice().into(), picked.why.into(), forced);
         }
+        for (scene, picked) in &self.reflections {
+            let subject = Subject::Bounces(*scene);
+            let forced = picked.forced.then_some("the bounces asked for");
+            push(subject, picked.bounces.to_string(), picked.why(), forced);
+        }
         for (scene, why) in &self.linked {
             let subject = Subject::Octree(*scene);
             push(subject, "links".into(), why.to_string(), None);
@@ -154,9 +162,10 @@ impl Plan {
         let carries = |p: &Pass, of: SceneId| p.stage == Stage::Apply && p.scene == of;
         let lays = |p: &Pass, of: ViewId| p.stage == Stage::Splat && p.view == Some(of);
         let follows = |p: &&Pass| match subject {
-            Subject::Tier(scene) | Subject::Channels(scene) | Subject::Octree(scene) => {
-                carries(p, *scene)
-            }
+            Subject::Tier(scene)
+            | Subject::Channels(scene)
+            | Subject::Bounces(scene)
+            | Subject::Octree(scene) => carries(p, *scene),
             // One more link a row at most.
             Subject::Sky(_) | Subject::Left(..) => false,
             Subject::Display(view) => lays(p, *view),

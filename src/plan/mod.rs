@@ -21,12 +21,13 @@
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
 //!
-//! In how many channels its operator is applied [`ChannelPicker`] says, as what shines and what it shines on ask for it.
+//! In how many channels its operator is applied [`ChannelPicker`] says, as what shines and what it shines on ask for it; with how many reflections [`BouncePicker`], as what surfaces return asks for it.
 //!
 //! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line in the log a [`DecisionLog`] knows.
 //!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 
+mod bounces;
 mod channels;
 mod cost;
 mod decision;
@@ -46,6 +47,7 @@ mod state;
 mod survey;
 mod transport;
 
+pub use bounces::{BouncePicker, LEFT, MOST, PickedBounces, bounces_at};
 pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColours};
 pub use cost::{Cost, CostModel, Timed, Work};
 pub use decision::{Decision, DecisionLog, Subject};

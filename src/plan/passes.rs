@@ -2,8 +2,8 @@
 
 use super::cost::{self, Cost, Timed};
 use super::{
-    DisplayUse, EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedChannels,
-    Reason, SceneId, Skip, SkyUse, Stage, ViewId,
+    DisplayUse, EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedBounces,
+    PickedChannels, Reason, SceneId, Skip, SkyUse, Stage, ViewId,
 };
 use std::fmt;
 
@@ -22,6 +22,8 @@ pub struct Plan {
     pub tiers: Vec<(SceneId, Picked)>,
     /// In how many channels links are applied, and why.
     pub channels: Vec<(SceneId, PickedChannels)>,
+    /// With how many reflections scenes are solved, and why; none for bakes that hold them.
+    pub reflections: Vec<(SceneId, PickedBounces)>,
     /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
     pub linked: Vec<(SceneId, NoOctree)>,
     /// Scenes whose sky varies, and what becomes of it.
@@ -163,6 +165,9 @@ impl fmt::Display for Plan {
         }
         for (scene, picked) in &self.channels {
             writeln!(f, "use  {scene} in {picked}")?;
+        }
+        for (scene, picked) in &self.reflections {
+            writeln!(f, "use  {scene} with {picked}")?;
         }
         for (scene, why) in &self.linked {
             writeln!(f, "use  {scene} with its links: {why}")?;

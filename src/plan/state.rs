@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{Inventory, NoOctree, Picked, PickedChannels, Skip};
+use super::{Inventory, NoOctree, Picked, PickedBounces, PickedChannels, Skip};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
@@ -118,6 +118,8 @@ pub struct SceneState {
     pub tier: Option<Picked>,
     /// In how many channels links are applied, and why; none where the bake is not known yet.
     pub channels: Option<PickedChannels>,
+    /// With how many reflections, and why; none where the bake is not known yet, or holds them.
+    pub bounces: Option<PickedBounces>,
     /// Shadow rays that a light slot takes when it is projected.
     pub rays: u64,
     /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
@@ -149,6 +151,7 @@ impl SceneState {
             soft: SoftState::default(),
             tier: None,
             channels: None,
+            bounces: None,
             rays: 0,
             no_octree: None,
         }

@@ -27,6 +27,9 @@ pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
         if let (Some(picked), false) = (scene.channels, octree && scene.no_octree.is_none()) {
             plan.channels.push((scene.id, picked));
         }
+        if let Some(picked) = scene.bounces {
+            plan.reflections.push((scene.id, picked));
+        }
         if let Some(why) = scene.no_octree {
             plan.linked.push((scene.id, why));
         }

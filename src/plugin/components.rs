@@ -45,8 +45,9 @@ pub struct MeshlessGiLighting {
     /// the exposure; the default is what looks the same at Bevy's default exposure (EV100 9.7): 1.2 · 2^9.7 ≈ 998. Set 0 to
     /// let emissive surfaces not light anything.
     pub emission: f32,
-    /// Diffuse reflections, from 1 (direct light reflected once) to 256. A bake with baked bounces ignores it.
-    pub bounces: u32,
+    /// Diffuse reflections, from 1 (direct light reflected once) to 256; none for as many as the level's surfaces call for: until further ones would add less than 3 % by the bake's own bound on what
+    /// surfaces return, and never more than 16. A bake with baked bounces ignores it.
+    pub bounces: Option<u32>,
     /// In how many channels the operator is applied. By default as many as the scene calls for.
     pub channels: MeshlessGiChannels,
 }
@@ -79,7 +80,7 @@ impl Default for MeshlessGiLighting {
         Self {
             sky: LinearRgba::BLACK,
             emission: 998.0,
-            bounces: 4,
+            bounces: None,
             channels: MeshlessGiChannels::Auto,
         }
     }

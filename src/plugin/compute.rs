@@ -82,7 +82,7 @@ fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
         sky: scene.sky,
         emission: lighting.emission.max(0.0),
         channels: (scene.channels).map_or(Channels::Three, |picked| picked.channels),
-        ..FrameSettings::bounces(lighting.bounces)
+        ..FrameSettings::bounces(scene.bounces.map_or(1, |picked| picked.bounces))
     }
 }
 
@@ -176,6 +176,7 @@ impl GiRender {
                 .map_or(0, |p| p.links.len() as u64),
             tier: scene.tier.clone(),
             channels: scene.channels,
+            bounces: scene.bounces,
             rays: scene.bake.as_ref().map_or(0, |b| b.rays_per_slot()),
             passages: (scene.bake.as_ref().and_then(|b| b.occluders.as_ref()))
                 .map_or(0, |o| (o.links.len() + o.probes.len()) as u64),

@@ -20,7 +20,7 @@ use super::sky::MeshlessGiSky;
 use super::transform::Placement;
 use super::volume::MeshlessGiVolume;
 use crate::asset::BakedScene;
-use crate::plan::{Inventory, Picked, PickedChannels, SceneId, ViewId};
+use crate::plan::{Inventory, Picked, PickedBounces, PickedChannels, SceneId, ViewId};
 use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -59,6 +59,8 @@ pub(crate) struct ExtractedScene {
     pub tier: Option<Picked>,
     /// In how many channels links are applied, and why; the inventory says so, none while the bake loads.
     pub channels: Option<PickedChannels>,
+    /// With how many reflections, and why; the inventory says so, none while the bake loads or where it holds them.
+    pub bounces: Option<PickedBounces>,
 }
 
 /// A camera with display settings.
@@ -385,6 +387,7 @@ pub(crate) fn extract(
             lighting: lighting.clone(),
             tier: tier.picked(),
             channels: None,
+            bounces: None,
         });
     }
     let whole = !out.scenes.is_empty() && out.scenes.iter().all(|s| s.bake.is_some());

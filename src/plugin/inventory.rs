@@ -8,7 +8,9 @@ use super::extract::{
 };
 use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
 use crate::frame::FrameLight;
-use crate::plan::{Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches};
+use crate::plan::{
+    BouncePicker, Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches,
+};
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::prelude::*;
@@ -16,6 +18,7 @@ use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// The materials with a normal map.
 #[derive(Resource, Debug, Default)]
@@ -61,12 +64,21 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
         && FrameLight::expand(&light.light, 1).iter().any(arrives)
 }
 
+/// What picks for one scene.
+#[derive(Default)]
+pub(crate) struct Pickers {
+    channels: ChannelPicker,
+    bounces: BouncePicker,
+    /// The bake that reflections are picked for.
+    bake: usize,
+}
+
 /// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
 #[allow(clippy::type_complexity, reason = "a query and its filter")]
 pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
     mut surveyor: Local<Surveyor<LightKey>>,
-    mut pickers: Local<BTreeMap<SceneId, ChannelPicker>>,
+    mut pickers: Local<BTreeMap<SceneId, Pickers>>,
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<MeshlessGiCapture>)>>,
     bouncers: Extract<Query<(), With<MeshlessGiBouncer>>>,
     asking: Extract<Res<AskingLights>>,
@@ -118,9 +130,17 @@ pub(crate) fn take_inventory(
     };
     world.inventory = surveyor.survey(&found);
     pickers.retain(|id, _| world.scenes.iter().any(|s| s.id == *id));
-    for scene in world.scenes.iter_mut().filter(|s| s.bake.is_some()) {
-        let picker = pickers.entry(scene.id).or_default();
+    for scene in &mut world.scenes {
+        let Some(bake) = &scene.bake else { continue };
+        let pickers = pickers.entry(scene.id).or_default();
         let asked = scene.lighting.channels.into();
-        scene.channels = Some(picker.pick(asked, surveyor.colours_of(scene.id)));
+        let colours = surveyor.colours_of(scene.id);
+        scene.channels = Some(pickers.channels.pick(asked, colours));
+        let which = Arc::as_ptr(bake) as usize;
+        if pickers.bake != which {
+            (pickers.bake, pickers.bounces) = (which, BouncePicker::new());
+        }
+        let asked = scene.lighting.bounces;
+        scene.bounces = pickers.bounces.pick(asked, bake, &scene.materials);
     }
 }

@@ -10,8 +10,7 @@ use super::asset::MeshlessGiAsset;
 use super::components::{MeshlessGi, MeshlessGiLighting};
 use super::compute::largest_binding;
 use super::diagnostics::MeshlessGiStatus;
-use crate::frame::FrameSettings;
-use crate::plan::{Picked, Picker, Quality, TierChoice, falls_back};
+use crate::plan::{BouncePicker, Picked, Picker, Quality, TierChoice, falls_back};
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
@@ -133,7 +132,11 @@ pub(crate) fn pick(
         let bake = &asset.scene;
         let sweeps = match bake.bounces {
             Some(_) => 0,
-            None => (lighting.bounces.max(1) - 1).min(FrameSettings::MOST_SWEEPS),
+            // Live materials may ask for more: what a solve takes says so.
+            None => {
+                let picked = BouncePicker::new().pick(lighting.bounces, bake, &[]);
+                picked.map_or(0, |picked| picked.bounces - 1)
+            }
         };
         let room = device.as_ref().map_or(u64::MAX, |d| largest_binding(d));
         // What does not run is no choice.

@@ -53,8 +53,18 @@ pub fn app() -> App {
     app
 }
 
+/// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then hangs on no bake. A test that wants as many as a scene calls for sets `None` later.
+pub const BOUNCES: u32 = 4;
+
 /// Waits for the plugins (the renderer starts in the background) and finishes them.
 pub fn ready(app: &mut App) {
+    app.add_observer(
+        |set: On<Insert, MeshlessGiLighting>, mut all: Query<&mut MeshlessGiLighting>| {
+            if let Ok(mut lighting) = all.get_mut(set.entity) {
+                lighting.bounces.get_or_insert(BOUNCES);
+            }
+        },
+    );
     while app.plugins_state() == PluginsState::Adding {
         bevy::tasks::tick_global_task_pools_on_main_thread();
     }

@@ -1,6 +1,6 @@
 //! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and the comparison of pictures.
 
-use super::app::{camera, target};
+use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
 use super::scenes::{Room, cornell};
 use bevy::prelude::*;
@@ -48,11 +48,11 @@ pub fn indirect() -> MeshlessGiCamera {
     }
 }
 
-/// What the plugin simulates by default.
+/// What the tests' rooms ask for.
 pub fn settings() -> FrameSettings {
     FrameSettings {
         emission: 998.0,
-        ..FrameSettings::bounces(4)
+        ..FrameSettings::bounces(BOUNCES)
     }
 }
 

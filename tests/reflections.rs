@@ -1,0 +1,93 @@
+//! How many reflections a level's surfaces call for, beside all of them at once: what the picked number leaves out, on the two rooms that have references, and what it costs.
+#![cfg(feature = "cli")]
+
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use bevy_meshless_gi::plan::{BouncePicker, LEFT, bounces_at};
+use bevy_meshless_gi::scene::{Material, Quad, SceneDescription, load_gltf, mesh_of_quads};
+use glam::Vec3;
+use std::path::Path;
+use std::time::Instant;
+
+fn draft() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    }
+}
+
+/// The light of all points together, for each point's own normal.
+fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
+    (frame.values().iter().zip(&scene.points))
+        .map(|(e, point)| f64::from(e.dot(point.n()).element_sum()))
+        .sum()
+}
+
+#[test]
+fn what_the_picked_number_leaves_out_is_little() {
+    for (name, fixed) in [("cornell", 0.05), ("rooms_open", 0.12)] {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/{name}"));
+        let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+        let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+        let bake = bake_level(&mesh, &draft(), 0, &Progress::default()).unwrap();
+        let scene = bake.scene;
+        let lights: Vec<FrameLight> = (description.lights.iter())
+            .flat_map(|light| FrameLight::expand(light, 4))
+            .collect();
+        let mut frame = CpuFrame::new(&scene);
+        frame.set_lights(&scene, &lights);
+        frame.converge(&scene, &FrameSettings::default(), 1e-4);
+        let all = light(&frame, &scene);
+        let picked = BouncePicker::new().pick(None, &scene, &[]).unwrap();
+        println!("{name}: {picked}");
+        let missing: Vec<f64> = (1..=picked.bounces)
+            .map(|bounces| {
+                let mut frame = CpuFrame::new(&scene);
+                frame.set_lights(&scene, &lights);
+                let start = Instant::now();
+                frame.solve(&scene, &FrameSettings::bounces(bounces));
+                let took = start.elapsed().as_secs_f64();
+                let missing = 1.0 - light(&frame, &scene) / all;
+                println!(
+                    "  {bounces} reflections: {:.1} % of the light missing, {:.1} ms",
+                    100.0 * missing,
+                    1e3 * took
+                );
+                missing
+            })
+            .collect();
+        assert!(missing.is_sorted_by(|a, b| a > b), "{missing:?}");
+        let left = *missing.last().unwrap();
+        assert!((0.0..=f64::from(LEFT)).contains(&left), "{name}: {left}");
+        // A number that fits one level is too few for another.
+        assert!(missing[3] > fixed, "{name}: {}", missing[3]);
+    }
+}
+
+/// A box whose walls return a tenth of the light takes two; a setting takes what it says, within what a frame ends with.
+#[test]
+fn dark_levels_take_few_and_settings_take_theirs() {
+    let wall = |origin: Vec3, [u, v]: [Vec3; 2]| Quad {
+        corners: [origin, origin + u, origin + u + v, origin + v],
+        material: Material::diffuse(Vec3::splat(0.1)),
+    };
+    let quads: Vec<Quad> = (0..3)
+        .flat_map(|axis| {
+            let (u, v) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
+            [wall(Vec3::ZERO, [u, v]), wall(Vec3::AXES[axis], [v, u])]
+        })
+        .collect();
+    let mesh = mesh_of_quads(&quads);
+    let bake = bake_level(&mesh, &draft(), 0, &Progress::default()).unwrap();
+    let scene = bake.scene;
+    let pick = |asked| BouncePicker::new().pick(asked, &scene, &[]).unwrap();
+    let dark = pick(None);
+    println!("{dark}");
+    assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
+    assert_eq!(dark.bounces, bounces_at(scene.info.energy.gain));
+    for (asked, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
+        let picked = pick(Some(asked));
+        assert_eq!((picked.bounces, picked.forced), (taken, true));
+    }
+}
