@@ -27,7 +27,7 @@ const AHEAD: u32 = 4u;
 // Of ways: free as far as the next voxel, and a wall there.
 const FREE: u32 = 255u;
 const WHOLE: f32 = 254.0;
-const ALL_FREE: vec2u = vec2u(0xffffffffu);
+const ALL_FREE: u32 = 0xffffffffu;
 // A side reads a face where the cosine between them is more; in a voxel in the ground that does not matter.
 const FACING: f32 = 0.5;
 // Cosines that differ by less are the same.
@@ -161,7 +161,7 @@ fn ends_before(voxel: vec3u, by: vec3i) -> bool {
 
 // What a side stores beside its light.
 fn stored_way(voxel: vec3u, side: u32) -> f32 {
-    if all(ways[index_of(voxel)] == ALL_FREE) {
+    if all(ways[index_of(voxel)] == vec2u(ALL_FREE)) {
         return -2.0;
     }
     if (ways[index_of(voxel)].y >> 16u & 255u) == 0u {

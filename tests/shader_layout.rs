@@ -347,7 +347,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("SAME", Some(f64::from(volume_faces::SAME))),
         ("FREE", Some(f64::from(volume_ways::FREE))),
         ("WHOLE", Some(f64::from(volume_ways::WHOLE))),
-        ("ALL_FREE", None),
+        ("ALL_FREE", Some(f64::from(u32::MAX))),
         ("SHARE_BITS", Some(f64::from(volume_places::SHARE_BITS))),
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
