@@ -50,9 +50,10 @@ impl fmt::Display for PickedBounces {
 #[must_use]
 pub fn bounces_at(gain: f32) -> u32 {
     match gain {
-        g if !(g < 1.0) => MOST,
         g if g <= LEFT => 1,
-        g => (LEFT.ln() / g.ln()).ceil().clamp(1.0, MOST as f32) as u32,
+        g if g < 1.0 => (LEFT.ln() / g.ln()).ceil().min(MOST as f32) as u32,
+        // Also what is no number.
+        _ => MOST,
     }
 }
 
