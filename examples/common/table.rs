@@ -65,7 +65,8 @@ fn tell(
 /// The plan, then what it took.
 fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
     let seen = status.get();
-    let mut out = seen.plan.to_string();
+    // The font has no such sign.
+    let mut out = seen.plan.to_string().replace('×', "x");
     for decision in seen.plan.decisions() {
         if let Some(setting) = decision.forced {
             let _ = writeln!(out, "{}: forced by {setting}", decision.subject);

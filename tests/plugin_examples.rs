@@ -1,0 +1,109 @@
+//! The examples that a reader starts first, as programs: each bakes its level, runs, draws a picture with the table of its plan over it, and ends. What is right about the light other tests say.
+
+use image::RgbImage;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Runs an example until it has drawn a picture, with these options.
+fn drawn(example: &str, options: &[&str]) -> RgbImage {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
+    std::fs::create_dir_all(&folder).unwrap();
+    let file: PathBuf = folder.join(format!("{example}.png"));
+    let _ = std::fs::remove_file(&file);
+    // Built like the tests, so that nothing is built twice; what is there already is only run.
+    let run = Command::new(env!("CARGO"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args([
+            "run",
+            "--locked",
+            "--features",
+            "cli,engine",
+            "--example",
+            example,
+            "--",
+        ])
+        .args(["--screenshot"])
+        .arg(&file)
+        .args(options)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(run.status.success(), "{example}: {}\n{said}", run.status);
+    for bad in ["panicked", "ERROR"] {
+        assert!(!said.contains(bad), "{example}:\n{said}");
+    }
+    image::open(&file).unwrap().into_rgb8()
+}
+
+/// The part of the pixels from `low` to `high` (0 to 1 along each edge) that are nearly white, as letters are.
+fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
+    let at = |part: f32, edge: u32| (part * edge as f32) as u32;
+    let (w, h) = picture.dimensions();
+    let (mut white, mut all) = (0u32, 0u32);
+    for y in at(low[1], h)..at(high[1], h) {
+        for x in at(low[0], w)..at(high[0], w) {
+            white += u32::from(picture.get_pixel(x, y).0.iter().all(|c| *c > 240));
+            all += 1;
+        }
+    }
+    white as f32 / all as f32
+}
+
+fn runs(example: &str, at: &str) {
+    let picture = drawn(example, &["--at", at, "--press", "P", "--frames", "20"]);
+    assert_eq!(picture.dimensions(), (960, 540));
+    // Lit: neither black nor of a few colours.
+    let colours: std::collections::HashSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
+    let mean = picture
+        .pixels()
+        .map(|p| p.0.map(f64::from))
+        .fold(0.0, |a, c| a + c.iter().sum::<f64>());
+    let mean = mean / (3 * picture.pixels().len()) as f64;
+    // The table stands at the bottom on the left.
+    let table = letters(&picture, [0.0, 0.75], [0.4, 1.0]);
+    println!(
+        "{example}: mean {mean:.1} of 255, {} colours, letters {table:.3}",
+        colours.len()
+    );
+    assert!(mean > 8.0 && colours.len() > 2000, "{example}: {mean}");
+    assert!(table > 0.015, "{example}: {table}");
+}
+
+#[test]
+fn signs_light_a_street() {
+    runs("neon", "2");
+}
+
+#[test]
+fn somebody_walks_through_a_door() {
+    runs("visitor", "2");
+}
+
+#[test]
+fn the_sun_stands_over_an_atrium() {
+    runs("time_of_day", "6");
+}
+
+#[test]
+fn what_an_example_does_not_know_is_said() {
+    let run = Command::new(env!("CARGO"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args([
+            "run",
+            "--locked",
+            "--features",
+            "cli,engine",
+            "--example",
+            "visitor",
+            "--",
+            "--nonsense",
+        ])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert_eq!(run.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("--nonsense") && said.contains("usage: visitor"),
+        "{said}"
+    );
+}
