@@ -309,7 +309,12 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
         // Normals are the world's, places the bake's.
         let read = |x: Vec3, n: Vec3| {
             let place = (x - from) / shape.voxel();
-            read_volume(&params, &texels, place, turn.inverse().transform_vector3(n))
+            read_volume(
+                params.size,
+                &texels,
+                place,
+                turn.inverse().transform_vector3(n),
+            )
         };
         let mut random = Random::new(2, 0, 0);
         let (mut on_walls, mut shown, mut behind) = (vec![], vec![], vec![]);

@@ -11,13 +11,13 @@ use bevy_meshless_gi::frame::fmm_layout::{
 use bevy_meshless_gi::frame::pyramid::{self, CellRange};
 use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
-    CompositeParams, Face, FaceShare, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams,
-    RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams, Span,
-    SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
-    apply, brdf, compress, gbuffer, gloss, project, refine, rsm, shade, soft, splat, upsample,
-    volume, volume_faces, volume_places, volume_ways, vpl,
+    CompositeParams, Face, FaceShare, FogParams, FrameLight, GlossNode, GlossParams, Node,
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
+    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
+    VplViewParams, apply, brdf, compress, fog, gbuffer, gloss, project, refine, rsm, shade, soft,
+    splat, upsample, volume, volume_faces, volume_places, volume_read, volume_ways, vpl,
 };
-use bevy_meshless_gi::gpu::{COMPOSITE_ENTRIES, KERNELS, Kernel, Kind, Pass};
+use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
 use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use bevy_meshless_gi::transport::pca::{
@@ -194,6 +194,25 @@ fn layouts() -> Vec<Layout> {
         layout!(GlossParams { roughest, together }),
         layout!(GlossNode { words }),
         layout!(CompositeParams { scale, white }),
+        layout!(FogParams {
+            view_from_clip,
+            world_from_view,
+            fog_from_world,
+            voxels_from_world,
+            earlier,
+            viewport,
+            colour,
+            asymmetry,
+            offset,
+            density,
+            size,
+            steps,
+            extinction,
+            radius,
+            voxel,
+            earlier_count,
+            textured
+        }),
         layout!(GridSlot { cell, start }),
         layout!(BvhNode {
             min,
@@ -297,7 +316,7 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 19] = [
+const SHADER_ONLY: [&str; 20] = [
     "Cell",
     "Place",
     "Shear",
@@ -317,6 +336,7 @@ const SHADER_ONLY: [&str; 19] = [
     "Lobe",
     "SpaceLight",
     "Listed",
+    "Ray",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -355,6 +375,14 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("MOST_RATIO", Some(f64::from(MOST_RATIO))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
+        ("DARK", Some(f64::from(fog::DARK))),
+        ("PARALLEL", Some(f64::from(fog::PARALLEL))),
+        ("ENDLESS", Some(f64::from(fog::ENDLESS))),
+        ("OPEN", Some(f64::from(volume_read::OPEN))),
+        ("QUARTER", Some(f64::from(volume_read::QUARTER))),
+        ("BEFORE", Some(f64::from(volume_read::BEFORE))),
+        ("BEYOND", Some(f64::from(volume_read::BEYOND))),
+        ("LEAST_OF_EIGHT", Some(f64::from(volume_read::LEAST))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
@@ -534,12 +562,26 @@ fn kind_of(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<Kin
         (
             _,
             naga::TypeInner::Image {
+                class:
+                    naga::ImageClass::Sampled {
+                        kind: naga::ScalarKind::Float,
+                        multi: false,
+                    },
+                arrayed: false,
+                dim: naga::ImageDimension::D3,
+            },
+        ) => Some(Kind::Space),
+        (_, naga::TypeInner::Sampler { comparison: false }) => Some(Kind::Sampler),
+        (
+            _,
+            naga::TypeInner::Image {
                 class,
                 arrayed: false,
                 dim: naga::ImageDimension::D2,
             },
         ) => match class {
             naga::ImageClass::Depth { multi: false } => Some(Kind::Depth),
+            naga::ImageClass::Depth { multi: true } => Some(Kind::Samples),
             naga::ImageClass::Sampled {
                 kind: naga::ScalarKind::Uint,
                 multi: false,
@@ -611,14 +653,12 @@ fn interface_problems(kernel: &Kernel, module: &naga::Module, info: &ModuleInfo)
                 }
             }
             (naga::ShaderStage::Vertex | naga::ShaderStage::Fragment, None)
-                if COMPOSITE_ENTRIES.contains(&entry.name.as_str()) => {}
+                if kernel.draws().contains(&entry.name.as_str()) => {}
             _ => problems.push(format!("{} is not in the table", entry.name)),
         }
     }
     let rows = kernel.entries.iter().map(|e| e.name);
-    let draws = COMPOSITE_ENTRIES
-        .into_iter()
-        .filter(|_| kernel.entries.is_empty());
+    let draws = kernel.draws().iter().copied();
     for name in rows.chain(draws).filter(|n| !names.contains(n)) {
         problems.push(format!("{name} is not in the shader"));
     }

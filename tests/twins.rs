@@ -13,6 +13,8 @@ mod compare;
 mod depth;
 #[path = "twins/fmm.rs"]
 mod fmm;
+#[path = "twins/fog.rs"]
+mod fog;
 #[path = "twins/gloss.rs"]
 mod gloss;
 mod gloss_support;

@@ -25,6 +25,8 @@
 //! | [`soft`] | what lamps with soft shadows do not reach, at the points that remember what they see |
 //! | [`shade`] | → what was drawn of it at every pixel |
 //! | [`composite`] | → what a pixel's colour gains, and loses |
+//! | [`volume`] | light in free space → a volume that engines read ([`volume_read`]) |
+//! | [`fog`] | → what fog between the eye and a pixel sends of it |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
 
@@ -41,6 +43,7 @@ pub mod flatten;
 pub mod fmm_down;
 pub mod fmm_layout;
 pub mod fmm_up;
+pub mod fog;
 pub mod gbuffer;
 pub mod gloss;
 pub mod layout;
@@ -72,6 +75,7 @@ pub mod vpl;
 
 pub use channels::Channels;
 pub use cpu_frame::{CpuFrame, FrameCounters};
+pub use fog::{Fog, FogParams, FogView};
 pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;

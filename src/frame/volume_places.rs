@@ -71,6 +71,12 @@ impl VolumeShape {
         self.voxel
     }
 
+    /// The corner where the first voxel is, metres.
+    #[must_use]
+    pub fn low(&self) -> Vec3 {
+        self.low
+    }
+
     /// Voxels in all.
     #[must_use]
     pub fn voxels(&self) -> u32 {

@@ -1,10 +1,9 @@
 //! What an engine reads of a volume that kernel `volume` wrote: the twin of the module that takes the place of Bevy's (`shaders/engine/irradiance_volume.wgsl`). Behind the kernels: it runs at each pixel of
-//! what is drawn forward.
+//! what is drawn forward. Kernel [`fog`](super::fog) reads it likewise.
 //!
 //! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place (`volume_ways`) are left out. So neither a thin wall nor a floor between two storeys lets light
 //! through, and no place is dark because the next room is.
 
-use super::volume::VolumeParams;
 use glam::{UVec3, Vec3};
 
 /// Voxels without walls near them: all their texels have less.
@@ -18,18 +17,27 @@ pub const BEYOND: f32 = 0.03;
 /// Where so little is left of the eight voxels, all of them count.
 pub const LEAST: f32 = 1e-3;
 
-/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white one, in the texels' unit. `place` is in voxels from the volume's corner, `texels` are those of
-/// [`volume`](super::volume::volume), x first and z last.
+/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white one, in the texels' unit. `size` counts the voxels along each edge, `place` is in voxels from the
+/// volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z last.
 #[must_use]
-pub fn read_volume(params: &VolumeParams, texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
-    let size = UVec3::from(params.size);
+pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
+    let mut weights = [0.0; 6];
+    for axis in 0..3 {
+        weights[2 * axis + usize::from(n[axis] < 0.0)] = n[axis] * n[axis];
+    }
+    read_sides(size, texels, place, weights)
+}
+
+/// The same with a weight for each side of the voxels: along each axis of the world, and then away from it.
+#[must_use]
+pub fn read_sides(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, weights: [f32; 6]) -> Vec3 {
+    let size = UVec3::from(size);
     let edges = size.as_vec3();
     let place = place.clamp(Vec3::splat(0.5), edges - 0.5);
     let texel = |voxel: UVec3, side: usize| {
         let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
         texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize]
     };
-    let sides = [0, 1, 2].map(|axis| 2 * axis + usize::from(n[axis] < 0.0));
     let first = (place - 0.5).as_uvec3();
     let (mut whole, mut some) = ((Vec3::ZERO, 0.0), (Vec3::ZERO, 0.0));
     for k in 0..8u32 {
@@ -37,8 +45,8 @@ pub fn read_volume(params: &VolumeParams, texels: &[[f32; 4]], place: Vec3, n: V
         let voxel = (first + step).min(size - 1);
         let from = place - (voxel.as_vec3() + 0.5);
         let weight = (1.0 - from.abs()).max(Vec3::ZERO).element_product();
-        let light: Vec3 = (sides.iter())
-            .map(|&side| (n[side / 2] * n[side / 2]) * Vec3::from_slice(&texel(voxel, side)[..3]))
+        let light: Vec3 = (weights.iter().enumerate())
+            .map(|(side, weight)| *weight * Vec3::from_slice(&texel(voxel, side)[..3]))
             .sum();
         whole = (whole.0 + weight * light, whole.1 + weight);
         let seen: f32 = (0..3)

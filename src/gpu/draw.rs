@@ -50,7 +50,7 @@ fn draw(
     view: &ViewBuffers,
     [irradiance, gbuffer, lighting_passes]: [&wgpu::TextureView; 3],
 ) {
-    let kernel = kernels.composite(format, how);
+    let kernel = kernels.drawing(format, how);
     let bind = kernels
         .device()
         .create_bind_group(&wgpu::BindGroupDescriptor {

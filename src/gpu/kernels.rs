@@ -3,17 +3,17 @@
 
 use super::Pass;
 use super::kernels::Kind::{
-    Depth, Float, Layers, Output, Read, Span, Uint, Uniform, Voxels, Write,
+    Depth, Float, Layers, Output, Read, Sampler, Samples, Space, Span, Uint, Uniform, Voxels, Write,
 };
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
-    CompositeParams, Face, FaceShare, FrameLight, GlossNode, GlossParams, Node, RsmChooseParams,
-    RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams, SolveParams,
-    SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams, VplViewParams,
-    Ways, rsm,
+    CompositeParams, Face, FaceShare, FogParams, FrameLight, GlossNode, GlossParams, Node,
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
+    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
+    VplViewParams, Ways, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -43,6 +43,12 @@ pub enum Kind {
     Output,
     /// Such a texture in three dimensions.
     Voxels,
+    /// A depth texture with several samples a pixel.
+    Samples,
+    /// A texture of floats in three dimensions, filtered.
+    Space,
+    /// What filters it.
+    Sampler,
 }
 
 /// One binding of a shader; all are in group 0.
@@ -80,7 +86,7 @@ pub struct Kernel {
     pub source: &'static str,
     /// Everything that the shader binds.
     pub bindings: &'static [Binding],
-    /// Its compute entry points; none for `composite`, which draws.
+    /// Its compute entry points; none where it draws.
     pub entries: &'static [Entry],
 }
 
@@ -164,6 +170,18 @@ const LOOK_UP: [Binding; 15] = [
     bind(14, "counted", Read(4)),
 ];
 
+impl Kernel {
+    /// Its entry points where it draws: vertex, and then fragments.
+    #[must_use]
+    pub fn draws(&self) -> &'static [&'static str] {
+        match self.name {
+            "composite" => &COMPOSITE_ENTRIES,
+            "fog" => &FOG_ENTRIES,
+            _ => &[],
+        }
+    }
+}
+
 /// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
 pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "whole_screen",
@@ -172,8 +190,11 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "composite_shade",
 ];
 
+/// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with several.
+pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
+
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 24] = [
+pub const KERNELS: [Kernel; 25] = [
     Kernel {
         name: "occlude",
         source: shader!("occlude"),
@@ -660,7 +681,23 @@ pub const KERNELS: [Kernel; 24] = [
         ],
         entries: &[],
     },
+    Kernel {
+        name: "fog",
+        source: include_str!("../../shaders/fog.wgsl"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<FogParams>())),
+            bind(1, "depth", Depth),
+            bind(2, "depth_samples", Samples),
+            bind(3, "voxels", Space),
+            bind(4, "voxels_sampler", Sampler),
+            bind(5, "density", Space),
+            bind(6, "density_sampler", Sampler),
+        ],
+        entries: &[],
+    },
 ];
 
 /// Where `composite` is in [`KERNELS`].
-pub const COMPOSITE: usize = KERNELS.len() - 1;
+pub const COMPOSITE: usize = KERNELS.len() - 2;
+/// Where `fog` is.
+pub const FOG: usize = KERNELS.len() - 1;

@@ -23,6 +23,7 @@ mod counters;
 mod draw;
 mod error;
 mod fmm;
+mod fog;
 mod frame;
 mod gloss;
 mod harness;
@@ -43,10 +44,13 @@ pub use counters::GpuCounters;
 pub use draw::{draw_composite, draw_gloss, draw_shade};
 pub use error::GpuError;
 pub use fmm::GpuFmm;
+pub use fog::{FogBuffers, FogTextures, draw_fog};
 pub use frame::{GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
-pub use kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, KERNELS, Kernel, Kind};
+pub use kernels::{
+    Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, FOG, FOG_ENTRIES, KERNELS, Kernel, Kind,
+};
 pub use pass::Pass;
 pub use pipelines::{ComputeKernel, Draw, Kernels, RenderKernel};
 pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};

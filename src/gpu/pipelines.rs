@@ -2,7 +2,9 @@
 
 use super::GpuError;
 use super::Pass;
-use super::kernels::{Binding, COMPOSITE, COMPOSITE_ENTRIES, KERNELS, Kernel, Kind};
+use super::kernels::{
+    Binding, COMPOSITE, COMPOSITE_ENTRIES, FOG, FOG_ENTRIES, KERNELS, Kernel, Kind,
+};
 use crate::frame::Span;
 use crate::frame::fmm_layout::MOST_FMM_TERMS;
 use std::num::NonZeroU64;
@@ -18,7 +20,7 @@ pub struct ComputeKernel {
     pub layout: wgpu::BindGroupLayout,
 }
 
-/// As [`ComputeKernel`], for `composite`.
+/// As [`ComputeKernel`], for what draws.
 #[derive(Clone, Debug)]
 pub struct RenderKernel {
     /// The pipeline.
@@ -27,7 +29,7 @@ pub struct RenderKernel {
     pub layout: wgpu::BindGroupLayout,
 }
 
-/// What `composite` draws, and how.
+/// What is drawn onto a picture, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Draw {
     /// Irradiance on the surfaces, added to the picture.
@@ -38,6 +40,10 @@ pub enum Draw {
     Gloss,
     /// Light that does not get there, taken from the picture.
     Shade,
+    /// What fog sends to the eye, added to the picture.
+    Fog,
+    /// The same over a depth with several samples a pixel.
+    FogSampled,
 }
 
 /// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
@@ -49,8 +55,8 @@ pub struct Kernels {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
-    /// `composite`, a pipeline for each format that it draws to, and for each way to draw.
-    composites: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
+    /// What draws, a pipeline for each format that it draws to, and for each way to draw.
+    drawings: Mutex<Vec<((wgpu::TextureFormat, Draw), RenderKernel)>>,
     created: AtomicU32,
 }
 
@@ -122,7 +128,7 @@ impl Kernels {
             device: device.clone(),
             modules: [const { OnceLock::new() }; KERNELS.len()],
             passes: [const { OnceLock::new() }; Pass::COUNT],
-            composites: Mutex::default(),
+            drawings: Mutex::default(),
             created: AtomicU32::new(0),
         })
     }
@@ -172,35 +178,34 @@ impl Kernels {
         })
     }
 
-    /// The pipeline that draws `composite` onto a target of this format.
-    pub fn composite(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
-        let mut made = self
-            .composites
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+    /// The pipeline that draws so onto a target of this format; made now if this is the first call.
+    pub fn drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
+        let mut made = self.drawings.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, kernel)) = made.iter().find(|(of, _)| *of == (format, draw)) {
             return kernel.clone();
         }
-        let kernel = self.make_composite(format, draw);
+        let kernel = self.make_drawing(format, draw);
         made.push(((format, draw), kernel.clone()));
         kernel
     }
 
-    fn make_composite(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
-        let label = "meshless_gi composite";
-        let layout = self.layout(
-            label,
-            KERNELS[COMPOSITE].bindings.iter(),
-            wgpu::ShaderStages::FRAGMENT,
-        );
-        let pipeline_layout = self.pipeline_layout(label, &layout);
-        let module = self.module(COMPOSITE);
-        let [vertex, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
-        let fragment = match draw {
-            Draw::Add | Draw::Replace => irradiance,
-            Draw::Gloss => gloss,
-            Draw::Shade => shade,
+    fn make_drawing(&self, format: wgpu::TextureFormat, draw: Draw) -> RenderKernel {
+        let [screen, irradiance, gloss, shade] = COMPOSITE_ENTRIES;
+        let [fog_screen, fog, fog_sampled] = FOG_ENTRIES;
+        // The last is a kind of binding that the entry does not have.
+        let (at, vertex, fragment, without) = match draw {
+            Draw::Add | Draw::Replace => (COMPOSITE, screen, irradiance, None),
+            Draw::Gloss => (COMPOSITE, screen, gloss, None),
+            Draw::Shade => (COMPOSITE, screen, shade, None),
+            Draw::Fog => (FOG, fog_screen, fog, Some(Kind::Samples)),
+            Draw::FogSampled => (FOG, fog_screen, fog_sampled, Some(Kind::Depth)),
         };
+        let label = format!("meshless_gi {}", KERNELS[at].name);
+        let used = KERNELS[at].bindings.iter();
+        let used = used.filter(|b| without != Some(b.kind));
+        let layout = self.layout(&label, used, wgpu::ShaderStages::FRAGMENT);
+        let pipeline_layout = self.pipeline_layout(&label, &layout);
+        let module = self.module(at);
         let add = wgpu::BlendComponent {
             src_factor: wgpu::BlendFactor::One,
             dst_factor: wgpu::BlendFactor::One,
@@ -212,7 +217,7 @@ impl Kernels {
         let pipeline = self
             .device
             .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some(label),
+                label: Some(&label),
                 layout: Some(&pipeline_layout),
                 vertex: wgpu::VertexState {
                     module,
@@ -291,11 +296,12 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         min_binding_size: NonZeroU64::new(size as u64),
     };
     let plane = wgpu::TextureViewDimension::D2;
-    let texture = |sample_type, view_dimension| wgpu::BindingType::Texture {
+    let image = |sample_type, view_dimension, multisampled| wgpu::BindingType::Texture {
         sample_type,
         view_dimension,
-        multisampled: false,
+        multisampled,
     };
+    let texture = |sample_type, view_dimension| image(sample_type, view_dimension, false);
     let float = wgpu::TextureSampleType::Float { filterable: false };
     let output = |view_dimension| wgpu::BindingType::StorageTexture {
         access: wgpu::StorageTextureAccess::WriteOnly,
@@ -321,5 +327,11 @@ fn binding_type(kind: Kind) -> wgpu::BindingType {
         Kind::Layers => texture(float, wgpu::TextureViewDimension::D2Array),
         Kind::Output => output(plane),
         Kind::Voxels => output(wgpu::TextureViewDimension::D3),
+        Kind::Samples => image(wgpu::TextureSampleType::Depth, plane, true),
+        Kind::Space => texture(
+            wgpu::TextureSampleType::Float { filterable: true },
+            wgpu::TextureViewDimension::D3,
+        ),
+        Kind::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
     }
 }

@@ -3,20 +3,34 @@
 use bevy_meshless_gi::gpu::Harness;
 use wgpu::{TextureFormat, TextureUsages};
 
-/// A depth texture with these texels. They are drawn: WebGPU copies none into a 32-bit depth texture.
+/// A depth texture with these texels.
 pub fn depth_texture(harness: &Harness, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
+    depth_samples(harness, size, depth, 1)
+}
+
+/// The same with so many samples a pixel, all alike. They are drawn: WebGPU copies none into a 32-bit depth texture.
+pub fn depth_samples(
+    harness: &Harness,
+    size: [u32; 2],
+    depth: &[f32],
+    samples: u32,
+) -> wgpu::Texture {
     let source = harness.texture(
         size,
         TextureFormat::R32Float,
         TextureUsages::TEXTURE_BINDING,
         Some(depth),
     );
-    let target = harness.texture::<f32>(
-        size,
-        TextureFormat::Depth32Float,
-        TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT,
-        None,
-    );
+    let target = harness.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: source.size(),
+        mip_level_count: 1,
+        sample_count: samples,
+        dimension: wgpu::TextureDimension::D2,
+        format: TextureFormat::Depth32Float,
+        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
     let module = harness
         .device
         .create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -51,7 +65,10 @@ pub fn depth_texture(harness: &Harness, size: [u32; 2], depth: &[f32]) -> wgpu::
                 stencil: wgpu::StencilState::default(),
                 bias: wgpu::DepthBiasState::default(),
             }),
-            multisample: wgpu::MultisampleState::default(),
+            multisample: wgpu::MultisampleState {
+                count: samples,
+                ..wgpu::MultisampleState::default()
+            },
             fragment: Some(wgpu::FragmentState {
                 module: &module,
                 entry_point: None,

@@ -136,7 +136,7 @@ fn on_gpu(
         .unwrap();
     // The same pipeline again.
     let before = kernels.created();
-    kernels.composite(half4, Draw::Gloss);
+    kernels.drawing(half4, Draw::Gloss);
     assert_eq!(kernels.created(), before);
     OnGpu {
         nodes: harness

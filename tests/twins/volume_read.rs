@@ -6,6 +6,7 @@ use crate::picture::wide;
 use crate::synthetic::Dice;
 use bevy_meshless_gi::frame::volume_read::read_volume;
 use bevy_meshless_gi::frame::{VolumeParams, VolumeShape};
+use bevy_meshless_gi::gpu::Harness;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
@@ -80,6 +81,74 @@ fn preprocessed(text: &str, defined: &[&str]) -> String {
     out
 }
 
+/// Texels of so many voxels with light of any colour and walls anywhere.
+pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
+    let texels = size * UVec3::new(1, 2, 3);
+    // A third of the voxels see no wall, and so does a corner of the volume; some ways are free.
+    let walls: Vec<[f32; 6]> = (0..size.element_product())
+        .map(|i| {
+            let open = dice.below(3) == 0 || i % size.x < 3;
+            std::array::from_fn(|_| match (open, dice.below(3)) {
+                (true, _) => -2.0,
+                (false, 0) => -0.25 - 255.0 / 254.0,
+                (false, _) => -0.25 - dice.unit(),
+            })
+        })
+        .collect();
+    (0..texels.element_product())
+        .map(|i| {
+            let t = UVec3::new(
+                i % texels.x,
+                i / texels.x % texels.y,
+                i / (texels.x * texels.y),
+            );
+            let (voxel, side) = (t % size, 2 * (t.z / size.z) + t.y / size.y);
+            let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
+            let light = dice.colour();
+            [
+                light.x,
+                light.y,
+                light.z,
+                walls[voxel as usize][side as usize],
+            ]
+            .map(f16::from_f32)
+        })
+        .collect()
+}
+
+/// A texture in three dimensions.
+pub fn space_of(harness: &Harness, size: UVec3, texels: &[[f16; 4]]) -> wgpu::TextureView {
+    let texture = harness.device.create_texture_with_data(
+        &harness.queue,
+        &wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d {
+                width: size.x,
+                height: size.y,
+                depth_or_array_layers: size.z,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D3,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        },
+        wgpu::util::TextureDataOrder::LayerMajor,
+        bytemuck::cast_slice(texels),
+    );
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// What reads between texels.
+pub fn linear(harness: &Harness) -> wgpu::Sampler {
+    harness.device.create_sampler(&wgpu::SamplerDescriptor {
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        ..Default::default()
+    })
+}
+
 #[test]
 fn a_volume_is_read_as_its_twin_reads_it() {
     let Some(harness) = harness() else { return };
@@ -108,36 +177,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
     let shape = VolumeShape::new([Vec3::ZERO, size.as_vec3()], size).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let texels = shape.texels();
-    // A third of the voxels see no wall, and so does a corner of the volume; some ways are free.
-    let walls: Vec<[f32; 6]> = (0..size.element_product())
-        .map(|i| {
-            let open = dice.below(3) == 0 || i % size.x < 3;
-            std::array::from_fn(|_| match (open, dice.below(3)) {
-                (true, _) => -2.0,
-                (false, 0) => -0.25 - 255.0 / 254.0,
-                (false, _) => -0.25 - dice.unit(),
-            })
-        })
-        .collect();
-    let voxels: Vec<[f16; 4]> = (0..texels.element_product())
-        .map(|i| {
-            let t = UVec3::new(
-                i % texels.x,
-                i / texels.x % texels.y,
-                i / (texels.x * texels.y),
-            );
-            let (voxel, side) = (t % size, 2 * (t.z / size.z) + t.y / size.y);
-            let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
-            let light = dice.colour();
-            [
-                light.x,
-                light.y,
-                light.z,
-                walls[voxel as usize][side as usize],
-            ]
-            .map(f16::from_f32)
-        })
-        .collect();
+    let voxels = with_walls(&mut dice, size);
     // Also in the outermost half voxels and beyond, and along the axes.
     let places: Vec<Place> = (0..2000)
         .map(|k| {
@@ -156,30 +196,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
         .collect();
 
     let on_device = |voxels: &[[f16; 4]]| -> Vec<[f32; 4]> {
-        let texture = device.create_texture_with_data(
-            &harness.queue,
-            &wgpu::TextureDescriptor {
-                label: None,
-                size: wgpu::Extent3d {
-                    width: texels.x,
-                    height: texels.y,
-                    depth_or_array_layers: texels.z,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D3,
-                format: wgpu::TextureFormat::Rgba16Float,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            },
-            wgpu::util::TextureDataOrder::LayerMajor,
-            bytemuck::cast_slice(voxels),
-        );
-        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        });
+        let (view, sampler) = (space_of(&harness, texels, voxels), linear(&harness));
         let upload = |contents: &[u8], usage| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: None,
@@ -192,7 +209,6 @@ fn a_volume_is_read_as_its_twin_reads_it() {
             bytemuck::cast_slice(&vec![[0f32; 4]; places.len()]),
             wgpu::BufferUsages::COPY_SRC,
         );
-        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
         let resources = [
             wgpu::BindingResource::TextureView(&view),
             wgpu::BindingResource::Sampler(&sampler),
@@ -220,7 +236,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
     };
     let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
         let light = |p: &Place| {
-            let light = read_volume(&params, voxels, p.place.into(), p.facing.into());
+            let light = read_volume(params.size, voxels, p.place.into(), p.facing.into());
             // 1 of the first volume, 4 · ½ of the second, over 1½.
             (light * 2.0).extend(1.0).to_array()
         };

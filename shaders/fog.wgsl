@@ -1,0 +1,243 @@
+// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle, blended additively, behind the engine's own fog. Twin: src/frame/fog.rs, which says what is computed.
+
+struct FogParams {
+    view_from_clip: mat4x4f,
+    world_from_view: mat4x4f,
+    fog_from_world: mat4x4f,
+    voxels_from_world: mat4x4f,
+    earlier: array<mat4x4f, 4>,
+    viewport: vec4f,
+    colour: vec3f,
+    asymmetry: f32,
+    offset: vec3f,
+    density: f32,
+    size: vec3u,
+    steps: u32,
+    extinction: f32,
+    radius: f32,
+    voxel: f32,
+    earlier_count: u32,
+    textured: u32,
+}
+
+@group(0) @binding(0) var<uniform> params: FogParams;
+@group(0) @binding(1) var depth: texture_depth_2d;
+@group(0) @binding(2) var depth_samples: texture_depth_multisampled_2d;
+@group(0) @binding(3) var voxels: texture_3d<f32>;
+@group(0) @binding(4) var voxels_sampler: sampler;
+@group(0) @binding(5) var density: texture_3d<f32>;
+@group(0) @binding(6) var density_sampler: sampler;
+
+// So little light of what lies behind is nothing.
+const DARK: f32 = 1e-3;
+const PARALLEL: f32 = 1e-9;
+// Longer than any ray.
+const ENDLESS: f32 = 3.4e38;
+// As the module that reads volumes at surfaces has them: shaders/engine/irradiance_volume.wgsl.
+const OPEN: f32 = -1.999;
+const QUARTER: f32 = 0.25;
+const BEFORE: f32 = 0.01;
+const BEYOND: f32 = 0.03;
+const LEAST_OF_EIGHT: f32 = 1e-3;
+
+// From the near plane to what a pixel shows, metres of the world.
+struct Ray {
+    origin: vec3f,
+    direction: vec3f,
+    length: f32,
+}
+
+// Three corners of a triangle that holds the whole screen.
+@vertex
+fn fog_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    let corner = vec2f(f32((index << 1u) & 2u), f32(index & 2u));
+    return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
+}
+
+@fragment
+fn fog(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return vec4f(light_of(position.xy, textureLoad(depth, vec2u(position.xy), 0)), 0.0);
+}
+
+// The same where the view takes several samples a pixel: by the first one, as the engine's fog does.
+@fragment
+fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return vec4f(light_of(position.xy, textureLoad(depth_samples, vec2u(position.xy), 0)), 0.0);
+}
+
+fn light_of(pixel: vec2f, seen: f32) -> vec3f {
+    let ray = ray_to(pixel, seen);
+    let whole = within(ray, params.fog_from_world, vec3f(-0.5), vec3f(0.5));
+    var lit = within(ray, params.voxels_from_world, vec3f(0.0), vec3f(params.size));
+    lit = vec2f(max(lit.x, whole.x), min(lit.y, whole.y));
+    if lit.y <= lit.x {
+        return vec3f(0.0);
+    }
+    var left = left_before(ray, whole, lit.x);
+    let steps = steps_of(whole, lit);
+    let part = (lit.y - lit.x) / f32(steps);
+    let along = 0.75 * params.asymmetry * ray.direction;
+    var light = vec3f(0.0);
+    for (var k = 0u; k < steps; k++) {
+        if left < DARK {
+            break;
+        }
+        let x = ray.origin + (lit.x + (f32(k) + 0.5) * part) * ray.direction;
+        let dense = density_at(x);
+        let lost = dense * params.extinction;
+        if !is_earlier(x) {
+            let arrives = max(arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz, along), vec3f(0.0));
+            light += left * dense * exp(-lost * params.radius) * part * mean_left(lost * part) * arrives;
+        }
+        left *= exp(-lost * part);
+    }
+    return light * params.colour;
+}
+
+// What is left of light from where the ray enters the level on its way back through the fog.
+fn left_before(ray: Ray, whole: vec2f, enters: f32) -> f32 {
+    let before = enters - whole.x;
+    var steps = 1u;
+    if params.textured != 0u {
+        steps = share(before / (whole.y - whole.x));
+    }
+    let part = before / f32(steps);
+    var through = 0.0;
+    for (var k = 0u; k < steps; k++) {
+        through += density_at(ray.origin + (whole.x + (f32(k) + 0.5) * part) * ray.direction);
+    }
+    return exp(-through * params.extinction * part);
+}
+
+// How many of the steps that a view has for a whole ray belong to a share of it.
+fn share(part: f32) -> u32 {
+    return clamp(u32(ceil(f32(params.steps) * part)), 1u, params.steps);
+}
+
+fn steps_of(whole: vec2f, lit: vec2f) -> u32 {
+    let by_light = max(u32(min(ceil((lit.y - lit.x) / params.voxel), f32(params.steps))), 1u);
+    if params.textured == 0u {
+        return by_light;
+    }
+    return max(by_light, share((lit.y - lit.x) / (whole.y - whole.x)));
+}
+
+fn density_at(x: vec3f) -> f32 {
+    if params.textured == 0u {
+        return params.density;
+    }
+    let at = (params.fog_from_world * vec4f(x, 1.0)).xyz + 0.5 + params.offset;
+    return params.density * textureSampleLevel(density, density_sampler, at, 0.0).r;
+}
+
+fn mean_left(x: f32) -> f32 {
+    if x < 1e-2 {
+        return 1.0 - x * (0.5 - x / 6.0);
+    }
+    return (1.0 - exp(-x)) / x;
+}
+
+fn is_earlier(x: vec3f) -> bool {
+    for (var k = 0u; k < params.earlier_count; k++) {
+        let at = (params.earlier[k] * vec4f(x, 1.0)).xyz;
+        if all(abs(at) <= vec3f(0.5)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+fn unprojected(uv: vec2f, depth: f32) -> vec4f {
+    return params.view_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
+}
+
+fn ray_to(pixel: vec2f, seen: f32) -> Ray {
+    let uv = (pixel - params.viewport.xy) / params.viewport.zw;
+    let first = unprojected(uv, 1.0);
+    let near = first.xyz / first.w;
+    // The farthest place is a direction where there is no far plane.
+    let far = unprojected(uv, 0.0);
+    let direction = normalize(far.xyz - far.w * near);
+    let shown = unprojected(uv, seen);
+    var length = ENDLESS;
+    if shown.w > 0.0 {
+        length = dot(shown.xyz / shown.w - near, direction);
+    }
+    return Ray(
+        (params.world_from_view * vec4f(near, 1.0)).xyz,
+        (params.world_from_view * vec4f(direction, 0.0)).xyz,
+        length,
+    );
+}
+
+// From where to where a ray is inside of a box of another space; the second is the smaller one where it is not.
+fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
+    let o = (space * vec4f(ray.origin, 1.0)).xyz;
+    let towards = (space * vec4f(ray.direction, 0.0)).xyz;
+    let d = select(towards, vec3f(PARALLEL), abs(towards) < vec3f(PARALLEL));
+    let a = (low - o) / d;
+    let b = (high - o) / d;
+    let enters = min(a, b);
+    let leaves = max(a, b);
+    return vec2f(
+        max(max(enters.x, enters.y), max(enters.z, 0.0)),
+        min(min(leaves.x, leaves.y), min(leaves.z, ray.length)),
+    );
+}
+
+// A voxel's light for the ray: its six sides, `along` more for those that face along each axis.
+fn of_voxel(voxel: vec3u, along: vec3f) -> vec3f {
+    var light = vec3f(0.0);
+    for (var axis = 0u; axis < 3u; axis++) {
+        let ahead = voxel + params.size * vec3u(0u, 0u, axis);
+        let back = ahead + params.size * vec3u(0u, 1u, 0u);
+        light += (1.0 / 6.0 + along[axis]) * textureLoad(voxels, ahead, 0).rgb;
+        light += (1.0 / 6.0 - along[axis]) * textureLoad(voxels, back, 0).rgb;
+    }
+    return light;
+}
+
+// Twin: `read_sides` of src/frame/volume_read.rs.
+fn arriving(asked: vec3f, along: vec3f) -> vec3f {
+    let size = vec3f(params.size);
+    let place = clamp(asked, vec3f(0.5), size - 0.5);
+    let corner = place / (size * vec3f(1.0, 2.0, 3.0));
+    var light = vec3f(0.0);
+    var says = 0.0;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let ahead = corner + vec3f(0.0, 0.0, f32(axis) / 3.0);
+        let one = textureSampleLevel(voxels, voxels_sampler, ahead, 0.0);
+        let other = textureSampleLevel(voxels, voxels_sampler, ahead + vec3f(0.0, 0.5, 0.0), 0.0);
+        light += (1.0 / 6.0 + along[axis]) * one.rgb + (1.0 / 6.0 - along[axis]) * other.rgb;
+        says = one.a;
+    }
+    // In an open place all texels of all eight voxels say so.
+    if says >= 0.0 || says < OPEN {
+        return light;
+    }
+    let first = vec3u(place - 0.5);
+    var sum = vec3f(0.0);
+    var all_weights = 0.0;
+    for (var k = 0u; k < 8u; k++) {
+        let voxel = min(first + vec3u(k & 1u, (k >> 1u) & 1u, k >> 2u), params.size - 1u);
+        let offset = place - (vec3f(voxel) + 0.5);
+        let far = abs(offset);
+        var weight = max(1.0 - far.x, 0.0) * max(1.0 - far.y, 0.0) * max(1.0 - far.z, 0.0);
+        for (var axis = 0u; axis < 3u; axis++) {
+            let texel = voxel + params.size * vec3u(0u, select(0u, 1u, offset[axis] < 0.0), axis);
+            let way = textureLoad(voxels, texel, 0).a;
+            if way > OPEN {
+                let beyond = far[axis] + way + QUARTER;
+                weight *= 1.0 - smoothstep(BEFORE, BEYOND, beyond);
+            }
+        }
+        if weight > 0.0 {
+            sum += weight * of_voxel(voxel, along);
+            all_weights += weight;
+        }
+    }
+    if all_weights > LEAST_OF_EIGHT {
+        return sum / all_weights;
+    }
+    return light;
+}

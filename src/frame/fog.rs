@@ -1,0 +1,491 @@
+//! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel, beside what an engine's own fog shows of its lamps. Drawn behind that, and added to the picture. It reads the volume that kernel
+//! [`volume`](super::volume) wrote, with its walls in mind ([`read_sides`]).
+//!
+//! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is left of light on the way to
+//! the eye (Beer and Lambert), h the part's length. Light changes as slowly as the voxels are wide, so parts are that long, and there is no noise.
+//!
+//! J is the integral of incident radiance times the phase function of Henyey and Greenstein (1941), whose terms in Legendre polynomials are powers of its asymmetry g. Its first two terms are taken: J = φ / 4π + 3 g F · d / 4π, where d is where
+//! the ray goes, F = ∫ L ω the flux and φ = ∫ L the fluence. Both are sums of six irradiances: F along an axis is the difference of those that face along it and away from it, and φ is ⅔ of the sum of all, because |x| + |y| + |z|
+//! has the mean 3⁄2 over all directions and no term of order one, two or three. Later terms are left out: of light from all around they are little. Where the sum is below zero there is no light.
+//!
+//! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the radius of the fog volume: so indirect light stands to direct light as it does in clear air.
+
+use super::volume_places::VolumeShape;
+use super::volume_read::read_sides;
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+/// Most other levels that may lie in the same place and come first.
+pub const MOST_EARLIER: usize = 4;
+/// Where so little of the light behind is left, the rest of the ray is not looked at.
+pub const DARK: f32 = 1e-3;
+/// No direction is closer to a side of a box than this.
+pub const PARALLEL: f32 = 1e-9;
+/// Where nothing is behind the fog it is so far away, metres: longer than any ray.
+pub const ENDLESS: f32 = 3.4e38;
+
+/// One fog volume before one level in one view, for `fog`. 608 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct FogParams {
+    /// The view's projection, undone. Depth is 1 at the near plane.
+    pub view_from_clip: [[f32; 4]; 4],
+    /// From the view's space to the world.
+    pub world_from_view: [[f32; 4]; 4],
+    /// From the world to the fog volume, a cube with edges of 1 around the origin.
+    pub fog_from_world: [[f32; 4]; 4],
+    /// From the world to voxels from the corner of the level's volume.
+    pub voxels_from_world: [[f32; 4]; 4],
+    /// The same as for the fog, for levels that come first: fog that lies in them is not lit by this one.
+    pub earlier: [[[f32; 4]; 4]; MOST_EARLIER],
+    /// The view's corner and size on its target, pixels.
+    pub viewport: [f32; 4],
+    /// What the light that is scattered is multiplied with, σₛ and exposure in it.
+    pub colour: [f32; 3],
+    /// How much light goes on as it came: g, from -1 to 1.
+    pub asymmetry: f32,
+    /// Added to places in the density's texture.
+    pub offset: [f32; 3],
+    /// Multiplies `extinction`, `colour` and the density's texture.
+    pub density: f32,
+    /// Voxels along each edge.
+    pub size: [u32; 3],
+    /// Most parts that a ray is divided into.
+    pub steps: u32,
+    /// σₜ, absorption and out-scattering, 1/m.
+    pub extinction: f32,
+    /// The radius of the fog volume, metres.
+    pub radius: f32,
+    /// The shortest edge of a voxel, metres of the world.
+    pub voxel: f32,
+    /// How many of `earlier` there are.
+    pub earlier_count: u32,
+    /// 1 where a texture says the density.
+    pub textured: u32,
+    /// Not used.
+    pub pad: [u32; 3],
+}
+
+/// A view that looks through fog.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FogView {
+    /// From clip space, with the depth of 1 at the near plane and 0 farthest away, to the view's.
+    pub view_from_clip: Mat4,
+    /// From the view's space to the world, metres.
+    pub world_from_view: Mat4,
+    /// Corner and size on its target, pixels.
+    pub viewport: [f32; 4],
+    /// Multiplies the light.
+    pub exposure: f32,
+    /// Most parts that a ray is divided into.
+    pub steps: u32,
+}
+
+/// A fog volume: a cube with edges of 1 around its origin, placed in the world. Fields as Bevy's `FogVolume` has them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fog {
+    /// Where the cube is.
+    pub world_from_local: Mat4,
+    /// Its colour, times whatever the light is multiplied with.
+    pub colour: Vec3,
+    /// Multiplies the coefficients.
+    pub density: f32,
+    /// 1/m.
+    pub absorption: f32,
+    /// 1/m.
+    pub scattering: f32,
+    /// g, from -1 to 1.
+    pub asymmetry: f32,
+    /// Whether a texture says the density, and what is added to places in it.
+    pub texture: Option<Vec3>,
+}
+
+impl FogParams {
+    /// For a level whose volume is of `shape`, with levels that come first: where their volumes are, as cubes with edges of 1 around their origins.
+    #[must_use]
+    pub fn new(
+        view: &FogView,
+        fog: &Fog,
+        shape: &VolumeShape,
+        local_from_world: &Mat4,
+        earlier: &[Mat4],
+    ) -> Self {
+        let voxels_from_world = Mat4::from_scale(1.0 / shape.voxel())
+            * Mat4::from_translation(-shape.low())
+            * *local_from_world;
+        let scale = local_from_world.transform_vector3(Vec3::X).length();
+        let mut params = Self {
+            view_from_clip: view.view_from_clip.to_cols_array_2d(),
+            world_from_view: view.world_from_view.to_cols_array_2d(),
+            fog_from_world: fog.world_from_local.inverse().to_cols_array_2d(),
+            voxels_from_world: voxels_from_world.to_cols_array_2d(),
+            viewport: view.viewport,
+            colour: (fog.colour * fog.scattering * view.exposure).to_array(),
+            asymmetry: fog.asymmetry.clamp(-1.0, 1.0),
+            offset: fog.texture.unwrap_or_default().to_array(),
+            density: fog.density,
+            size: shape.size().to_array(),
+            steps: view.steps.max(1),
+            extinction: fog.absorption + fog.scattering,
+            radius: (fog.world_from_local.transform_vector3(Vec3::splat(0.5))).length(),
+            voxel: shape.voxel().min_element() / scale,
+            earlier_count: earlier.len().min(MOST_EARLIER) as u32,
+            textured: u32::from(fog.texture.is_some()),
+            ..Zeroable::zeroed()
+        };
+        for (to, earlier) in params.earlier.iter_mut().zip(earlier) {
+            *to = earlier.inverse().to_cols_array_2d();
+        }
+        params
+    }
+}
+
+/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are those of [`volume`](super::volume::volume); `texture` says the density at places in its texture, each from 0 to 1.
+#[must_use]
+pub fn fog(
+    params: &FogParams,
+    texels: &[[f32; 4]],
+    texture: &dyn Fn(Vec3) -> f32,
+    pixel: Vec2,
+    depth: f32,
+) -> Vec3 {
+    let fog_from_world = Mat4::from_cols_array_2d(&params.fog_from_world);
+    let voxels_from_world = Mat4::from_cols_array_2d(&params.voxels_from_world);
+    let ray = Ray::new(params, pixel, depth);
+    let whole = ray.within(&fog_from_world, Vec3::splat(-0.5), Vec3::splat(0.5));
+    let size = glam::UVec3::from(params.size).as_vec3();
+    let lit = ray.within(&voxels_from_world, Vec3::ZERO, size);
+    let lit = [lit[0].max(whole[0]), lit[1].min(whole[1])];
+    if lit[1] <= lit[0] {
+        return Vec3::ZERO;
+    }
+    let density = |t: f32| match params.textured {
+        0 => params.density,
+        _ => {
+            let at = fog_from_world.transform_point3(ray.at(t));
+            params.density * texture(at + 0.5 + Vec3::from(params.offset))
+        }
+    };
+    let mut left = left_before(params, &density, whole, lit[0]);
+    let steps = steps(params, whole, lit);
+    let part = (lit[1] - lit[0]) / steps as f32;
+    let weights = sides(params.asymmetry, ray.direction);
+    let mut light = Vec3::ZERO;
+    for k in 0..steps {
+        if left < DARK {
+            break;
+        }
+        let t = lit[0] + (k as f32 + 0.5) * part;
+        let x = ray.at(t);
+        let density = density(t);
+        let lost = density * params.extinction;
+        if !is_earlier(params, x) {
+            let place = voxels_from_world.transform_point3(x);
+            let arrives = read_sides(params.size, texels, place, weights).max(Vec3::ZERO);
+            let way = (-lost * params.radius).exp();
+            light += left * density * way * part * mean_left(lost * part) * arrives;
+        }
+        left *= (-lost * part).exp();
+    }
+    light * Vec3::from(params.colour)
+}
+
+/// What is left of light from where the ray enters the level on its way back through the fog.
+fn left_before(
+    params: &FogParams,
+    density: &dyn Fn(f32) -> f32,
+    whole: [f32; 2],
+    enters: f32,
+) -> f32 {
+    let before = enters - whole[0];
+    let steps = match params.textured {
+        0 => 1,
+        _ => share(params, before / (whole[1] - whole[0])),
+    };
+    let part = before / steps as f32;
+    let through: f32 = (0..steps)
+        .map(|k| density(whole[0] + (k as f32 + 0.5) * part))
+        .sum();
+    (-through * params.extinction * part).exp()
+}
+
+/// How many of the steps that a view has for a whole ray belong to a share of it.
+fn share(params: &FogParams, share: f32) -> u32 {
+    ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
+}
+
+/// How many parts the ray is divided into where it crosses the level: as long as voxels, and as short as a texture of the density asks for.
+fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
+    let length = lit[1] - lit[0];
+    let by_light = (length / params.voxel).ceil().min(params.steps as f32) as u32;
+    match params.textured {
+        0 => by_light.max(1),
+        _ => by_light.max(share(params, length / (whole[1] - whole[0]))),
+    }
+}
+
+/// What light for a white surface each side of the voxels stands for in the light that goes on along `d`: the first two terms of the phase function.
+#[must_use]
+pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
+    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, and 3 F / 4π = ¾ of the difference.
+    std::array::from_fn(|side| {
+        let along = 0.75 * asymmetry * d[side / 2];
+        1.0 / 6.0 + if side % 2 == 0 { along } else { -along }
+    })
+}
+
+/// (1 − e^(−x)) / x: how much of light is left on the way out, in the mean over a part.
+fn mean_left(x: f32) -> f32 {
+    match x < 1e-2 {
+        true => 1.0 - x * (0.5 - x / 6.0),
+        false => (1.0 - (-x).exp()) / x,
+    }
+}
+
+fn is_earlier(params: &FogParams, x: Vec3) -> bool {
+    let earlier = &params.earlier[..params.earlier_count as usize];
+    earlier.iter().any(|local| {
+        let at = Mat4::from_cols_array_2d(local).transform_point3(x);
+        at.abs().cmple(Vec3::splat(0.5)).all()
+    })
+}
+
+/// From the near plane to what a pixel shows, metres of the world.
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+    length: f32,
+}
+
+impl Ray {
+    fn new(params: &FogParams, pixel: Vec2, depth: f32) -> Self {
+        let [x, y, width, height] = params.viewport;
+        let uv = (pixel - Vec2::new(x, y)) / Vec2::new(width, height);
+        let unproject = |depth: f32| {
+            Mat4::from_cols_array_2d(&params.view_from_clip)
+                * Vec4::new(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0)
+        };
+        let near = unproject(1.0);
+        let near = near.truncate() / near.w;
+        // The farthest place is a direction where there is no far plane.
+        let far = unproject(0.0);
+        let direction = (far.truncate() - far.w * near).normalize();
+        let seen = unproject(depth);
+        let length = match seen.w > 0.0 {
+            true => (seen.truncate() / seen.w - near).dot(direction),
+            false => ENDLESS,
+        };
+        let world = Mat4::from_cols_array_2d(&params.world_from_view);
+        Self {
+            origin: world.transform_point3(near),
+            direction: world.transform_vector3(direction),
+            length,
+        }
+    }
+
+    fn at(&self, t: f32) -> Vec3 {
+        self.origin + t * self.direction
+    }
+
+    /// From where to where it is inside of a box of another space; the second is the smaller one where it is not.
+    fn within(&self, space: &Mat4, low: Vec3, high: Vec3) -> [f32; 2] {
+        let (o, d) = (
+            space.transform_point3(self.origin),
+            space.transform_vector3(self.direction),
+        );
+        let mut span = [0.0f32, self.length];
+        for axis in 0..3 {
+            let d = match d[axis].abs() < PARALLEL {
+                true => PARALLEL,
+                false => d[axis],
+            };
+            let (a, b) = ((low[axis] - o[axis]) / d, (high[axis] - o[axis]) / d);
+            span = [span[0].max(a.min(b)), span[1].min(a.max(b))];
+        }
+        span
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{lattice, uniform_sphere};
+    use glam::UVec3;
+    use std::f32::consts::{FRAC_1_PI, PI};
+
+    /// A room of 4 × 3 × 5 voxels of a metre, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
+    fn scene(fog: Fog, steps: u32) -> FogParams {
+        let shape = VolumeShape::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
+        let view = FogView {
+            view_from_clip: Mat4::perspective_infinite_reverse_rh(0.5, 1.0, 0.1).inverse(),
+            world_from_view: Mat4::look_at_rh(
+                Vec3::new(-2.0, 1.5, 2.5),
+                Vec3::new(1.0, 1.5, 2.5),
+                Vec3::Y,
+            )
+            .inverse(),
+            viewport: [0.0, 0.0, 100.0, 100.0],
+            exposure: 2.0,
+            steps,
+        };
+        FogParams::new(&view, &fog, &shape.unwrap(), &Mat4::IDENTITY, &[])
+    }
+
+    fn plain() -> Fog {
+        Fog {
+            world_from_local: Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5))
+                * Mat4::from_scale(Vec3::splat(20.0)),
+            colour: Vec3::new(1.0, 0.5, 0.25),
+            density: 0.5,
+            absorption: 0.3,
+            scattering: 0.2,
+            asymmetry: 0.0,
+            texture: None,
+        }
+    }
+
+    fn even() -> Vec<[f32; 4]> {
+        vec![[3.0, 3.0, 3.0, -2.0]; 6 * 60]
+    }
+
+    fn middle(params: &FogParams, depth: f32) -> Vec3 {
+        fog(params, &even(), &|_| 1.0, Vec2::splat(50.0), depth)
+    }
+
+    /// ∫ e^(−σₜ (t − a)) dt from where the ray enters the level to where it leaves it.
+    fn closed(fog: &Fog, from: f32, to: f32) -> Vec3 {
+        let lost = fog.density * (fog.absorption + fog.scattering);
+        let radius = 10.0 * 3f32.sqrt();
+        let sent = 3.0 * 2.0 * fog.density * fog.scattering * (-lost * radius).exp();
+        let light = ((-lost * from).exp() - (-lost * to).exp()) / lost;
+        fog.colour * sent * light
+    }
+
+    #[test]
+    fn even_light_in_even_fog_is_the_closed_form_in_any_number_of_steps() {
+        let fog = plain();
+        for steps in [1, 2, 64] {
+            let params = scene(fog, steps);
+            // From the near plane at −1.9: the level is crossed from 1.9 to 5.9.
+            for (depth, to) in [(0.0, 5.9), (0.1 / 4.0, 3.9)] {
+                let (found, right) = (middle(&params, depth), closed(&fog, 1.9, to));
+                assert!(
+                    (found / right - 1.0).abs().max_element() < 1e-4,
+                    "{found} {right}"
+                );
+            }
+        }
+        // What is before the level is not lit by it.
+        assert_eq!(middle(&scene(fog, 64), 0.1 / 1.5), Vec3::ZERO);
+        // Thin as air.
+        let thin = Fog {
+            density: 1e-7,
+            ..fog
+        };
+        let (found, right) = (
+            middle(&scene(thin, 64), 0.0),
+            4.0 * 6.0 * 0.2e-7 * fog.colour,
+        );
+        assert!(
+            (found / right - 1.0).abs().max_element() < 1e-3,
+            "{found} {right}"
+        );
+        // A texture that says as much everywhere, and one that has nothing before the level.
+        let textured = Fog {
+            texture: Some(Vec3::ZERO),
+            ..fog
+        };
+        let params = scene(textured, 64);
+        let found = middle(&params, 0.0);
+        let right = closed(&fog, 1.9, 5.9);
+        assert!(
+            (found / right - 1.0).abs().max_element() < 1e-4,
+            "{found} {right}"
+        );
+        let clear = |at: Vec3| f32::from(u8::from(at.x >= 0.4));
+        let found = super::fog(&params, &even(), &clear, Vec2::splat(50.0), 0.0);
+        let right = closed(&fog, 0.0, 4.0);
+        assert!(
+            (found / right - 1.0).abs().max_element() < 0.02,
+            "{found} {right}"
+        );
+    }
+
+    #[test]
+    fn fog_of_another_level_is_its_own() {
+        let params = scene(plain(), 64);
+        let all = Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5));
+        let mut with = |cube: Mat4| {
+            let mut with = params;
+            with.earlier[0] = cube.inverse().to_cols_array_2d();
+            with.earlier_count = 1;
+            middle(&with, 0.0)
+        };
+        assert_eq!(with(all * Mat4::from_scale(Vec3::splat(9.0))), Vec3::ZERO);
+        let aside = with(Mat4::from_translation(Vec3::splat(50.0)));
+        assert_eq!(aside, middle(&params, 0.0));
+        // The nearer half belongs to the other one, and dims this one as before.
+        let half = with(
+            Mat4::from_translation(Vec3::new(-3.0, 1.5, 2.5)) * Mat4::from_scale(Vec3::splat(10.0)),
+        );
+        let right = closed(&plain(), 3.9, 5.9);
+        assert!(
+            (half / right - 1.0).abs().max_element() < 1e-4,
+            "{half} {right}"
+        );
+    }
+
+    #[test]
+    fn an_orthographic_view_sees_along_its_axis() {
+        let mut params = scene(plain(), 64);
+        params.view_from_clip = Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1)
+            .inverse()
+            .to_cols_array_2d();
+        let right = closed(&plain(), 1.9, 5.9);
+        for pixel in [Vec2::splat(50.0), Vec2::new(20.0, 60.0)] {
+            let found = fog(&params, &even(), &|_| 1.0, pixel, 0.0);
+            assert!(
+                (found / right - 1.0).abs().max_element() < 1e-4,
+                "{found} {right}"
+            );
+        }
+    }
+
+    /// Six irradiances hold the first two terms exactly, whatever light has of the terms up to the third.
+    #[test]
+    fn scattered_light_is_the_first_two_terms_of_the_phase_function() {
+        let all = 20_000;
+        let directions: Vec<Vec3> = (0..all)
+            .map(|k| uniform_sphere(lattice(k, all, Vec2::ZERO)))
+            .collect();
+        let light = |w: Vec3| {
+            2.0 + w.x - 0.7 * w.y + 0.9 * w.x * w.z + 0.5 * w.z * w.z - 0.8 * w.x * w.y * w.z
+        };
+        let mean = |of: &dyn Fn(Vec3) -> f32| {
+            4.0 * PI * directions.iter().map(|w| of(*w)).sum::<f32>() / all as f32
+        };
+        let texels: Vec<f32> = (0..6)
+            .map(|side| {
+                let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
+                FRAC_1_PI * mean(&|w| light(w) * w.dot(n).max(0.0))
+            })
+            .collect();
+        for (asymmetry, d) in [
+            (0.0, Vec3::X),
+            (0.5, Vec3::X),
+            (0.5, Vec3::new(-0.6, 0.8, 0.0)),
+            (-0.3, Vec3::Y),
+        ] {
+            let found: f32 = sides(asymmetry, d)
+                .iter()
+                .zip(&texels)
+                .map(|(w, t)| w * t)
+                .sum();
+            let right = mean(&|w| light(w) * (1.0 + 3.0 * asymmetry * w.dot(d))) / (4.0 * PI);
+            assert!(
+                (found - right).abs() < 2e-3 * right.abs(),
+                "{found} {right}"
+            );
+        }
+    }
+}

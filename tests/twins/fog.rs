@@ -1,0 +1,225 @@
+//! Kernel `fog` against its twin, over a picture: fog before walls at any distance, with a density of its own and without, and a level that comes first.
+
+use super::compare::{HALF, Scale, differing};
+use super::depth::depth_samples;
+use super::harness;
+use super::picture::wide;
+use super::synthetic::Dice;
+use super::volume_read::{linear, space_of, with_walls};
+use bevy_meshless_gi::frame::{Fog, FogParams, FogView, VolumeShape, fog};
+use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, draw_fog};
+use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
+use half::f16;
+use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
+
+const SIZE: [u32; 2] = [72, 48];
+/// What the picture was.
+const GREY: f32 = 0.25;
+/// The density's texture along each edge.
+const EDGE: u32 = 6;
+
+struct Drawn {
+    params: Vec<FogParams>,
+    voxels: Vec<[f16; 4]>,
+    density: Vec<[f16; 4]>,
+    depth: Vec<f32>,
+}
+
+impl Drawn {
+    /// A level that is turned and twice as large, in fog that is turned another way; without a texture of its density, with one, and where a part of it belongs to another level. The view does not fill its target.
+    fn new() -> Self {
+        let mut dice = Dice::new(7);
+        let size = UVec3::new(7, 5, 6);
+        let shape = VolumeShape::new([Vec3::splat(-1.0), Vec3::new(2.5, 1.5, 2.0)], size).unwrap();
+        let root = Mat4::from_scale_rotation_translation(
+            Vec3::splat(2.0),
+            Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7),
+            Vec3::new(2.0, 1.0, 1.0),
+        );
+        let middle = root.transform_point3(Vec3::new(0.75, 0.25, 0.5));
+        let eye = middle + Vec3::new(1.0, 3.0, 9.0);
+        let view = FogView {
+            view_from_clip: Mat4::perspective_infinite_reverse_rh(0.9, 1.5, 0.1).inverse(),
+            world_from_view: Mat4::look_at_rh(eye, middle, Vec3::Y).inverse(),
+            viewport: [6.0, 0.0, 66.0, 44.0],
+            exposure: 6.0,
+            steps: 24,
+        };
+        let even = Fog {
+            world_from_local: Mat4::from_scale_rotation_translation(
+                Vec3::new(7.0, 6.0, 8.0),
+                Quat::from_rotation_x(0.4),
+                middle + 0.5,
+            ),
+            colour: Vec3::new(0.9, 1.0, 0.6),
+            density: 0.4,
+            absorption: 0.1,
+            scattering: 0.5,
+            asymmetry: 0.4,
+            texture: None,
+        };
+        let textured = Fog {
+            texture: Some(Vec3::new(0.1, 0.0, -0.1)),
+            density: 1.0,
+            ..even
+        };
+        let other = Mat4::from_translation(middle) * Mat4::from_scale(Vec3::splat(3.0));
+        let local = root.inverse();
+        let near = FogView {
+            exposure: 12.0,
+            ..view
+        };
+        Self {
+            params: vec![
+                FogParams::new(&view, &even, &shape, &local, &[]),
+                FogParams::new(&near, &textured, &shape, &local, &[]),
+                FogParams::new(&view, &even, &shape, &local, &[other]),
+            ],
+            voxels: with_walls(&mut dice, size),
+            density: (0..EDGE * EDGE * EDGE)
+                .map(|_| [f16::from_f32(dice.unit()); 4])
+                .collect(),
+            // From far behind all to before it, and the sky.
+            depth: (0..SIZE[0] * SIZE[1])
+                .map(|i| {
+                    if i % 5 == 0 {
+                        0.0
+                    } else {
+                        0.1 / (4.0 + 12.0 * dice.unit())
+                    }
+                })
+                .collect(),
+        }
+    }
+
+    /// By the twin.
+    fn run(&self, which: usize) -> Vec<[f32; 4]> {
+        let voxels = wide(&self.voxels);
+        let density = wide(&self.density);
+        let texture = |at: Vec3| trilinear(&density, at);
+        let pixel = |i: u32| {
+            let at = Vec2::new((i % SIZE[0]) as f32, (i / SIZE[0]) as f32) + 0.5;
+            let params = &self.params[which];
+            let light = fog::fog(params, &voxels, &texture, at, self.depth[i as usize]);
+            (light + GREY).extend(GREY).to_array()
+        };
+        (0..SIZE[0] * SIZE[1]).map(pixel).collect()
+    }
+}
+
+/// As a sampler reads that does not repeat.
+fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
+    let at = at * EDGE as f32 - 0.5;
+    let first = at.floor();
+    (0..8u32)
+        .map(|k| {
+            let step = UVec3::new(k & 1, k >> 1 & 1, k >> 2).as_vec3();
+            let corner = first + step;
+            let weight = (1.0 - (at - corner).abs()).element_product();
+            let t = corner
+                .clamp(Vec3::ZERO, Vec3::splat(EDGE as f32 - 1.0))
+                .as_uvec3();
+            weight * texels[(t.x + EDGE * (t.y + EDGE * t.z)) as usize][0]
+        })
+        .sum()
+}
+
+/// What the device makes of it.
+fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
+    let (device, queue) = (&harness.device, &harness.queue);
+    let kernels = Kernels::new(device).unwrap();
+    let mut buffers = FogBuffers::default();
+    buffers.write(device, queue, &drawn.params);
+    assert_eq!((buffers.count(), buffers.bytes()), (3, 3 * 608));
+    let half4 = TextureFormat::Rgba16Float;
+    let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT;
+    let grey = vec![[f16::from_f32(GREY); 4]; drawn.depth.len()];
+    let picture = harness.texture(SIZE, half4, usage, Some(&grey));
+    let depth = depth_samples(harness, SIZE, &drawn.depth, samples);
+    let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
+    let (canvas, depth) = (look(&picture), look(&depth));
+    let texels = UVec3::from(drawn.params[0].size) * UVec3::new(1, 2, 3);
+    let voxels = space_of(harness, texels, &drawn.voxels);
+    let density = space_of(harness, UVec3::splat(EDGE), &drawn.density);
+    let sampler = linear(harness);
+    harness
+        .run(|encoder| {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &canvas,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..wgpu::RenderPassDescriptor::default()
+            });
+            let textures = FogTextures {
+                depth: &depth,
+                sampled: samples > 1,
+                voxels: &voxels,
+                voxels_sampler: &sampler,
+                density: (&density, &sampler),
+            };
+            draw_fog(&kernels, &mut pass, half4, &buffers, which, &textures);
+        })
+        .unwrap();
+    assert_eq!(kernels.created(), 1);
+    wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap())
+}
+
+/// Pixels that differ by more than halves, and filters of eight bits, explain.
+fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
+    differing(gpu, cpu, 4, 4.0 * HALF, Scale::Rms).len()
+}
+
+#[test]
+fn fog_in_a_picture() {
+    let Some(harness) = harness() else { return };
+    let drawn = Drawn::new();
+    let count = drawn.depth.len();
+    for which in 0..drawn.params.len() {
+        let twin = drawn.run(which);
+        let lit = twin.iter().filter(|p| p[0] > 1.2 * GREY).count();
+        assert!(
+            lit > count / 4 && lit < count,
+            "{which}: {lit} of {count} lit"
+        );
+        for samples in [1, 4] {
+            let found = on_gpu(&harness, &drawn, which, samples);
+            let off = apart(&found, &twin);
+            println!(
+                "draw {which}, {samples} samples: {off} of {count} pixels differ, {lit} are lit"
+            );
+            // Rays that pass a voxel's wall within rounding may lie on either side of it.
+            assert!(off <= count / 500, "{which}, {samples} samples: {off}");
+        }
+    }
+    // Must fail: fewer parts, other fog, another eye, walls that nobody sees, another density, another level that comes first.
+    type Spoil = fn(&mut Drawn);
+    let spoils: [(&str, usize, Spoil); 9] = [
+        ("steps", 1, |d| d.params[1].steps = 16),
+        ("extinction", 0, |d| d.params[0].extinction *= 1.05),
+        ("asymmetry", 0, |d| d.params[0].asymmetry += 0.05),
+        ("radius", 0, |d| d.params[0].radius *= 1.05),
+        ("place of the view", 0, |d| {
+            d.params[0].world_from_view[3][0] += 0.1
+        }),
+        ("viewport", 0, |d| d.params[0].viewport[0] += 1.0),
+        ("walls", 0, |d| {
+            d.voxels.iter_mut().for_each(|v| v[3] = f16::ONE)
+        }),
+        ("offset", 1, |d| d.params[1].offset[0] += 0.05),
+        ("what comes first", 2, |d| d.params[2].earlier_count = 0),
+    ];
+    for (name, which, spoil) in spoils {
+        let mut spoiled = Drawn::new();
+        let found = on_gpu(&harness, &spoiled, which, 1);
+        spoil(&mut spoiled);
+        let off = apart(&found, &spoiled.run(which));
+        println!("{name}: {off} of {count} pixels differ");
+        assert!(off > count / 50, "{name}: {off}");
+    }
+}
