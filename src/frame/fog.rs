@@ -415,7 +415,7 @@ mod tests {
     fn fog_of_another_level_is_its_own() {
         let params = scene(plain(), 64);
         let all = Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5));
-        let mut with = |cube: Mat4| {
+        let with = |cube: Mat4| {
             let mut with = params;
             with.earlier[0] = cube.inverse().to_cols_array_2d();
             with.earlier_count = 1;

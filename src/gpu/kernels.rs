@@ -2,9 +2,10 @@
 //! table with what the shaders declare.
 
 use super::Pass;
-use super::kernels::Kind::{
+use super::kernel::Kind::{
     Depth, Float, Layers, Output, Read, Sampler, Samples, Space, Span, Uint, Uniform, Voxels, Write,
 };
+use super::kernel::{Binding, Entry, Kernel, Kind, bind, each, node, tile};
 use crate::asset::PointSurface;
 use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
@@ -20,76 +21,6 @@ use crate::scene::{BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, VisibilityCluster, VisiblePoint};
 use crate::transport::{BounceLink, Link, Passage, Row};
 
-/// What is bound.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// A uniform buffer of so many bytes.
-    Uniform(usize),
-    /// A [`Span`](crate::frame::Span) at a dynamic offset of a uniform buffer.
-    Span,
-    /// A storage buffer that is read: an array of elements of so many bytes.
-    Read(usize),
-    /// A storage buffer that is read and written.
-    Write(usize),
-    /// A depth texture.
-    Depth,
-    /// A texture of unsigned integers.
-    Uint,
-    /// A texture of floats, not filtered.
-    Float,
-    /// An array of such textures.
-    Layers,
-    /// An `Rgba16Float` storage texture that is written.
-    Output,
-    /// Such a texture in three dimensions.
-    Voxels,
-    /// A depth texture with several samples a pixel.
-    Samples,
-    /// A texture of floats in three dimensions, filtered.
-    Space,
-    /// What filters it.
-    Sampler,
-}
-
-/// One binding of a shader; all are in group 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Binding {
-    /// Its number.
-    pub index: u32,
-    /// Its name in the shader.
-    pub name: &'static str,
-    /// What it is.
-    pub kind: Kind,
-}
-
-/// An entry point of a compute shader.
-#[derive(Clone, Copy, Debug)]
-pub struct Entry {
-    /// Which.
-    pub pass: Pass,
-    /// Its name in the shader.
-    pub name: &'static str,
-    /// Threads of a workgroup.
-    pub workgroup: [u32; 3],
-    /// How many points, rows or pixels a workgroup handles.
-    pub items: u32,
-    /// The bindings that it uses.
-    pub bindings: &'static [u32],
-}
-
-/// A kernel: a shader of this name, and a CPU twin of this name.
-#[derive(Clone, Copy, Debug)]
-pub struct Kernel {
-    /// Its name.
-    pub name: &'static str,
-    /// Its shader with the library parts in front.
-    pub source: &'static str,
-    /// Everything that the shader binds.
-    pub bindings: &'static [Binding],
-    /// Its compute entry points; none where it draws.
-    pub entries: &'static [Entry],
-}
-
 /// Joins a shader and the parts of the library that it needs.
 macro_rules! shader {
     ($name:literal $(, $part:literal)*) => {
@@ -99,43 +30,6 @@ macro_rules! shader {
             include_str!(concat!("../../shaders/", $name, ".wgsl"))
         )
     };
-}
-
-const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding {
-    Binding { index, name, kind }
-}
-
-/// An entry point with 64 threads, a thread an item.
-const fn each(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
-        name,
-        workgroup: [64, 1, 1],
-        items: 64,
-        bindings,
-    }
-}
-
-/// An entry point of 8 × 8 pixels.
-const fn tile(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
-        name,
-        workgroup: [8, 8, 1],
-        items: 64,
-        bindings,
-    }
-}
-
-/// An entry point with a workgroup of 64 threads a node of an octree.
-const fn node(pass: Pass, name: &'static str, bindings: &'static [u32]) -> Entry {
-    Entry {
-        pass,
-        name,
-        workgroup: [64, 1, 1],
-        items: 1,
-        bindings,
-    }
 }
 
 const FMM: Kind = Uniform(size_of::<FmmParams>());
@@ -169,29 +63,6 @@ const LOOK_UP: [Binding; 15] = [
     bind(13, "lists", Read(4)),
     bind(14, "counted", Read(4)),
 ];
-
-impl Kernel {
-    /// Its entry points where it draws: vertex, and then fragments.
-    #[must_use]
-    pub fn draws(&self) -> &'static [&'static str] {
-        match self.name {
-            "composite" => &COMPOSITE_ENTRIES,
-            "fog" => &FOG_ENTRIES,
-            _ => &[],
-        }
-    }
-}
-
-/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
-pub const COMPOSITE_ENTRIES: [&str; 4] = [
-    "whole_screen",
-    "composite",
-    "composite_gloss",
-    "composite_shade",
-];
-
-/// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with several.
-pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
 
 /// All kernels, in the order of a frame.
 pub const KERNELS: [Kernel; 25] = [

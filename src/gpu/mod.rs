@@ -27,6 +27,7 @@ mod fog;
 mod frame;
 mod gloss;
 mod harness;
+mod kernel;
 mod kernels;
 mod links;
 mod occlude;
@@ -48,9 +49,8 @@ pub use fog::{FogBuffers, FogTextures, draw_fog};
 pub use frame::{GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
 pub use harness::Harness;
-pub use kernels::{
-    Binding, COMPOSITE, COMPOSITE_ENTRIES, Entry, FOG, FOG_ENTRIES, KERNELS, Kernel, Kind,
-};
+pub use kernel::{Binding, COMPOSITE_ENTRIES, Entry, FOG_ENTRIES, Kernel, Kind};
+pub use kernels::{COMPOSITE, FOG, KERNELS};
 pub use pass::Pass;
 pub use pipelines::{ComputeKernel, Draw, Kernels, RenderKernel};
 pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};

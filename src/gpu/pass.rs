@@ -1,6 +1,7 @@
 //! The compute entry points by name: what is dispatched, and counted.
 
-use super::kernels::{Entry, KERNELS};
+use super::kernel::Entry;
+use super::kernels::KERNELS;
 
 /// A compute entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

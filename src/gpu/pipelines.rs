@@ -2,9 +2,8 @@
 
 use super::GpuError;
 use super::Pass;
-use super::kernels::{
-    Binding, COMPOSITE, COMPOSITE_ENTRIES, FOG, FOG_ENTRIES, KERNELS, Kernel, Kind,
-};
+use super::kernel::{Binding, COMPOSITE_ENTRIES, FOG_ENTRIES, Kernel, Kind};
+use super::kernels::{COMPOSITE, FOG, KERNELS};
 use crate::frame::Span;
 use crate::frame::fmm_layout::MOST_FMM_TERMS;
 use std::num::NonZeroU64;

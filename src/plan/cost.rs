@@ -4,7 +4,7 @@
 //! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
 //! gives the right rate.
 
-use super::{FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
+use super::{FogState, FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
 use crate::frame::Channels;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -74,7 +74,7 @@ pub enum Work {
     Sights(u64),
     /// Voxels of a volume.
     Voxels(u64),
-    /// Pixels, once for each scene (or list of virtual lights) that is laid over them.
+    /// Pixels, once for each scene (or list of virtual lights, or fog volume before a scene) that is laid over them.
     Pixels(u64),
 }
 
@@ -200,6 +200,11 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
             (Stage::Volume, Some(scene)) => Work::Voxels(scene.volume.voxels),
             (Stage::Splat | Stage::Vpl | Stage::Composite | Stage::Gloss | Stage::Shade, _) => {
                 pixels()
+            }
+            (Stage::Fog, _) => {
+                let of = |f: &&FogState| Some(f.view) == pass.view && f.scene == pass.scene;
+                let fog = state.fogs.iter().find(of);
+                Work::Pixels(fog.map_or(0, |f| f.pixels * f.volumes as u64))
             }
             _ => Work::Uncounted,
         };

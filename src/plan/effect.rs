@@ -62,7 +62,7 @@ pub const EFFECTS: &[Effect] = &[
     },
     Effect {
         name: "volume",
-        summary: "puts the light in free space into a volume, for cameras without a G-buffer",
+        summary: "puts the light in free space into a volume, for cameras without a G-buffer and for fog",
         schedule: super::space::volume,
     },
     Effect {
@@ -89,6 +89,11 @@ pub const EFFECTS: &[Effect] = &[
         name: "penumbrae",
         summary: "takes the light that does not get there from the picture of each view",
         schedule: super::soft::penumbrae,
+    },
+    Effect {
+        name: "fog",
+        summary: "adds the light in free space that fog sends to the eye, in each view that sees fog in a scene with a volume",
+        schedule: super::fog::fog,
     },
     Effect {
         name: "inspection",
@@ -119,7 +124,7 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
     }
 }
 
-/// Whether a view shows the scene over its G-buffer, or a camera without one by its volume.
+/// Whether a view shows the scene over its G-buffer, or a camera without one, or with fog, by its volume.
 fn displayed(state: &FrameState, scene: &SceneState) -> bool {
     let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
     scene.volume.asked && scene.volume.seen || state.views.iter().any(shows)

@@ -118,6 +118,8 @@ pub struct Inventory {
     pub cameras: Cameras,
     /// Materials with a normal map.
     pub normal_maps: u32,
+    /// Fog volumes.
+    pub fogs: u32,
     /// Whether one channel would do.
     pub colours: Colours,
 }
@@ -213,6 +215,7 @@ impl fmt::Display for Inventory {
             (self.bouncers, "thing to bounce light", 0, ""),
             (self.bouncing_lights, "light asks for that bounce", 0, ""),
             (self.normal_maps, "material with a normal map", 0, ""),
+            (self.fogs, "fog volume", 0, ""),
         ];
         for (count, what, of, how) in counted {
             if count > 0 {
@@ -254,6 +257,7 @@ mod tests {
             doors: 2,
             doors_moved: 1,
             normal_maps: 3,
+            fogs: 2,
             colours: Colours::Surfaces,
             ..empty
         };
@@ -267,7 +271,7 @@ mod tests {
         assert_eq!(
             full.to_string(),
             "have 3 × point light (1 off, 1 moved), a sky that varies (1 changed): surfaces are coloured\n\
-             have 1 × bake, 2 × door (1 moved), 3 × material with a normal map, 1 × deferred camera\n"
+             have 1 × bake, 2 × door (1 moved), 3 × material with a normal map, 2 × fog volume, 1 × deferred camera\n"
         );
         assert_eq!(full.lights_of(LightSort::Point).on, 2);
         assert!(!full.at_rest());

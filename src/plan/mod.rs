@@ -17,6 +17,8 @@
 //! | a lamp casts soft shadows on a bake that remembers what its points see | what it does not reach, when it changed; it is taken from each view |
 //! | no lamp does, or the bake does not remember | nothing: no visibility on the device, no pass |
 //! | a volume for forward cameras is asked for, and one of them sees the scene | its voxels, when the light changed |
+//! | a camera sees fog that lies in a scene with a volume | the volume's voxels, when the light changed; its light is added to that camera's picture |
+//! | no fog is there, or it lies elsewhere | nothing: no pass, no buffer |
 //! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
 //! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
@@ -33,6 +35,7 @@ mod cost;
 mod decision;
 mod dynamic;
 mod effect;
+mod fog;
 mod inventory;
 mod lights;
 mod maps;
@@ -63,7 +66,7 @@ pub use passes::Plan;
 pub use picked::Picked;
 pub use quality::{Picker, Quality, TierChoice};
 pub use state::{
-    BounceState, DisplayUse, FrameState, LightId, SceneId, SceneState, SkyUse, SlotChange,
-    SoftState, ViewId, ViewState, VolumeState,
+    BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
+    SlotChange, SoftState, ViewId, ViewState, VolumeState,
 };
 pub use survey::{Found, FoundScene, Surveyor};

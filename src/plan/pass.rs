@@ -38,13 +38,15 @@ pub enum Stage {
     Gloss,
     /// Light of lamps with soft shadows that does not get there, taken from the picture of a view.
     Shade,
+    /// Light in free space that fog sends to the eye, added to the picture of a view.
+    Fog,
     /// Coefficients back to the CPU.
     ReadBack,
 }
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Upload,
         Self::Materials,
         Self::Occlude,
@@ -61,6 +63,7 @@ impl Stage {
         Self::Composite,
         Self::Gloss,
         Self::Shade,
+        Self::Fog,
         Self::ReadBack,
     ];
 
@@ -84,6 +87,7 @@ impl Stage {
             Self::Composite => "composite",
             Self::Gloss => "gloss",
             Self::Shade => "shade",
+            Self::Fog => "fog",
             Self::ReadBack => "read_back",
         }
     }
@@ -117,6 +121,8 @@ pub enum Reason {
     SoftLightsChanged(usize),
     /// A volume is new, or stands differently in the world.
     NewVolume,
+    /// So many fog volumes are in the view and in the scene.
+    FogInView(usize),
 }
 
 impl fmt::Display for Reason {
@@ -133,6 +139,7 @@ impl fmt::Display for Reason {
             Self::Asked => f.write_str("the coefficients were asked for"),
             Self::SoftLightsChanged(n) => write!(f, "soft shadows changed, {n} light(s) cast them"),
             Self::NewVolume => f.write_str("the volume does not hold this light yet"),
+            Self::FogInView(n) => write!(f, "{n} fog volume(s) of the view lie in the scene"),
             Self::Moving(maps) => write!(f, "what moves is in reach, {maps} map(s) show it"),
         }
     }

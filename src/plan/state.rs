@@ -62,12 +62,12 @@ pub struct SoftState {
     pub points: u64,
 }
 
-/// What cameras without a G-buffer ask of a scene: its light in free space as a volume.
+/// What cameras without a G-buffer, and fog, ask of a scene: its light in free space as a volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VolumeState {
     /// The scene is to have a volume, and there is a texture for it.
     pub asked: bool,
-    /// One of those cameras sees the scene.
+    /// One of those cameras sees the scene, or any camera fog in it.
     pub seen: bool,
     /// The texture holds the light of an earlier frame, for the volume as it is now.
     pub held: bool,
@@ -108,7 +108,7 @@ pub struct SceneState {
     pub probes: bool,
     /// Links of those rows.
     pub probe_links: u64,
-    /// What cameras without a G-buffer ask of it.
+    /// What cameras without a G-buffer, and fog, ask of it.
     pub volume: VolumeState,
     /// What becomes of the sky.
     pub sky: SkyUse,
@@ -245,6 +245,19 @@ pub struct BounceState {
     pub views: Vec<ViewId>,
 }
 
+/// Fog in a camera's view that lies in a scene with a volume. The camera needs no display settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FogState {
+    /// The camera.
+    pub view: ViewId,
+    /// The scene.
+    pub scene: SceneId,
+    /// How many fog volumes.
+    pub volumes: usize,
+    /// How many pixels the camera draws.
+    pub pixels: u64,
+}
+
 /// The whole frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameState {
@@ -262,6 +275,8 @@ pub struct FrameState {
     pub bounces: Vec<BounceState>,
     /// The device holds the virtual lights of all of them as maps drawn now would make them.
     pub bounces_held: bool,
+    /// Every camera's fog, scene by scene.
+    pub fogs: Vec<FogState>,
     /// What the world has.
     pub inventory: Inventory,
 }
@@ -293,6 +308,7 @@ impl Default for FrameState {
             views: Vec::new(),
             bounces: Vec::new(),
             bounces_held: false,
+            fogs: Vec::new(),
             inventory: Inventory::default(),
         }
     }

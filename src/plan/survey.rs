@@ -45,6 +45,8 @@ pub struct Found<'a, K> {
     pub bouncing_lights: u32,
     /// Materials with a normal map.
     pub normal_maps: u32,
+    /// Fog volumes.
+    pub fogs: u32,
 }
 
 /// The chromaticities of several colours.
@@ -272,6 +274,7 @@ impl<K: Copy + Ord> Surveyor<K> {
             bouncing_lights: found.bouncing_lights,
             cameras: found.cameras,
             normal_maps: found.normal_maps,
+            fogs: found.fogs,
             ..Inventory::default()
         };
         let lights = self.count_lights(found, &mut out);
