@@ -13,6 +13,8 @@ pub struct GpuCounters {
     pub solves: u64,
     /// Triangles drawn by `composite`.
     pub composites: u64,
+    /// Triangles drawn by `fog`.
+    pub fogs: u64,
 }
 
 impl Default for GpuCounters {
@@ -22,6 +24,7 @@ impl Default for GpuCounters {
             projected: 0,
             solves: 0,
             composites: 0,
+            fogs: 0,
         }
     }
 }
@@ -41,6 +44,7 @@ impl GpuCounters {
         self.projected += more.projected;
         self.solves += more.solves;
         self.composites += more.composites;
+        self.fogs += more.fogs;
     }
 
     /// What was recorded since it was `before`.
@@ -51,6 +55,7 @@ impl GpuCounters {
             projected: self.projected - before.projected,
             solves: self.solves - before.solves,
             composites: self.composites - before.composites,
+            fogs: self.fogs - before.fogs,
         }
     }
 

@@ -50,6 +50,8 @@ pub enum MeshlessGiFinding {
     SoftShadowCount,
     /// A scene is to have a volume for forward cameras, and its bake knows no light in free space.
     NoFreeSpace,
+    /// The camera's volumetric fog has ambient light, and a level lights it.
+    FogAmbient,
     /// A material of [`MeshlessGiMaterials`](super::MeshlessGiMaterials) got another texture.
     LiveTexture,
     /// Bevy's shader module for irradiance volumes is not the one that ours takes the place of.
@@ -116,6 +118,9 @@ impl MeshlessGiFinding {
             Self::NoFreeSpace => {
                 "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
                  recipe, or with `--probes`."
+            }
+            Self::FogAmbient => {
+                "A camera's `VolumetricFog` has ambient light, and a `MeshlessGiVolume` lights the fog: both are added. Set `ambient_intensity` to 0, or the volume's `fog` to 0."
             }
             Self::LiveTexture => {
                 "A material that `MeshlessGiMaterials` names got another texture for its base colour or its emission: indirect light keeps that of the bake. Change `base_color` or \

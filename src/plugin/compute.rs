@@ -10,6 +10,7 @@ use super::costs::{DeviceCosts, span};
 use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
 use super::display::MeshlessGiDisplay;
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
+use super::fog::ExtractedFogs;
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
@@ -17,7 +18,7 @@ use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::asset::BakedScene;
 use crate::frame::{Channels, FrameLight, FrameSettings};
-use crate::gpu::{GpuCounters, GpuError, GpuFrame, Kernels, Pass};
+use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
     DisplayUse, FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId,
     ViewState, falls_back,
@@ -37,7 +38,7 @@ pub(crate) struct SceneRuntime {
     pub slots: SlotTable<LightKey>,
     pub frame: Option<GpuFrame>,
     pub soft: SceneSoft,
-    volume: SceneVolume,
+    pub volume: SceneVolume,
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
     /// The channels that the level asked for then.
@@ -59,6 +60,8 @@ pub(crate) struct GiRender {
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
     pub reflections: Option<Reflections>,
+    /// Parameters of the fog that views see.
+    pub fogs: BTreeMap<ViewId, FogBuffers>,
     pub plan: Plan,
     frame: u64,
     /// What the scenes' counters, those that are gone included, added up to at the end of the last frame.
@@ -93,11 +96,16 @@ pub(super) fn bounds(bake: &BakedScene) -> Bounds {
 
 impl GiRender {
     /// Follows scenes that came, went or were baked again, and describes the frame for the plan.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "all that the frame is described from"
+    )]
     fn observe(
         &mut self,
         world: &ExtractedGi,
         soft: &ExtractedSoft,
         volumes: &ExtractedVolumes,
+        fogs: &ExtractedFogs,
         maps: &LightMaps,
         largest_binding: u64,
         coefficients: &MeshlessGiCoefficients,
@@ -110,6 +118,7 @@ impl GiRender {
             views: Vec::with_capacity(world.views.len()),
             bounces: maps.describe(world),
             bounces_held: false,
+            fogs: fogs.describe(),
             inventory: world.inventory.clone(),
         };
         let here = |id: &SceneId| world.scenes.iter().any(|s| s.id == *id && s.bake.is_some());
@@ -360,6 +369,10 @@ impl GiRender {
             counters.buffers += view.buffer_count();
             counters.bytes += view.bytes();
         }
+        for buffers in self.fogs.values() {
+            counters.buffers += buffers.count();
+            counters.bytes += buffers.bytes();
+        }
         let mut dispatched = |stage, count: u64| {
             if count > 0 {
                 *counters.dispatches.entry(stage).or_insert(0) += count as u32;
@@ -369,6 +382,7 @@ impl GiRender {
             dispatched(stage_of(pass), total.of(pass) - self.counted.of(pass));
         }
         dispatched(Stage::Composite, total.composites - self.counted.composites);
+        dispatched(Stage::Fog, total.fogs - self.counted.fogs);
         dispatched(Stage::Upload, self.plan.count(Stage::Upload) as u64);
         dispatched(Stage::Materials, self.plan.count(Stage::Materials) as u64);
         dispatched(Stage::ReadBack, self.plan.count(Stage::ReadBack) as u64);
@@ -387,6 +401,7 @@ pub(crate) fn compute(
     world: Res<ExtractedGi>,
     soft: Res<ExtractedSoft>,
     volumes: Res<ExtractedVolumes>,
+    fogs: Res<ExtractedFogs>,
     maps: Res<LightMaps>,
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
@@ -406,7 +421,15 @@ pub(crate) fn compute(
     }
     render.frame += 1;
     let largest = largest_binding(&device);
-    let state = render.observe(&world, &soft, &volumes, &maps, largest, &coefficients);
+    let state = render.observe(
+        &world,
+        &soft,
+        &volumes,
+        &fogs,
+        &maps,
+        largest,
+        &coefficients,
+    );
     let mut plan = Plan::new(&state);
     costs.price(&mut plan);
     for &id in &plan.release {
@@ -419,6 +442,9 @@ pub(crate) fn compute(
             .any(|p| p.stage == Stage::Composite && p.view == Some(*id))
     };
     render.views.retain(|id, _| shows(id));
+    let fogged =
+        |id: &ViewId| (plan.passes.iter()).any(|p| p.stage == Stage::Fog && p.view == Some(*id));
+    render.fogs.retain(|id, _| fogged(id));
     render.begin_reflections(&maps, &plan, &device);
     if plan.is_empty() {
         if render.scenes.values().all(|s| s.frame.is_none()) {

@@ -56,6 +56,7 @@ fn path(timed: &Timed) -> DiagnosticPath {
     let (name, solve) = (timed.span(), span_name(timed.scene.0));
     let mut parts = vec!["render"];
     match (timed.view, timed.stage) {
+        (Some(_), Stage::Fog) => parts.push("meshless_gi_fog"),
         (Some(_), _) => parts.push("meshless_gi_composite"),
         (None, Stage::Project | Stage::Apply) => parts.extend(["meshless_gi_compute", &solve]),
         (None, _) => parts.push("meshless_gi_compute"),

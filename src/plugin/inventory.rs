@@ -14,6 +14,7 @@ use crate::plan::{
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
 use bevy::ecs::prelude::*;
+use bevy::light::FogVolume;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
@@ -83,6 +84,7 @@ pub(crate) fn take_inventory(
     bouncers: Extract<Query<(), With<MeshlessGiBouncer>>>,
     asking: Extract<Res<AskingLights>>,
     maps: Extract<Res<NormalMaps>>,
+    fogs: Extract<Query<(), With<FogVolume>>>,
 ) {
     let mut counted = Cameras::default();
     for (camera, ours, msaa, brought) in &cameras {
@@ -127,6 +129,7 @@ pub(crate) fn take_inventory(
         bouncers: bouncers.iter().count() as u32,
         bouncing_lights: asking.lights.len() as u32,
         normal_maps: maps.0.len() as u32,
+        fogs: fogs.iter().count() as u32,
     };
     world.inventory = surveyor.survey(&found);
     pickers.retain(|id, _| world.scenes.iter().any(|s| s.id == *id));

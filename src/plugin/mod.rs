@@ -38,6 +38,7 @@
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
+//! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
 //! | `decisions` | main, `PreUpdate` | tells the log what the plan decided, where that changed |
@@ -47,7 +48,7 @@
 //! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
 //!   says so once and stays inert; nothing else of the app changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
-//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`].
+//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`], and so is volumetric fog.
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
@@ -67,6 +68,7 @@ mod deferred;
 mod diagnostics;
 mod display;
 mod extract;
+mod fog;
 mod gizmos;
 mod gloss;
 mod inventory;
@@ -256,6 +258,7 @@ impl Plugin for MeshlessGiPlugin {
                     check::check,
                     soft::check_soft,
                     volume::check_volumes,
+                    fog::check_fog,
                     materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
                 )
                     .chain()
@@ -295,6 +298,7 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<extract::ExtractedGi>()
             .init_resource::<soft::ExtractedSoft>()
             .init_resource::<volume::ExtractedVolumes>()
+            .init_resource::<fog::ExtractedFogs>()
             .init_resource::<compute::GiRender>()
             .init_resource::<capture::LightMaps>()
             .add_schedule(capture::schedule())
@@ -304,7 +308,9 @@ impl Plugin for MeshlessGiPlugin {
                     extract::extract,
                     capture::extract_maps,
                     soft::extract_soft,
-                    volume::extract_volumes.after(extract::extract),
+                    (fog::extract_fogs, volume::extract_volumes)
+                        .chain()
+                        .after(extract::extract),
                     inventory::take_inventory.after(extract::extract),
                 )
                     .in_set(MeshlessGiSystems::Extract),
@@ -335,6 +341,12 @@ impl Plugin for MeshlessGiPlugin {
                     .after(main_opaque_pass_3d)
                     .before(main_transmissive_pass_3d)
                     .before(main_transparent_pass_3d),
+            )
+            .add_systems(
+                Core3d,
+                fog::draw
+                    .in_set(MeshlessGiSystems::Fog)
+                    .in_set(Core3dSystems::EarlyPostProcess),
             );
     }
 }

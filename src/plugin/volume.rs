@@ -1,4 +1,4 @@
-//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes.
+//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes. [`super::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
@@ -7,6 +7,7 @@ use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
 use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
+use super::fog::ExtractedFogs;
 use super::reflective::MeshlessGiCapture;
 use crate::asset::BakedScene;
 use crate::basis::PROBE_OVERLAP;
@@ -23,7 +24,7 @@ use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
 use bevy::log::warn;
-use bevy::math::{Mat4, Vec3};
+use bevy::math::{Affine3A, Mat4, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
@@ -34,7 +35,7 @@ use bevy::transform::components::Transform;
 use std::any::TypeId;
 use std::sync::Arc;
 
-/// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; and transparent and forward surfaces in views with it. Goes
+/// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; transparent and forward surfaces in views with it; and Bevy's volumetric fog in all views. Goes
 /// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
 ///
 /// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are
@@ -48,6 +49,12 @@ pub struct MeshlessGiVolume {
     pub voxel: Option<f32>,
     /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions, and eight for the ways to walls. Voxels become larger where they would be more.
     pub most: u32,
+    /// Multiplies the level's light in Bevy's volumetric fog ([`VolumetricFog`](bevy::light::VolumetricFog)), wherever a camera sees fog volumes in the level; 1 is what physics says, and 0 draws none. Set the `ambient_intensity` of
+    /// such cameras' fog to 0: that would be added.
+    ///
+    /// It is drawn at every pixel behind Bevy's own fog, without noise, with as many steps for a ray as it is voxels long and `step_count` at most. Each fog volume dims what it sends itself and not what another
+    /// sends. Where several levels lie in one place the first lights the fog there, of five of them.
+    pub fog: f32,
 }
 
 impl Default for MeshlessGiVolume {
@@ -55,12 +62,13 @@ impl Default for MeshlessGiVolume {
         Self {
             voxel: None,
             most: 1 << 16,
+            fog: 1.0,
         }
     }
 }
 
 impl MeshlessGiVolume {
-    /// The same, no number like no number.
+    /// The same for its voxels, no number like no number.
     fn same(&self, other: &Self) -> bool {
         let bits = |v: &Self| (v.voxel.map(f32::to_bits), v.most);
         bits(self) == bits(other)
@@ -109,6 +117,12 @@ impl Voxels {
             bake: which(id, asset),
             asked: *asked,
         })
+    }
+
+    /// Where they are, as a cube with edges of 1 that is placed in the bake's space.
+    pub fn cube(&self) -> Affine3A {
+        let middle = Affine3A::from_translation(0.5 * (self.low + self.high));
+        middle * Affine3A::from_scale(self.high - self.low)
     }
 
     fn texture(&self) -> Image {
@@ -190,7 +204,7 @@ pub(crate) fn shape(
 type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
 
 /// What a camera's display hangs on.
-type DisplayParts = (
+pub(super) type DisplayParts = (
     Option<&'static MeshlessGiCamera>,
     Option<&'static Msaa>,
     Brought,
@@ -198,7 +212,7 @@ type DisplayParts = (
 
 /// Whether it shows indirect light over its G-buffer.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
-fn displays(
+pub(super) fn displays(
     (display, msaa, brought): (
         Option<&MeshlessGiCamera>,
         Option<&Msaa>,
@@ -234,7 +248,18 @@ pub(crate) struct ExtractedVolume {
     scene: SceneId,
     voxels: Voxels,
     texture: wgpu::TextureView,
+    sampler: wgpu::Sampler,
     seen: bool,
+}
+
+impl ExtractedVolume {
+    pub fn shape(&self) -> &VolumeShape {
+        &self.voxels.shape
+    }
+
+    pub fn sampler(&self) -> &wgpu::Sampler {
+        &self.sampler
+    }
 }
 
 /// All of them.
@@ -250,6 +275,11 @@ impl ExtractedVolumes {
     pub fn display(&self, camera: Entity) -> Option<bool> {
         let found = self.displays.iter().find(|(id, _)| *id == camera);
         found.map(|(_, sees)| *sees)
+    }
+
+    /// The volume of a scene.
+    pub fn find(&self, scene: SceneId) -> Option<&ExtractedVolume> {
+        self.all.iter().find(|v| v.scene == scene)
     }
 }
 
@@ -268,10 +298,11 @@ type ForwardCameras<'w, 's> = Query<
     ),
 >;
 
-/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), behind the scenes.
+/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), behind the scenes and the fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,
+    fogs: Res<ExtractedFogs>,
     volumes: Extract<Query<(Entity, &ChildOf, &Voxels, &IrradianceVolume)>>,
     cameras: Extract<ForwardCameras>,
     displays: Extract<Query<(Entity, &Camera, &VisibleEntities, DisplayParts)>>,
@@ -302,11 +333,12 @@ pub(crate) fn extract_volumes(
         let shows = |(id, _, seen, _): (Entity, _, &VisibleEntities, _)| {
             out.display(id) == Some(true) && seen.get(class).contains(&entity)
         };
-        let seen = cameras.iter().any(sees) || displays.iter().any(shows);
+        let seen = cameras.iter().any(sees) || displays.iter().any(shows) || fogs.sees(id);
         out.all.push(ExtractedVolume {
             scene: id,
             voxels: *voxels,
             texture: wgpu::TextureView::clone(&texture.texture_view),
+            sampler: wgpu::Sampler::clone(&texture.sampler),
             seen,
         });
     }
@@ -332,7 +364,7 @@ impl SceneVolume {
         id: SceneId,
         local_from_world: &Mat4,
     ) -> Option<(VolumeParams, &'a ExtractedVolume)> {
-        let volume = world.all.iter().find(|v| v.scene == id)?;
+        let volume = world.find(id)?;
         Some((
             VolumeParams::new(&volume.voxels.shape, local_from_world),
             volume,
@@ -361,9 +393,9 @@ impl SceneVolume {
         }
     }
 
-    /// Whether a camera sees the scene by its volume.
+    /// Whether a camera sees the scene by its volume, or fog in it.
     pub fn seen(world: &ExtractedVolumes, id: SceneId) -> bool {
-        world.all.iter().any(|v| v.scene == id && v.seen)
+        world.find(id).is_some_and(|v| v.seen)
     }
 
     /// Records the voxels of the scene's volume; those of a new one as soon as all its places are found.
@@ -390,6 +422,11 @@ impl SceneVolume {
             frame.volume(kernels, queue, encoder, buffers, &params, &volume.texture);
             self.written = Some((params, volume.texture.clone()));
         }
+    }
+
+    /// The texture that holds its light; none before that was written.
+    pub fn texture(&self) -> Option<&wgpu::TextureView> {
+        self.written.as_ref().map(|(_, texture)| texture)
     }
 
     /// The light changed, and the voxels have that of before.
@@ -421,7 +458,7 @@ impl SceneVolume {
         match VolumeBuffers::new(kernels.device(), queue, &places) {
             Ok(buffers) => self.buffers = Some(buffers),
             Err(why) => {
-                warn!("a volume for forward cameras stays dark: {why}");
+                warn!("a volume for forward cameras and fog stays dark: {why}");
                 self.refused = Some(shape);
             }
         }
