@@ -76,7 +76,7 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     var left = left_before(ray, whole, lit.x);
     let steps = steps_of(whole, lit);
     let part = (lit.y - lit.x) / f32(steps);
-    let along = 0.75 * params.asymmetry * ray.direction;
+    let weights = weights_of(ray.direction);
     var light = vec3f(0.0);
     for (var k = 0u; k < steps; k++) {
         if left < DARK {
@@ -86,7 +86,7 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
         let dense = density_at(x);
         let lost = dense * params.extinction;
         if !is_earlier(x) {
-            let arrives = max(arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz, along), vec3f(0.0));
+            let arrives = max(arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz, weights), vec3f(0.0));
             light += left * dense * exp(-lost * params.radius) * part * mean_left(lost * part) * arrives;
         }
         left *= exp(-lost * part);
@@ -185,20 +185,33 @@ fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     );
 }
 
-// A voxel's light for the ray: its six sides, `along` more for those that face along each axis.
-fn of_voxel(voxel: vec3u, along: vec3f) -> vec3f {
+// How much light of the sides counts that face along the axes, and away from them.
+struct Weights {
+    ahead: vec3f,
+    back: vec3f,
+}
+
+// Twin: `sides`.
+fn weights_of(d: vec3f) -> Weights {
+    let g = params.asymmetry;
+    let even = vec3f(1.0 / 6.0) + 2.0 * g * g * (d * d - 1.0 / 3.0);
+    return Weights(even + 0.75 * g * d, even - 0.75 * g * d);
+}
+
+// A voxel's light for the ray: its six sides.
+fn of_voxel(voxel: vec3u, weights: Weights) -> vec3f {
     var light = vec3f(0.0);
     for (var axis = 0u; axis < 3u; axis++) {
         let ahead = voxel + params.size * vec3u(0u, 0u, axis);
         let back = ahead + params.size * vec3u(0u, 1u, 0u);
-        light += (1.0 / 6.0 + along[axis]) * textureLoad(voxels, ahead, 0).rgb;
-        light += (1.0 / 6.0 - along[axis]) * textureLoad(voxels, back, 0).rgb;
+        light += weights.ahead[axis] * textureLoad(voxels, ahead, 0).rgb;
+        light += weights.back[axis] * textureLoad(voxels, back, 0).rgb;
     }
     return light;
 }
 
 // Twin: `read_sides` of src/frame/volume_read.rs.
-fn arriving(asked: vec3f, along: vec3f) -> vec3f {
+fn arriving(asked: vec3f, weights: Weights) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);
     let corner = place / (size * vec3f(1.0, 2.0, 3.0));
@@ -208,7 +221,7 @@ fn arriving(asked: vec3f, along: vec3f) -> vec3f {
         let ahead = corner + vec3f(0.0, 0.0, f32(axis) / 3.0);
         let one = textureSampleLevel(voxels, voxels_sampler, ahead, 0.0);
         let other = textureSampleLevel(voxels, voxels_sampler, ahead + vec3f(0.0, 0.5, 0.0), 0.0);
-        light += (1.0 / 6.0 + along[axis]) * one.rgb + (1.0 / 6.0 - along[axis]) * other.rgb;
+        light += weights.ahead[axis] * one.rgb + weights.back[axis] * other.rgb;
         says = one.a;
     }
     // In an open place all texels of all eight voxels say so.
@@ -232,7 +245,7 @@ fn arriving(asked: vec3f, along: vec3f) -> vec3f {
             }
         }
         if weight > 0.0 {
-            sum += weight * of_voxel(voxel, along);
+            sum += weight * of_voxel(voxel, weights);
             all_weights += weight;
         }
     }

@@ -10,7 +10,7 @@ use bevy_meshless_gi::bake::{
 };
 use bevy_meshless_gi::frame::probe::probe;
 use bevy_meshless_gi::frame::splat::{SEAM, splat_covered};
-use bevy_meshless_gi::frame::volume::volume;
+use bevy_meshless_gi::frame::volume::volume_texels;
 use bevy_meshless_gi::frame::volume_read::read_volume;
 use bevy_meshless_gi::frame::{
     CpuFrame, FrameLight, FrameSettings, VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape,
@@ -20,7 +20,7 @@ use bevy_meshless_gi::samples::{Random, lattice, trace_particles, uniform_sphere
 use bevy_meshless_gi::scene::{
     Light, Material, Quad, SceneDescription, TriangleMesh, cornell_box, load_gltf, mesh_of_quads,
 };
-use glam::{Mat4, UVec3, Vec2, Vec3};
+use glam::{Mat4, Vec2, Vec3};
 use std::f32::consts::PI;
 use std::path::Path;
 
@@ -300,12 +300,8 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
             places.faces().shares.len(),
             places.shares().len()
         );
-        let all = shape.texels();
         let params = VolumeParams::new(&shape, &turn);
-        let texels: Vec<[f32; 4]> = (0..all.element_product())
-            .map(|i| UVec3::new(i % all.x, i / all.x % all.y, i / (all.x * all.y)))
-            .map(|t| volume(&params, &places, values, t))
-            .collect();
+        let texels = volume_texels(&params, &places, values);
         // Normals are the world's, places the bake's.
         let read = |x: Vec3, n: Vec3| {
             let place = (x - from) / shape.voxel();

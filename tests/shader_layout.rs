@@ -337,6 +337,7 @@ const SHADER_ONLY: [&str; 20] = [
     "SpaceLight",
     "Listed",
     "Ray",
+    "Weights",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.

@@ -4,9 +4,10 @@
 //! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is left of light on the way to
 //! the eye (Beer and Lambert), h the part's length. Light changes as slowly as the voxels are wide, so parts are that long, and there is no noise.
 //!
-//! J is the integral of incident radiance times the phase function of Henyey and Greenstein (1941), whose terms in Legendre polynomials are powers of its asymmetry g. Its first two terms are taken: J = φ / 4π + 3 g F · d / 4π, where d is where
-//! the ray goes, F = ∫ L ω the flux and φ = ∫ L the fluence. Both are sums of six irradiances: F along an axis is the difference of those that face along it and away from it, and φ is ⅔ of the sum of all, because |x| + |y| + |z|
-//! has the mean 3⁄2 over all directions and no term of order one, two or three. Later terms are left out: of light from all around they are little. Where the sum is below zero there is no light.
+//! J is the integral of incident radiance times the phase function of Henyey and Greenstein (1941), whose terms in Legendre polynomials are powers of its asymmetry g. The first two are taken, and of the third what six irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ², where d is where
+//! the ray goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the fluence and Q the light's part of order two as a matrix without trace. F along an axis is the difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of
+//! |ω · i| is 2π and that of its product with ω · Qω is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between the axes, and all later terms, are left out: of light from all around they are little.
+//! Where the sum is below zero there is no light.
 //!
 //! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
@@ -224,13 +225,15 @@ fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     }
 }
 
-/// What light for a white surface each side of the voxels stands for in the light that goes on along `d`: the first two terms of the phase function.
+/// How much light for a white surface that each side of the voxels faces counts in the light that goes to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from where the ray
+/// goes to keeps its direction.
 #[must_use]
 pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
-    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, and 3 F / 4π = ¾ of the difference.
+    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is twice by how much its sum is more than their mean.
     std::array::from_fn(|side| {
         let along = 0.75 * asymmetry * d[side / 2];
-        1.0 / 6.0 + if side % 2 == 0 { along } else { -along }
+        let second = 2.0 * asymmetry * asymmetry * (d[side / 2] * d[side / 2] - 1.0 / 3.0);
+        1.0 / 6.0 + second + if side % 2 == 0 { along } else { -along }
     })
 }
 
@@ -451,9 +454,9 @@ mod tests {
         }
     }
 
-    /// Six irradiances hold the first two terms exactly, whatever light has of the terms up to the third.
+    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes, whatever light has of the terms up to the fourth.
     #[test]
-    fn scattered_light_is_the_first_two_terms_of_the_phase_function() {
+    fn scattered_light_is_the_first_terms_of_the_phase_function() {
         let all = 20_000;
         let directions: Vec<Vec3> = (0..all)
             .map(|k| uniform_sphere(lattice(k, all, Vec2::ZERO)))
@@ -475,13 +478,15 @@ mod tests {
             (0.5, Vec3::X),
             (0.5, Vec3::new(-0.6, 0.8, 0.0)),
             (-0.3, Vec3::Y),
+            (0.8, Vec3::new(0.0, 0.6, -0.8)),
         ] {
             let found: f32 = sides(asymmetry, d)
                 .iter()
                 .zip(&texels)
                 .map(|(w, t)| w * t)
                 .sum();
-            let right = mean(&|w| light(w) * (1.0 + 3.0 * asymmetry * w.dot(d))) / (4.0 * PI);
+            let first = mean(&|w| light(w) * (1.0 + 3.0 * asymmetry * w.dot(d))) / (4.0 * PI);
+            let right = first + asymmetry * asymmetry * 0.5 * (d.z * d.z - 1.0 / 3.0);
             assert!(
                 (found - right).abs() < 2e-3 * right.abs(),
                 "{found} {right}"

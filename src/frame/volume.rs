@@ -86,6 +86,20 @@ pub struct VolumeValues<'a> {
     pub probes: &'a [VectorIrradiance],
 }
 
+/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_read::read_volume) and [`fog`](super::fog::fog) take them.
+#[must_use]
+pub fn volume_texels(
+    params: &VolumeParams,
+    places: &VolumePlaces,
+    values: VolumeValues<'_>,
+) -> Vec<[f32; 4]> {
+    let all = places.shape().texels();
+    (0..all.element_product())
+        .map(|i| UVec3::new(i % all.x, i / all.x % all.y, i / (all.x * all.y)))
+        .map(|texel| volume(params, places, values, texel))
+        .collect()
+}
+
 /// One texel: RGB as the engine multiplies it with a surface's colour, cd/m² where lamps are in lumens; the fourth is how far a way is free ([`Ways::stored`](super::Ways::stored)). The light of the
 /// voxel's face that the side faces as most; without one that of the voxel ahead, unless a wall stands before it; else the voxel's own, else the mean of those around the one ahead; black where no probe
 /// reaches any of them.

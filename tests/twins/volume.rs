@@ -4,7 +4,7 @@ use super::Scene;
 use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solved};
-use bevy_meshless_gi::frame::volume::{AHEAD, volume};
+use bevy_meshless_gi::frame::volume::{AHEAD, volume_texels};
 use bevy_meshless_gi::frame::{
     VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
 };
@@ -75,16 +75,7 @@ fn volumes() {
     assert_eq!(gpu.len() as u32, texels.element_product());
     type Voxels<'a> = (VolumeParams, &'a VolumePlaces, VolumeValues<'a>);
     let expected = |(params, places, values): Voxels<'_>| -> Vec<[f32; 4]> {
-        let at = |i: u32| {
-            UVec3::new(
-                i % texels.x,
-                i / texels.x % texels.y,
-                i / (texels.x * texels.y),
-            )
-        };
-        (0..texels.element_product())
-            .map(|i| volume(&params, places, values, at(i)))
-            .collect()
+        volume_texels(&params, places, values)
     };
     let off = |of: Voxels<'_>| differing(&gpu, &expected(of), 4, HALF, Scale::Rms).len();
     assert_eq!(off((params, &places, values)), 0);
