@@ -316,7 +316,7 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// Structs that live in a shader alone.
-const SHADER_ONLY: [&str; 20] = [
+const SHADER_ONLY: [&str; 21] = [
     "Cell",
     "Place",
     "Shear",

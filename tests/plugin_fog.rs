@@ -1,0 +1,474 @@
+//! Bevy's volumetric fog in a baked room, in the running plugin: what the level's light adds to the picture, beside the twin, for all kinds of cameras; and nothing where it is not called for.
+
+mod plugin_support;
+
+use bevy::asset::RenderAssetUsages;
+use bevy::camera::Hdr;
+use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
+use bevy::pbr::DefaultOpaqueRendererMethod;
+use bevy::prelude::*;
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
+use bevy_meshless_gi::frame::volume::volume_texels;
+use bevy_meshless_gi::frame::{
+    CpuFrame, Fog, FogParams, FogView, FrameLight, VolumeParams, VolumePlaces, VolumeShape,
+    VolumeValues, fog, voxels_of,
+};
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::{Geometry, Ray};
+use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
+use plugin_support::flip::Picture;
+use plugin_support::scenes::{Room, exposure};
+use plugin_support::stage::{counters, keep, lamp, settings, spawn_baked, spawn_lamp, view};
+use std::f32::consts::FRAC_PI_4;
+use std::sync::{Arc, OnceLock};
+
+const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+const STEPS: u32 = 48;
+/// Edge of the voxels, metres.
+const VOXEL: f32 = 0.15;
+/// Texels of a density along each edge.
+const EDGE: u32 = 4;
+/// The largest NRMSE between what fog adds and what the twin says. Pictures are halves, and what is compared is a difference of two.
+const MOST: f32 = 0.01;
+
+fn bake() -> Arc<BakedScene> {
+    static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    let make = || {
+        Room::cornell().bake_as(&Recipe {
+            viewpoints: vec![[0.0, 1.0, 0.6]],
+            coarse_radius: Some(0.4),
+            levels: Some(3),
+            sender_levels: Some(2),
+            rays: Some(128),
+            probes: Some(FreeSpaceLight {
+                spacing: Some(0.25),
+                rays: None,
+            }),
+            ..Recipe::default()
+        })
+    };
+    MADE.get_or_init(make).clone()
+}
+
+/// How a camera draws.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Deferred,
+    Forward(Msaa),
+}
+
+struct Shown {
+    app: App,
+    placed: Transform,
+    root: Entity,
+    eye: Entity,
+    lamp: Entity,
+    sun: Entity,
+    fog: Entity,
+    image: Handle<Image>,
+}
+
+/// Where the fog is, in the room's space: it reaches out of the room at one side, and does not fill it.
+fn fog_place() -> Transform {
+    Transform::from_xyz(0.3, 0.9, 0.4)
+        .with_rotation(Quat::from_rotation_y(0.4))
+        .with_scale(Vec3::new(1.9, 1.5, 1.7))
+}
+
+fn even() -> FogVolume {
+    FogVolume {
+        fog_color: Color::linear_rgb(0.9, 1.0, 0.8),
+        density_factor: 0.5,
+        light_intensity: 2.0,
+        ..default()
+    }
+}
+
+fn with_fog(fog: f32) -> MeshlessGiVolume {
+    MeshlessGiVolume {
+        voxel: Some(VOXEL),
+        fog,
+        ..default()
+    }
+}
+
+/// The room with a lamp and fog in it, and a sun without light for whose sake Bevy draws fog at all.
+fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
+    let mut app = app();
+    if kind != Kind::Deferred {
+        app.insert_resource(DefaultOpaqueRendererMethod::forward());
+    }
+    let root = spawn_baked(&mut app, &Room::cornell(), &bake(), placed);
+    let image = target(&mut app);
+    let world = app.world_mut();
+    world.entity_mut(root).insert(with_fog(1.0));
+    let clear = VolumetricFog {
+        ambient_intensity: 0.0,
+        step_count: STEPS,
+        ..default()
+    };
+    let mut eye = world.spawn((camera(&image, placed * view()), clear));
+    match kind {
+        Kind::Deferred => eye.insert(MeshlessGiCamera::default()),
+        Kind::Forward(samples) => eye.insert((Hdr, samples)),
+    };
+    let eye = eye.id();
+    let sun = DirectionalLight {
+        illuminance: 0.0,
+        ..default()
+    };
+    let sun = world.spawn((sun, VolumetricLight)).id();
+    let fog = world.spawn((volume, placed * fog_place())).id();
+    let lamp = spawn_lamp(&mut app, placed * LAMP);
+    let mut shown = Shown {
+        app,
+        placed,
+        root,
+        eye,
+        lamp,
+        sun,
+        fog,
+        image,
+    };
+    // What its voxels take from which probes is found meanwhile.
+    let mut frames = 0;
+    while counters(&shown.app).dispatches_of(Stage::Volume) == 0 {
+        run(&mut shown.app, 1);
+        frames += 1;
+        assert!(frames < 1000, "the volume is never written");
+    }
+    run(&mut shown.app, 3);
+    shown
+}
+
+impl Shown {
+    fn picture(&mut self) -> Picture {
+        picture(&mut self.app, &self.image)
+    }
+
+    fn set_fog(&mut self, fog: f32) {
+        let mut volume = self.app.world_mut().entity_mut(self.root);
+        volume.get_mut::<MeshlessGiVolume>().unwrap().fog = fog;
+        run(&mut self.app, 2);
+    }
+
+    /// What the level's light in fog adds to the picture.
+    fn added(&mut self) -> Picture {
+        let with = self.picture();
+        self.set_fog(0.0);
+        let without = self.picture();
+        self.set_fog(1.0);
+        minus(&with, &without)
+    }
+
+    /// Draws of fog in the last frame, and how many buffers there are.
+    fn draws(&self) -> u32 {
+        counters(&self.app).dispatches_of(Stage::Fog)
+    }
+
+    /// What the twin says that is added, with a lamp at `place` in the room's space and, where `texture` says so, a density.
+    fn twin(&self, place: Vec3, of: &FogVolume, texture: Option<&dyn Fn(Vec3) -> f32>) -> Picture {
+        let bake = bake();
+        let local_from_world = self.placed.to_matrix().inverse();
+        let mut frame = CpuFrame::new(&bake);
+        let lights: Vec<FrameLight> = FrameLight::expand(&lamp(self.placed * place), 16)
+            .iter()
+            .map(|l| l.to_local(&local_from_world))
+            .collect();
+        frame.set_lights(&bake, &lights);
+        frame.solve(&bake, &settings());
+        let [low, high] = bake.info.bounds.map(Vec3::from_array);
+        let (low, high) = (low - VOXEL, high + VOXEL);
+        let most = MeshlessGiVolume::default().most;
+        let shape = VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap();
+        let places = VolumePlaces::of(shape, &bake);
+        let values = VolumeValues {
+            points: frame.values(),
+            probes: frame.probes(),
+        };
+        let voxels = VolumeParams::new(&shape, &local_from_world);
+        let texels = volume_texels(&voxels, &places, values);
+        let aspect = WIDTH as f32 / HEIGHT as f32;
+        let near = 0.1;
+        let seen = FogView {
+            view_from_clip: Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, aspect, near)
+                .inverse(),
+            world_from_view: (self.placed * view()).to_matrix(),
+            viewport: [0.0, 0.0, WIDTH as f32, HEIGHT as f32],
+            exposure: exposure(),
+            steps: STEPS,
+        };
+        let rgb = |c: Color| Vec3::from_array(c.to_linear().to_f32_array_no_alpha());
+        let volume = Fog {
+            world_from_local: (self.placed * fog_place()).to_matrix(),
+            colour: rgb(of.fog_color) * rgb(of.light_tint) * of.light_intensity,
+            density: of.density_factor,
+            absorption: of.absorption,
+            scattering: of.scattering,
+            asymmetry: of.scattering_asymmetry,
+            texture: texture.map(|_| of.density_texture_offset),
+        };
+        let params = FogParams::new(&seen, &volume, &shape, &local_from_world, &[]);
+        let texture = texture.unwrap_or(&|_| 1.0);
+        let room = Room::cornell();
+        let half = (FRAC_PI_4 / 2.0).tan();
+        let pixel = |i: u32| {
+            let at = Vec2::new((i % WIDTH) as f32, (i / WIDTH) as f32) + 0.5;
+            let ndc = Vec2::new(
+                2.0 * at.x / WIDTH as f32 - 1.0,
+                1.0 - 2.0 * at.y / HEIGHT as f32,
+            );
+            let toward = view().rotation * Vec3::new(ndc.x * aspect * half, ndc.y * half, -1.0);
+            // Bevy culls back faces.
+            let faces = |q: &&_| {
+                let q: &plugin_support::scenes::Quad = q;
+                q.u.cross(q.v).dot(toward) < 0.0
+            };
+            let front = Room(room.0.iter().filter(faces).copied().collect());
+            let hit = front.cast(&Ray::new(view().translation, toward));
+            let depth = hit.map_or(0.0, |hit| near / hit.t);
+            fog::fog(&params, &texels, texture, at, depth).to_array()
+        };
+        Picture {
+            width: WIDTH as usize,
+            height: HEIGHT as usize,
+            pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
+        }
+    }
+}
+
+fn minus(a: &Picture, b: &Picture) -> Picture {
+    let less = |(a, b): (&[f32; 3], &[f32; 3])| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    Picture {
+        width: a.width,
+        height: a.height,
+        pixels: a.pixels.iter().zip(&b.pixels).map(less).collect(),
+    }
+}
+
+fn turned() -> Transform {
+    Transform::from_xyz(3.0, -1.0, 2.0).with_rotation(Quat::from_rotation_y(0.6))
+}
+
+#[test]
+fn every_camera_shows_what_the_twin_says() {
+    let kinds = [
+        ("deferred", Transform::IDENTITY, Kind::Deferred),
+        ("deferred_turned", turned(), Kind::Deferred),
+        ("forward", Transform::IDENTITY, Kind::Forward(Msaa::Off)),
+        (
+            "forward_sampled",
+            Transform::IDENTITY,
+            Kind::Forward(Msaa::Sample4),
+        ),
+    ];
+    for (name, placed, kind) in kinds {
+        let mut s = stage(placed, kind, even());
+        let findings = s.app.world().resource::<MeshlessGiFindings>().0.clone();
+        assert_eq!(findings, [], "{name}");
+        let whole = s.picture();
+        let added = s.added();
+        let twin = s.twin(LAMP, &even(), None);
+        keep(&format!("fog_{name}"), &added.beside(&twin));
+        keep(&format!("fog_{name}_whole"), &whole.beside(&whole));
+        let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
+        println!("{name}: NRMSE {off:.4}; fog adds {share:.3} of the picture's light");
+        // The first of several samples is not in the middle of the pixel: edges differ.
+        let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MOST;
+        assert!(off <= most, "{name}: {off}");
+        assert!(share > 0.02, "{name}: {share}");
+        // A lamp moves: the fog shows it in that frame.
+        let place = Vec3::new(-0.6, 0.5, 0.9);
+        let aside = added.nrmse(&s.twin(place, &even(), None));
+        assert!(aside > 5.0 * most, "{name}: {aside}");
+        let mut lamp = s.app.world_mut().entity_mut(s.lamp);
+        lamp.get_mut::<Transform>().unwrap().translation = s.placed * place;
+        run(&mut s.app, 1);
+        let now = counters(&s.app);
+        let ran = [Stage::Volume, Stage::Fog].map(|stage| now.dispatches_of(stage));
+        assert_eq!(ran, [1, 1], "{name}: {}", now.plan);
+        let off = s.added().nrmse(&s.twin(place, &even(), None));
+        println!("{name}, lamp moved: NRMSE {off:.4}");
+        assert!(off <= most, "{name}: {off}");
+    }
+}
+
+/// A texture of the density, of `EDGE` texels along each edge.
+fn density(k: UVec3) -> u8 {
+    [0, 255, 40, 160][((k.x + 2 * k.y + 3 * k.z) % 4) as usize]
+}
+
+fn trilinear(at: Vec3) -> f32 {
+    let at = at * EDGE as f32 - 0.5;
+    let first = at.floor();
+    (0..8u32)
+        .map(|k| {
+            let corner = first + UVec3::new(k & 1, k >> 1 & 1, k >> 2).as_vec3();
+            let weight = (1.0 - (at - corner).abs()).element_product();
+            let last = Vec3::splat(EDGE as f32 - 1.0);
+            weight * f32::from(density(corner.clamp(Vec3::ZERO, last).as_uvec3())) / 255.0
+        })
+        .sum()
+}
+
+#[test]
+fn a_texture_says_the_density() {
+    let mut s = stage(turned(), Kind::Deferred, even());
+    let texels = (0..EDGE * EDGE * EDGE)
+        .map(|i| density(UVec3::new(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE))))
+        .collect();
+    let mut image = Image::new(
+        Extent3d {
+            width: EDGE,
+            height: EDGE,
+            depth_or_array_layers: EDGE,
+        },
+        TextureDimension::D3,
+        texels,
+        TextureFormat::R8Unorm,
+        RenderAssetUsages::RENDER_WORLD,
+    );
+    image.sampler = bevy::image::ImageSampler::linear();
+    let world = s.app.world_mut();
+    let image = world.resource_mut::<Assets<Image>>().add(image);
+    let textured = FogVolume {
+        density_factor: 1.5,
+        density_texture: Some(image),
+        density_texture_offset: Vec3::new(0.1, 0.0, -0.05),
+        ..even()
+    };
+    world.entity_mut(s.fog).insert(textured.clone());
+    run(&mut s.app, 3);
+    let added = s.added();
+    let twin = s.twin(LAMP, &textured, Some(&trilinear));
+    keep("fog_textured", &added.beside(&twin));
+    let aside = FogVolume {
+        density_texture_offset: Vec3::ZERO,
+        ..textured.clone()
+    };
+    let aside = s.twin(LAMP, &aside, Some(&trilinear));
+    let [off, moved] = [&twin, &aside].map(|t| added.nrmse(t));
+    println!("NRMSE {off:.4}, without the offset {moved:.4}");
+    assert!(off <= MOST && moved > 3.0 * MOST, "{off} {moved}");
+}
+
+/// Two levels lie in one place: the first of them lights the fog, and not both.
+#[test]
+fn fog_in_two_levels_is_lit_once() {
+    let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
+    let one = s.added();
+    let world = s.app.world_mut();
+    let asset = world.get::<MeshlessGi>(s.root).unwrap().clone();
+    world.spawn((asset, Transform::IDENTITY, with_fog(1.0)));
+    let mut frames = 0;
+    while s.draws() < 2 || counters(&s.app).dispatches_of(Stage::Volume) > 0 {
+        run(&mut s.app, 1);
+        frames += 1;
+        assert!(frames < 1000, "the second level never lights fog");
+    }
+    run(&mut s.app, 3);
+    // Both are toggled: what the second adds is nothing.
+    let with = s.picture();
+    let mut volumes = s.app.world_mut().query::<&mut MeshlessGiVolume>();
+    for mut volume in volumes.iter_mut(s.app.world_mut()) {
+        volume.fog = 0.0;
+    }
+    run(&mut s.app, 2);
+    let both = minus(&with, &s.picture());
+    let off = both.nrmse(&one);
+    println!("two levels beside one: NRMSE {off:.4}");
+    assert!(off <= 0.01, "{off}");
+}
+
+#[test]
+fn nothing_runs_where_no_fog_is_lit() {
+    let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
+    let lit = counters(&s.app);
+    assert_eq!(s.draws(), 1);
+    let words = lit.plan.to_string();
+    assert!(words.contains("(fog): 1 fog volume(s)"), "{words}");
+    assert_eq!(lit.plan.inventory.fogs, 1);
+    // Off: one buffer of parameters goes, voxels stay as they are.
+    s.set_fog(0.0);
+    let off = counters(&s.app);
+    assert_eq!((off.plan.count(Stage::Fog), s.draws()), (0, 0));
+    assert_eq!(
+        (off.buffers, off.bytes),
+        (lit.buffers - 1, lit.bytes - size_of::<FogParams>() as u64)
+    );
+    assert_eq!(off.dispatches_of(Stage::Volume), 0);
+    let dark = s.picture();
+    s.set_fog(1.0);
+    assert_eq!(s.draws(), 1);
+    assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 0);
+    // Each of these ends it, and going back brings it again.
+    type Change = fn(&mut Shown, bool);
+    let changes: [(&str, Change); 6] = [
+        ("fog is elsewhere", |s, back| {
+            let place = match back {
+                true => fog_place(),
+                false => fog_place().with_translation(Vec3::splat(20.0)),
+            };
+            s.app.world_mut().entity_mut(s.fog).insert(place);
+        }),
+        ("no light is volumetric", |s, back| {
+            let mut sun = s.app.world_mut().entity_mut(s.sun);
+            match back {
+                true => sun.insert(VolumetricLight),
+                false => sun.remove::<VolumetricLight>(),
+            };
+        }),
+        ("the camera shows no fog", |s, back| {
+            let mut eye = s.app.world_mut().entity_mut(s.eye);
+            match back {
+                true => eye.insert(VolumetricFog {
+                    ambient_intensity: 0.0,
+                    step_count: STEPS,
+                    ..default()
+                }),
+                false => eye.remove::<VolumetricFog>(),
+            };
+        }),
+        ("the camera's indirect light is off", |s, back| {
+            let mut eye = s.app.world_mut().entity_mut(s.eye);
+            eye.get_mut::<MeshlessGiCamera>().unwrap().enabled = back;
+        }),
+        ("the camera shows indirect light alone", |s, back| {
+            let mut eye = s.app.world_mut().entity_mut(s.eye);
+            eye.get_mut::<MeshlessGiCamera>().unwrap().view = match back {
+                true => MeshlessGiView::Lit,
+                false => MeshlessGiView::Indirect,
+            };
+        }),
+        ("fog is no number", |s, back| {
+            let mut fog = s.app.world_mut().entity_mut(s.fog);
+            fog.get_mut::<FogVolume>().unwrap().scattering = if back { 0.3 } else { f32::NAN };
+        }),
+    ];
+    for (name, change) in changes {
+        change(&mut s, false);
+        run(&mut s.app, 2);
+        let now = counters(&s.app);
+        assert_eq!((now.plan.count(Stage::Fog), s.draws()), (0, 0), "{name}");
+        change(&mut s, true);
+        run(&mut s.app, 3);
+        assert_eq!(s.draws(), 1, "{name}, undone");
+    }
+    // Twice the light where that is asked for.
+    let one = minus(&s.picture(), &dark);
+    s.set_fog(2.0);
+    let two = minus(&s.picture(), &dark);
+    let ratio = two.mean() / one.mean();
+    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
+    // Ambient light in fog that is lit is told.
+    let told = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    assert_eq!(told(&s.app), []);
+    let mut eye = s.app.world_mut().entity_mut(s.eye);
+    eye.insert(VolumetricFog::default());
+    run(&mut s.app, 1);
+    assert_eq!(told(&s.app), [MeshlessGiFinding::FogAmbient]);
+}
