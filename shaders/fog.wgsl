@@ -17,7 +17,9 @@ struct FogParams {
     radius: f32,
     voxel: f32,
     earlier_count: u32,
+    low: vec3f,
     textured: u32,
+    high: vec3f,
 }
 
 @group(0) @binding(0) var<uniform> params: FogParams;
@@ -68,7 +70,7 @@ fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
 fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     let ray = ray_to(pixel, seen);
     let whole = within(ray, params.fog_from_world, vec3f(-0.5), vec3f(0.5));
-    var lit = within(ray, params.voxels_from_world, vec3f(0.0), vec3f(params.size));
+    var lit = within(ray, params.voxels_from_world, params.low, params.high);
     lit = vec2f(max(lit.x, whole.x), min(lit.y, whole.y));
     if lit.y <= lit.x {
         return vec3f(0.0);

@@ -181,8 +181,8 @@ impl Shown {
             .collect();
         frame.set_lights(&bake, &lights);
         frame.solve(&bake, &settings());
-        let [low, high] = bake.info.bounds.map(Vec3::from_array);
-        let (low, high) = (low - VOXEL, high + VOXEL);
+        let bounds = bake.info.bounds.map(Vec3::from_array);
+        let (low, high) = (bounds[0] - VOXEL, bounds[1] + VOXEL);
         let most = MeshlessGiVolume::default().most;
         let shape = VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap();
         let places = VolumePlaces::of(shape, &bake);
@@ -212,7 +212,7 @@ impl Shown {
             asymmetry: of.scattering_asymmetry,
             texture: texture.map(|_| of.density_texture_offset),
         };
-        let params = FogParams::new(&seen, &volume, &shape, &local_from_world, &[]);
+        let params = FogParams::new(&seen, &volume, &shape, bounds, &local_from_world, &[]);
         let texture = texture.unwrap_or(&|_| 1.0);
         let room = Room::cornell();
         let half = (FRAC_PI_4 / 2.0).tan();

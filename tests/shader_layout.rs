@@ -211,7 +211,9 @@ fn layouts() -> Vec<Layout> {
             radius,
             voxel,
             earlier_count,
-            textured
+            low,
+            textured,
+            high
         }),
         layout!(GridSlot { cell, start }),
         layout!(BvhNode {

@@ -25,7 +25,7 @@ pub const PARALLEL: f32 = 1e-9;
 /// Where nothing is behind the fog it is so far away, metres: longer than any ray.
 pub const ENDLESS: f32 = 3.4e38;
 
-/// One fog volume before one level in one view, for `fog`. 608 bytes.
+/// One fog volume before one level in one view, for `fog`. 624 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogParams {
@@ -61,10 +61,14 @@ pub struct FogParams {
     pub voxel: f32,
     /// How many of `earlier` there are.
     pub earlier_count: u32,
+    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there for its outermost walls.
+    pub low: [f32; 3],
     /// 1 where a texture says the density.
     pub textured: u32,
+    /// Where it ends.
+    pub high: [f32; 3],
     /// Not used.
-    pub pad: [u32; 3],
+    pub pad: u32,
 }
 
 /// A view that looks through fog.
@@ -102,12 +106,13 @@ pub struct Fog {
 }
 
 impl FogParams {
-    /// For a level whose volume is of `shape`, with levels that come first: where their volumes are, as cubes with edges of 1 around their origins.
+    /// For a level with these bounds whose volume is of `shape`, both in its local space, with levels that come first: where their bounds are, as cubes with edges of 1 around their origins.
     #[must_use]
     pub fn new(
         view: &FogView,
         fog: &Fog,
         shape: &VolumeShape,
+        bounds: [Vec3; 2],
         local_from_world: &Mat4,
         earlier: &[Mat4],
     ) -> Self {
@@ -115,6 +120,7 @@ impl FogParams {
             * Mat4::from_translation(-shape.low())
             * *local_from_world;
         let scale = local_from_world.transform_vector3(Vec3::X).length();
+        let [low, high] = bounds.map(|b| ((b - shape.low()) / shape.voxel()).to_array());
         let mut params = Self {
             view_from_clip: view.view_from_clip.to_cols_array_2d(),
             world_from_view: view.world_from_view.to_cols_array_2d(),
@@ -131,7 +137,9 @@ impl FogParams {
             radius: (fog.world_from_local.transform_vector3(Vec3::splat(0.5))).length(),
             voxel: shape.voxel().min_element() / scale,
             earlier_count: earlier.len().min(MOST_EARLIER) as u32,
+            low,
             textured: u32::from(fog.texture.is_some()),
+            high,
             ..Zeroable::zeroed()
         };
         for (to, earlier) in params.earlier.iter_mut().zip(earlier) {
@@ -154,8 +162,7 @@ pub fn fog(
     let voxels_from_world = Mat4::from_cols_array_2d(&params.voxels_from_world);
     let ray = Ray::new(params, pixel, depth);
     let whole = ray.within(&fog_from_world, Vec3::splat(-0.5), Vec3::splat(0.5));
-    let size = glam::UVec3::from(params.size).as_vec3();
-    let lit = ray.within(&voxels_from_world, Vec3::ZERO, size);
+    let lit = ray.within(&voxels_from_world, params.low.into(), params.high.into());
     let lit = [lit[0].max(whole[0]), lit[1].min(whole[1])];
     if lit[1] <= lit[0] {
         return Vec3::ZERO;
@@ -331,7 +338,9 @@ mod tests {
             exposure: 2.0,
             steps,
         };
-        FogParams::new(&view, &fog, &shape.unwrap(), &Mat4::IDENTITY, &[])
+        let shape = shape.unwrap();
+        let bounds = [Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)];
+        FogParams::new(&view, &fog, &shape, bounds, &Mat4::IDENTITY, &[])
     }
 
     fn plain() -> Fog {

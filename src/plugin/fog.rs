@@ -33,9 +33,10 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
 
-/// A level that lights fog: the volume of its light, a cube with edges of 1 that is placed in the world.
+/// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is placed in the world.
 struct Level {
     scene: SceneId,
+    bounds: [Vec3; 2],
     cube: Affine3A,
     strength: f32,
 }
@@ -148,7 +149,7 @@ type FogCameras<'w, 's> = Query<
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
     world: Res<ExtractedGi>,
-    volumes: Extract<Query<(&ChildOf, &Voxels)>>,
+    volumes: Extract<Query<&ChildOf, With<Voxels>>>,
     roots: Extract<Query<&MeshlessGiVolume>>,
     fogs: Extract<Query<(&FogVolume, &GlobalTransform)>>,
     lamps: Extract<Query<(), With<VolumetricLight>>>,
@@ -164,15 +165,20 @@ pub(crate) fn extract_fogs(
     for (k, scene) in world.scenes.iter().enumerate().filter(|(_, s)| s.shown) {
         let own = volumes
             .iter()
-            .find(|(parent, _)| parent.parent().to_bits() == scene.id.0);
-        let (Some((parent, voxels)), Some(placement)) = (own, &scene.placement) else {
+            .find(|parent| parent.parent().to_bits() == scene.id.0);
+        let (Some(parent), Some(bake), Some(placement)) = (own, &scene.bake, &scene.placement)
+        else {
             continue;
         };
         let strength = roots.get(parent.parent()).map_or(0.0, |root| root.fog);
         if strength > 0.0 && strength.is_finite() {
+            let bounds = bake.info.bounds.map(Vec3::from_array);
+            let [low, high] = bounds;
+            let middle = Affine3A::from_translation(0.5 * (low + high));
             levels.push(Level {
                 scene: scene.id,
-                cube: placement.world_from_local * voxels.cube(),
+                bounds,
+                cube: placement.world_from_local * middle * Affine3A::from_scale(high - low),
                 strength,
             });
             at.push(k);
@@ -305,6 +311,7 @@ pub(crate) fn draw(
             &seen,
             &fog,
             volume.shape(),
+            level.bounds,
             &placement.matrix(),
             &earlier,
         ));

@@ -24,7 +24,7 @@ use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
 use bevy::log::warn;
-use bevy::math::{Affine3A, Mat4, Vec3};
+use bevy::math::{Mat4, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
@@ -117,12 +117,6 @@ impl Voxels {
             bake: which(id, asset),
             asked: *asked,
         })
-    }
-
-    /// Where they are, as a cube with edges of 1 that is placed in the bake's space.
-    pub fn cube(&self) -> Affine3A {
-        let middle = Affine3A::from_translation(0.5 * (self.low + self.high));
-        middle * Affine3A::from_scale(self.high - self.low)
     }
 
     fn texture(&self) -> Image {
