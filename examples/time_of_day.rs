@@ -11,6 +11,7 @@
 //! |---|---|
 //! | M | time stops and goes on |
 //! | Left, Right | time goes back and on |
+//! | F | mist over the court, which the sun and the level's light fill; and none |
 //! | Space | indirect light on and off: without it, sky and walls give none |
 //! | Tab | one view, or direct light alone beside both |
 //! | V | the picture, indirect light alone, or irradiance |
@@ -23,9 +24,9 @@
 mod common;
 
 use bevy::camera::Exposure;
-use bevy::light::CascadeShadowConfigBuilder;
+use bevy::light::{CascadeShadowConfigBuilder, FogVolume, VolumetricFog, VolumetricLight};
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Recipe, Sky};
+use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, Sky};
 use bevy_meshless_gi::plugin::MeshlessGiBake;
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, Quad, SkyRadiance, mesh_of_quads};
@@ -47,11 +48,14 @@ fn main() -> ExitCode {
     app.add_plugins(Stage {
         look: Transform::from_xyz(-6.6, 1.7, 4.6).looking_at(Vec3::new(3.0, 2.4, -1.5), Vec3::Y),
         reach: None,
-        keys: "M, Left, Right: time",
+        keys: "M, Left, Right: time; F: mist",
     })
     .add_plugins(Clock::new(8.0, SPEED, capture.as_ref().and_then(|c| c.at)).by_hand())
     .add_systems(Startup, set_up)
-    .add_systems(Update, follow.after(ClockSystems).before(StageSystems));
+    .add_systems(
+        Update,
+        (follow, mist).after(ClockSystems).before(StageSystems),
+    );
     common::run(app)
 }
 
@@ -128,6 +132,8 @@ fn set_up(
         // Arcades see the court between columns: four times the preset's rays.
         rays: Some(1024),
         sky: Sky::Harmonics,
+        // Light in free space, for the mist.
+        probes: Some(FreeSpaceLight::default()),
         ..default()
     };
     let mut root = commands.spawn((
@@ -151,6 +157,49 @@ fn set_up(
         .build(),
         Transform::default(),
     ));
+}
+
+/// Mist: Bevy's volumetric fog, which the sun shines through and the level's light fills. Where there is none, nothing of it is anywhere.
+fn mist(
+    mut commands: Commands,
+    keys: Res<ButtonInput<KeyCode>>,
+    mut there: Local<Option<Entity>>,
+    root: Single<Entity, With<MeshlessGiSky>>,
+    sun: Single<Entity, With<DirectionalLight>>,
+    cameras: Query<Entity, With<Camera3d>>,
+) {
+    if !keys.just_pressed(KeyCode::KeyF) {
+        return;
+    }
+    if let Some(mist) = there.take() {
+        commands.entity(mist).despawn();
+        commands.entity(*root).remove::<MeshlessGiVolume>();
+        commands.entity(*sun).remove::<VolumetricLight>();
+        for camera in &cameras {
+            commands.entity(camera).remove::<VolumetricFog>();
+        }
+        return;
+    }
+    let over_the_court = Transform::from_xyz(0.0, 0.5 * TOP, 0.0).with_scale(Vec3::new(
+        2.0 * WALLS,
+        TOP,
+        2.0 * WALLS,
+    ));
+    let thin = FogVolume {
+        density_factor: 0.08,
+        absorption: 0.05,
+        ..default()
+    };
+    *there = Some(commands.spawn((thin, over_the_court)).id());
+    commands.entity(*root).insert(MeshlessGiVolume::default());
+    commands.entity(*sun).insert(VolumetricLight);
+    for camera in &cameras {
+        commands.entity(camera).insert(VolumetricFog {
+            // The level's light takes its place.
+            ambient_intensity: 0.0,
+            ..default()
+        });
+    }
 }
 
 /// Where the sun is at an hour, of unit length: it rises in the east (+X) at six, and stands highest at noon, in the south (+Z).

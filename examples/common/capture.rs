@@ -5,7 +5,7 @@
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
 //! --at T                   of the time T on the example's clock, which stands still
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, H, M, P, Up, Down, Left, Right, as far as the example knows them
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, Up, Down, Left, Right, as far as the example knows them
 //! ```
 //!
 //! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.
@@ -126,6 +126,7 @@ impl Capture {
             "Right" => Ok(KeyCode::ArrowRight),
             "B" => Ok(KeyCode::KeyB),
             "D" => Ok(KeyCode::KeyD),
+            "F" => Ok(KeyCode::KeyF),
             "G" => Ok(KeyCode::KeyG),
             "H" => Ok(KeyCode::KeyH),
             "M" => Ok(KeyCode::KeyM),

@@ -1,4 +1,4 @@
-//! What scenes call for, and what that costs: twelve scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
+//! What scenes call for, and what that costs: thirteen scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
 //! dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into FOLDER/EFFECTS.md.
 //!
 //! ```text
@@ -74,10 +74,10 @@ fn table() -> Result<String, String> {
         for k in 0..FRAMES {
             frame(&mut app, scene, k);
         }
-        let mut spans = [const { Vec::new() }; 2];
+        let mut spans = [const { Vec::new() }; 3];
         for k in FRAMES..2 * FRAMES {
             frame(&mut app, scene, k);
-            for (span, name) in spans.iter_mut().zip(["compute", "composite"]) {
+            for (span, name) in spans.iter_mut().zip(["compute", "composite", "fog"]) {
                 span.extend(milliseconds(&app, name));
             }
         }
@@ -89,7 +89,7 @@ fn table() -> Result<String, String> {
         }
         let _ = writeln!(
             rows,
-            "| {} | {} | {} | {} | {:.2} | {} | {} |",
+            "| {} | {} | {} | {} | {:.2} | {} | {} | {} |",
             scene.name,
             ran(&seen),
             seen.pipelines,
@@ -97,6 +97,7 @@ fn table() -> Result<String, String> {
             seen.bytes as f64 / 1e6,
             median(&mut spans[0]),
             median(&mut spans[1]),
+            median(&mut spans[2]),
         );
         if let Some(info) = app.world().get_resource::<RenderAdapterInfo>() {
             device.clone_from(&info.name);
@@ -105,10 +106,10 @@ fn table() -> Result<String, String> {
     Ok(format!(
         "# What scenes call for\n\n\
          Made by `cargo run --features cli,engine --example effects -- -o docs`. Do not edit.\n\n\
-         Twelve scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite), what there is on the device, and milliseconds of that \
-         device's own clock: what all cameras share, and what the deferred camera's display takes, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
+         Thirteen scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite and fog), what there is on the device, and milliseconds of that \
+         device's own clock: what all cameras share, what the deferred camera's display takes, and what light in fog takes in the camera that drew it last, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
          buffer; where all is grey, `apply` runs in one channel; `cargo test --features cli,engine --test plugin_effects` holds every scene to that.\n\n\
-         | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms |\n|---|---|---|---|---|---|---|\n{rows}",
+         | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms | fog, ms |\n|---|---|---|---|---|---|---|---|\n{rows}",
         SIZE.x, SIZE.y
     ))
 }

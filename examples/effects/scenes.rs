@@ -1,7 +1,7 @@
-//! Twelve scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
+//! Thirteen scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
 
 use bevy::camera::{Hdr, RenderTarget};
-use bevy::light::RectLight;
+use bevy::light::{FogVolume, RectLight, VolumetricFog, VolumetricLight};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
@@ -38,6 +38,8 @@ pub struct Scene {
     forward: bool,
     /// No deferred camera.
     no_deferred: bool,
+    /// Fog fills the room, and cameras show it.
+    fog: bool,
     /// The bake knows light in free space and what its points see.
     rich: bool,
     /// All surfaces are grey, and so is what glows.
@@ -47,12 +49,12 @@ pub struct Scene {
 }
 
 use Stage::{
-    Apply, Composite, Flatten, Occlude, Probe, Project, PullPush, Rsm, Shade, Soft, Splat, Volume,
-    Vpl,
+    Apply, Composite, Flatten, Fog, Occlude, Probe, Project, PullPush, Rsm, Shade, Soft, Splat,
+    Volume, Vpl,
 };
 
 /// All of them.
-pub const SCENES: [Scene; 12] = [
+pub const SCENES: [Scene; 13] = [
     Scene {
         name: "one lamp at rest",
         lamp: Some(false),
@@ -117,6 +119,16 @@ pub const SCENES: [Scene; 12] = [
         ..NONE
     },
     Scene {
+        name: "a lamp that moves, in fog",
+        lamp: Some(true),
+        rich: true,
+        fog: true,
+        runs: &[
+            Project, PullPush, Apply, Flatten, Probe, Volume, Splat, Composite, Fog,
+        ],
+        ..NONE
+    },
+    Scene {
         name: "a lamp at rest, a screen that comes and goes",
         lamp: Some(false),
         screen: true,
@@ -144,9 +156,10 @@ pub const SCENES: [Scene; 12] = [
         screen: true,
         forward: true,
         rich: true,
+        fog: true,
         runs: &[
             Occlude, Project, PullPush, Apply, Flatten, Probe, Volume, Soft, Rsm, Splat, Vpl,
-            Composite, Shade,
+            Composite, Shade, Fog,
         ],
         ..NONE
     },
@@ -164,6 +177,7 @@ const NONE: Scene = Scene {
     screen: false,
     forward: false,
     no_deferred: false,
+    fog: false,
     rich: false,
     grey: false,
     runs: &[],
@@ -253,7 +267,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         .resource_mut::<Assets<MeshlessGiAsset>>()
         .add(MeshlessGiAsset { scene: bake });
     let mut root = world.spawn((MeshlessGi(asset), Transform::IDENTITY));
-    if scene.forward {
+    if scene.forward || scene.fog {
         root.insert(MeshlessGiVolume {
             most: 4096,
             ..default()
@@ -322,6 +336,20 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             ball.insert(MeshlessGiBouncer);
         }
     }
+    if scene.fog {
+        // Bevy draws fog where a light is volumetric.
+        let sun = DirectionalLight {
+            illuminance: 0.0,
+            ..default()
+        };
+        world.spawn((sun, VolumetricLight));
+        let place = Transform::from_translation(Vec3::Y).with_scale(Vec3::splat(2.0));
+        let fog = FogVolume {
+            density_factor: 0.3,
+            ..default()
+        };
+        world.spawn((fog, place));
+    }
     let eye = Transform::from_xyz(0.0, 1.0, 4.0).looking_at(Vec3::Y, Vec3::Y);
     let mut target = || {
         let mut image =
@@ -331,11 +359,16 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         (Camera3d::default(), RenderTarget::Image(image.into()), eye)
     };
     let [deferred, forward] = [target(), target()];
-    if !scene.no_deferred {
-        world.spawn((deferred, MeshlessGiCamera::default()));
-    }
-    if scene.forward {
-        world.spawn((forward, Hdr, Msaa::Sample4));
+    let deferred =
+        (!scene.no_deferred).then(|| world.spawn((deferred, MeshlessGiCamera::default())).id());
+    let forward = (scene.forward).then(|| world.spawn((forward, Hdr, Msaa::Sample4)).id());
+    for camera in [deferred, forward].into_iter().flatten() {
+        if scene.fog {
+            world.entity_mut(camera).insert(VolumetricFog {
+                ambient_intensity: 0.0,
+                ..default()
+            });
+        }
     }
 }
 
