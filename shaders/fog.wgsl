@@ -8,27 +8,27 @@ struct FogParams {
     earlier: array<mat4x4f, 4>,
     viewport: vec4f,
     colour: vec3f,
-    asymmetry: f32,
+    extinction: f32,
     offset: vec3f,
     density: f32,
     size: vec3u,
     steps: u32,
-    extinction: f32,
+    low: vec3f,
+    earlier_count: u32,
+    high: vec3f,
+    textured: u32,
     radius: f32,
     voxel: f32,
-    earlier_count: u32,
-    low: vec3f,
-    textured: u32,
-    high: vec3f,
 }
 
 @group(0) @binding(0) var<uniform> params: FogParams;
 @group(0) @binding(1) var depth: texture_depth_2d;
 @group(0) @binding(2) var depth_samples: texture_depth_multisampled_2d;
 @group(0) @binding(3) var voxels: texture_3d<f32>;
-@group(0) @binding(4) var voxels_sampler: sampler;
-@group(0) @binding(5) var density: texture_3d<f32>;
-@group(0) @binding(6) var density_sampler: sampler;
+@group(0) @binding(4) var light: texture_3d<f32>;
+@group(0) @binding(5) var light_sampler: sampler;
+@group(0) @binding(6) var density: texture_3d<f32>;
+@group(0) @binding(7) var density_sampler: sampler;
 
 // So little light of what lies behind is nothing.
 const DARK: f32 = 1e-3;
@@ -47,6 +47,11 @@ struct Ray {
     origin: vec3f,
     direction: vec3f,
     length: f32,
+}
+
+struct Outgoing {
+    sent: f32,
+    left: f32,
 }
 
 // Three corners of a triangle that holds the whole screen.
@@ -78,22 +83,30 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     var left = left_before(ray, whole, lit.x);
     let steps = steps_of(whole, lit);
     let part = (lit.y - lit.x) / f32(steps);
-    let weights = weights_of(ray.direction);
-    var light = vec3f(0.0);
+    var sum = vec3f(0.0);
+    var dense = params.density;
+    var out = outgoing(dense, part);
     for (var k = 0u; k < steps; k++) {
         if left < DARK {
             break;
         }
         let x = ray.origin + (lit.x + (f32(k) + 0.5) * part) * ray.direction;
-        let dense = density_at(x);
-        let lost = dense * params.extinction;
-        if !is_earlier(x) {
-            let arrives = max(arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz, weights), vec3f(0.0));
-            light += left * dense * exp(-lost * params.radius) * part * mean_left(lost * part) * arrives;
+        if params.textured != 0u {
+            dense = density_at(x);
+            out = outgoing(dense, part);
         }
-        left *= exp(-lost * part);
+        if !is_earlier(x) {
+            sum += left * out.sent * arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz);
+        }
+        left *= out.left;
     }
-    return light * params.colour;
+    return sum * params.colour;
+}
+
+// What a part of a ray of this density sends of light, and what it leaves of that behind.
+fn outgoing(dense: f32, part: f32) -> Outgoing {
+    let lost = dense * params.extinction;
+    return Outgoing(dense * exp(-lost * params.radius) * part * mean_left(lost * part), exp(-lost * part));
 }
 
 // What is left of light from where the ray enters the level on its way back through the fog.
@@ -187,48 +200,14 @@ fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     );
 }
 
-// How much light of the sides counts that face along the axes, and away from them.
-struct Weights {
-    ahead: vec3f,
-    back: vec3f,
-}
-
-// Twin: `sides`.
-fn weights_of(d: vec3f) -> Weights {
-    let g = params.asymmetry;
-    let even = vec3f(1.0 / 6.0) + 2.0 * g * g * (d * d - 1.0 / 3.0);
-    return Weights(even + 0.75 * g * d, even - 0.75 * g * d);
-}
-
-// A voxel's light for the ray: its six sides.
-fn of_voxel(voxel: vec3u, weights: Weights) -> vec3f {
-    var light = vec3f(0.0);
-    for (var axis = 0u; axis < 3u; axis++) {
-        let ahead = voxel + params.size * vec3u(0u, 0u, axis);
-        let back = ahead + params.size * vec3u(0u, 1u, 0u);
-        light += weights.ahead[axis] * textureLoad(voxels, ahead, 0).rgb;
-        light += weights.back[axis] * textureLoad(voxels, back, 0).rgb;
-    }
-    return light;
-}
-
-// Twin: `read_sides` of src/frame/volume_read.rs.
-fn arriving(asked: vec3f, weights: Weights) -> vec3f {
+// Twin: `read_voxels` of src/frame/volume_read.rs.
+fn arriving(asked: vec3f) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);
-    let corner = place / (size * vec3f(1.0, 2.0, 3.0));
-    var light = vec3f(0.0);
-    var says = 0.0;
-    for (var axis = 0u; axis < 3u; axis++) {
-        let ahead = corner + vec3f(0.0, 0.0, f32(axis) / 3.0);
-        let one = textureSampleLevel(voxels, voxels_sampler, ahead, 0.0);
-        let other = textureSampleLevel(voxels, voxels_sampler, ahead + vec3f(0.0, 0.5, 0.0), 0.0);
-        light += weights.ahead[axis] * one.rgb + weights.back[axis] * other.rgb;
-        says = one.a;
-    }
-    // In an open place all texels of all eight voxels say so.
-    if says >= 0.0 || says < OPEN {
-        return light;
+    let here = textureSampleLevel(light, light_sampler, place / size, 0.0);
+    // In an open place all eight voxels say so.
+    if here.a >= 0.0 || here.a < OPEN {
+        return here.rgb;
     }
     let first = vec3u(place - 0.5);
     var sum = vec3f(0.0);
@@ -247,12 +226,12 @@ fn arriving(asked: vec3f, weights: Weights) -> vec3f {
             }
         }
         if weight > 0.0 {
-            sum += weight * of_voxel(voxel, weights);
+            sum += weight * textureLoad(light, voxel, 0).rgb;
             all_weights += weight;
         }
     }
     if all_weights > LEAST_OF_EIGHT {
         return sum / all_weights;
     }
-    return light;
+    return here.rgb;
 }

@@ -5,12 +5,12 @@ use bevy_meshless_gi::accuracy::{ReferenceSettings, errors, irradiance_at_all};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
 use bevy_meshless_gi::basis::PROBE_OVERLAP;
-use bevy_meshless_gi::frame::fog::sides;
+use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
 use bevy_meshless_gi::frame::volume::volume_texels;
-use bevy_meshless_gi::frame::volume_read::read_sides;
+use bevy_meshless_gi::frame::volume_read::read_voxels;
 use bevy_meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
-    voxels_of,
+    CpuFrame, FogView, FogVoxelsParams, FrameLight, FrameSettings, VolumeParams, VolumePlaces,
+    VolumeShape, VolumeValues, voxels_of,
 };
 use bevy_meshless_gi::samples::{lattice, uniform_sphere};
 use bevy_meshless_gi::scene::{
@@ -74,9 +74,19 @@ impl Air {
 
     /// What a place sends to an eye whose ray goes along `d`, W/(m² sr).
     fn scattered(&self, x: Vec3, asymmetry: f32, d: Vec3) -> Vec3 {
+        // An eye far away, for which all rays go along `d`.
+        let alike = FogView {
+            view_from_clip: Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1).inverse(),
+            world_from_view: Mat4::look_to_rh(x, d, d.any_orthonormal_vector()).inverse(),
+            viewport: [0.0, 0.0, 1.0, 1.0],
+            exposure: 1.0,
+            steps: 1,
+        };
+        let params = FogVoxelsParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
         let place = (x - self.shape.low()) / self.shape.voxel();
-        let size = self.shape.size().to_array();
-        read_sides(size, &self.texels, place, sides(asymmetry, d)).max(Vec3::ZERO)
+        read_voxels(params.size, &self.texels, place, |voxel| {
+            Vec3::from_slice(&fog_voxels(&params, &self.texels, voxel)[..3])
+        })
     }
 }
 

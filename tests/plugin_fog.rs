@@ -10,10 +10,11 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
+use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
 use bevy_meshless_gi::frame::volume::volume_texels;
 use bevy_meshless_gi::frame::{
-    CpuFrame, Fog, FogParams, FogView, FrameLight, VolumeParams, VolumePlaces, VolumeShape,
-    VolumeValues, fog, voxels_of,
+    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumePlaces,
+    VolumeShape, VolumeValues, fog, voxels_of,
 };
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView};
@@ -165,7 +166,7 @@ impl Shown {
         minus(&with, &without)
     }
 
-    /// Draws of fog in the last frame, and how many buffers there are.
+    /// Dispatches and draws for fog in the last frame: one of each for a fog volume.
     fn draws(&self) -> u32 {
         counters(&self.app).dispatches_of(Stage::Fog)
     }
@@ -182,9 +183,7 @@ impl Shown {
         frame.set_lights(&bake, &lights);
         frame.solve(&bake, &settings());
         let bounds = bake.info.bounds.map(Vec3::from_array);
-        let (low, high) = (bounds[0] - VOXEL, bounds[1] + VOXEL);
-        let most = MeshlessGiVolume::default().most;
-        let shape = VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap();
+        let shape = shape();
         let places = VolumePlaces::of(shape, &bake);
         let values = VolumeValues {
             points: frame.values(),
@@ -213,6 +212,12 @@ impl Shown {
             texture: texture.map(|_| of.density_texture_offset),
         };
         let params = FogParams::new(&seen, &volume, &shape, bounds, &local_from_world, &[]);
+        let sent = FogVoxelsParams::new(&seen, volume.asymmetry, &shape, &local_from_world);
+        let size = shape.size();
+        let light: Vec<[f32; 4]> = (0..size.element_product())
+            .map(|i| UVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y)))
+            .map(|voxel| fog_voxels(&sent, &texels, voxel))
+            .collect();
         let texture = texture.unwrap_or(&|_| 1.0);
         let room = Room::cornell();
         let half = (FRAC_PI_4 / 2.0).tan();
@@ -231,7 +236,7 @@ impl Shown {
             let front = Room(room.0.iter().filter(faces).copied().collect());
             let hit = front.cast(&Ray::new(view().translation, toward));
             let depth = hit.map_or(0.0, |hit| near / hit.t);
-            fog::fog(&params, &texels, texture, at, depth).to_array()
+            fog::fog(&params, &texels, &light, texture, at, depth).to_array()
         };
         Picture {
             width: WIDTH as usize,
@@ -239,6 +244,14 @@ impl Shown {
             pixels: (0..WIDTH * HEIGHT).map(pixel).collect(),
         }
     }
+}
+
+/// The volume's voxels.
+fn shape() -> VolumeShape {
+    let [low, high] = bake().info.bounds.map(Vec3::from_array);
+    let (low, high) = (low - VOXEL, high + VOXEL);
+    let most = MeshlessGiVolume::default().most;
+    VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
 }
 
 fn minus(a: &Picture, b: &Picture) -> Picture {
@@ -290,7 +303,7 @@ fn every_camera_shows_what_the_twin_says() {
         run(&mut s.app, 1);
         let now = counters(&s.app);
         let ran = [Stage::Volume, Stage::Fog].map(|stage| now.dispatches_of(stage));
-        assert_eq!(ran, [1, 1], "{name}: {}", now.plan);
+        assert_eq!(ran, [1, 2], "{name}: {}", now.plan);
         let off = s.added().nrmse(&s.twin(place, &even(), None));
         println!("{name}, lamp moved: NRMSE {off:.4}");
         assert!(off <= most, "{name}: {off}");
@@ -365,7 +378,7 @@ fn fog_in_two_levels_is_lit_once() {
     let asset = world.get::<MeshlessGi>(s.root).unwrap().clone();
     world.spawn((asset, Transform::IDENTITY, with_fog(1.0)));
     let mut frames = 0;
-    while s.draws() < 2 || counters(&s.app).dispatches_of(Stage::Volume) > 0 {
+    while s.draws() < 4 || counters(&s.app).dispatches_of(Stage::Volume) > 0 {
         run(&mut s.app, 1);
         frames += 1;
         assert!(frames < 1000, "the second level never lights fog");
@@ -388,22 +401,24 @@ fn fog_in_two_levels_is_lit_once() {
 fn nothing_runs_where_no_fog_is_lit() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
     let lit = counters(&s.app);
-    assert_eq!(s.draws(), 1);
+    assert_eq!(s.draws(), 2);
     let words = lit.plan.to_string();
     assert!(words.contains("(fog): 1 fog volume(s)"), "{words}");
     assert_eq!(lit.plan.inventory.fogs, 1);
-    // Off: one buffer of parameters goes, voxels stay as they are.
+    // Off: parameters go, and what its voxels send to the eye; they stay as they are.
     s.set_fog(0.0);
     let off = counters(&s.app);
     assert_eq!((off.plan.count(Stage::Fog), s.draws()), (0, 0));
+    let params = (size_of::<FogParams>() + size_of::<FogVoxelsParams>()) as u64;
+    let sent = 8 * u64::from(shape().voxels());
     assert_eq!(
         (off.buffers, off.bytes),
-        (lit.buffers - 1, lit.bytes - size_of::<FogParams>() as u64)
+        (lit.buffers - 2, lit.bytes - params - sent)
     );
     assert_eq!(off.dispatches_of(Stage::Volume), 0);
     let dark = s.picture();
     s.set_fog(1.0);
-    assert_eq!(s.draws(), 1);
+    assert_eq!(s.draws(), 2);
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 0);
     // Each of these ends it, and going back brings it again.
     type Change = fn(&mut Shown, bool);
@@ -456,7 +471,7 @@ fn nothing_runs_where_no_fog_is_lit() {
         assert_eq!((now.plan.count(Stage::Fog), s.draws()), (0, 0), "{name}");
         change(&mut s, true);
         run(&mut s.app, 3);
-        assert_eq!(s.draws(), 1, "{name}, undone");
+        assert_eq!(s.draws(), 2, "{name}, undone");
     }
     // Twice the light where that is asked for.
     let one = minus(&s.picture(), &dark);

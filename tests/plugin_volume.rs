@@ -297,6 +297,7 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
             let fine = MeshlessGiVolume {
                 voxel: Some(VOXEL),
                 most: 1 << 18,
+                ..default()
             };
             world.entity_mut(*root).insert(fine);
             // What its voxels take from which probes is found meanwhile.
@@ -450,6 +451,7 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     let coarse = MeshlessGiVolume {
         voxel: Some(0.5),
         most: 64,
+        ..default()
     };
     s.ask(coarse);
     assert_eq!(volumes(&mut s.app), 1);

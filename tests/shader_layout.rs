@@ -11,11 +11,12 @@ use bevy_meshless_gi::frame::fmm_layout::{
 use bevy_meshless_gi::frame::pyramid::{self, CellRange};
 use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
 use bevy_meshless_gi::frame::{
-    CompositeParams, Face, FaceShare, FogParams, FrameLight, GlossNode, GlossParams, Node,
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
-    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
-    VplViewParams, apply, brdf, compress, fog, gbuffer, gloss, project, refine, rsm, shade, soft,
-    splat, upsample, volume, volume_faces, volume_places, volume_read, volume_ways, vpl,
+    CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
+    GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
+    SoftLight, SoftParams, SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance,
+    VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf, compress, fog, fog_voxels, gbuffer,
+    gloss, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces, volume_places,
+    volume_read, volume_ways, vpl,
 };
 use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -202,18 +203,23 @@ fn layouts() -> Vec<Layout> {
             earlier,
             viewport,
             colour,
-            asymmetry,
+            extinction,
             offset,
             density,
             size,
             steps,
-            extinction,
-            radius,
-            voxel,
-            earlier_count,
             low,
+            earlier_count,
+            high,
             textured,
-            high
+            radius,
+            voxel
+        }),
+        layout!(FogVoxelsParams {
+            world_from_voxels,
+            eye,
+            size,
+            asymmetry
         }),
         layout!(GridSlot { cell, start }),
         layout!(BvhNode {
@@ -339,7 +345,7 @@ const SHADER_ONLY: [&str; 21] = [
     "SpaceLight",
     "Listed",
     "Ray",
-    "Weights",
+    "Outgoing",
 ];
 
 /// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
@@ -379,6 +385,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("DARK", Some(f64::from(fog::DARK))),
+        ("NEAREST", Some(f64::from(fog_voxels::NEAREST))),
         ("PARALLEL", Some(f64::from(fog::PARALLEL))),
         ("ENDLESS", Some(f64::from(fog::ENDLESS))),
         ("OPEN", Some(f64::from(volume_read::OPEN))),

@@ -1,20 +1,17 @@
 //! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel, beside what an engine's own fog shows of its lamps. Drawn behind that, and added to the picture. It reads the volume that kernel
-//! [`volume`](super::volume) wrote, with its walls in mind ([`read_sides`]).
+//! [`volume`](super::volume) wrote, with its walls in mind ([`read_voxels`]).
 //!
 //! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is left of light on the way to
 //! the eye (Beer and Lambert), h the part's length. Light changes as slowly as the voxels are wide, so parts are that long, and there is no noise.
 //!
-//! J is the integral of incident radiance times the phase function of Henyey and Greenstein (1941), whose terms in Legendre polynomials are powers of its asymmetry g. The first two are taken, and of the third what six irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ², where d is where
-//! the ray goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the fluence and Q the light's part of order two as a matrix without trace. F along an axis is the difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of
-//! |ω · i| is 2π and that of its product with ω · Qω is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between the axes, and all later terms, are left out: of light from all around they are little.
-//! Where the sum is below zero there is no light.
+//! J is what fog at a place sends there of the level's light: [`fog_voxels`](super::fog_voxels) has it for the middle of each voxel. Between eight of them as everything reads that volume, those behind a wall left out.
 //!
 //! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
 use super::volume_places::VolumeShape;
-use super::volume_read::read_sides;
+use super::volume_read::read_voxels;
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
 /// Most other levels that may lie in the same place and come first.
 pub const MOST_EARLIER: usize = 4;
@@ -43,8 +40,8 @@ pub struct FogParams {
     pub viewport: [f32; 4],
     /// What the light that is scattered is multiplied with, σₛ and exposure in it.
     pub colour: [f32; 3],
-    /// How much light goes on as it came: g, from -1 to 1.
-    pub asymmetry: f32,
+    /// σₜ, absorption and out-scattering, 1/m.
+    pub extinction: f32,
     /// Added to places in the density's texture.
     pub offset: [f32; 3],
     /// Multiplies `extinction`, `colour` and the density's texture.
@@ -53,22 +50,20 @@ pub struct FogParams {
     pub size: [u32; 3],
     /// Most parts that a ray is divided into.
     pub steps: u32,
-    /// σₜ, absorption and out-scattering, 1/m.
-    pub extinction: f32,
+    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there for its outermost walls.
+    pub low: [f32; 3],
+    /// How many of `earlier` there are.
+    pub earlier_count: u32,
+    /// Where it ends.
+    pub high: [f32; 3],
+    /// 1 where a texture says the density.
+    pub textured: u32,
     /// The radius of the fog volume, metres.
     pub radius: f32,
     /// The shortest edge of a voxel, metres of the world.
     pub voxel: f32,
-    /// How many of `earlier` there are.
-    pub earlier_count: u32,
-    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there for its outermost walls.
-    pub low: [f32; 3],
-    /// 1 where a texture says the density.
-    pub textured: u32,
-    /// Where it ends.
-    pub high: [f32; 3],
     /// Not used.
-    pub pad: u32,
+    pub pad: [u32; 2],
 }
 
 /// A view that looks through fog.
@@ -128,7 +123,6 @@ impl FogParams {
             voxels_from_world: voxels_from_world.to_cols_array_2d(),
             viewport: view.viewport,
             colour: (fog.colour * fog.scattering * view.exposure).to_array(),
-            asymmetry: fog.asymmetry.clamp(-1.0, 1.0),
             offset: fog.texture.unwrap_or_default().to_array(),
             density: fog.density,
             size: shape.size().to_array(),
@@ -149,11 +143,12 @@ impl FogParams {
     }
 }
 
-/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are those of [`volume`](super::volume::volume); `texture` says the density at places in its texture, each from 0 to 1.
+/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are those of [`volume`](super::volume::volume) and `light` those of [`fog_voxels`](super::fog_voxels::fog_voxels) for them; `texture` says the density at places in its texture, each from 0 to 1.
 #[must_use]
 pub fn fog(
     params: &FogParams,
     texels: &[[f32; 4]],
+    light: &[[f32; 4]],
     texture: &dyn Fn(Vec3) -> f32,
     pixel: Vec2,
     depth: f32,
@@ -177,8 +172,10 @@ pub fn fog(
     let mut left = left_before(params, &density, whole, lit[0]);
     let steps = steps(params, whole, lit);
     let part = (lit[1] - lit[0]) / steps as f32;
-    let weights = sides(params.asymmetry, ray.direction);
-    let mut light = Vec3::ZERO;
+    let size = UVec3::from(params.size);
+    let sent =
+        |v: UVec3| Vec3::from_slice(&light[(v.x + size.x * (v.y + size.y * v.z)) as usize][..3]);
+    let mut sum = Vec3::ZERO;
     for k in 0..steps {
         if left < DARK {
             break;
@@ -189,13 +186,13 @@ pub fn fog(
         let lost = density * params.extinction;
         if !is_earlier(params, x) {
             let place = voxels_from_world.transform_point3(x);
-            let arrives = read_sides(params.size, texels, place, weights).max(Vec3::ZERO);
+            let arrives = read_voxels(params.size, texels, place, sent);
             let way = (-lost * params.radius).exp();
-            light += left * density * way * part * mean_left(lost * part) * arrives;
+            sum += left * density * way * part * mean_left(lost * part) * arrives;
         }
         left *= (-lost * part).exp();
     }
-    light * Vec3::from(params.colour)
+    sum * Vec3::from(params.colour)
 }
 
 /// What is left of light from where the ray enters the level on its way back through the fog.
@@ -230,18 +227,6 @@ fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
         0 => by_light.max(1),
         _ => by_light.max(share(params, length / (whole[1] - whole[0]))),
     }
-}
-
-/// How much light for a white surface that each side of the voxels faces counts in the light that goes to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from where the ray
-/// goes to keeps its direction.
-#[must_use]
-pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
-    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is twice by how much its sum is more than their mean.
-    std::array::from_fn(|side| {
-        let along = 0.75 * asymmetry * d[side / 2];
-        let second = 2.0 * asymmetry * asymmetry * (d[side / 2] * d[side / 2] - 1.0 / 3.0);
-        1.0 / 6.0 + second + if side % 2 == 0 { along } else { -along }
-    })
 }
 
 /// (1 − e^(−x)) / x: how much of light is left on the way out, in the mean over a part.
@@ -319,9 +304,6 @@ impl Ray {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samples::{lattice, uniform_sphere};
-    use glam::UVec3;
-    use std::f32::consts::{FRAC_1_PI, PI};
 
     /// A room of 4 × 3 × 5 voxels of a metre, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
     fn scene(fog: Fog, steps: u32) -> FogParams {
@@ -356,12 +338,19 @@ mod tests {
         }
     }
 
-    fn even() -> Vec<[f32; 4]> {
-        vec![[3.0, 3.0, 3.0, -2.0]; 6 * 60]
+    fn even(texels: usize) -> Vec<[f32; 4]> {
+        vec![[3.0, 3.0, 3.0, -2.0]; texels * 60]
     }
 
     fn middle(params: &FogParams, depth: f32) -> Vec3 {
-        fog(params, &even(), &|_| 1.0, Vec2::splat(50.0), depth)
+        fog(
+            params,
+            &even(6),
+            &even(1),
+            &|_| 1.0,
+            Vec2::splat(50.0),
+            depth,
+        )
     }
 
     /// ∫ e^(−σₜ (t − a)) dt from where the ray enters the level to where it leaves it.
@@ -415,7 +404,7 @@ mod tests {
             "{found} {right}"
         );
         let clear = |at: Vec3| f32::from(u8::from(at.x >= 0.4));
-        let found = super::fog(&params, &even(), &clear, Vec2::splat(50.0), 0.0);
+        let found = super::fog(&params, &even(6), &even(1), &clear, Vec2::splat(50.0), 0.0);
         let right = closed(&fog, 0.0, 4.0);
         assert!(
             (found / right - 1.0).abs().max_element() < 0.02,
@@ -455,49 +444,9 @@ mod tests {
             .to_cols_array_2d();
         let right = closed(&plain(), 1.9, 5.9);
         for pixel in [Vec2::splat(50.0), Vec2::new(20.0, 60.0)] {
-            let found = fog(&params, &even(), &|_| 1.0, pixel, 0.0);
+            let found = fog(&params, &even(6), &even(1), &|_| 1.0, pixel, 0.0);
             assert!(
                 (found / right - 1.0).abs().max_element() < 1e-4,
-                "{found} {right}"
-            );
-        }
-    }
-
-    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes, whatever light has of the terms up to the fourth.
-    #[test]
-    fn scattered_light_is_the_first_terms_of_the_phase_function() {
-        let all = 20_000;
-        let directions: Vec<Vec3> = (0..all)
-            .map(|k| uniform_sphere(lattice(k, all, Vec2::ZERO)))
-            .collect();
-        let light = |w: Vec3| {
-            2.0 + w.x - 0.7 * w.y + 0.9 * w.x * w.z + 0.5 * w.z * w.z - 0.8 * w.x * w.y * w.z
-        };
-        let mean = |of: &dyn Fn(Vec3) -> f32| {
-            4.0 * PI * directions.iter().map(|w| of(*w)).sum::<f32>() / all as f32
-        };
-        let texels: Vec<f32> = (0..6)
-            .map(|side| {
-                let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
-                FRAC_1_PI * mean(&|w| light(w) * w.dot(n).max(0.0))
-            })
-            .collect();
-        for (asymmetry, d) in [
-            (0.0, Vec3::X),
-            (0.5, Vec3::X),
-            (0.5, Vec3::new(-0.6, 0.8, 0.0)),
-            (-0.3, Vec3::Y),
-            (0.8, Vec3::new(0.0, 0.6, -0.8)),
-        ] {
-            let found: f32 = sides(asymmetry, d)
-                .iter()
-                .zip(&texels)
-                .map(|(w, t)| w * t)
-                .sum();
-            let first = mean(&|w| light(w) * (1.0 + 3.0 * asymmetry * w.dot(d))) / (4.0 * PI);
-            let right = first + asymmetry * asymmetry * 0.5 * (d.z * d.z - 1.0 / 3.0);
-            assert!(
-                (found - right).abs() < 2e-3 * right.abs(),
                 "{found} {right}"
             );
         }

@@ -26,6 +26,7 @@
 //! | [`shade`] | → what was drawn of it at every pixel |
 //! | [`composite`] | → what a pixel's colour gains, and loses |
 //! | [`volume`] | light in free space → a volume that engines read ([`volume_read`]) |
+//! | [`fog_voxels`] | → what fog would send of it to the eye |
 //! | [`fog`] | → what fog between the eye and a pixel sends of it |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
@@ -44,6 +45,7 @@ pub mod fmm_down;
 pub mod fmm_layout;
 pub mod fmm_up;
 pub mod fog;
+pub mod fog_voxels;
 pub mod gbuffer;
 pub mod gloss;
 pub mod layout;
@@ -76,6 +78,7 @@ pub mod vpl;
 pub use channels::Channels;
 pub use cpu_frame::{CpuFrame, FrameCounters};
 pub use fog::{Fog, FogParams, FogView};
+pub use fog_voxels::FogVoxelsParams;
 pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;

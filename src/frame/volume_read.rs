@@ -21,23 +21,35 @@ pub const LEAST: f32 = 1e-3;
 /// volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z last.
 #[must_use]
 pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
-    let mut weights = [0.0; 6];
-    for axis in 0..3 {
-        weights[2 * axis + usize::from(n[axis] < 0.0)] = n[axis] * n[axis];
-    }
-    read_sides(size, texels, place, weights)
+    let voxels = UVec3::from(size);
+    read_voxels(size, texels, place, |voxel| {
+        (0..3)
+            .map(|axis| {
+                let side = 2 * axis + usize::from(n[axis] < 0.0);
+                let texel = texels[index(voxels, voxel, side)];
+                n[axis] * n[axis] * Vec3::from_slice(&texel[..3])
+            })
+            .sum()
+    })
 }
 
-/// The same with a weight for each side of the voxels: along each axis of the world, and then away from it.
+/// Where a side's texel of a voxel is.
+fn index(size: UVec3, voxel: UVec3, side: usize) -> usize {
+    let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
+    (t.x + size.x * (t.y + 2 * size.y * t.z)) as usize
+}
+
+/// The same for what `light` says of each voxel; `texels` say how far it is to walls.
 #[must_use]
-pub fn read_sides(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, weights: [f32; 6]) -> Vec3 {
+pub fn read_voxels(
+    size: [u32; 3],
+    texels: &[[f32; 4]],
+    place: Vec3,
+    light: impl Fn(UVec3) -> Vec3,
+) -> Vec3 {
     let size = UVec3::from(size);
     let edges = size.as_vec3();
     let place = place.clamp(Vec3::splat(0.5), edges - 0.5);
-    let texel = |voxel: UVec3, side: usize| {
-        let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
-        texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize]
-    };
     let first = (place - 0.5).as_uvec3();
     let (mut whole, mut some) = ((Vec3::ZERO, 0.0), (Vec3::ZERO, 0.0));
     for k in 0..8u32 {
@@ -45,13 +57,12 @@ pub fn read_sides(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, weights: [f3
         let voxel = (first + step).min(size - 1);
         let from = place - (voxel.as_vec3() + 0.5);
         let weight = (1.0 - from.abs()).max(Vec3::ZERO).element_product();
-        let light: Vec3 = (weights.iter().enumerate())
-            .map(|(side, weight)| *weight * Vec3::from_slice(&texel(voxel, side)[..3]))
-            .sum();
+        let light = light(voxel);
         whole = (whole.0 + weight * light, whole.1 + weight);
         let seen: f32 = (0..3)
             .map(|axis| {
-                let way = texel(voxel, 2 * axis + usize::from(from[axis] < 0.0))[3];
+                let side = 2 * axis + usize::from(from[axis] < 0.0);
+                let way = texels[index(size, voxel, side)][3];
                 let beyond = from[axis].abs() + way + QUARTER;
                 // Volumes that are not ours have nothing below zero.
                 match way > OPEN && way < 0.0 {

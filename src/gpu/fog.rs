@@ -1,64 +1,152 @@
-//! Fog that is lit by a level, on the device: parameters of what a view draws, and the draw of kernel `fog`. A view without such fog has none.
+//! Fog that a level lights, on the device: parameters of what a view draws, and the recording of kernels `fog_voxels` and `fog`. A view without such fog has none.
 
-use super::frame::entry;
+use super::frame::{compute, entry};
 use super::kernels::{FOG, KERNELS};
 use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::uniform;
-use crate::frame::FogParams;
+use super::{GpuCounters, Pass};
+use crate::frame::{FogParams, FogVoxelsParams};
 
-/// Parameters of the draws of one view, one for each fog volume before each level.
+/// What a level sends to the eye through fog of one asymmetry.
+#[derive(Debug)]
+struct FogLight {
+    params: wgpu::Buffer,
+    size: [u32; 3],
+    texture: wgpu::TextureView,
+}
+
+impl FogLight {
+    fn new(device: &wgpu::Device, size: [u32; 3]) -> Self {
+        let [width, height, depth_or_array_layers] = size;
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("light in fog"),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D3,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        });
+        Self {
+            params: uniform(device, "light in fog", size_of::<FogVoxelsParams>() as u64),
+            size,
+            texture: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+        }
+    }
+}
+
+/// What one view needs on the device: the light of each level for fog of each asymmetry, and parameters of the draws, one for each fog volume before each level.
 #[derive(Debug, Default)]
-pub struct FogBuffers(Vec<wgpu::Buffer>);
+pub struct FogBuffers {
+    lights: Vec<FogLight>,
+    draws: Vec<wgpu::Buffer>,
+}
 
 impl FogBuffers {
     /// Room for what these say, no more and no less, with that in it.
-    pub fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, all: &[FogParams]) {
+    pub fn write(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        lights: &[FogVoxelsParams],
+        draws: &[FogParams],
+    ) {
+        self.lights.truncate(lights.len());
+        for (k, params) in lights.iter().enumerate() {
+            match self.lights.get_mut(k) {
+                Some(light) if light.size == params.size => {}
+                Some(light) => *light = FogLight::new(device, params.size),
+                None => self.lights.push(FogLight::new(device, params.size)),
+            }
+            queue.write_buffer(&self.lights[k].params, 0, bytemuck::bytes_of(params));
+        }
         let size = size_of::<FogParams>() as u64;
-        self.0
-            .resize_with(all.len(), || uniform(device, "fog", size));
-        for (buffer, params) in self.0.iter().zip(all) {
+        self.draws
+            .resize_with(draws.len(), || uniform(device, "fog", size));
+        for (buffer, params) in self.draws.iter().zip(draws) {
             queue.write_buffer(buffer, 0, bytemuck::bytes_of(params));
         }
+    }
+
+    /// Records kernel `fog_voxels` for each of the lights from the volumes of their levels, which kernel `volume` wrote.
+    #[must_use]
+    pub fn record(
+        &self,
+        kernels: &Kernels,
+        encoder: &mut wgpu::CommandEncoder,
+        volumes: &[&wgpu::TextureView],
+    ) -> GpuCounters {
+        let mut counters = GpuCounters::default();
+        for (light, volume) in self.lights.iter().zip(volumes) {
+            let bind = kernels.bind(
+                Pass::FogVoxels,
+                &[
+                    (0, light.params.as_entire_binding()),
+                    (1, wgpu::BindingResource::TextureView(volume)),
+                    (2, wgpu::BindingResource::TextureView(&light.texture)),
+                ],
+            );
+            let mut pass = compute(encoder, "meshless_gi fog_voxels");
+            pass.set_pipeline(&kernels.pass(Pass::FogVoxels).pipeline);
+            pass.set_bind_group(0, &bind, &[]);
+            let [x, y, z] = light.size.map(|n| n.div_ceil(4));
+            pass.dispatch_workgroups(x, y, z);
+            counters.dispatches[Pass::FogVoxels as usize] += 1;
+        }
+        counters
     }
 
     /// How many buffers these are.
     #[must_use]
     pub fn count(&self) -> u32 {
-        self.0.len() as u32
+        (self.lights.len() + self.draws.len()) as u32
     }
 
-    /// Their bytes.
+    /// Their bytes, and those of the textures.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.0.iter().map(wgpu::Buffer::size).sum()
+        let texture =
+            |light: &FogLight| 8 * light.size.iter().map(|n| u64::from(*n)).product::<u64>();
+        let lights: u64 = (self.lights.iter().map(|l| l.params.size() + texture(l))).sum();
+        lights + self.draws.iter().map(wgpu::Buffer::size).sum::<u64>()
     }
 }
 
-/// What a draw of fog reads.
+/// What a draw of fog reads beside its light.
 #[derive(Clone, Copy, Debug)]
 pub struct FogTextures<'a> {
     /// The view's depth, reversed (0 is infinitely far), of the size of its target.
     pub depth: &'a wgpu::TextureView,
     /// It has several samples a pixel.
     pub sampled: bool,
-    /// What kernel `volume` wrote.
+    /// What kernel `volume` wrote of the level.
     pub voxels: &'a wgpu::TextureView,
-    /// Reads between its texels, and not across its edges.
-    pub voxels_sampler: &'a wgpu::Sampler,
+    /// Reads between the texels of a texture, and not across its edges.
+    pub between: &'a wgpu::Sampler,
     /// The density, and what reads it: in three dimensions, of one texel where no texture says it.
     pub density: (&'a wgpu::TextureView, &'a wgpu::Sampler),
 }
 
-/// Adds the light of the draw `which` of a view to its picture, a target of `format` with one sample a pixel.
+/// Adds the light of the draw `which` of a view to its picture, a target of `format` with one sample a pixel. Its level's light is `light`; both count as [`FogBuffers::write`] had them.
 ///
 /// # Panics
-/// Where `which` was not written.
+/// Where one of them was not written.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "what is drawn, on what, and by what"
+)]
 pub fn draw_fog(
     kernels: &Kernels,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     buffers: &FogBuffers,
     which: usize,
+    light: usize,
     textures: &FogTextures<'_>,
 ) {
     let (how, depth) = match textures.sampled {
@@ -66,16 +154,18 @@ pub fn draw_fog(
         true => (Draw::FogSampled, 2),
     };
     let kernel = kernels.drawing(format, how);
+    let light = &buffers.lights[light].texture;
     let bind = (kernels.device()).create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some(KERNELS[FOG].name),
         layout: &kernel.layout,
         entries: &[
-            entry(0, buffers.0[which].as_entire_binding()),
+            entry(0, buffers.draws[which].as_entire_binding()),
             entry(depth, wgpu::BindingResource::TextureView(textures.depth)),
             entry(3, wgpu::BindingResource::TextureView(textures.voxels)),
-            entry(4, wgpu::BindingResource::Sampler(textures.voxels_sampler)),
-            entry(5, wgpu::BindingResource::TextureView(textures.density.0)),
-            entry(6, wgpu::BindingResource::Sampler(textures.density.1)),
+            entry(4, wgpu::BindingResource::TextureView(light)),
+            entry(5, wgpu::BindingResource::Sampler(textures.between)),
+            entry(6, wgpu::BindingResource::TextureView(textures.density.0)),
+            entry(7, wgpu::BindingResource::Sampler(textures.density.1)),
         ],
     });
     pass.set_pipeline(&kernel.pipeline);

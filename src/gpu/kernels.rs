@@ -11,10 +11,10 @@ use crate::basis::WeightEntry;
 use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use crate::frame::pyramid::CellRange;
 use crate::frame::{
-    CompositeParams, Face, FaceShare, FogParams, FrameLight, GlossNode, GlossParams, Node,
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
-    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
-    VplViewParams, Ways, rsm,
+    CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
+    GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
+    SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams, VectorIrradiance,
+    VolumeParams, Vpl, VplParams, VplViewParams, Ways, rsm,
 };
 use crate::samples::{GridSlot, LitPlace, Point};
 use crate::scene::{BvhNode, BvhTriangle};
@@ -65,7 +65,7 @@ const LOOK_UP: [Binding; 15] = [
 ];
 
 /// All kernels, in the order of a frame.
-pub const KERNELS: [Kernel; 25] = [
+pub const KERNELS: [Kernel; 26] = [
     Kernel {
         name: "occlude",
         source: shader!("occlude"),
@@ -542,6 +542,22 @@ pub const KERNELS: [Kernel; 25] = [
         ],
     },
     Kernel {
+        name: "fog_voxels",
+        source: shader!("fog_voxels"),
+        bindings: &[
+            bind(0, "params", Uniform(size_of::<FogVoxelsParams>())),
+            bind(1, "voxels", Space),
+            bind(2, "light", Voxels),
+        ],
+        entries: &[Entry {
+            pass: Pass::FogVoxels,
+            name: "fog_voxels",
+            workgroup: [4, 4, 4],
+            items: 64,
+            bindings: &[0, 1, 2],
+        }],
+    },
+    Kernel {
         name: "composite",
         source: shader!("composite", "gbuffer"),
         bindings: &[
@@ -560,9 +576,10 @@ pub const KERNELS: [Kernel; 25] = [
             bind(1, "depth", Depth),
             bind(2, "depth_samples", Samples),
             bind(3, "voxels", Space),
-            bind(4, "voxels_sampler", Sampler),
-            bind(5, "density", Space),
-            bind(6, "density_sampler", Sampler),
+            bind(4, "light", Space),
+            bind(5, "light_sampler", Sampler),
+            bind(6, "density", Space),
+            bind(7, "density_sampler", Sampler),
         ],
         entries: &[],
     },

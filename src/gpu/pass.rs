@@ -88,11 +88,13 @@ pub enum Pass {
     FmmReceive,
     /// `fmm_down`, the points.
     FmmEvaluate,
+    /// `fog_voxels`.
+    FogVoxels,
 }
 
 impl Pass {
     /// How many there are.
-    pub const COUNT: usize = 41;
+    pub const COUNT: usize = 42;
 
     /// All, in the order of the table.
     pub const ALL: [Self; Self::COUNT] = [
@@ -137,6 +139,7 @@ impl Pass {
         Self::FmmUp,
         Self::FmmReceive,
         Self::FmmEvaluate,
+        Self::FogVoxels,
     ];
 
     /// Its kernel, and its entry point there.

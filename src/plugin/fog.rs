@@ -10,7 +10,7 @@ use super::costs::view_span;
 use super::extract::{ExtractedGi, in_view};
 use super::reflective::MeshlessGiCapture;
 use super::volume::{DisplayParts, ExtractedVolumes, MeshlessGiVolume, Voxels, displays};
-use crate::frame::{Fog, FogParams, FogView};
+use crate::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 use crate::gpu::{FogTextures, draw_fog};
 use crate::plan::{FogState, SceneId, Stage, ViewId};
 use bevy::asset::AssetId;
@@ -277,6 +277,9 @@ pub(crate) fn draw(
         let passes = &render.plan.passes;
         (passes.iter()).any(|p| p.stage == Stage::Fog && p.view == Some(id) && p.scene == scene)
     };
+    // Levels and asymmetries, with what a level sends through fog of that one and the volume that says so.
+    let mut lights: Vec<(usize, f32)> = Vec::new();
+    let (mut sent, mut volumes_of) = (Vec::new(), Vec::new());
     let mut params = Vec::new();
     let mut textures = Vec::new();
     for lit in &fogged.lit {
@@ -303,6 +306,16 @@ pub(crate) fn draw(
             exposure: camera.exposure * fogged.intensity * level.strength,
             steps: fogged.steps,
         };
+        let local_from_world = placement.matrix();
+        let key = (lit.level, fog.asymmetry);
+        let light = lights.iter().position(|k| *k == key).unwrap_or_else(|| {
+            let shape = volume.shape();
+            let of = FogVoxelsParams::new(&seen, fog.asymmetry, shape, &local_from_world);
+            lights.push(key);
+            sent.push(of);
+            volumes_of.push(written);
+            lights.len() - 1
+        });
         let earlier: Vec<Mat4> = (fogs.levels[..lit.level].iter())
             .filter(|other| planned(other.scene) && meet(&other.cube, &level.cube))
             .map(|other| other.cube.into())
@@ -312,10 +325,11 @@ pub(crate) fn draw(
             &fog,
             volume.shape(),
             level.bounds,
-            &placement.matrix(),
+            &local_from_world,
             &earlier,
         ));
-        textures.push((written, volume.sampler(), density.unwrap_or(&fallback.d3)));
+        let density = density.unwrap_or(&fallback.d3);
+        textures.push((light, written, volume.sampler(), density));
     }
     let readable = wgpu::TextureUsages::TEXTURE_BINDING;
     if params.is_empty() || !depth.texture.usage().contains(readable) {
@@ -323,11 +337,12 @@ pub(crate) fn draw(
         return;
     }
     let buffers = render.fogs.entry(id).or_default();
-    buffers.write(device.wgpu_device(), &queue, &params);
+    buffers.write(device.wgpu_device(), &queue, &sent, &params);
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let whole = recorder.time_span(ctx.command_encoder(), "meshless_gi_fog");
     let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Fog, id));
+    let recorded = buffers.record(kernels, ctx.command_encoder(), &volumes_of);
     let mut pass = ctx
         .command_encoder()
         .begin_render_pass(&RenderPassDescriptor {
@@ -350,20 +365,23 @@ pub(crate) fn draw(
     let [x, y, width, height] = view.viewport.to_array();
     pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
     pass.set_scissor_rect(x, y, width, height);
-    for (which, (voxels, voxels_sampler, density)) in textures.iter().enumerate() {
+    for (which, (light, voxels, between, density)) in textures.iter().enumerate() {
         let textures = FogTextures {
             depth: depth.view(),
             sampled: *msaa != Msaa::Off,
             voxels,
-            voxels_sampler,
+            between,
             density: (&density.texture_view, &density.sampler),
         };
         let format = view.target_format;
-        draw_fog(kernels, &mut pass, format, buffers, which, &textures);
+        draw_fog(
+            kernels, &mut pass, format, buffers, which, *light, &textures,
+        );
     }
     drop(pass);
     timed.end(ctx.command_encoder());
     whole.end(ctx.command_encoder());
+    render.retired.add(&recorded);
     render.retired.fogs += params.len() as u64;
 }
 

@@ -37,5 +37,6 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
         Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
         Pass::Shade | Pass::ShadeOver => Stage::Shade,
+        Pass::FogVoxels => Stage::Fog,
     }
 }

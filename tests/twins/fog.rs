@@ -1,4 +1,4 @@
-//! Kernel `fog` against its twin, over a picture: fog before walls at any distance, with a density of its own and without, and a level that comes first.
+//! Kernels `fog_voxels` and `fog` against their twins, over a picture: fog before walls at any distance, with a density of its own and without, and a level that comes first.
 
 use super::compare::{HALF, Scale, differing};
 use super::depth::depth_samples;
@@ -6,8 +6,9 @@ use super::harness;
 use super::picture::wide;
 use super::synthetic::Dice;
 use super::volume_read::{linear, space_of, with_walls};
-use bevy_meshless_gi::frame::{Fog, FogParams, FogView, VolumeShape, fog};
-use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, draw_fog};
+use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
+use bevy_meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VolumeShape, fog};
+use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, Pass, draw_fog};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
@@ -20,6 +21,7 @@ const EDGE: u32 = 6;
 
 struct Drawn {
     params: Vec<FogParams>,
+    light: FogVoxelsParams,
     voxels: Vec<[f16; 4]>,
     density: Vec<[f16; 4]>,
     depth: Vec<f32>,
@@ -72,6 +74,7 @@ impl Drawn {
             ..view
         };
         Self {
+            light: FogVoxelsParams::new(&view, 0.4, &shape, &local),
             params: vec![
                 FogParams::new(&view, &even, &shape, bounds, &local, &[]),
                 FogParams::new(&near, &textured, &shape, bounds, &local, &[]),
@@ -94,16 +97,33 @@ impl Drawn {
         }
     }
 
+    /// What each voxel sends, by the twin.
+    fn light(&self) -> Vec<[f32; 4]> {
+        let (voxels, size) = (wide(&self.voxels), UVec3::from(self.light.size));
+        (0..size.element_product())
+            .map(|i| UVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y)))
+            .map(|voxel| fog_voxels(&self.light, &voxels, voxel))
+            .collect()
+    }
+
     /// By the twin.
     fn run(&self, which: usize) -> Vec<[f32; 4]> {
         let voxels = wide(&self.voxels);
+        let light = self.light();
         let density = wide(&self.density);
         let texture = |at: Vec3| trilinear(&density, at);
         let pixel = |i: u32| {
             let at = Vec2::new((i % SIZE[0]) as f32, (i / SIZE[0]) as f32) + 0.5;
             let params = &self.params[which];
-            let light = fog::fog(params, &voxels, &texture, at, self.depth[i as usize]);
-            (light + GREY).extend(GREY).to_array()
+            let added = fog::fog(
+                params,
+                &voxels,
+                &light,
+                &texture,
+                at,
+                self.depth[i as usize],
+            );
+            (added + GREY).extend(GREY).to_array()
         };
         (0..SIZE[0] * SIZE[1]).map(pixel).collect()
     }
@@ -131,8 +151,9 @@ fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[
     let (device, queue) = (&harness.device, &harness.queue);
     let kernels = Kernels::new(device).unwrap();
     let mut buffers = FogBuffers::default();
-    buffers.write(device, queue, &drawn.params);
-    assert_eq!((buffers.count(), buffers.bytes()), (3, 3 * 624));
+    buffers.write(device, queue, &[drawn.light], &drawn.params);
+    let bytes = 3 * 624 + 96 + 8 * drawn.light.size.iter().product::<u32>() as u64;
+    assert_eq!((buffers.count(), buffers.bytes()), (4, bytes));
     let half4 = TextureFormat::Rgba16Float;
     let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT;
     let grey = vec![[f16::from_f32(GREY); 4]; drawn.depth.len()];
@@ -146,6 +167,8 @@ fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[
     let sampler = linear(harness);
     harness
         .run(|encoder| {
+            let counted = buffers.record(&kernels, encoder, &[&voxels]);
+            assert_eq!(counted.of(Pass::FogVoxels), 1);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: &canvas,
@@ -162,13 +185,13 @@ fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[
                 depth: &depth,
                 sampled: samples > 1,
                 voxels: &voxels,
-                voxels_sampler: &sampler,
+                between: &sampler,
                 density: (&density, &sampler),
             };
-            draw_fog(&kernels, &mut pass, half4, &buffers, which, &textures);
+            draw_fog(&kernels, &mut pass, half4, &buffers, which, 0, &textures);
         })
         .unwrap();
-    assert_eq!(kernels.created(), 1);
+    assert_eq!(kernels.created(), 2);
     wide(&harness.read_texture::<[f16; 4]>(&picture).unwrap())
 }
 
@@ -201,10 +224,11 @@ fn fog_in_a_picture() {
     }
     // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees, another density, another level that comes first.
     type Spoil = fn(&mut Drawn);
-    let spoils: [(&str, usize, Spoil); 10] = [
+    let spoils: [(&str, usize, Spoil); 11] = [
         ("steps", 1, |d| d.params[1].steps = 16),
         ("extinction", 0, |d| d.params[0].extinction *= 1.05),
-        ("asymmetry", 0, |d| d.params[0].asymmetry += 0.05),
+        ("asymmetry", 0, |d| d.light.asymmetry += 0.05),
+        ("eye", 0, |d| d.light.eye[0] += 40.0),
         ("radius", 0, |d| d.params[0].radius *= 1.05),
         ("place of the view", 0, |d| {
             d.params[0].world_from_view[3][0] += 0.1

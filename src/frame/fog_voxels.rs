@@ -1,0 +1,179 @@
+//! Kernel `fog_voxels`: what fog at the middle of each voxel would send to the eye of a level's light in free space. From the volume that kernel [`volume`](super::volume) wrote to one texel a voxel, once a view, for
+//! kernel [`fog`](super::fog), whose rays read it many times.
+//!
+//! J is the integral of incident radiance times the phase function of Henyey and Greenstein \[HG41\], whose terms in Legendre polynomials are powers of its asymmetry g. The first two are taken, and of the third what six
+//! irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ². Where d is where the ray from the eye goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the fluence and Q the light's part of order two as a matrix
+//! without trace. F along an axis is the difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product with ω · Qω
+//! is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between the axes, and all later terms, are left out: of light from all around they are little. Where the sum
+//! is below zero there is no light.
+
+use super::fog::FogView;
+use super::splat::LARGEST_HALF;
+use super::volume_places::VolumeShape;
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, UVec3, Vec3, Vec4};
+
+/// No two places are closer than this: where the eye is there is no direction.
+pub const NEAREST: f32 = 1e-12;
+
+/// A level's volume as one view sees it through fog, for `fog_voxels`. 96 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct FogVoxelsParams {
+    /// From voxels from the corner of the level's volume to the world.
+    pub world_from_voxels: [[f32; 4]; 4],
+    /// The eye in the world, a place where the fourth number is above zero; where it is zero, against where all rays go.
+    pub eye: [f32; 4],
+    /// Voxels along each edge.
+    pub size: [u32; 3],
+    /// How much light goes on as it came: g, from -1 to 1.
+    pub asymmetry: f32,
+}
+
+impl FogVoxelsParams {
+    /// For a level whose volume is of `shape`.
+    #[must_use]
+    pub fn new(
+        view: &FogView,
+        asymmetry: f32,
+        shape: &VolumeShape,
+        local_from_world: &Mat4,
+    ) -> Self {
+        let world_from_voxels = local_from_world.inverse()
+            * Mat4::from_translation(shape.low())
+            * Mat4::from_scale(shape.voxel());
+        // All rays of a projection meet where depth alone is left of clip space.
+        let eye = view.world_from_view * (view.view_from_clip * Vec4::Z);
+        Self {
+            world_from_voxels: world_from_voxels.to_cols_array_2d(),
+            eye: eye.to_array(),
+            size: shape.size().to_array(),
+            asymmetry: asymmetry.clamp(-1.0, 1.0),
+        }
+    }
+}
+
+/// One texel: RGB as [`Fog::colour`](super::Fog::colour) multiplies it, cd/m² where lamps are in lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN) where no wall is near.
+/// `texels` are those of [`volume`](super::volume::volume).
+#[must_use]
+pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
+    let size = UVec3::from(params.size);
+    let world_from_voxels = Mat4::from_cols_array_2d(&params.world_from_voxels);
+    let middle = world_from_voxels.transform_point3(voxel.as_vec3() + 0.5);
+    let eye = Vec4::from(params.eye);
+    let towards = middle * eye.w - eye.truncate();
+    let weights = sides(params.asymmetry, towards / towards.length().max(NEAREST));
+    let texel = |side: usize| {
+        let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
+        Vec4::from(texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize])
+    };
+    let light: Vec3 = (0..6).map(|k| weights[k] * texel(k).truncate()).sum();
+    light
+        .clamp(Vec3::ZERO, Vec3::splat(LARGEST_HALF))
+        .extend(texel(0).w)
+        .to_array()
+}
+
+/// How much light for a white surface that each side of a voxel faces counts in the light that goes to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from where the ray
+/// goes to keeps its direction.
+#[must_use]
+pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
+    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is twice by how much its sum is more than their mean.
+    std::array::from_fn(|side| {
+        let along = 0.75 * asymmetry * d[side / 2];
+        let second = 2.0 * asymmetry * asymmetry * (d[side / 2] * d[side / 2] - 1.0 / 3.0);
+        1.0 / 6.0 + second + if side % 2 == 0 { along } else { -along }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples::{lattice, uniform_sphere};
+    use glam::Vec2;
+    use std::f32::consts::{FRAC_1_PI, PI};
+
+    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes, whatever light has of the terms up to the fourth.
+    #[test]
+    fn scattered_light_is_the_first_terms_of_the_phase_function() {
+        let all = 20_000;
+        let directions: Vec<Vec3> = (0..all)
+            .map(|k| uniform_sphere(lattice(k, all, Vec2::ZERO)))
+            .collect();
+        let light = |w: Vec3| {
+            2.0 + w.x - 0.7 * w.y + 0.9 * w.x * w.z + 0.5 * w.z * w.z - 0.8 * w.x * w.y * w.z
+        };
+        let mean = |of: &dyn Fn(Vec3) -> f32| {
+            4.0 * PI * directions.iter().map(|w| of(*w)).sum::<f32>() / all as f32
+        };
+        let texels: Vec<f32> = (0..6)
+            .map(|side| {
+                let n = Vec3::AXES[side / 2] * [1.0, -1.0][side % 2];
+                FRAC_1_PI * mean(&|w| light(w) * w.dot(n).max(0.0))
+            })
+            .collect();
+        for (asymmetry, d) in [
+            (0.0, Vec3::X),
+            (0.5, Vec3::X),
+            (0.5, Vec3::new(-0.6, 0.8, 0.0)),
+            (-0.3, Vec3::Y),
+            (0.8, Vec3::new(0.0, 0.6, -0.8)),
+        ] {
+            let found: f32 = sides(asymmetry, d)
+                .iter()
+                .zip(&texels)
+                .map(|(w, t)| w * t)
+                .sum();
+            let first = mean(&|w| light(w) * (1.0 + 3.0 * asymmetry * w.dot(d))) / (4.0 * PI);
+            let right = first + asymmetry * asymmetry * 0.5 * (d.z * d.z - 1.0 / 3.0);
+            assert!(
+                (found - right).abs() < 2e-3 * right.abs(),
+                "{found} {right}"
+            );
+        }
+    }
+
+    #[test]
+    fn rays_go_from_the_eye_or_all_alike() {
+        let shape = VolumeShape::new([Vec3::ZERO, Vec3::splat(2.0)], UVec3::splat(2)).unwrap();
+        // All light comes from +x.
+        let mut texels = vec![[0.0; 4]; 6 * 8];
+        for z in 0..2 {
+            for y in 0..2 {
+                for x in 0..2 {
+                    texels[x + 2 * (y + 4 * z)] = [1.0, 1.0, 1.0, -2.0];
+                }
+            }
+        }
+        let light = |view_from_clip: Mat4, eye: Vec3, at: Vec3| {
+            let view = FogView {
+                view_from_clip,
+                world_from_view: Mat4::look_at_rh(eye, at, Vec3::Y).inverse(),
+                viewport: [0.0, 0.0, 1.0, 1.0],
+                exposure: 1.0,
+                steps: 1,
+            };
+            let params = FogVoxelsParams::new(&view, 0.4, &shape, &Mat4::IDENTITY);
+            fog_voxels(&params, &texels, UVec3::ZERO)
+        };
+        let right = |d: Vec3| sides(0.4, d.normalize())[0].max(0.0);
+        let place = Vec3::splat(0.5);
+        let endless = Mat4::perspective_infinite_reverse_rh(0.5, 1.0, 0.1).inverse();
+        let ends = Mat4::perspective_rh(0.5, 1.0, 100.0, 0.1).inverse();
+        let alike = Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1).inverse();
+        for eye in [Vec3::new(-3.0, 2.0, 1.0), Vec3::new(5.0, 1.0, -2.0)] {
+            let at = Vec3::new(0.5, 0.0, 0.5);
+            for (projection, d) in [
+                (endless, place - eye),
+                (ends, place - eye),
+                (alike, at - eye),
+            ] {
+                let found = light(projection, eye, at);
+                assert!((found[0] - right(d)).abs() < 1e-4, "{found:?} {}", right(d));
+                assert_eq!(found[3], -2.0);
+            }
+        }
+        // The eye is in the middle of the voxel: any direction will do.
+        assert!(light(endless, place, Vec3::ZERO)[0].is_finite());
+    }
+}
