@@ -18,7 +18,7 @@ struct FogParams {
     high: vec3f,
     textured: u32,
     radius: f32,
-    voxel: f32,
+    part: f32,
 }
 
 @group(0) @binding(0) var<uniform> params: FogParams;
@@ -130,7 +130,7 @@ fn share(part: f32) -> u32 {
 }
 
 fn steps_of(whole: vec2f, lit: vec2f) -> u32 {
-    let by_light = max(u32(min(ceil((lit.y - lit.x) / params.voxel), f32(params.steps))), 1u);
+    let by_light = max(u32(min(ceil((lit.y - lit.x) / params.part), f32(params.steps))), 1u);
     if params.textured == 0u {
         return by_light;
     }

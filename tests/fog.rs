@@ -5,18 +5,19 @@ use bevy_meshless_gi::accuracy::{ReferenceSettings, errors, irradiance_at_all};
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
 use bevy_meshless_gi::basis::PROBE_OVERLAP;
+use bevy_meshless_gi::frame::fog::PART;
 use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
 use bevy_meshless_gi::frame::volume::volume_texels;
 use bevy_meshless_gi::frame::volume_read::read_voxels;
 use bevy_meshless_gi::frame::{
-    CpuFrame, FogView, FogVoxelsParams, FrameLight, FrameSettings, VolumeParams, VolumePlaces,
-    VolumeShape, VolumeValues, voxels_of,
+    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, FrameSettings, VolumeParams,
+    VolumePlaces, VolumeShape, VolumeValues, fog, voxels_of,
 };
 use bevy_meshless_gi::samples::{lattice, uniform_sphere};
 use bevy_meshless_gi::scene::{
     Geometry, Light, Material, Quad, Ray, SceneDescription, TriangleMesh, load_gltf, mesh_of_quads,
 };
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, UVec3, Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::path::Path;
 
@@ -188,6 +189,74 @@ fn fog_is_lit_as_the_reference_has_it() {
         println!("{name}: from the wrong side {turned:.3}, of the next place {moved:.3}");
         assert!(turned > 0.4 && moved > 0.1, "{turned} {moved}");
     }
+}
+
+/// Rays in parts of so many voxels, beside parts of an eighth of a voxel: what is lost.
+#[test]
+fn parts_of_rays_are_short_enough() {
+    let (mesh, lights, scene) = rooms();
+    let air = Air::new(&scene, &lights, None);
+    let bounds = scene.info.bounds.map(Vec3::from);
+    let size = [24u32, 16];
+    let near = 0.1;
+    let projection = Mat4::perspective_infinite_reverse_rh(1.0, 1.5, near);
+    let mut off = [0.0f64; 4];
+    for (eye, at) in [
+        (Vec3::new(0.5, 1.5, 0.5), Vec3::new(5.0, 1.0, 2.2)),
+        (Vec3::new(7.5, 1.5, 3.0), Vec3::new(3.0, 1.0, 1.8)),
+        (Vec3::new(3.5, 0.5, 3.0), Vec3::new(0.5, 2.0, 0.5)),
+    ] {
+        let view = FogView {
+            view_from_clip: projection.inverse(),
+            world_from_view: Mat4::look_at_rh(eye, at, Vec3::Y).inverse(),
+            viewport: [0.0, 0.0, size[0] as f32, size[1] as f32],
+            exposure: 1.0,
+            steps: 1000,
+        };
+        let fog = Fog {
+            world_from_local: Mat4::from_translation(Vec3::new(4.0, 1.3, 1.8))
+                * Mat4::from_scale(Vec3::splat(9.0)),
+            colour: Vec3::ONE,
+            density: 0.5,
+            absorption: 0.1,
+            scattering: 0.3,
+            asymmetry: 0.5,
+            texture: None,
+        };
+        let sent = FogVoxelsParams::new(&view, fog.asymmetry, &air.shape, &Mat4::IDENTITY);
+        let n = air.shape.size();
+        let light: Vec<[f32; 4]> = (0..n.element_product())
+            .map(|i| UVec3::new(i % n.x, i / n.x % n.y, i / (n.x * n.y)))
+            .map(|voxel| fog_voxels(&sent, &air.texels, voxel))
+            .collect();
+        let params = FogParams::new(&view, &fog, &air.shape, bounds, &Mat4::IDENTITY, &[]);
+        let picture = |parts: f32| -> Vec<Vec3> {
+            let mut params = params;
+            params.part *= parts / PART;
+            (0..size[0] * size[1])
+                .map(|i| {
+                    let pixel = Vec2::new((i % size[0]) as f32, (i / size[0]) as f32) + 0.5;
+                    let ndc = Vec2::new(
+                        2.0 * pixel.x / size[0] as f32 - 1.0,
+                        1.0 - 2.0 * pixel.y / size[1] as f32,
+                    );
+                    let far = view.view_from_clip * ndc.extend(0.0).extend(1.0);
+                    let toward = far.truncate() / -far.z;
+                    let way = view.world_from_view.transform_vector3(toward);
+                    let hit = mesh.cast(&Ray::new(eye, way));
+                    let depth = hit.map_or(0.0, |hit| near / hit.t);
+                    fog::fog(&params, &air.texels, &light, &|_| 1.0, pixel, depth)
+                })
+                .collect()
+        };
+        let right = picture(0.125);
+        for (off, parts) in off.iter_mut().zip([1.0, 2.0, 4.0, 8.0]) {
+            *off = off.max(nrmse(&picture(parts), &right));
+        }
+    }
+    println!("parts of 1, 2, 4 and 8 voxels: NRMSE {off:.4?}");
+    assert_eq!(PART, 2.0);
+    assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 
 /// Two rooms with two centimetres between them, a lamp in one: nothing is in the other's fog, up to its walls.

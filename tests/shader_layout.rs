@@ -213,7 +213,7 @@ fn layouts() -> Vec<Layout> {
             high,
             textured,
             radius,
-            voxel
+            part
         }),
         layout!(FogVoxelsParams {
             world_from_voxels,

@@ -52,7 +52,7 @@ pub struct MeshlessGiVolume {
     /// Multiplies the level's light in Bevy's volumetric fog ([`VolumetricFog`](bevy::light::VolumetricFog)), wherever a camera sees fog volumes in the level; 1 is what physics says, and 0 draws none. Set the `ambient_intensity` of
     /// such cameras' fog to 0: that would be added.
     ///
-    /// It is drawn at every pixel behind Bevy's own fog, without noise, with as many steps for a ray as it is voxels long and `step_count` at most. Each fog volume dims what it sends itself and not what another
+    /// It is drawn at every pixel behind Bevy's own fog, without noise, with a step for each two voxels that a ray is long and `step_count` of them at most. Each fog volume dims what it sends itself and not what another
     /// sends. Where several levels lie in one place the first lights the fog there, of five of them.
     pub fog: f32,
 }
