@@ -1,4 +1,4 @@
-//! Scenes get what they call for and nothing else: the twelve scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
+//! Scenes get what they call for and nothing else: the thirteen scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
