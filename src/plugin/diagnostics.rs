@@ -9,7 +9,7 @@
 //! | `meshless_gi/slots/projected` | light slots projected |
 //! | `meshless_gi/subsplats` | evaluations of the views that are shown by subsplats |
 //! | `meshless_gi/subsplats/saved` | their pixels that were not evaluated |
-//! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`) of a stage |
+//! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`; both, for `fog`) of a stage |
 //!
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
 //! frame is one behind the main world's.
