@@ -149,7 +149,7 @@ fn reference<const N: usize>(
 }
 
 fn nrmse(found: &[Vec3], right: &[Vec3]) -> f64 {
-    f64::from(errors(found, right, &vec![Vec3::ZERO; right.len()]).nrmse)
+    errors(found, right, &vec![Vec3::ZERO; right.len()]).nrmse
 }
 
 #[test]

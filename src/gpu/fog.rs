@@ -136,10 +136,6 @@ pub struct FogTextures<'a> {
 ///
 /// # Panics
 /// Where one of them was not written.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "what is drawn, on what, and by what"
-)]
 pub fn draw_fog(
     kernels: &Kernels,
     pass: &mut wgpu::RenderPass<'_>,

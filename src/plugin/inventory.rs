@@ -75,7 +75,11 @@ pub(crate) struct Pickers {
 }
 
 /// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
-#[allow(clippy::type_complexity, reason = "a query and its filter")]
+#[allow(
+    clippy::too_many_arguments,
+    clippy::type_complexity,
+    reason = "a system's parameters are its inputs"
+)]
 pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
     mut surveyor: Local<Surveyor<LightKey>>,
