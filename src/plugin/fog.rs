@@ -286,11 +286,14 @@ pub(crate) fn draw(
         let level = &fogs.levels[lit.level];
         let scene = world.scenes.iter().find(|s| s.id == level.scene);
         let placement = scene.and_then(|s| s.placement);
-        let written = (render.scenes.get(&level.scene)).and_then(|s| s.volume.texture());
         let volume = volumes.find(level.scene);
-        let (true, Some(placement), Some(written), Some(volume)) =
-            (planned(level.scene), placement, written, volume)
-        else {
+        let written = |volume| render.scenes.get(&level.scene)?.volume.texture(volume);
+        let (true, Some(placement), Some(volume), Some(written)) = (
+            planned(level.scene),
+            placement,
+            volume,
+            volume.and_then(written),
+        ) else {
             continue;
         };
         // As Bevy has it: until its texture is there, fog is even.

@@ -418,9 +418,10 @@ impl SceneVolume {
         }
     }
 
-    /// The texture that holds its light; none before that was written.
-    pub fn texture(&self) -> Option<&wgpu::TextureView> {
-        self.written.as_ref().map(|(_, texture)| texture)
+    /// The texture of this volume, once it holds light.
+    pub fn texture(&self, of: &ExtractedVolume) -> Option<&wgpu::TextureView> {
+        let (_, texture) = self.written.as_ref()?;
+        (*texture == of.texture).then_some(texture)
     }
 
     /// The light changed, and the voxels have that of before.
