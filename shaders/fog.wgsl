@@ -2,9 +2,8 @@
 
 struct FogParams {
     view_from_clip: mat4x4f,
-    world_from_view: mat4x4f,
-    fog_from_world: mat4x4f,
-    voxels_from_world: mat4x4f,
+    fog_from_view: mat4x4f,
+    voxels_from_view: mat4x4f,
     earlier: array<mat4x4f, 4>,
     viewport: vec4f,
     colour: vec3f,
@@ -42,7 +41,7 @@ const BEFORE: f32 = 0.01;
 const BEYOND: f32 = 0.03;
 const LEAST_OF_EIGHT: f32 = 1e-3;
 
-// From the near plane to what a pixel shows, metres of the world.
+// From the near plane to what a pixel shows, in the view's space.
 struct Ray {
     origin: vec3f,
     direction: vec3f,
@@ -74,8 +73,8 @@ fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
 
 fn light_of(pixel: vec2f, seen: f32) -> vec3f {
     let ray = ray_to(pixel, seen);
-    let whole = within(ray, params.fog_from_world, vec3f(-0.5), vec3f(0.5));
-    var lit = within(ray, params.voxels_from_world, params.low, params.high);
+    let whole = within(ray, params.fog_from_view, vec3f(-0.5), vec3f(0.5));
+    var lit = within(ray, params.voxels_from_view, params.low, params.high);
     lit = vec2f(max(lit.x, whole.x), min(lit.y, whole.y));
     if lit.y <= lit.x {
         return vec3f(0.0);
@@ -96,7 +95,7 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
             out = outgoing(dense, part);
         }
         if !is_earlier(x) {
-            sum += left * out.sent * arriving((params.voxels_from_world * vec4f(x, 1.0)).xyz);
+            sum += left * out.sent * arriving((params.voxels_from_view * vec4f(x, 1.0)).xyz);
         }
         left *= out.left;
     }
@@ -141,7 +140,7 @@ fn density_at(x: vec3f) -> f32 {
     if params.textured == 0u {
         return params.density;
     }
-    let at = (params.fog_from_world * vec4f(x, 1.0)).xyz + 0.5 + params.offset;
+    let at = (params.fog_from_view * vec4f(x, 1.0)).xyz + 0.5 + params.offset;
     return params.density * textureSampleLevel(density, density_sampler, at, 0.0).r;
 }
 
@@ -178,11 +177,7 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     if shown.w > 0.0 {
         length = dot(shown.xyz / shown.w - near, direction);
     }
-    return Ray(
-        (params.world_from_view * vec4f(near, 1.0)).xyz,
-        (params.world_from_view * vec4f(direction, 0.0)).xyz,
-        length,
-    );
+    return Ray(near, direction, length);
 }
 
 // From where to where a ray is inside of a box of another space; the second is the smaller one where it is not.

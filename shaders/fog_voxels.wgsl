@@ -3,16 +3,44 @@
 struct FogVoxelsParams {
     world_from_voxels: mat4x4f,
     eye: vec4f,
+    // For each side the way to the voxel that its light is of.
+    steps: array<vec4i, 6>,
     size: vec3u,
     asymmetry: f32,
 }
 
+// Ways that are free as far as the next voxel have less.
+const FREE_WAY: f32 = -1.252;
 // Where the eye is there is no direction.
 const NEAREST: f32 = 1e-12;
 
 @group(0) @binding(0) var<uniform> params: FogVoxelsParams;
 @group(0) @binding(1) var voxels: texture_3d<f32>;
 @group(0) @binding(2) var light: texture_storage_3d<rgba16float, write>;
+
+fn texel(voxel: vec3u, side: u32) -> vec4f {
+    return textureLoad(voxels, voxel + params.size * vec3u(0u, side & 1u, side >> 1u), 0);
+}
+
+fn free(voxel: vec3u, way: vec3i) -> bool {
+    for (var k = 0u; k < 3u; k++) {
+        if way[k] != 0 && texel(voxel, 2u * k + select(0u, 1u, way[k] < 0)).a >= FREE_WAY {
+            return false;
+        }
+    }
+    return true;
+}
+
+// The light of a voxel for a side: that of the voxel behind it, which has it, where the way there is free.
+fn own(voxel: vec3u, side: u32) -> vec3f {
+    let step = params.steps[side].xyz;
+    // Below zero it is large as well.
+    let behind = vec3u(vec3i(voxel) - step);
+    if all(behind < params.size) && free(voxel, -step) {
+        return texel(behind, side).rgb;
+    }
+    return texel(voxel, side).rgb;
+}
 
 @compute @workgroup_size(4, 4, 4)
 fn fog_voxels(@builtin(global_invocation_id) voxel: vec3u) {
@@ -25,15 +53,9 @@ fn fog_voxels(@builtin(global_invocation_id) voxel: vec3u) {
     let g = params.asymmetry;
     let even = vec3f(1.0 / 6.0) + 2.0 * g * g * (d * d - 1.0 / 3.0);
     var sum = vec3f(0.0);
-    var says = 0.0;
     for (var axis = 0u; axis < 3u; axis++) {
         let along = 0.75 * g * d[axis];
-        let ahead = textureLoad(voxels, voxel + params.size * vec3u(0u, 0u, axis), 0);
-        let back = textureLoad(voxels, voxel + params.size * vec3u(0u, 1u, axis), 0);
-        sum += (even[axis] + along) * ahead.rgb + (even[axis] - along) * back.rgb;
-        if axis == 0u {
-            says = ahead.a;
-        }
+        sum += (even[axis] + along) * own(voxel, 2u * axis) + (even[axis] - along) * own(voxel, 2u * axis + 1u);
     }
-    textureStore(light, voxel, vec4f(clamp(sum, vec3f(0.0), vec3f(LARGEST_HALF)), says));
+    textureStore(light, voxel, vec4f(clamp(sum, vec3f(0.0), vec3f(LARGEST_HALF)), texel(voxel, 0u).a));
 }

@@ -211,8 +211,9 @@ impl Shown {
             asymmetry: of.scattering_asymmetry,
             texture: texture.map(|_| of.density_texture_offset),
         };
-        let params = FogParams::new(&seen, &volume, &shape, bounds, &local_from_world, &[]);
-        let sent = FogVoxelsParams::new(&seen, volume.asymmetry, &shape, &local_from_world);
+        let world_from_local = self.placed.to_matrix();
+        let params = FogParams::new(&seen, &volume, &shape, bounds, &world_from_local, &[]);
+        let sent = FogVoxelsParams::new(&seen, volume.asymmetry, &shape, &world_from_local);
         let size = shape.size();
         let light: Vec<[f32; 4]> = (0..size.element_product())
             .map(|i| UVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y)))

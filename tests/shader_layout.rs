@@ -197,9 +197,8 @@ fn layouts() -> Vec<Layout> {
         layout!(CompositeParams { scale, white }),
         layout!(FogParams {
             view_from_clip,
-            world_from_view,
-            fog_from_world,
-            voxels_from_world,
+            fog_from_view,
+            voxels_from_view,
             earlier,
             viewport,
             colour,
@@ -218,6 +217,7 @@ fn layouts() -> Vec<Layout> {
         layout!(FogVoxelsParams {
             world_from_voxels,
             eye,
+            steps,
             size,
             asymmetry
         }),
@@ -385,6 +385,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("DARK", Some(f64::from(fog::DARK))),
+        ("FREE_WAY", Some(f64::from(fog_voxels::FREE_WAY))),
         ("NEAREST", Some(f64::from(fog_voxels::NEAREST))),
         ("PARALLEL", Some(f64::from(fog::PARALLEL))),
         ("ENDLESS", Some(f64::from(fog::ENDLESS))),

@@ -24,18 +24,16 @@ pub const PARALLEL: f32 = 1e-9;
 /// Where nothing is behind the fog it is so far away, metres: longer than any ray.
 pub const ENDLESS: f32 = 3.4e38;
 
-/// One fog volume before one level in one view, for `fog`. 624 bytes.
+/// One fog volume before one level in one view, for `fog`. 560 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogParams {
     /// The view's projection, undone. Depth is 1 at the near plane.
     pub view_from_clip: [[f32; 4]; 4],
-    /// From the view's space to the world.
-    pub world_from_view: [[f32; 4]; 4],
-    /// From the world to the fog volume, a cube with edges of 1 around the origin.
-    pub fog_from_world: [[f32; 4]; 4],
-    /// From the world to voxels from the corner of the level's volume.
-    pub voxels_from_world: [[f32; 4]; 4],
+    /// From the view's space to the fog volume, a cube with edges of 1 around the origin. Lengths in the view's space are the world's.
+    pub fog_from_view: [[f32; 4]; 4],
+    /// From the view's space to voxels from the corner of the level's volume.
+    pub voxels_from_view: [[f32; 4]; 4],
     /// The same as for the fog, for levels that come first: fog that lies in them is not lit by this one.
     pub earlier: [[[f32; 4]; 4]; MOST_EARLIER],
     /// The view's corner and size on its target, pixels.
@@ -110,19 +108,22 @@ impl FogParams {
         fog: &Fog,
         shape: &VolumeShape,
         bounds: [Vec3; 2],
-        local_from_world: &Mat4,
+        world_from_local: &Mat4,
         earlier: &[Mat4],
     ) -> Self {
-        let voxels_from_world = Mat4::from_scale(1.0 / shape.voxel())
+        // Worlds are large: what is near the eye is to be exact.
+        let world_from_view = view.world_from_view.as_dmat4();
+        let seen = |place: &Mat4| place.as_dmat4().inverse() * world_from_view;
+        let fog_from_view = seen(&fog.world_from_local).as_mat4();
+        let voxels_from_view = Mat4::from_scale(1.0 / shape.voxel())
             * Mat4::from_translation(-shape.low())
-            * *local_from_world;
-        let scale = local_from_world.transform_vector3(Vec3::X).length();
+            * seen(world_from_local).as_mat4();
+        let scale = world_from_local.transform_vector3(Vec3::X).length();
         let [low, high] = bounds.map(|b| ((b - shape.low()) / shape.voxel()).to_array());
         let mut params = Self {
             view_from_clip: view.view_from_clip.to_cols_array_2d(),
-            world_from_view: view.world_from_view.to_cols_array_2d(),
-            fog_from_world: fog.world_from_local.inverse().to_cols_array_2d(),
-            voxels_from_world: voxels_from_world.to_cols_array_2d(),
+            fog_from_view: fog_from_view.to_cols_array_2d(),
+            voxels_from_view: voxels_from_view.to_cols_array_2d(),
             viewport: view.viewport,
             colour: (fog.colour * fog.scattering * view.exposure).to_array(),
             offset: fog.texture.unwrap_or_default().to_array(),
@@ -131,7 +132,7 @@ impl FogParams {
             steps: view.steps.max(1),
             extinction: fog.absorption + fog.scattering,
             radius: (fog.world_from_local.transform_vector3(Vec3::splat(0.5))).length(),
-            part: PART * shape.voxel().min_element() / scale,
+            part: PART * shape.voxel().min_element() * scale,
             earlier_count: earlier.len().min(MOST_EARLIER) as u32,
             low,
             textured: u32::from(fog.texture.is_some()),
@@ -139,7 +140,7 @@ impl FogParams {
             ..Zeroable::zeroed()
         };
         for (to, earlier) in params.earlier.iter_mut().zip(earlier) {
-            *to = earlier.inverse().to_cols_array_2d();
+            *to = seen(earlier).as_mat4().to_cols_array_2d();
         }
         params
     }
@@ -155,11 +156,11 @@ pub fn fog(
     pixel: Vec2,
     depth: f32,
 ) -> Vec3 {
-    let fog_from_world = Mat4::from_cols_array_2d(&params.fog_from_world);
-    let voxels_from_world = Mat4::from_cols_array_2d(&params.voxels_from_world);
+    let fog_from_view = Mat4::from_cols_array_2d(&params.fog_from_view);
+    let voxels_from_view = Mat4::from_cols_array_2d(&params.voxels_from_view);
     let ray = Ray::new(params, pixel, depth);
-    let whole = ray.within(&fog_from_world, Vec3::splat(-0.5), Vec3::splat(0.5));
-    let lit = ray.within(&voxels_from_world, params.low.into(), params.high.into());
+    let whole = ray.within(&fog_from_view, Vec3::splat(-0.5), Vec3::splat(0.5));
+    let lit = ray.within(&voxels_from_view, params.low.into(), params.high.into());
     let lit = [lit[0].max(whole[0]), lit[1].min(whole[1])];
     if lit[1] <= lit[0] {
         return Vec3::ZERO;
@@ -167,7 +168,7 @@ pub fn fog(
     let density = |t: f32| match params.textured {
         0 => params.density,
         _ => {
-            let at = fog_from_world.transform_point3(ray.at(t));
+            let at = fog_from_view.transform_point3(ray.at(t));
             params.density * texture(at + 0.5 + Vec3::from(params.offset))
         }
     };
@@ -187,7 +188,7 @@ pub fn fog(
         let density = density(t);
         let lost = density * params.extinction;
         if !is_earlier(params, x) {
-            let place = voxels_from_world.transform_point3(x);
+            let place = voxels_from_view.transform_point3(x);
             let arrives = read_voxels(params.size, texels, place, sent);
             let way = (-lost * params.radius).exp();
             sum += left * density * way * part * mean_left(lost * part) * arrives;
@@ -247,7 +248,7 @@ fn is_earlier(params: &FogParams, x: Vec3) -> bool {
     })
 }
 
-/// From the near plane to what a pixel shows, metres of the world.
+/// From the near plane to what a pixel shows, in the view's space.
 struct Ray {
     origin: Vec3,
     direction: Vec3,
@@ -272,10 +273,9 @@ impl Ray {
             true => (seen.truncate() / seen.w - near).dot(direction),
             false => ENDLESS,
         };
-        let world = Mat4::from_cols_array_2d(&params.world_from_view);
         Self {
-            origin: world.transform_point3(near),
-            direction: world.transform_vector3(direction),
+            origin: near,
+            direction,
             length,
         }
     }
@@ -307,17 +307,17 @@ impl Ray {
 mod tests {
     use super::*;
 
+    fn eye() -> Mat4 {
+        let at = Vec3::new(-2.0, 1.5, 2.5);
+        Mat4::look_at_rh(at, at + Vec3::X, Vec3::Y).inverse()
+    }
+
     /// A room of 4 × 3 × 5 voxels of a metre, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
     fn scene(fog: Fog, steps: u32) -> FogParams {
         let shape = VolumeShape::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
         let view = FogView {
             view_from_clip: Mat4::perspective_infinite_reverse_rh(0.5, 1.0, 0.1).inverse(),
-            world_from_view: Mat4::look_at_rh(
-                Vec3::new(-2.0, 1.5, 2.5),
-                Vec3::new(1.0, 1.5, 2.5),
-                Vec3::Y,
-            )
-            .inverse(),
+            world_from_view: eye(),
             viewport: [0.0, 0.0, 100.0, 100.0],
             exposure: 2.0,
             steps,
@@ -420,7 +420,7 @@ mod tests {
         let all = Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5));
         let with = |cube: Mat4| {
             let mut with = params;
-            with.earlier[0] = cube.inverse().to_cols_array_2d();
+            with.earlier[0] = (cube.inverse() * eye()).to_cols_array_2d();
             with.earlier_count = 1;
             middle(&with, 0.0)
         };

@@ -6,17 +6,23 @@
 //! without trace. F along an axis is the difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product with ω · Qω
 //! is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between the axes, and all later terms, are left out: of light from all around they are little. Where the sum
 //! is below zero there is no light.
+//!
+//! A volume's sides have the light of the voxel one further along them. So a voxel's own is in the voxels behind it, where the way to them is free, and beside a wall in its own sides, which have the wall's.
 
 use super::fog::FogView;
 use super::splat::LARGEST_HALF;
+use super::volume::{AHEAD, VolumeParams};
 use super::volume_places::VolumeShape;
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, UVec3, Vec3, Vec4};
+use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
 /// No two places are closer than this: where the eye is there is no direction.
 pub const NEAREST: f32 = 1e-12;
 
-/// A level's volume as one view sees it through fog, for `fog_voxels`. 96 bytes.
+/// Ways that are free as far as the next voxel have less ([`Ways::stored`](super::Ways::stored)).
+pub const FREE_WAY: f32 = -1.252;
+
+/// A level's volume as one view sees it through fog, for `fog_voxels`. 192 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FogVoxelsParams {
@@ -24,6 +30,8 @@ pub struct FogVoxelsParams {
     pub world_from_voxels: [[f32; 4]; 4],
     /// The eye in the world, a place where the fourth number is above zero; where it is zero, against where all rays go.
     pub eye: [f32; 4],
+    /// For each side how many voxels along each edge it is to the one that its light is of ([`VolumeParams::steps`]). The fourth numbers are not used.
+    pub steps: [[i32; 4]; 6],
     /// Voxels along each edge.
     pub size: [u32; 3],
     /// How much light goes on as it came: g, from -1 to 1.
@@ -37,9 +45,10 @@ impl FogVoxelsParams {
         view: &FogView,
         asymmetry: f32,
         shape: &VolumeShape,
-        local_from_world: &Mat4,
+        world_from_local: &Mat4,
     ) -> Self {
-        let world_from_voxels = local_from_world.inverse()
+        let volume = VolumeParams::new(shape, &world_from_local.inverse());
+        let world_from_voxels = *world_from_local
             * Mat4::from_translation(shape.low())
             * Mat4::from_scale(shape.voxel());
         // All rays of a projection meet where depth alone is left of clip space.
@@ -47,6 +56,7 @@ impl FogVoxelsParams {
         Self {
             world_from_voxels: world_from_voxels.to_cols_array_2d(),
             eye: eye.to_array(),
+            steps: volume.steps.map(|of| of[AHEAD]),
             size: shape.size().to_array(),
             asymmetry: asymmetry.clamp(-1.0, 1.0),
         }
@@ -63,14 +73,28 @@ pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -
     let eye = Vec4::from(params.eye);
     let towards = middle * eye.w - eye.truncate();
     let weights = sides(params.asymmetry, towards / towards.length().max(NEAREST));
-    let texel = |side: usize| {
+    let texel = |voxel: UVec3, side: usize| {
         let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
         Vec4::from(texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize])
     };
-    let light: Vec3 = (0..6).map(|k| weights[k] * texel(k).truncate()).sum();
+    let free = |way: IVec3| {
+        let along = |k: usize| texel(voxel, 2 * k + usize::from(way[k] < 0)).w;
+        (0..3).all(|k| way[k] == 0 || along(k) < FREE_WAY)
+    };
+    let own = |side: usize| {
+        let [x, y, z, _] = params.steps[side];
+        let behind = voxel.as_ivec3() - IVec3::new(x, y, z);
+        // Below zero it is large as well.
+        let inside = behind.as_uvec3().cmplt(size).all();
+        match inside && free(-IVec3::new(x, y, z)) {
+            true => texel(behind.as_uvec3(), side).truncate(),
+            false => texel(voxel, side).truncate(),
+        }
+    };
+    let light: Vec3 = (0..6).map(|k| weights[k] * own(k)).sum();
     light
         .clamp(Vec3::ZERO, Vec3::splat(LARGEST_HALF))
-        .extend(texel(0).w)
+        .extend(texel(voxel, 0).w)
         .to_array()
 }
 

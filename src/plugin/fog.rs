@@ -9,10 +9,12 @@ use super::compute::GiRender;
 use super::costs::view_span;
 use super::extract::{ExtractedGi, in_view};
 use super::reflective::MeshlessGiCapture;
-use super::volume::{DisplayParts, ExtractedVolumes, MeshlessGiVolume, Voxels, displays};
+use super::volume::{
+    DisplayParts, ExtractedVolumes, FoundParts, MeshlessGiVolume, Voxels, displays,
+};
 use crate::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 use crate::gpu::{FogTextures, draw_fog};
-use crate::plan::{FogState, SceneId, Stage, ViewId};
+use crate::plan::{FogState, Pass, SceneId, Stage, ViewId};
 use bevy::asset::AssetId;
 use bevy::camera::primitives::{Aabb, Frustum};
 use bevy::camera::visibility::RenderLayers;
@@ -85,6 +87,18 @@ impl ExtractedFogs {
     }
 }
 
+/// What multiplies the light in a camera's fog; none where it shows none of it.
+fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
+    let intensity = match parts.0 {
+        None => 1.0,
+        Some(ours) if ours.view == MeshlessGiView::Lit && displays(parts) => {
+            ours.intensity.max(0.0)
+        }
+        Some(_) => return None,
+    };
+    camera.is_active.then_some(intensity)
+}
+
 fn rgb(colour: Color) -> Vec3 {
     LinearRgba::from(colour).to_vec3()
 }
@@ -119,13 +133,13 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     (finite && there).then_some(found)
 }
 
-/// Whether two cubes with edges of 1 may meet: neither lies beyond a side of the other.
+/// Whether two cubes with edges of 1 may overlap: neither lies beyond a side of the other.
 fn meet(a: &Affine3A, b: &Affine3A) -> bool {
     let within = |of: &Affine3A, other: &Affine3A| {
         let place = of.inverse() * *other;
         let half = (0..3).fold(Vec3A::ZERO, |sum, k| sum + 0.5 * place.matrix3.col(k).abs());
         (place.translation.abs() - half)
-            .cmple(Vec3A::splat(0.5))
+            .cmplt(Vec3A::splat(0.5))
             .all()
     };
     within(a, b) && within(b, a)
@@ -175,26 +189,24 @@ pub(crate) fn extract_fogs(
             let bounds = bake.info.bounds.map(Vec3::from_array);
             let [low, high] = bounds;
             let middle = Affine3A::from_translation(0.5 * (low + high));
+            let cube = placement.world_from_local * middle * Affine3A::from_scale(high - low);
+            // A level without a height has no air.
+            if cube.matrix3.determinant() == 0.0 {
+                continue;
+            }
             levels.push(Level {
                 scene: scene.id,
                 bounds,
-                cube: placement.world_from_local * middle * Affine3A::from_scale(high - low),
+                cube,
                 strength,
             });
             at.push(k);
         }
     }
     for (id, camera, settings, frustum, layers, parts) in &cameras {
-        let intensity = match parts.0 {
-            None => 1.0,
-            Some(ours) if ours.view == MeshlessGiView::Lit && displays(parts) => {
-                ours.intensity.max(0.0)
-            }
-            Some(_) => continue,
-        };
-        if !camera.is_active {
+        let Some(intensity) = shown(camera, parts) else {
             continue;
-        }
+        };
         let layers = layers.cloned().unwrap_or_default();
         let mut lit = Vec::new();
         for (volume, transform) in &fogs {
@@ -205,7 +217,7 @@ pub(crate) fn extract_fogs(
                 center: Vec3A::ZERO,
                 half_extents: Vec3A::splat(0.5),
             };
-            if !frustum.intersects_obb(&cube, &affine, true, true) {
+            if !frustum.intersects_obb(&cube, &affine, true, false) {
                 continue;
             }
             for (level, k) in at.iter().enumerate() {
@@ -273,9 +285,13 @@ pub(crate) fn draw(
     if let (Some(jitter), Some(size)) = (jitter, camera.physical_viewport_size) {
         jitter.jitter_projection(&mut clip_from_view, size.as_vec2());
     }
-    let planned = |scene: SceneId| {
+    // Levels whose light is there.
+    let lights_of = |scene: SceneId| {
         let passes = &render.plan.passes;
-        (passes.iter()).any(|p| p.stage == Stage::Fog && p.view == Some(id) && p.scene == scene)
+        let here = |p: &Pass| p.stage == Stage::Fog && p.view == Some(id) && p.scene == scene;
+        let volume = volumes.find(scene).filter(|_| passes.iter().any(here))?;
+        let written = render.scenes.get(&scene)?.volume.texture(volume)?;
+        Some((volume, written))
     };
     // Levels and asymmetries, with what a level sends through fog of that one and the volume that says so.
     let mut lights: Vec<(usize, f32)> = Vec::new();
@@ -286,14 +302,7 @@ pub(crate) fn draw(
         let level = &fogs.levels[lit.level];
         let scene = world.scenes.iter().find(|s| s.id == level.scene);
         let placement = scene.and_then(|s| s.placement);
-        let volume = volumes.find(level.scene);
-        let written = |volume| render.scenes.get(&level.scene)?.volume.texture(volume);
-        let (true, Some(placement), Some(volume), Some(written)) = (
-            planned(level.scene),
-            placement,
-            volume,
-            volume.and_then(written),
-        ) else {
+        let (Some(placement), Some((volume, written))) = (placement, lights_of(level.scene)) else {
             continue;
         };
         // As Bevy has it: until its texture is there, fog is even.
@@ -309,18 +318,20 @@ pub(crate) fn draw(
             exposure: camera.exposure * fogged.intensity * level.strength,
             steps: fogged.steps,
         };
-        let local_from_world = placement.matrix();
+        let world_from_local = Mat4::from(placement.world_from_local);
         let key = (lit.level, fog.asymmetry);
         let light = lights.iter().position(|k| *k == key).unwrap_or_else(|| {
             let shape = volume.shape();
-            let of = FogVoxelsParams::new(&seen, fog.asymmetry, shape, &local_from_world);
+            let of = FogVoxelsParams::new(&seen, fog.asymmetry, shape, &world_from_local);
             lights.push(key);
             sent.push(of);
             volumes_of.push(written);
             lights.len() - 1
         });
+        let place = Affine3A::from_mat4(fog.world_from_local);
         let earlier: Vec<Mat4> = (fogs.levels[..lit.level].iter())
-            .filter(|other| planned(other.scene) && meet(&other.cube, &level.cube))
+            .filter(|other| meet(&other.cube, &level.cube) && meet(&other.cube, &place))
+            .filter(|other| lights_of(other.scene).is_some())
             .map(|other| other.cube.into())
             .collect();
         params.push(FogParams::new(
@@ -328,7 +339,7 @@ pub(crate) fn draw(
             &fog,
             volume.shape(),
             level.bounds,
-            &local_from_world,
+            &world_from_local,
             &earlier,
         ));
         let density = density.unwrap_or(&fallback.d3);
@@ -395,12 +406,13 @@ pub(crate) fn check_fog(
     volumes: Query<(), With<Voxels>>,
     fogs: Query<(), With<FogVolume>>,
     lamps: Query<(), With<VolumetricLight>>,
-    cameras: Query<(&Camera, &VolumetricFog)>,
+    cameras: Query<(&Camera, &VolumetricFog, DisplayParts), Without<MeshlessGiCapture>>,
     mut findings: ResMut<MeshlessGiFindings>,
 ) {
     let there = !volumes.is_empty() && !fogs.is_empty() && !lamps.is_empty();
-    let shines = |(camera, fog): (&Camera, &VolumetricFog)| {
-        camera.is_active && fog.ambient_intensity > 0.0 && rgb(fog.ambient_color) != Vec3::ZERO
+    let shines = |(camera, fog, parts): (&Camera, &VolumetricFog, _)| {
+        let ambient = fog.ambient_intensity > 0.0 && rgb(fog.ambient_color) != Vec3::ZERO;
+        ambient && shown(camera, parts).is_some()
     };
     if settings.warn_double_counting
         && there

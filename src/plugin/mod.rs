@@ -69,6 +69,7 @@ mod diagnostics;
 mod display;
 mod extract;
 mod fog;
+mod fog_order;
 mod gizmos;
 mod gloss;
 mod inventory;
@@ -342,6 +343,9 @@ impl Plugin for MeshlessGiPlugin {
                     .before(main_transmissive_pass_3d)
                     .before(main_transparent_pass_3d),
             )
+            .edit_schedule(Core3d, |schedule| {
+                schedule.add_build_pass(fog_order::FogFirst::default());
+            })
             .add_systems(
                 Core3d,
                 fog::draw

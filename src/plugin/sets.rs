@@ -30,6 +30,6 @@ pub enum MeshlessGiSystems {
     /// `Core3d` of each camera, in its main pass, after the opaque pass and before transmissive and transparent ones: indirect
     /// light is added to the picture. Order *after* it what must lie over indirect light.
     Composite,
-    /// `Core3d` of each camera, before its post-processing and behind Bevy's volumetric fog: light that fog sends to the eye is added to the picture.
+    /// `Core3d` of each camera, first of its early post-processing (anti-aliasing over time among it) and behind Bevy's volumetric fog: light that fog sends to the eye is added to the picture. What of that set is ordered *before* it stays so.
     Fog,
 }

@@ -204,15 +204,15 @@ pub(super) type DisplayParts = (
     Brought,
 );
 
+/// What a query finds of that.
+pub(super) type FoundParts<'a> = (
+    Option<&'a MeshlessGiCamera>,
+    Option<&'a Msaa>,
+    (bool, bool, bool, bool),
+);
+
 /// Whether it shows indirect light over its G-buffer.
-#[allow(clippy::type_complexity, reason = "what a query reads")]
-pub(super) fn displays(
-    (display, msaa, brought): (
-        Option<&MeshlessGiCamera>,
-        Option<&Msaa>,
-        (bool, bool, bool, bool),
-    ),
-) -> bool {
+pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
     display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
 }
 

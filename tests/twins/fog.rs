@@ -66,7 +66,6 @@ impl Drawn {
             ..even
         };
         let other = Mat4::from_translation(middle) * Mat4::from_scale(Vec3::splat(3.0));
-        let local = root.inverse();
         // The outermost voxels lie half beyond it.
         let bounds = [Vec3::splat(-0.8), Vec3::new(2.3, 1.35, 1.9)];
         let near = FogView {
@@ -74,11 +73,11 @@ impl Drawn {
             ..view
         };
         Self {
-            light: FogVoxelsParams::new(&view, 0.4, &shape, &local),
+            light: FogVoxelsParams::new(&view, 0.4, &shape, &root),
             params: vec![
-                FogParams::new(&view, &even, &shape, bounds, &local, &[]),
-                FogParams::new(&near, &textured, &shape, bounds, &local, &[]),
-                FogParams::new(&view, &even, &shape, bounds, &local, &[other]),
+                FogParams::new(&view, &even, &shape, bounds, &root, &[]),
+                FogParams::new(&near, &textured, &shape, bounds, &root, &[]),
+                FogParams::new(&view, &even, &shape, bounds, &root, &[other]),
             ],
             voxels: with_walls(&mut dice, size),
             density: (0..EDGE * EDGE * EDGE)
@@ -152,7 +151,7 @@ fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[
     let kernels = Kernels::new(device).unwrap();
     let mut buffers = FogBuffers::default();
     buffers.write(device, queue, &[drawn.light], &drawn.params);
-    let bytes = 3 * 624 + 96 + 8 * drawn.light.size.iter().product::<u32>() as u64;
+    let bytes = 3 * 560 + 192 + 8 * drawn.light.size.iter().product::<u32>() as u64;
     assert_eq!((buffers.count(), buffers.bytes()), (4, bytes));
     let half4 = TextureFormat::Rgba16Float;
     let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT;
@@ -224,15 +223,16 @@ fn fog_in_a_picture() {
     }
     // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees, another density, another level that comes first.
     type Spoil = fn(&mut Drawn);
-    let spoils: [(&str, usize, Spoil); 11] = [
+    let spoils: [(&str, usize, Spoil); 12] = [
         ("steps", 1, |d| d.params[1].steps = 16),
         ("extinction", 0, |d| d.params[0].extinction *= 1.05),
         ("asymmetry", 0, |d| d.light.asymmetry += 0.05),
         ("eye", 0, |d| d.light.eye[0] += 40.0),
         ("radius", 0, |d| d.params[0].radius *= 1.05),
         ("place of the view", 0, |d| {
-            d.params[0].world_from_view[3][0] += 0.1
+            d.params[0].voxels_from_view[3][0] += 0.1
         }),
+        ("ways", 0, |d| d.light.steps[0] = [0, 1, 0, 0]),
         ("viewport", 0, |d| d.params[0].viewport[0] += 1.0),
         ("bounds", 0, |d| d.params[0].high[0] -= 0.4),
         ("walls", 0, |d| {

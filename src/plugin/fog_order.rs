@@ -1,0 +1,114 @@
+//! When light in fog is added to a picture: behind Bevy's volumetric fog, which is private and runs before all of `EarlyPostProcess`, and before all else that is in that set, temporal anti-aliasing among it, which this crate
+//! cannot name either: it is a part of Bevy that an app may be without.
+
+use super::sets::MeshlessGiSystems;
+use bevy::core_pipeline::schedule::Core3dSystems;
+use bevy::ecs::schedule::graph::{DiGraph, Direction};
+use bevy::ecs::schedule::{
+    FlattenedDependencies, InternedSystemSet, NodeId, ScheduleBuildError, ScheduleBuildPass,
+    ScheduleGraph, SystemKey, SystemSet, SystemSetKey,
+};
+use bevy::ecs::world::World;
+use bevy::platform::collections::{HashMap, HashSet};
+
+/// Puts [`MeshlessGiSystems::Fog`] before the other systems of `EarlyPostProcess`, but for those that are ordered before it.
+#[derive(Debug, Default)]
+pub(crate) struct FogFirst {
+    members: HashMap<SystemSetKey, Vec<SystemKey>>,
+}
+
+/// No edge has any.
+#[derive(Debug)]
+pub(crate) struct NoOptions;
+
+impl ScheduleBuildPass for FogFirst {
+    type EdgeOptions = NoOptions;
+
+    fn add_dependency(&mut self, _: NodeId, _: NodeId, _: Option<&NoOptions>) {}
+
+    fn collapse_set(
+        &mut self,
+        set: SystemSetKey,
+        systems: &indexmap::IndexSet<SystemKey, bevy::platform::hash::FixedHasher>,
+        _: &DiGraph<NodeId>,
+    ) -> impl Iterator<Item = (NodeId, NodeId)> {
+        self.members.insert(set, systems.iter().copied().collect());
+        std::iter::empty()
+    }
+
+    fn build(
+        &mut self,
+        _: &mut World,
+        graph: &mut ScheduleGraph,
+        mut dependencies: FlattenedDependencies<'_>,
+    ) -> Result<(), ScheduleBuildError> {
+        let members = std::mem::take(&mut self.members);
+        let of = |set: InternedSystemSet| {
+            let key = graph.system_sets.get_key(set);
+            key.and_then(|key| members.get(&key).cloned())
+                .unwrap_or_default()
+        };
+        let ours = of(MeshlessGiSystems::Fog.intern());
+        let all = of(Core3dSystems::EarlyPostProcess.intern());
+        for &fog in &ours {
+            let before = leads_to(&dependencies, fog);
+            for &other in all.iter().filter(|s| !ours.contains(s)) {
+                if !before.contains(&other) {
+                    dependencies.add_edge(fog, other);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// All that runs before a system.
+fn leads_to(graph: &DiGraph<SystemKey>, system: SystemKey) -> HashSet<SystemKey> {
+    let (mut found, mut next) = (HashSet::default(), vec![system]);
+    while let Some(system) = next.pop() {
+        for before in graph.neighbors_directed(system, Direction::Incoming) {
+            if found.insert(before) {
+                next.push(before);
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::core_pipeline::schedule::Core3d;
+    use bevy::ecs::prelude::*;
+
+    #[derive(Resource, Default)]
+    struct Ran(Vec<&'static str>);
+
+    fn noted(name: &'static str) -> impl Fn(ResMut<Ran>) {
+        move |mut ran| ran.0.push(name)
+    }
+
+    #[test]
+    fn fog_is_behind_what_is_before_early_post_processing_and_before_the_rest() {
+        let early = Core3dSystems::EarlyPostProcess;
+        let mut schedule = Core3d::base_schedule();
+        schedule.add_build_pass(FogFirst::default());
+        let anti_alias = noted("anti_alias").in_set(early.clone());
+        schedule.add_systems((anti_alias, noted("upscale").in_set(early.clone())));
+        schedule.add_systems(noted("tonemap").in_set(Core3dSystems::PostProcess));
+        let fog = noted("fog").in_set(MeshlessGiSystems::Fog);
+        schedule.add_systems(fog.in_set(early.clone()));
+        let asked = noted("asked").before(MeshlessGiSystems::Fog);
+        schedule.add_systems(asked.in_set(early.clone()));
+        let bevys = noted("bevys_fog").after(Core3dSystems::MainPass);
+        schedule.add_systems(bevys.before(early));
+        schedule.add_systems(noted("opaque").in_set(Core3dSystems::MainPass));
+        let mut world = World::new();
+        world.init_resource::<Ran>();
+        schedule.run(&mut world);
+        let ran = &world.resource::<Ran>().0;
+        assert_eq!(ran[..4], ["opaque", "bevys_fog", "asked", "fog"]);
+        assert_eq!(ran.len(), 7);
+        assert_eq!(ran[6], "tonemap");
+    }
+}
