@@ -279,7 +279,7 @@ fn follow(
         false => Color::BLACK,
     };
     **place = Transform::default().looking_to(-sun, Vec3::Y);
-    **level = nine(sun).into();
+    **level = nine(sun).without_ringing().into();
     let exposure = exposure(sun);
     for (camera, place) in &cameras {
         commands.entity(camera).insert(exposure);

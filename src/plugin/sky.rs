@@ -106,6 +106,13 @@ impl MeshlessGiSky {
         Ok(SkyRadiance::of_map(samples).into())
     }
 
+    /// The nearest sky of the same mean that is nowhere negative ([`SkyRadiance::without_ringing`]): for levels that see the sky through openings, where nine numbers beside a sun or a low sun's glow
+    /// would give strange colours.
+    #[must_use]
+    pub fn without_ringing(&self) -> Self {
+        self.radiance().without_ringing().into()
+    }
+
     /// The same in the core's terms.
     #[must_use]
     pub fn radiance(&self) -> SkyRadiance {
@@ -228,6 +235,19 @@ mod tests {
         for (a, b) in found.iter().zip(right) {
             assert!((*a - b).length() < 0.01, "{a} {b}");
         }
+    }
+
+    #[test]
+    fn a_sun_in_a_cubemap_rings_unless_told_not_to() {
+        let sun = Vec3::new(0.8, 0.6, 0.0);
+        let shines = |w: Vec3| Vec3::splat(if w.dot(sun) > 0.95 { 10.0 } else { 0.1 });
+        let sky = MeshlessGiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
+        let beside = Vec3::new(-0.6, 0.8, 0.0);
+        let least = |sky: &MeshlessGiSky| sky.radiance().towards(beside).max_element();
+        assert!(least(&sky) < -0.1, "{}", least(&sky));
+        let without = sky.without_ringing();
+        assert!(least(&without) > -1e-4, "{}", least(&without));
+        assert_eq!(without.coefficients[0], sky.coefficients[0]);
     }
 
     /// A map of 256 texels a side with smaller levels behind each face, in the format of environment maps: half a dozen bright texels in a dark sky.

@@ -23,6 +23,7 @@ mod mesh_problems;
 mod occluder;
 mod ply;
 mod points;
+mod ringing;
 mod sky;
 mod statue;
 mod watertight;
