@@ -424,14 +424,14 @@ fn all_that_shines_in_two_rooms() {
 }
 
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes minutes; .ci/run has it"]
 fn all_that_shines_in_the_cornell_box_at_medium() {
     a_picture_shines("cornell", cornell_with_screen, Preset::Medium);
     in_the_cornell_box(Preset::Medium);
 }
 
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes minutes; .ci/run has it"]
 fn all_that_shines_in_two_rooms_at_medium() {
     a_picture_shines("rooms", rooms_with_screen, Preset::Medium);
     in_two_rooms(Preset::Medium);
