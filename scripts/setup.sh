@@ -2,7 +2,8 @@
 # Installs what is missing, and only that; running it again does nothing.
 #
 #   scripts/setup.sh build   what building the tool takes: Cargo and a C compiler (it also links)
-#   scripts/setup.sh test    (default) also a Vulkan driver for the tests on the GPU: without one, Mesa's software driver is installed
+#   scripts/setup.sh test    (default) also a Vulkan driver for the tests on the GPU: without one, Mesa's software driver is installed;
+#                            and a virtual screen (Xvfb) with the X11 libraries that a window loads
 #
 # No development packages: X11, Wayland and Vulkan are loaded when a program starts, sound is not used.
 # Debian and Ubuntu are served through apt-get; elsewhere the script says what to install.
@@ -43,6 +44,17 @@ vulkan_is_there() {
     return 1
 }
 
+# True where a window can open on a virtual screen.
+screen_is_there() {
+    [ "$(uname -s)" = Linux ] || return 0 # tests with a window run on Linux alone
+    command -v Xvfb >/dev/null || return 1
+    local ldconfig library
+    ldconfig=$(command -v ldconfig || echo /sbin/ldconfig)
+    for library in libX11.so.6 libX11-xcb.so.1 libXcursor.so.1 libXi.so.6 libxkbcommon-x11.so.0; do
+        "$ldconfig" -p 2>/dev/null | grep -F "$library" >/dev/null || return 1
+    done
+}
+
 packages=()
 if ! command -v cc >/dev/null && ! command -v gcc >/dev/null && ! command -v clang >/dev/null; then
     packages+=(gcc libc6-dev)
@@ -54,6 +66,9 @@ fi
 if [ "$want" = test ] && ! vulkan_is_there; then
     packages+=(libvulkan1 mesa-vulkan-drivers)
 fi
+if [ "$want" = test ] && ! screen_is_there; then
+    packages+=(xvfb libx11-6 libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0)
+fi
 
 if [ ${#packages[@]} -eq 0 ]; then
     exit 0
@@ -61,8 +76,8 @@ fi
 
 if ! command -v apt-get >/dev/null; then
     say "missing: ${packages[*]} (Debian's names). There is no apt-get here; install the same with your package manager:"
-    say "  Fedora        dnf install gcc vulkan-loader mesa-vulkan-drivers"
-    say "  Arch          pacman -S gcc vulkan-icd-loader vulkan-swrast"
+    say "  Fedora        dnf install gcc vulkan-loader mesa-vulkan-drivers xorg-x11-server-Xvfb libX11 libXcursor libXi libxkbcommon-x11"
+    say "  Arch          pacman -S gcc vulkan-icd-loader vulkan-swrast xorg-server-xvfb libx11 libxcursor libxi libxkbcommon-x11"
     say "  macOS         xcode-select --install"
     exit 1
 fi
@@ -82,5 +97,9 @@ say "installing ${packages[*]}"
 
 if [ "$want" = test ] && ! vulkan_is_there; then
     say "the packages are installed, but no Vulkan driver was found."
+    exit 1
+fi
+if [ "$want" = test ] && ! screen_is_there; then
+    say "the packages are installed, but Xvfb or a library of X11 was not found."
     exit 1
 fi

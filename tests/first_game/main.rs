@@ -1,0 +1,174 @@
+//! The first hour of a Bevy developer, as a test: the programs of README.md are built as packages of
+//! their own in an empty folder, run in a window under Xvfb, and must show the light that `CpuFrame`
+//! computes from the same bake.
+//!
+//! The packages share profile, features and target folder with the tests, so that no package of the
+//! engine is built twice. `MGI_TEST_PICTURES` names a folder that keeps the pictures.
+
+#[path = "../plugin_support/mod.rs"]
+mod plugin_support;
+
+mod package;
+mod readme;
+mod screen;
+
+use bevy::math::Vec3;
+use bevy_meshless_gi::plugin::{AssetBuild, process_assets};
+use package::Package;
+use plugin_support::glb::glb;
+use plugin_support::scenes::{Quad, Room};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// Largest mean FLIP between the plugin's indirect light and the CPU's.
+const MAX_FLIP: f32 = 0.02;
+
+/// The programs, built once.
+fn programs() -> &'static Package {
+    static PACKAGE: OnceLock<Package> = OnceLock::new();
+    PACKAGE.get_or_init(|| {
+        let recipe = readme::program("MeshlessGi(assets.load(");
+        let assets = |processor: bool| {
+            let plugin = format!(
+                "DefaultPlugins.set(AssetPlugin {{ mode: AssetMode::Processed, \
+                 use_asset_processor_override: Some({processor}), ..default() }})"
+            );
+            recipe.replacen("DefaultPlugins", &plugin, 1)
+        };
+        Package::build(&[
+            // ("meshes", &readme::program(".bake_gi(")),
+            ("recipe", &recipe),
+            ("processed", &assets(true)),
+            ("shipped", &assets(false)),
+        ])
+    })
+}
+
+/// A hall around README's light and camera: a red wall, a green one, a block.
+fn hall() -> Room {
+    let quad = |corner: [f32; 3], u: [f32; 3], v: [f32; 3], colour: [f32; 3]| Quad {
+        corner: corner.into(),
+        u: u.into(),
+        v: v.into(),
+        colour: colour.into(),
+    };
+    let white = [0.7, 0.7, 0.7];
+    let (x, y, z) = ([6.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 9.0]);
+    let mut quads = vec![
+        quad([-3.0, 0.0, -4.0], z, x, white),
+        quad([-3.0, 3.0, -4.0], x, z, white),
+        quad([-3.0, 0.0, -4.0], x, y, white),
+        quad([-3.0, 0.0, 5.0], y, x, white),
+        quad([-3.0, 0.0, -4.0], y, z, [0.65, 0.05, 0.05]),
+        quad([3.0, 0.0, -4.0], z, y, [0.1, 0.5, 0.1]),
+    ];
+    // The block of the Cornell room stands beside the light.
+    quads.extend(Room::cornell().0.split_off(5).into_iter().map(|q| Quad {
+        corner: 1.5 * q.corner + Vec3::new(-0.6, 0.0, -1.2),
+        u: 1.5 * q.u,
+        v: 1.5 * q.v,
+        ..q
+    }));
+    Room(quads)
+}
+
+/// A folder with the level and the recipe that README shows.
+fn level_folder() -> tempfile::TempDir {
+    let root = tempfile::tempdir().expect("a folder");
+    let assets = root.path().join("assets");
+    std::fs::create_dir(&assets).expect("a folder");
+    std::fs::write(assets.join("level.glb"), glb(&hall())).expect("the level is written");
+    std::fs::write(assets.join("level.gi.ron"), readme::recipe()).expect("the recipe is written");
+    root
+}
+
+/// A field of the line that a program printed.
+fn field(line: &str, name: &str) -> f32 {
+    line.split_whitespace()
+        .find_map(|word| word.strip_prefix(&format!("{name}=")))
+        .and_then(|value| value.parse().ok())
+        .unwrap_or_else(|| panic!("no {name} in `{line}`"))
+}
+
+/// Runs a program on a virtual screen and checks the line that it prints.
+#[track_caller]
+fn assert_lit(name: &str, program: &Path, asset_root: Option<&Path>) -> String {
+    let out = tempfile::tempdir().expect("a folder");
+    let text = screen::run(program, asset_root, out.path());
+    if let Some(keep) = std::env::var_os("MGI_TEST_PICTURES") {
+        for picture in ["window.png", "pictures.png"] {
+            let kept = Path::new(&keep).join(format!("first_game_{name}_{picture}"));
+            std::fs::copy(out.path().join(picture), kept).expect("the picture is kept");
+        }
+    }
+    let line = text
+        .lines()
+        .find(|line| line.starts_with("FIRST_GAME"))
+        .unwrap_or_else(|| panic!("{name}: no measurement in\n{text}"));
+    println!("{name}: {line}");
+    assert!(field(line, "mean") > 0.003, "{name}: {line}");
+    assert!(field(line, "covered") > 0.98, "{name}: {line}");
+    assert!(field(line, "flip") <= MAX_FLIP, "{name}: {line}");
+    assert!(field(line, "perturbed") > 2.0 * MAX_FLIP, "{name}: {line}");
+    assert!(out.path().join("window.png").exists(), "{name}");
+    text
+}
+
+#[test]
+fn first_game_from_bevy_meshes_is_lit() {
+    let program = programs().program("meshes");
+    let root = tempfile::tempdir().expect("a folder");
+    assert_lit("meshes", &program, Some(root.path()));
+}
+
+#[test]
+fn first_game_from_a_recipe_is_lit() {
+    let root = level_folder();
+    let program = programs().program("recipe");
+    assert_lit("recipe", &program, Some(root.path()));
+}
+
+#[test]
+fn first_game_from_processed_assets_is_lit_and_bakes_once() {
+    let root = level_folder();
+    let program = programs().program("processed");
+    let baked = |text: &str| text.matches("baked `").count();
+    let first = assert_lit("processed", &program, Some(root.path()));
+    assert_eq!(baked(&first), 1, "{first}");
+    let second = assert_lit("processed", &program, Some(root.path()));
+    assert_eq!(baked(&second), 0, "{second}");
+}
+
+#[test]
+fn first_game_from_shipped_assets_is_lit() {
+    let root = level_folder();
+    let build = AssetBuild {
+        source: root.path().join("assets"),
+        processed: root.path().join("imported_assets/Default"),
+        ..AssetBuild::default()
+    };
+    let recipes = process_assets(&build).expect("the recipe bakes");
+    assert_eq!(recipes, [PathBuf::from("level.gi.ron")]);
+    // What a player gets: the program and the processed assets, without their sources.
+    let shipped = tempfile::tempdir().expect("a folder");
+    let program = shipped.path().join("game");
+    std::fs::copy(programs().program("shipped"), &program).expect("the program is copied");
+    let processed = shipped.path().join("imported_assets");
+    std::fs::rename(root.path().join("imported_assets"), processed).expect("assets are moved");
+    drop(root);
+    let text = assert_lit("shipped", &program, None);
+    assert!(!text.contains("baked `"), "{text}");
+}
+
+#[test]
+fn readme_first_program_is_the_example_minimal() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/minimal.rs");
+    let example = std::fs::read_to_string(file).expect("the example is there");
+    let code: String = example
+        .lines()
+        .skip_while(|line| line.starts_with("//!") || line.is_empty())
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    assert_eq!(readme::program(".bake_gi(").trim(), code.trim());
+    assert!(example.lines().count() <= 40, "the example has 40 lines");
+}

@@ -1,0 +1,25 @@
+//! The programs and the recipe that README.md shows, taken from its text.
+
+const README: &str = include_str!("../../README.md");
+
+/// The code blocks of a language, in order.
+fn blocks(language: &str) -> impl Iterator<Item = &'static str> {
+    README.split("\n```").skip(1).step_by(2).filter_map(move |block| {
+        let (info, code) = block.split_once('\n')?;
+        let first = info.split(',').next()?;
+        (first == language).then_some(code)
+    })
+}
+
+/// The first complete program that contains `part`.
+pub fn program(part: &str) -> String {
+    blocks("rust")
+        .find(|code| code.contains("fn main()") && code.contains(part))
+        .unwrap_or_else(|| panic!("README.md has no program with `{part}`"))
+        .to_string()
+}
+
+/// The first recipe.
+pub fn recipe() -> &'static str {
+    blocks("ron").next().expect("README.md has a recipe")
+}
