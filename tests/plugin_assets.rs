@@ -7,10 +7,8 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
 use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{
-    AssetBuild, AssetBuildError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked,
-    MeshlessGiStatus, process_assets,
+    AssetBuild, AssetBuildError, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, TriangleMesh};
@@ -189,18 +187,29 @@ fn quick() -> Recipe {
     }
 }
 
+/// Ends of bakes.
 #[derive(Resource, Default)]
-struct Heard(Vec<Entity>);
+struct Ends(Vec<MeshlessGiBakeFinished>);
+
+fn asset_points(app: &App, handle: &Handle<MeshlessGiAsset>) -> u64 {
+    let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+    assets.get(handle).unwrap().scene.points.len() as u64
+}
 
 #[test]
 fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
-    app.init_resource::<Heard>();
-    app.add_observer(|event: On<MeshlessGiBaked>, mut heard: ResMut<Heard>| {
-        assert!(event.seconds > 0.0);
-        heard.0.push(event.entity);
+    app.init_resource::<Ends>();
+    app.add_observer(|event: On<MeshlessGiBakeFinished>, mut ends: ResMut<Ends>| {
+        ends.0.push(event.event().clone());
     });
+    let end_of = |app: &App, entity: Entity| {
+        let ends = &app.world().resource::<Ends>().0;
+        let of: Vec<_> = ends.iter().filter(|end| end.entity == entity).collect();
+        assert!(of.len() <= 1, "one end for each bake: {of:?}");
+        of.first().map(|end| end.result.clone())
+    };
     let room = Room::cornell();
     let good = app
         .world_mut()
@@ -223,11 +232,10 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
         .id();
     let mut stages = Vec::new();
     let handle = until(&mut app, "baking", |app| {
-        if let Some(bake) = app.world().get::<MeshlessGiBake>(good) {
-            let (stage, done) = bake.progress();
-            assert!((0.0..=1.0).contains(&done));
-            if !stages.contains(&stage) {
-                stages.push(stage);
+        if let Some(progress) = app.world().get::<MeshlessGiBakeProgress>(good) {
+            assert!((0.0..=1.0).contains(&progress.fraction));
+            if !stages.contains(&progress.stage) {
+                stages.push(progress.stage);
             }
         }
         app.world().get::<MeshlessGi>(good).map(|gi| gi.0.clone())
@@ -239,15 +247,17 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
         .get(&handle)
         .unwrap();
     assert!(asset.scene.points.len() > 100 && !asset.scene.operator.links.is_empty());
-    assert_eq!(app.world().resource::<Heard>().0, [good]);
+    let summary = end_of(&app, good).expect("the event comes with the light").unwrap();
+    assert!(summary.seconds > 0.0 && !summary.loaded);
+    assert_eq!(summary.points, asset_points(&app, &handle));
+    assert!(!app.world().entity(good).contains::<MeshlessGiBake>());
+    assert!(!app.world().entity(good).contains::<MeshlessGiBakeProgress>());
     for (entity, word) in [(empty, "no surface"), (wrong, "rays")] {
-        let why = until(&mut app, "failing", |app| {
-            app.world()
-                .get::<MeshlessGiBakeFailed>(entity)
-                .map(|f| f.0.clone())
-        });
-        assert!(why.contains(word), "{why}");
+        let result = until(&mut app, "failing", |app| end_of(app, entity));
+        let error = result.unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
         assert!(app.world().get::<MeshlessGi>(entity).is_none());
+        assert!(!app.world().entity(entity).contains::<MeshlessGiBakeProgress>());
     }
 
     // Bevy's pools stay free, for its pipelines for instance, however small they are.
