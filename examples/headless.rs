@@ -171,10 +171,7 @@ fn setup(
         preset: Preset::Draft,
         ..default()
     };
-    let mut root = commands.spawn((
-        Transform::default(),
-        Visibility::default(),
-    ));
+    let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
     commands.spawn((

@@ -111,10 +111,7 @@ fn set_up(
         }],
         ..default()
     };
-    let mut root = commands.spawn((
-        Transform::default(),
-        Visibility::default(),
-    ));
+    let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
     let place = Vec3::new(-1.9, 2.05, -1.9);

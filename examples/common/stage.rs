@@ -224,7 +224,11 @@ fn tell(
     side_by_side: Res<SideBySide>,
 ) {
     let state = if let Some(bake) = baking.iter().next() {
-        format!("baking: {} {:.0} %", bake.stage.name(), 100.0 * bake.fraction)
+        format!(
+            "baking: {} {:.0} %",
+            bake.stage.name(),
+            100.0 * bake.fraction
+        )
     } else if let Some(error) = &failed.0 {
         format!("the bake failed: {error}")
     } else {

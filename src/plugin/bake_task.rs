@@ -1,12 +1,14 @@
 //! Baking inside a running game: a component that bakes in the background and becomes the scene's light when it is done.
 //!
 //! ```no_run
-//! # use bevy::prelude::*;
-//! # use bevy_meshless_gi::{bake::Recipe, plugin::MeshlessGiBake, scene::{TriangleMesh, cornell_box, mesh_of_quads}};
-//! # fn level() -> TriangleMesh { mesh_of_quads(&cornell_box()) }
+//! use bevy::prelude::*;
+//! use bevy_meshless_gi::prelude::*;
+//! use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+//!
 //! fn start(mut commands: Commands) {
-//!     // `level()` makes a `TriangleMesh` in the local space of the entity that it is spawned on.
-//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(level(), Recipe::default())));
+//!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
+//!     let room = mesh_of_quads(&cornell_box());
+//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(room, Recipe::default())));
 //! }
 //! ```
 //!

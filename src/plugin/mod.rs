@@ -284,8 +284,7 @@ impl Plugin for MeshlessGiPlugin {
                 (
                     entity_bake::systems::start_bakes
                         .run_if(any_with_component::<MeshlessGiBakeRequest>),
-                    entity_bake::stale::compare_bakes
-                        .run_if(entity_bake::stale::has_comparison),
+                    entity_bake::stale::compare_bakes.run_if(entity_bake::stale::has_comparison),
                 )
                     .chain()
                     .in_set(MeshlessGiSystems::Request)

@@ -111,7 +111,9 @@ impl Collector<'_> {
 
     fn instance(&mut self, found: &StaticMesh) {
         let mirrored = found.to_root.determinant() < 0.0;
-        let own = self.world.get::<MeshMaterial3d<StandardMaterial>>(found.entity);
+        let own = self
+            .world
+            .get::<MeshMaterial3d<StandardMaterial>>(found.entity);
         if own.is_none() && !has_custom_material(self.world, found.entity) {
             return;
         }
@@ -229,7 +231,8 @@ impl Collector<'_> {
             uv_transform: material.uv_transform,
         });
         let index = self.out.materials.len() - 1;
-        self.materials.insert((Some(handle.id()), double_sided), index);
+        self.materials
+            .insert((Some(handle.id()), double_sided), index);
         index
     }
 

@@ -69,7 +69,10 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
 fn load(path: &Path, key: &str, warnings: &mut Vec<Warning>) -> Option<BakedScene> {
     match BakedScene::read(path, &Limits::default()) {
         Ok(scene) if scene.info.request == key => {
-            info!("{}: matches the meshes and the recipe; loaded", path.display());
+            info!(
+                "{}: matches the meshes and the recipe; loaded",
+                path.display()
+            );
             Some(scene)
         }
         Ok(_) => {
@@ -92,13 +95,18 @@ fn load(path: &Path, key: &str, warnings: &mut Vec<Warning>) -> Option<BakedScen
 
 /// Writes the bake, with the folders of its path.
 fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let written = scene.to_bytes().map_err(|e| e.to_string()).and_then(|bytes| {
-        folder
-            .map_or(Ok(()), std::fs::create_dir_all)
-            .and_then(|()| write_file(path, &bytes))
-            .map_err(|e| e.to_string())
-    });
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let written = scene
+        .to_bytes()
+        .map_err(|e| e.to_string())
+        .and_then(|bytes| {
+            folder
+                .map_or(Ok(()), std::fs::create_dir_all)
+                .and_then(|()| write_file(path, &bytes))
+                .map_err(|e| e.to_string())
+        });
     match written {
         Ok(()) => {
             info!("{}: saved", path.display());

@@ -178,9 +178,6 @@ mod tests {
         ));
         let mut extracted = mesh(PrimitiveTopology::TriangleList, 3);
         extracted.take_gpu_data().unwrap();
-        assert_eq!(
-            MeshData::read(&extracted),
-            Err(MeshProblem::InRenderWorld)
-        );
+        assert_eq!(MeshData::read(&extracted), Err(MeshProblem::InRenderWorld));
     }
 }

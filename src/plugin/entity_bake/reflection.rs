@@ -15,7 +15,9 @@ pub(super) fn has_custom_material(world: &World, entity: Entity) -> bool {
     let mut ids = components.filter_map(|component| component.type_id());
     // `MaterialPlugin` registers the component of its material.
     let path = |id| types.get_type_info(id).map(|info| info.type_path());
-    ids.any(|id| path(id).is_some_and(|p| p.starts_with("bevy_pbr::mesh_material::MeshMaterial3d<")))
+    ids.any(|id| {
+        path(id).is_some_and(|p| p.starts_with("bevy_pbr::mesh_material::MeshMaterial3d<"))
+    })
 }
 
 /// The name of the glTF material of an entity. Read by reflection: the type is that of bevy_gltf,

@@ -2,7 +2,7 @@
 
 use super::super::bake_progress::MeshlessGiBakeProgress;
 use super::super::bake_task::MeshlessGiBake;
-use crate::bake::Recipe;
+use crate::bake::{Preset, Recipe};
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
@@ -83,6 +83,12 @@ impl MeshlessGiBakeRequest {
 impl From<Recipe> for MeshlessGiBakeRequest {
     fn from(recipe: Recipe) -> Self {
         Self::new(recipe)
+    }
+}
+
+impl From<Preset> for MeshlessGiBakeRequest {
+    fn from(preset: Preset) -> Self {
+        Self::new(preset.into())
     }
 }
 

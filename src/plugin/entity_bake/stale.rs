@@ -43,18 +43,12 @@ pub(crate) fn has_comparison(
 
 /// Whether a root has a loaded bake of entities that was not compared with its meshes.
 fn wants_comparison(
-    (_, gi, comparison, is_requested): (
-        Entity,
-        &MeshlessGi,
-        Option<&BakeComparison>,
-        bool,
-    ),
+    (_, gi, comparison, is_requested): (Entity, &MeshlessGi, Option<&BakeComparison>, bool),
     bakes: &Assets<MeshlessGiAsset>,
     server: &AssetServer,
 ) -> bool {
     let is_done = |c: &BakeComparison| c.asset == gi.0.id() && c.work.is_none();
-    let is_of_entities =
-        |bake: &MeshlessGiAsset| !bake.scene.info.request.is_empty();
+    let is_of_entities = |bake: &MeshlessGiAsset| !bake.scene.info.request.is_empty();
     // A bake of this session has no path, and was made from what is there.
     !is_requested
         && !comparison.is_some_and(is_done)
@@ -101,7 +95,9 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
         }
         let collected = collect(world, found, scene.materials.is_some());
         let work = Background::spawn("meshless gi hash", move || hash(&collected), || None).ok();
-        world.entity_mut(root).insert(BakeComparison { asset, work });
+        world
+            .entity_mut(root)
+            .insert(BakeComparison { asset, work });
     }
 }
 

@@ -103,11 +103,13 @@ fn is_single_channel(format: TextureFormat) -> bool {
 fn wraps(sampler: &ImageSampler) -> [Wrap; 2] {
     match sampler {
         ImageSampler::Default => [Wrap::Clamp; 2],
-        ImageSampler::Descriptor(d) => [d.address_mode_u, d.address_mode_v].map(|mode| match mode {
-            ImageAddressMode::ClampToEdge | ImageAddressMode::ClampToBorder => Wrap::Clamp,
-            ImageAddressMode::Repeat => Wrap::Repeat,
-            ImageAddressMode::MirrorRepeat => Wrap::Mirror,
-        }),
+        ImageSampler::Descriptor(d) => {
+            [d.address_mode_u, d.address_mode_v].map(|mode| match mode {
+                ImageAddressMode::ClampToEdge | ImageAddressMode::ClampToBorder => Wrap::Clamp,
+                ImageAddressMode::Repeat => Wrap::Repeat,
+                ImageAddressMode::MirrorRepeat => Wrap::Mirror,
+            })
+        }
     }
 }
 

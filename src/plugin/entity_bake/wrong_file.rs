@@ -43,7 +43,12 @@ mod tests {
     #[test]
     fn scene_files_are_named_with_their_replacements() {
         let message = wrong_file(&AssetPath::parse("maps/hall.glb#Scene0")).unwrap();
-        for part in ["maps/hall.glb", "maps/hall.gi.ron", "maps/hall.mgi", "bake_gi"] {
+        for part in [
+            "maps/hall.glb",
+            "maps/hall.gi.ron",
+            "maps/hall.mgi",
+            "bake_gi",
+        ] {
             assert!(message.contains(part), "{message}");
         }
         for bake in ["hall.mgi", "hall.gi.ron", "hall", "http.bin"] {
