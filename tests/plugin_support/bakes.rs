@@ -57,6 +57,7 @@ pub fn quick() -> Recipe {
         viewpoints: vec![[0.0, 1.0, 0.6]],
         coarse_radius: Some(0.4),
         levels: Some(3),
+        sender_levels: Some(2),
         rays: Some(64),
         ..default()
     }
