@@ -35,7 +35,7 @@ pub fn set_up(
     let root = (Transform::default(), Visibility::default(), room);
     commands.spawn(root).bake_gi(Preset::Draft);
     let light = PointLight {
-        intensity: 150_000.0,
+        intensity: 120_000.0,
         shadow_maps_enabled: true,
         ..default()
     };

@@ -1,8 +1,9 @@
 //! Bakes from entities in tests: apps, quick recipes, and the ends of bakes.
 
-use super::log::until;
+use super::assets::until;
 use super::scenes::Room;
 use bevy::asset::{AssetPlugin, RenderAssetUsages};
+use bevy::ecs::schedule::{ScheduleLabel, SingleThreadedExecutor};
 use bevy::image::Image;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
@@ -35,6 +36,12 @@ pub fn bare_app(assets: &Path) -> App {
     .init_asset::<Mesh>()
     .init_asset::<Image>()
     .init_asset::<StandardMaterial>();
+    // Tests read the log of their own thread.
+    for schedule in [PreUpdate.intern(), Last.intern()] {
+        app.edit_schedule(schedule, |schedule| {
+            schedule.set_executor(SingleThreadedExecutor::new());
+        });
+    }
     keep_ends(&mut app);
     super::app::ready(&mut app);
     app

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test uses its part")]
 
 pub mod app;
+pub mod assets;
 pub mod bakes;
 pub mod bounce;
 pub mod flip;

@@ -316,7 +316,10 @@ fn asset_name<A: Asset>(world: &World, id: AssetId<A>) -> String {
     match path(world, id) {
         Some(path) => format!("`{path}`"),
         None => match id {
-            AssetId::Index { index, .. } => format!("{index:?}"),
+            AssetId::Index { index, .. } => {
+                let bits = index.to_bits();
+                format!("{}v{}", bits & u64::from(u32::MAX), bits >> 32)
+            }
             AssetId::Uuid { uuid } => uuid.to_string(),
         },
     }
