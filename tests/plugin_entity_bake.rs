@@ -471,7 +471,11 @@ fn textures_vertex_colors_and_cutouts_are_those_of_the_material() {
     );
 
     // Colors of vertices: the left half is bright, the right one dark.
-    let half = |x: f32| floor().scaled_by(Vec3::new(0.5, 1.0, 1.0)).translated_by(x * Vec3::X);
+    let half = |x: f32| {
+        floor()
+            .scaled_by(Vec3::new(0.5, 1.0, 1.0))
+            .translated_by(x * Vec3::X)
+    };
     let mut painted = half(-0.5);
     painted.merge(&half(0.5)).unwrap();
     let bright = [1.0, 0.5, 0.25, 1.0];
@@ -672,7 +676,13 @@ fn scene_file_in_the_place_of_a_bake_is_an_error_that_names_the_bake() {
     });
     assert_eq!(told.len(), 1, "{told:?}");
     let entity = format!("entity {root}");
-    for part in [entity.as_str(), "`hall.glb`", "hall.mgi", "hall.gi.ron", "bake_gi"] {
+    for part in [
+        entity.as_str(),
+        "`hall.glb`",
+        "hall.mgi",
+        "hall.gi.ron",
+        "bake_gi",
+    ] {
         assert!(told[0].contains(part), "{part}: {}", told[0]);
     }
 }
