@@ -27,10 +27,9 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Recipe, SoftShadows};
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::bake::SoftShadows;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+use bevy_meshless_gi::scene::cornell_box;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
@@ -96,12 +95,9 @@ fn setup(
         soft_shadows: soft.0.then(SoftShadows::default),
         ..default()
     };
-    let mut root = commands.spawn((
-        Transform::default(),
-        Visibility::default(),
-        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
-    ));
+    let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.bake_gi(recipe);
 
     if soft.0 {
         let panel = materials.add(StandardMaterial {

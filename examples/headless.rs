@@ -16,10 +16,8 @@ use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
 use bevy::render::renderer::RenderDevice;
-use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiTier};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+use bevy_meshless_gi::scene::cornell_box;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -69,18 +67,14 @@ fn main() -> ExitCode {
         .expect("the scene can be made");
 
     // Bake, in the background as in a game.
-    let mut baking = app.world_mut().query::<&MeshlessGiBake>();
+    let mut baking = app.world_mut().query::<&MeshlessGiBakeProgress>();
     while baking.iter(app.world()).next().is_some() {
         std::thread::sleep(std::time::Duration::from_millis(10));
         frame(&mut app);
     }
-    if let Some(failed) = app
-        .world_mut()
-        .query::<&MeshlessGiBakeFailed>()
-        .iter(app.world())
-        .next()
-    {
-        eprintln!("the bake failed: {}", failed.0);
+    let mut baked = app.world_mut().query::<&MeshlessGi>();
+    if baked.iter(app.world()).next().is_none() {
+        // The log has the error.
         return ExitCode::from(1);
     }
 
@@ -177,12 +171,9 @@ fn setup(
         preset: Preset::Draft,
         ..default()
     };
-    let mut root = commands.spawn((
-        Transform::default(),
-        Visibility::default(),
-        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
-    ));
+    let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.bake_gi(recipe);
     commands.spawn((
         PointLight {
             color: Color::linear_rgb(1.0, 0.95, 0.85),

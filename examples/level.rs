@@ -26,7 +26,6 @@ use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Bvh, Geometry, Ray, TriangleMesh, load_gltf};
 use common::capture::{Capture, default_plugins};
@@ -191,7 +190,7 @@ fn setup(mut commands: Commands, mut level: ResMut<Level>, assets: Res<AssetServ
 
 /// The bake is done: the viewpoints that it found are good places for who has not walked yet, and for the lamp.
 fn baked(
-    event: On<MeshlessGiBaked>,
+    event: On<MeshlessGiBakeFinished>,
     scenes: Query<&MeshlessGi>,
     bakes: Res<Assets<MeshlessGiAsset>>,
     level: Res<Level>,
@@ -339,7 +338,7 @@ fn switch(
 fn tell(
     mut overlay: Single<&mut Text, With<Overlay>>,
     under_way: Query<&MeshlessGiBake>,
-    failed: Query<&MeshlessGiBakeFailed>,
+    baked: Query<&MeshlessGi>,
     camera: Single<&MeshlessGiCamera>,
 ) {
     let state = if let Some(bake) = under_way.iter().next() {
@@ -351,8 +350,8 @@ fn tell(
             "-".repeat(20 - full.min(20)),
             stage.name()
         )
-    } else if let Some(why) = failed.iter().next() {
-        format!("the bake failed: {}", why.0)
+    } else if baked.is_empty() {
+        "the bake failed: see the log".into()
     } else {
         format!(
             "indirect light {}",

@@ -24,10 +24,8 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiLighting};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad, mesh_of_quads};
+use bevy_meshless_gi::scene::{Material, Quad};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
@@ -203,7 +201,6 @@ fn set_up(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
         // The night sky of a town.
         MeshlessGiLighting {
             sky: LinearRgba::rgb(6.0, 7.0, 12.0),
@@ -211,7 +208,7 @@ fn set_up(
         },
     ));
     let named = common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
-    root.insert(MeshlessGiMaterials(named));
+    root.insert(MeshlessGiMaterials(named)).bake_gi(recipe);
 }
 
 /// The signs as their time and their switch have them.

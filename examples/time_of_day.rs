@@ -26,10 +26,9 @@ mod common;
 use bevy::camera::Exposure;
 use bevy::light::{CascadeShadowConfigBuilder, FogVolume, VolumetricFog, VolumetricLight};
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, Sky};
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Sky};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad, SkyRadiance, mesh_of_quads};
+use bevy_meshless_gi::scene::{Material, Quad, SkyRadiance};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
@@ -139,10 +138,10 @@ fn set_up(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
         MeshlessGiSky::default(),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.bake_gi(recipe);
     commands.spawn((
         DirectionalLight {
             shadow_maps_enabled: true,

@@ -24,10 +24,9 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape, Preset, Recipe};
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad, mesh_of_quads};
+use bevy_meshless_gi::scene::{Material, Quad};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems, spawn_lamp};
@@ -112,12 +111,9 @@ fn set_up(
         }],
         ..default()
     };
-    let mut root = commands.spawn((
-        Transform::default(),
-        Visibility::default(),
-        MeshlessGiBake::spawn(mesh_of_quads(&quads), recipe),
-    ));
+    let mut root = commands.spawn((Transform::default(), Visibility::default()));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
+    root.bake_gi(recipe);
     let place = Vec3::new(-1.9, 2.05, -1.9);
     spawn_lamp(&mut commands, &mut meshes, &mut materials, place)
         .insert(MeshlessGiReflective::default());

@@ -44,6 +44,6 @@ pub use plugin::prelude;
 #[cfg(all(doctest, feature = "engine"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
-#[cfg(all(doctest, feature = "gltf"))]
+#[cfg(all(doctest, feature = "engine"))]
 #[doc = include_str!("../docs/GUIDE.md")]
 struct Guide;

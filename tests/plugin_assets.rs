@@ -7,15 +7,13 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
 use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{Preset, Recipe};
-use bevy_meshless_gi::plugin::{
-    AssetBuild, AssetBuildError, MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked,
-    MeshlessGiStatus, process_assets,
-};
+use bevy_meshless_gi::plugin::{AssetBuild, AssetBuildError, process_assets};
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::{Material, TriangleMesh};
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
+use plugin_support::assets::until;
 use plugin_support::glb::{glb, gltf};
+use plugin_support::log::warnings;
 use plugin_support::scenes::{Room, cornell};
 use std::path::Path;
 use std::process::Command;
@@ -36,19 +34,6 @@ fn bare_app(assets: &Path) -> App {
     ));
     ready(&mut app);
     app
-}
-
-/// Updates until `done` gives something.
-fn until<T>(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> Option<T>) -> T {
-    let end = Instant::now() + Duration::from_secs(120);
-    loop {
-        app.update();
-        if let Some(value) = done(app) {
-            return value;
-        }
-        assert!(Instant::now() < end, "{what} takes too long");
-        std::thread::sleep(Duration::from_millis(2));
-    }
 }
 
 #[test]
@@ -189,18 +174,31 @@ fn quick() -> Recipe {
     }
 }
 
+/// Ends of bakes.
 #[derive(Resource, Default)]
-struct Heard(Vec<Entity>);
+struct Ends(Vec<MeshlessGiBakeFinished>);
+
+fn asset_points(app: &App, handle: &Handle<MeshlessGiAsset>) -> u64 {
+    let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+    assets.get(handle).unwrap().scene.points.len() as u64
+}
 
 #[test]
 fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
-    app.init_resource::<Heard>();
-    app.add_observer(|event: On<MeshlessGiBaked>, mut heard: ResMut<Heard>| {
-        assert!(event.seconds > 0.0);
-        heard.0.push(event.entity);
-    });
+    app.init_resource::<Ends>();
+    app.add_observer(
+        |event: On<MeshlessGiBakeFinished>, mut ends: ResMut<Ends>| {
+            ends.0.push(event.event().clone());
+        },
+    );
+    let end_of = |app: &App, entity: Entity| {
+        let ends = &app.world().resource::<Ends>().0;
+        let of: Vec<_> = ends.iter().filter(|end| end.entity == entity).collect();
+        assert!(of.len() <= 1, "one end for each bake: {of:?}");
+        of.first().map(|end| end.result.clone())
+    };
     let room = Room::cornell();
     let good = app
         .world_mut()
@@ -223,11 +221,10 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
         .id();
     let mut stages = Vec::new();
     let handle = until(&mut app, "baking", |app| {
-        if let Some(bake) = app.world().get::<MeshlessGiBake>(good) {
-            let (stage, done) = bake.progress();
-            assert!((0.0..=1.0).contains(&done));
-            if !stages.contains(&stage) {
-                stages.push(stage);
+        if let Some(progress) = app.world().get::<MeshlessGiBakeProgress>(good) {
+            assert!((0.0..=1.0).contains(&progress.fraction));
+            if !stages.contains(&progress.stage) {
+                stages.push(progress.stage);
             }
         }
         app.world().get::<MeshlessGi>(good).map(|gi| gi.0.clone())
@@ -239,15 +236,27 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
         .get(&handle)
         .unwrap();
     assert!(asset.scene.points.len() > 100 && !asset.scene.operator.links.is_empty());
-    assert_eq!(app.world().resource::<Heard>().0, [good]);
+    let summary = end_of(&app, good)
+        .expect("the event comes with the light")
+        .unwrap();
+    assert!(summary.seconds > 0.0 && !summary.loaded);
+    assert_eq!(summary.points, asset_points(&app, &handle));
+    assert!(!app.world().entity(good).contains::<MeshlessGiBake>());
+    assert!(
+        !app.world()
+            .entity(good)
+            .contains::<MeshlessGiBakeProgress>()
+    );
     for (entity, word) in [(empty, "no surface"), (wrong, "rays")] {
-        let why = until(&mut app, "failing", |app| {
-            app.world()
-                .get::<MeshlessGiBakeFailed>(entity)
-                .map(|f| f.0.clone())
-        });
-        assert!(why.contains(word), "{why}");
+        let result = until(&mut app, "failing", |app| end_of(app, entity));
+        let error = result.unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
         assert!(app.world().get::<MeshlessGi>(entity).is_none());
+        assert!(
+            !app.world()
+                .entity(entity)
+                .contains::<MeshlessGiBakeProgress>()
+        );
     }
 
     // Bevy's pools stay free, for its pipelines for instance, however small they are.
@@ -312,55 +321,6 @@ fn process_here() {
         Err(AssetBuildError::Failed(failed)) => println!("FAILED {failed:?}"),
         Err(why) => panic!("{why}"),
     }
-}
-
-/// What the plugin warns of while `work` runs on this thread.
-fn warnings<T>(work: impl FnOnce() -> T) -> (T, Vec<String>) {
-    let told = Arc::new(Mutex::new(Vec::new()));
-    let subscriber = Warnings(told.clone());
-    let value = bevy::log::tracing::subscriber::with_default(subscriber, work);
-    let told = told.lock().unwrap().clone();
-    (value, told)
-}
-
-/// Keeps the plugin's warnings and errors.
-struct Warnings(Arc<Mutex<Vec<String>>>);
-
-impl bevy::log::tracing::Subscriber for Warnings {
-    fn enabled(&self, metadata: &bevy::log::tracing::Metadata<'_>) -> bool {
-        metadata.target().starts_with("bevy_meshless_gi")
-            && *metadata.level() <= bevy::log::Level::WARN
-    }
-    fn new_span(
-        &self,
-        _: &bevy::log::tracing::span::Attributes<'_>,
-    ) -> bevy::log::tracing::span::Id {
-        bevy::log::tracing::span::Id::from_u64(1)
-    }
-    fn record(&self, _: &bevy::log::tracing::span::Id, _: &bevy::log::tracing::span::Record<'_>) {}
-    fn record_follows_from(
-        &self,
-        _: &bevy::log::tracing::span::Id,
-        _: &bevy::log::tracing::span::Id,
-    ) {
-    }
-    fn event(&self, event: &bevy::log::tracing::Event<'_>) {
-        struct Message<'a>(&'a mut Vec<String>);
-        impl bevy::log::tracing::field::Visit for Message<'_> {
-            fn record_debug(
-                &mut self,
-                field: &bevy::log::tracing::field::Field,
-                value: &dyn std::fmt::Debug,
-            ) {
-                if field.name() == "message" {
-                    self.0.push(format!("{value:?}"));
-                }
-            }
-        }
-        event.record(&mut Message(&mut self.0.lock().unwrap()));
-    }
-    fn enter(&self, _: &bevy::log::tracing::span::Id) {}
-    fn exit(&self, _: &bevy::log::tracing::span::Id) {}
 }
 
 /// Prints errors and what the plugin tells: a log in a few lines.

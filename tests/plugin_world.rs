@@ -13,7 +13,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiBakeFailed, MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiBakeProgress, MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings,
     MeshlessGiGizmos, MeshlessGiSettings, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
@@ -507,7 +507,8 @@ fn every_tuning_type_is_reflected_and_registered() {
     };
     let components = [
         TypeId::of::<MeshlessGi>(),
-        TypeId::of::<MeshlessGiBakeFailed>(),
+        TypeId::of::<MeshlessGiBakeProgress>(),
+        TypeId::of::<MeshlessGiBakeExclude>(),
         TypeId::of::<MeshlessGiCamera>(),
         TypeId::of::<MeshlessGiLight>(),
         TypeId::of::<MeshlessGiLighting>(),

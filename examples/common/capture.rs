@@ -21,7 +21,7 @@ use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_dis
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiCapture};
+use bevy_meshless_gi::plugin::{MeshlessGiBakeProgress, MeshlessGiCapture};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -185,7 +185,7 @@ fn capture(
     mut commands: Commands,
     capture: Res<Capture>,
     picture: Res<Picture>,
-    bakes: Query<(), With<MeshlessGiBake>>,
+    bakes: Query<(), With<MeshlessGiBakeProgress>>,
     mut keys: ResMut<ButtonInput<KeyCode>>,
     mut frame: Local<u32>,
 ) {

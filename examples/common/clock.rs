@@ -1,7 +1,7 @@
 //! The clock of an example: what moves by itself is where its time says, so that a picture of a time is the same on any machine.
 
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::prelude::*;
 
 /// The time of an example. It waits for its light, and stands where a picture of a time is asked for; M stops it and lets it go on.
 #[derive(Resource, Clone)]
@@ -49,7 +49,7 @@ impl Plugin for Clock {
 
 fn go_on(
     mut clock: ResMut<Clock>,
-    baking: Query<(), With<MeshlessGiBake>>,
+    baking: Query<(), With<MeshlessGiBakeProgress>>,
     keys: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,
 ) {

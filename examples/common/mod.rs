@@ -109,6 +109,7 @@ pub fn spawn_quads(
                 emissive: LinearRgba::rgb(red, green, blue),
                 perceptual_roughness: 1.0,
                 reflectance: 0.0,
+                double_sided: material.double_sided,
                 ..default()
             });
             if !material.name.is_empty() {

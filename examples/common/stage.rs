@@ -3,9 +3,6 @@
 use bevy::camera::Viewport;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiStatus, MeshlessGiView,
-};
 use bevy_meshless_gi::prelude::*;
 
 /// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`]; Space, Tab, V, G, P and H switch what is shown.
@@ -37,10 +34,16 @@ struct Help;
 #[derive(Resource, Default)]
 struct SideBySide(bool);
 
+/// Error of the last bake.
+#[derive(Resource, Default)]
+struct BakeError(Option<String>);
+
 impl Plugin for Stage {
     fn build(&self, app: &mut App) {
         app.insert_resource(self.clone())
             .init_resource::<SideBySide>()
+            .init_resource::<BakeError>()
+            .add_observer(keep_error)
             .add_plugins(super::table::PlanTable)
             .add_systems(Startup, set_up)
             .add_systems(
@@ -207,20 +210,27 @@ fn lay_out(
     both.viewport = side_by_side.0.then(|| view(half.x));
 }
 
+fn keep_error(event: On<MeshlessGiBakeFinished>, mut kept: ResMut<BakeError>) {
+    kept.0 = event.result.as_ref().err().map(ToString::to_string);
+}
+
 fn tell(
     mut help: Single<&mut Text, With<Help>>,
     stage: Res<Stage>,
-    under_way: Query<&MeshlessGiBake>,
-    failed: Query<&MeshlessGiBakeFailed>,
+    baking: Query<&MeshlessGiBakeProgress>,
+    failed: Res<BakeError>,
     cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
     status: Res<MeshlessGiStatus>,
     side_by_side: Res<SideBySide>,
 ) {
-    let state = if let Some(bake) = under_way.iter().next() {
-        let (stage, done) = bake.progress();
-        format!("baking: {} {:.0} %", stage.name(), 100.0 * done)
-    } else if let Some(why) = failed.iter().next() {
-        format!("the bake failed: {}", why.0)
+    let state = if let Some(bake) = baking.iter().next() {
+        format!(
+            "baking: {} {:.0} %",
+            bake.stage.name(),
+            100.0 * bake.fraction
+        )
+    } else if let Some(error) = &failed.0 {
+        format!("the bake failed: {error}")
     } else {
         let counters = status.get();
         let on = cameras.iter().any(|c| c.enabled);

@@ -73,6 +73,10 @@ pub struct BakeInfo {
     /// What the bake's bounces can gain and lose.
     #[serde(default)]
     pub energy: EnergyInfo,
+    /// BLAKE3, as hex, of the request of a bake from entities: geometry, materials, recipe and
+    /// version. Empty for other bakes.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub request: String,
 }
 
 /// What a reflection can gain at most, and how well the operator keeps to the two laws that light obeys. Read off the packed operator, as a frame uses it.

@@ -591,6 +591,7 @@ fn assemble(
             uncovered: refined.uncovered as f32,
             largest_row_sum: refined.largest_row_sum,
             energy: EnergyInfo::default(),
+            request: String::new(),
         },
     };
     scene.info.tiers = TierInfo::of(&scene);

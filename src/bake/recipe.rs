@@ -118,6 +118,16 @@ pub struct Recipe {
     pub walls: Option<bool>,
 }
 
+impl From<Preset> for Recipe {
+    /// The recipe with this preset and defaults.
+    fn from(preset: Preset) -> Self {
+        Self {
+            preset,
+            ..Self::default()
+        }
+    }
+}
+
 /// A recipe that cannot be followed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

@@ -1,55 +1,126 @@
 //! Baking inside a running game: a component that bakes in the background and becomes the scene's light when it is done.
 //!
 //! ```no_run
-//! # use bevy::prelude::*;
-//! # use bevy_meshless_gi::{bake::Recipe, plugin::MeshlessGiBake, scene::{TriangleMesh, cornell_box, mesh_of_quads}};
-//! # fn level() -> TriangleMesh { mesh_of_quads(&cornell_box()) }
+//! use bevy::prelude::*;
+//! use bevy_meshless_gi::prelude::*;
+//! use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+//!
 //! fn start(mut commands: Commands) {
-//!     // `level()` makes a `TriangleMesh` in the local space of the entity that it is spawned on.
-//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(level(), Recipe::default())));
+//!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
+//!     let room = mesh_of_quads(&cornell_box());
+//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(room, Recipe::default())));
 //! }
 //! ```
+//!
+//! Scenes of Bevy meshes need no `TriangleMesh`: see [`MeshlessGiBakeRequest`].
 //!
 //! The bake runs on threads of its own, one less than the machine has, so that the game stays alive; none of Bevy's task pools
 //! waits for it. Despawning the entity or removing the component cancels it.
 
 use super::asset::MeshlessGiAsset;
 use super::background::Background;
+use super::bake_error::MeshlessGiBakeError;
+use super::bake_finished::MeshlessGiBakeFinished;
+use super::bake_progress::MeshlessGiBakeProgress;
+use super::bake_summary::MeshlessGiBakeSummary;
 use super::components::MeshlessGi;
+use super::entity_bake::{MeshlessGiBakeRequest, MeshlessGiBakeWarning};
+use super::materials::MeshlessGiMaterials;
+use crate::asset::BakedScene;
 use crate::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
-use bevy::asset::Assets;
+use bevy::asset::{Assets, Handle};
+use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
-use bevy::log::{error, info};
-use bevy::reflect::prelude::*;
+use bevy::ecs::world::DeferredWorld;
+use bevy::log::{error, info, warn};
+use bevy::pbr::StandardMaterial;
 use std::sync::Arc;
 
-/// A bake under way. When it is done the entity gets a [`MeshlessGi`] and an event [`MeshlessGiBaked`]; when it fails, a
-/// [`MeshlessGiBakeFailed`]. Dropping it cancels the bake.
+/// A bake under way. When it ends, the entity gets the event [`MeshlessGiBakeFinished`], and after
+/// success a [`MeshlessGi`]. [`MeshlessGiBakeProgress`] on the entity has its progress. Removing
+/// the component cancels the bake.
 #[derive(Component)]
+#[component(on_remove = remove_progress)]
+#[require(MeshlessGiBakeProgress)]
 pub struct MeshlessGiBake {
     progress: Arc<Progress>,
-    work: Result<Baking, String>,
+    work: Result<Background<Outcome>, String>,
+    /// Materials that are inserted as [`MeshlessGiMaterials`] with the light.
+    materials: NamedMaterials,
+    /// Warnings that are in the log already.
+    warnings: Vec<MeshlessGiBakeWarning>,
 }
+
+/// Names of a bake's materials and their assets.
+pub(super) type NamedMaterials = Vec<(String, Handle<StandardMaterial>)>;
 
 /// A bake on another thread.
 pub(crate) type Baking = Background<Result<Baked, BakeLevelError>>;
+
+/// Result of the thread of a [`MeshlessGiBake`].
+pub(super) type Outcome = Result<BakeOutput, MeshlessGiBakeError>;
+
+/// A baked scene, with what its summary needs.
+pub(super) struct BakeOutput {
+    pub(super) scene: BakedScene,
+    pub(super) seconds: f64,
+    /// Whether it was loaded and not baked.
+    pub(super) loaded: bool,
+    pub(super) warnings: Vec<MeshlessGiBakeWarning>,
+}
+
+impl From<Baked> for BakeOutput {
+    fn from(Baked { scene, stats }: Baked) -> Self {
+        let warnings = stats.warnings.into_iter();
+        Self {
+            scene,
+            seconds: stats.seconds.total,
+            loaded: false,
+            warnings: warnings.map(MeshlessGiBakeWarning::Bake).collect(),
+        }
+    }
+}
 
 impl MeshlessGiBake {
     /// Starts a bake of `level`.
     #[must_use]
     pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
+        Self::start(move |progress| {
+            let baked = bake_level(&level, &recipe, bake_threads(), progress)?;
+            Ok(baked.into())
+        })
+    }
+
+    /// Starts `work` on a thread of its own.
+    pub(super) fn start(work: impl FnOnce(&Progress) -> Outcome + Send + 'static) -> Self {
         let progress = Arc::new(Progress::default());
-        let work =
-            bake_in_background(level, recipe, progress.clone()).map_err(|why| why.to_string());
-        Self { progress, work }
+        let of_thread = progress.clone();
+        let panicked = || Err(BakeLevelError::Threads("the bake panicked".into()).into());
+        let work = Background::spawn("meshless gi bake", move || work(&of_thread), panicked);
+        Self {
+            progress,
+            work: work.map_err(|error| error.to_string()),
+            materials: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Adds named materials, and warnings for the summary.
+    pub(super) fn with(
+        mut self,
+        materials: NamedMaterials,
+        warnings: Vec<MeshlessGiBakeWarning>,
+    ) -> Self {
+        (self.materials, self.warnings) = (materials, warnings);
+        self
     }
 
     /// The result, once, when it is there.
-    fn take(&mut self) -> Option<Result<Baked, BakeLevelError>> {
+    fn take(&mut self) -> Option<Outcome> {
         match &mut self.work {
             Ok(work) => work.take(),
-            Err(why) => Some(Err(BakeLevelError::Threads(std::mem::take(why)))),
+            Err(error) => Some(Err(BakeLevelError::Threads(std::mem::take(error)).into())),
         }
     }
 
@@ -59,7 +130,8 @@ impl MeshlessGiBake {
         self.progress.get()
     }
 
-    /// Asks the bake to stop. It ends soon after, as a [`MeshlessGiBakeFailed`].
+    /// Requests that the bake stops. It ends soon after with
+    /// [`BakeError::Cancelled`](crate::bake::BakeError::Cancelled).
     pub fn cancel(&self) {
         self.progress.cancel();
     }
@@ -71,24 +143,13 @@ impl Drop for MeshlessGiBake {
     }
 }
 
-/// On an entity whose bake failed: why.
-#[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiBakeFailed(pub String);
-
-/// Sent to the entity when its bake is done and its [`MeshlessGi`] is there.
-#[derive(EntityEvent, Clone, Debug)]
-pub struct MeshlessGiBaked {
-    /// The entity that was baked for.
-    pub entity: Entity,
-    /// Seconds that the bake took.
-    pub seconds: f64,
-    /// The bake's own estimate of its error (NRMSE of indirect irradiance).
-    pub estimated_nrmse: f32,
+fn remove_progress(mut world: DeferredWorld, context: HookContext) {
+    let mut commands = world.commands();
+    (commands.entity(context.entity)).try_remove::<MeshlessGiBakeProgress>();
 }
 
 /// Threads for a bake beside a running game: one less than the machine has.
-fn bake_threads() -> usize {
+pub(super) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 
@@ -108,42 +169,76 @@ pub(crate) fn bake_in_background(
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
 pub(crate) fn collect_bakes(
     mut commands: Commands,
-    mut bakes: Query<(Entity, &mut MeshlessGiBake)>,
+    mut bakes: Query<(Entity, &mut MeshlessGiBake, &mut MeshlessGiBakeProgress)>,
     mut assets: ResMut<Assets<MeshlessGiAsset>>,
 ) {
-    for (entity, mut under_way) in &mut bakes {
-        let Some(result) = under_way.take() else {
+    for (entity, mut bake, mut progress) in &mut bakes {
+        let Some(outcome) = bake.take() else {
+            progress.set_if_neq((&*bake.progress).into());
             continue;
         };
-        // Somebody may have despawned the entity in this very frame: then nobody wants the bake.
-        let mut commands = commands.entity(entity);
-        commands.try_remove::<MeshlessGiBake>();
-        match result {
-            Ok(Baked { scene, stats }) => {
-                let seconds = stats.seconds.total;
-                let estimated_nrmse = scene.info.estimated_nrmse;
-                info!(
-                    "baked {} points and {} links in {seconds:.1} s, estimated error {:.1} %",
-                    scene.points.len(),
-                    scene.operator.links.len(),
-                    100.0 * estimated_nrmse,
-                );
-                let bake = MeshlessGi(assets.add(MeshlessGiAsset::from(scene)));
-                commands.queue_silenced(move |mut entity: EntityWorldMut| {
-                    entity
-                        .remove::<MeshlessGiBakeFailed>()
-                        .insert(bake)
-                        .trigger(|entity| MeshlessGiBaked {
-                            entity,
-                            seconds,
-                            estimated_nrmse,
-                        });
-                });
+        let mut warnings = std::mem::take(&mut bake.warnings);
+        let materials = std::mem::take(&mut bake.materials);
+        let result = outcome.map(|output| {
+            for warning in &output.warnings {
+                warn!("{warning}");
             }
-            Err(why) => {
-                error!("a bake failed: {why}");
-                commands.try_insert(MeshlessGiBakeFailed(why.to_string()));
+            warnings.extend(output.warnings);
+            let scene = output.scene;
+            let summary = MeshlessGiBakeSummary {
+                seconds: output.seconds,
+                estimated_nrmse: scene.info.estimated_nrmse,
+                triangles: scene.info.triangles,
+                points: scene.points.len() as u64,
+                links: scene.operator.links.len() as u64,
+                loaded: output.loaded,
+                warnings,
+            };
+            info!(
+                "{entity}: {} {} points and {} links in {:.1} s, estimated error {:.1} %",
+                if summary.loaded { "loaded" } else { "baked" },
+                summary.points,
+                summary.links,
+                summary.seconds,
+                100.0 * summary.estimated_nrmse,
+            );
+            let light = MeshlessGi(assets.add(MeshlessGiAsset::from(scene)));
+            (light, materials, summary)
+        });
+        // The entity may have been despawned, or another bake requested, in this very frame.
+        (commands.entity(entity)).queue_silenced(move |entity: EntityWorldMut| {
+            if entity.contains::<MeshlessGiBake>() {
+                end(entity, result);
             }
-        }
+        });
     }
+}
+
+/// Ends the bake of an entity: light and materials, if there are any, then the event.
+pub(super) fn end(
+    mut entity: EntityWorldMut,
+    result: Result<(MeshlessGi, NamedMaterials, MeshlessGiBakeSummary), MeshlessGiBakeError>,
+) {
+    entity.remove::<(
+        MeshlessGiBake,
+        MeshlessGiBakeRequest,
+        MeshlessGiBakeProgress,
+    )>();
+    let result = result.map(|(light, materials, summary)| {
+        entity.insert(light);
+        if !materials.is_empty() {
+            // Names that the app has set stay.
+            let own = entity.take::<MeshlessGiMaterials>().unwrap_or_default();
+            let known = |name: &String| own.0.iter().any(|(n, _)| n == name);
+            let added: NamedMaterials = (materials.into_iter())
+                .filter(|(name, _)| !known(name))
+                .collect();
+            entity.insert(MeshlessGiMaterials([own.0, added].concat()));
+        }
+        summary
+    });
+    if let Err(error) = &result {
+        error!("a bake failed: {error}");
+    }
+    entity.trigger(|entity| MeshlessGiBakeFinished { entity, result });
 }

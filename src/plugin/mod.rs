@@ -28,6 +28,7 @@
 //! | file | world, schedule | does |
 //! |---|---|---|
 //! | `points` | main, `Update` | gives point clouds what they are drawn as |
+//! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots that ask for one |
 //! | `check` | main, `Last` | warns of what would be counted twice |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
@@ -54,6 +55,10 @@
 
 mod asset;
 mod background;
+mod bake_error;
+mod bake_finished;
+mod bake_progress;
+mod bake_summary;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_step;
@@ -67,6 +72,7 @@ mod decisions;
 mod deferred;
 mod diagnostics;
 mod display;
+mod entity_bake;
 mod extract;
 mod fog;
 mod fog_order;
@@ -92,7 +98,11 @@ mod volume;
 mod volume_shader;
 
 pub use asset::MeshlessGiAsset;
-pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
+pub use bake_error::MeshlessGiBakeError;
+pub use bake_finished::MeshlessGiBakeFinished;
+pub use bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
+pub use bake_summary::MeshlessGiBakeSummary;
+pub use bake_task::MeshlessGiBake;
 #[cfg(feature = "gltf")]
 pub use build_step::{AssetBuild, AssetBuildError, process_assets};
 pub use capture::MeshlessGiCaptureGraph;
@@ -106,6 +116,9 @@ pub use diagnostics::{
 };
 pub use display::{
     MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
+};
+pub use entity_bake::{
+    MeshlessGiBakeCommands, MeshlessGiBakeExclude, MeshlessGiBakeRequest, MeshlessGiBakeWarning,
 };
 pub use gizmos::MeshlessGiGizmos;
 pub use gloss::MeshlessGiGloss;
@@ -165,7 +178,8 @@ impl Default for MeshlessGiPlugin {
 impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<MeshlessGi>()
-            .register_type::<MeshlessGiBakeFailed>()
+            .register_type::<MeshlessGiBakeExclude>()
+            .register_type::<MeshlessGiBakeProgress>()
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiDisplay>()
@@ -264,6 +278,21 @@ impl Plugin for MeshlessGiPlugin {
                 )
                     .chain()
                     .in_set(MeshlessGiSystems::Check),
+            )
+            .add_systems(
+                Last,
+                (
+                    entity_bake::systems::start_bakes
+                        .run_if(any_with_component::<MeshlessGiBakeRequest>),
+                    entity_bake::stale::compare_bakes.run_if(entity_bake::stale::has_comparison),
+                )
+                    .chain()
+                    .in_set(MeshlessGiSystems::Request)
+                    .before(MeshlessGiSystems::Check),
+            )
+            .add_systems(
+                Last,
+                entity_bake::wrong_file::check_files.in_set(MeshlessGiSystems::Check),
             );
         #[cfg(feature = "gltf")]
         app.register_asset_loader(MeshlessGiRecipeLoader)

@@ -1,9 +1,13 @@
 //! What most apps use, by name.
 
 pub use super::{
-    MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiChannels,
-    MeshlessGiDisplay, MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials,
-    MeshlessGiOccluder, MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints,
-    MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSky, MeshlessGiSoftShadow,
-    MeshlessGiSystems, MeshlessGiVolume,
+    MeshlessGi, MeshlessGiAsset, MeshlessGiBake, MeshlessGiBakeCommands, MeshlessGiBakeError,
+    MeshlessGiBakeExclude, MeshlessGiBakeFinished, MeshlessGiBakeProgress, MeshlessGiBakeRequest,
+    MeshlessGiBakeStage, MeshlessGiBakeSummary, MeshlessGiBakeWarning, MeshlessGiBouncer,
+    MeshlessGiCamera, MeshlessGiChannels, MeshlessGiDisplay, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder,
+    MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality,
+    MeshlessGiReflective, MeshlessGiSettings, MeshlessGiSky, MeshlessGiSoftShadow,
+    MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView, MeshlessGiVolume,
 };
+pub use crate::bake::{Preset, Recipe};

@@ -19,6 +19,9 @@ pub enum MeshlessGiSystems {
     /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what moves is found, and the cameras of the
     /// lights that draw it ([`MeshlessGiReflective`](super::MeshlessGiReflective)) are aimed.
     Aim,
+    /// `Last` of the main world: requested bakes start once everything below their roots is there
+    /// ([`MeshlessGiBakeRequest`](super::MeshlessGiBakeRequest)). What was spawned before it counts.
+    Request,
     /// `Last` of the main world: checks cameras and lights for what would be counted twice, and warns.
     Check,
     /// `ExtractSchedule` of the render world: scenes, lights and cameras are read. Change lights and transforms in the main

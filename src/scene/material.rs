@@ -145,7 +145,7 @@ impl Texture {
         (y0..=y1).any(|y| (x0..=x1).any(|x| f32::from(self.texel(x, y)[3]) / 255.0 >= least))
     }
 
-    pub(super) fn hash(&self, hasher: &mut blake3::Hasher) {
+    pub(crate) fn hash(&self, hasher: &mut blake3::Hasher) {
         hasher.update(&self.width.to_le_bytes());
         hasher.update(&self.height.to_le_bytes());
         hasher.update(&self.wrap.map(|w| w as u8));
@@ -252,7 +252,7 @@ impl Material {
         ]
     }
 
-    pub(super) fn hash(&self, hasher: &mut blake3::Hasher) {
+    pub(crate) fn hash(&self, hasher: &mut blake3::Hasher) {
         for x in self
             .base_color
             .to_array()

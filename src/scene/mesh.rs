@@ -196,6 +196,13 @@ impl TriangleMesh {
         mesh
     }
 
+    /// Returns `true` if a mesh keeps a triangle with these corners: they are finite, nearer than
+    /// 10⁹ m, and span an area. All others are left out and counted in [`Self::problems`].
+    #[must_use]
+    pub fn keeps(corners: &[Vec3; 3]) -> bool {
+        within_reach(corners) && has_area(corners)
+    }
+
     /// How many triangles it has.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -257,8 +264,9 @@ impl TriangleMesh {
         (&self.nodes, &self.node_of)
     }
 
-    /// Says which node each triangle came from.
-    pub(super) fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
+    /// Assigns a node to every triangle, by its index; [`Self::hold_out`] reads the names of nodes.
+    /// `node_of` has an entry for each triangle that the mesh keeps ([`Self::keeps`]).
+    pub fn set_nodes(&mut self, nodes: Vec<MeshNode>, node_of: Vec<u32>) {
         (self.nodes, self.node_of) = (nodes, node_of);
     }
 
@@ -426,12 +434,6 @@ fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
 /// Whether a triangle's coordinates are numbers that rays can reckon with.
 fn within_reach(corners: &[Vec3; 3]) -> bool {
     (corners.iter()).all(|v| v.is_finite() && v.abs().max_element() < FARTHEST)
-}
-
-/// Whether a mesh keeps a triangle: all others are left out and counted.
-#[cfg(feature = "gltf")]
-pub(super) fn kept(corners: &[Vec3; 3]) -> bool {
-    within_reach(corners) && has_area(corners)
 }
 
 /// Whether rays can meet a triangle.

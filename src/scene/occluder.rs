@@ -17,9 +17,9 @@ pub struct Occluder {
     pub triangles: Vec<[Vec3; 3]>,
 }
 
-/// A node of the file that a mesh came from.
+/// A node of the file, or an entity of the world, that triangles of a mesh came from.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct MeshNode {
+pub struct MeshNode {
     /// What it is called; empty where the file gives no name.
     pub name: String,
     /// The node above it, which has a lower index.

@@ -19,7 +19,6 @@ mod accessor;
 mod container;
 mod material;
 
-use super::mesh::kept;
 use super::occluder::MeshNode;
 use super::{Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
@@ -271,7 +270,10 @@ impl<'a> Builder<'a> {
             }
             let first = self.triangles.len();
             self.mesh(mesh.value(), &transform)?;
-            let kept = self.triangles[first..].iter().filter(|t| kept(t)).count();
+            let kept = self.triangles[first..]
+                .iter()
+                .filter(|t| TriangleMesh::keeps(t))
+                .count();
             self.node_of.extend(std::iter::repeat_n(own, kept));
         }
         if let Some(light) = node

@@ -1,0 +1,97 @@
+//! Progress of a bake, as a component that user interfaces and inspectors read.
+
+use crate::bake::{Progress, Stage};
+use bevy::ecs::prelude::*;
+use bevy::reflect::prelude::*;
+
+/// Progress of the bake of its entity. Added when a bake starts, updated in
+/// [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect), removed when the bake ends.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
+pub struct MeshlessGiBakeProgress {
+    /// Current stage.
+    pub stage: MeshlessGiBakeStage,
+    /// Completed part of the stage, 0 to 1.
+    pub fraction: f32,
+}
+
+/// Stages of a bake in a running app, in their order.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, Debug, PartialEq, Hash)]
+pub enum MeshlessGiBakeStage {
+    /// Waiting for scenes, meshes, materials and images below the root.
+    #[default]
+    Waiting,
+    /// Collecting triangles and building the ray-casting hierarchy.
+    Geometry,
+    /// Scattering points.
+    Points,
+    /// Gathering and refining the operator.
+    Transport,
+    /// Gathering light in free space.
+    Probes,
+    /// Baking further bounces.
+    Bounces,
+    /// Baking visibility for soft shadows.
+    Visibility,
+    /// Measuring the error.
+    Estimate,
+}
+
+impl MeshlessGiBakeStage {
+    /// Short description for a user interface.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        let stage = match self {
+            Self::Waiting => return "waiting for assets",
+            Self::Geometry => Stage::Bvh,
+            Self::Points => Stage::Points,
+            Self::Transport => Stage::Transport,
+            Self::Probes => Stage::Probes,
+            Self::Bounces => Stage::Bounces,
+            Self::Visibility => Stage::Visibility,
+            Self::Estimate => Stage::Estimate,
+        };
+        stage.name()
+    }
+}
+
+impl From<Stage> for MeshlessGiBakeStage {
+    fn from(stage: Stage) -> Self {
+        match stage {
+            Stage::Bvh => Self::Geometry,
+            Stage::Points => Self::Points,
+            Stage::Transport => Self::Transport,
+            Stage::Probes => Self::Probes,
+            Stage::Bounces => Self::Bounces,
+            Stage::Visibility => Self::Visibility,
+            Stage::Estimate => Self::Estimate,
+        }
+    }
+}
+
+impl From<&Progress> for MeshlessGiBakeProgress {
+    fn from(progress: &Progress) -> Self {
+        let (stage, fraction) = progress.get();
+        Self {
+            stage: stage.into(),
+            fraction,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stage_of_a_new_bake_is_geometry() {
+        let progress = MeshlessGiBakeProgress::from(&Progress::default());
+        assert_eq!(progress.stage, MeshlessGiBakeStage::Geometry);
+        assert_eq!(progress.stage.name(), Stage::Bvh.name());
+        assert_eq!(
+            MeshlessGiBakeProgress::default().stage,
+            MeshlessGiBakeStage::Waiting
+        );
+    }
+}

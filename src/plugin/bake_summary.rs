@@ -1,0 +1,24 @@
+//! Result of a bake in a running app.
+
+use super::entity_bake::MeshlessGiBakeWarning;
+
+/// Figures of a bake that has ended well.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct MeshlessGiBakeSummary {
+    /// Duration of the bake, or of loading it, in seconds.
+    pub seconds: f64,
+    /// The bake's own estimate of its error (NRMSE of indirect irradiance).
+    pub estimated_nrmse: f32,
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// Points of the basis.
+    pub points: u64,
+    /// Links of the operator.
+    pub links: u64,
+    /// `true` if the file of [`MeshlessGiBakeRequest::save_to`](super::MeshlessGiBakeRequest)
+    /// matched and was loaded instead of baking.
+    pub loaded: bool,
+    /// Everything that was left out, replaced, or not saved. Each entry is in the log too.
+    pub warnings: Vec<MeshlessGiBakeWarning>,
+}

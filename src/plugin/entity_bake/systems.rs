@@ -1,0 +1,73 @@
+//! Starts requested bakes once everything below their roots is there.
+
+use super::super::bake_error::MeshlessGiBakeError;
+use super::super::bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
+use super::super::bake_task::{MeshlessGiBake, end};
+use super::collect::collect;
+use super::request::MeshlessGiBakeRequest;
+use super::walk::walk;
+use super::{job, label, wait};
+use bevy::ecs::prelude::*;
+use bevy::log::warn;
+use bevy::platform::collections::HashMap;
+use std::time::{Duration, Instant};
+
+/// Time after which the log names the asset that a bake waits for.
+const LONG_WAIT: Duration = Duration::from_secs(10);
+
+/// A bake that waits.
+pub(crate) struct Wait {
+    since: Instant,
+    logged: bool,
+}
+
+type Waiting = (With<MeshlessGiBakeRequest>, Without<MeshlessGiBake>);
+
+/// Runs in [`MeshlessGiSystems::Request`](super::super::MeshlessGiSystems::Request).
+pub(crate) fn start_bakes(
+    world: &mut World,
+    requested: &mut QueryState<Entity, Waiting>,
+    mut waits: Local<HashMap<Entity, Wait>>,
+) {
+    let roots: Vec<Entity> = requested.iter(world).collect();
+    waits.retain(|root, _| roots.contains(root));
+    for root in roots {
+        let found = walk(world, root);
+        if let Some(asset) = wait::pending(world, &found) {
+            let wait = waits.entry(root).or_insert_with(|| Wait {
+                since: Instant::now(),
+                logged: false,
+            });
+            if !wait.logged && wait.since.elapsed() > LONG_WAIT {
+                wait.logged = true;
+                warn!("{}: its bake still waits for {asset}", label(world, root));
+            }
+            continue;
+        }
+        let Some(request) = world.get::<MeshlessGiBakeRequest>(root).cloned() else {
+            continue;
+        };
+        let mut collected = collect(world, found, request.recipe.live_materials);
+        for warning in &collected.warnings {
+            warn!("{warning}");
+        }
+        let named = std::mem::take(&mut collected.named);
+        let warnings = collected.warnings.clone();
+        let Ok(mut entity) = world.get_entity_mut(root) else {
+            continue;
+        };
+        if collected.instances.is_empty() {
+            let root = collected.root;
+            end(entity, Err(MeshlessGiBakeError::Empty { root, warnings }));
+            continue;
+        }
+        let work = move |progress: &_| job::run(&collected, &request, progress);
+        entity.insert((
+            MeshlessGiBake::start(work).with(named, warnings),
+            MeshlessGiBakeProgress {
+                stage: MeshlessGiBakeStage::Geometry,
+                fraction: 0.0,
+            },
+        ));
+    }
+}

@@ -1,0 +1,126 @@
+//! Visits the hierarchy below a root: static meshes with their transforms in the root's space.
+
+use super::exclude::MeshlessGiBakeExclude;
+use super::request::MeshlessGiBakeRequest;
+use crate::plugin::{
+    MeshlessGi, MeshlessGiBouncer, MeshlessGiOccluder, MeshlessGiPointCloud,
+    MeshlessGiPointCloudPart,
+};
+use crate::scene::MeshNode;
+use bevy::asset::Handle;
+use bevy::camera::visibility::Visibility;
+use bevy::ecs::prelude::*;
+use bevy::math::{DMat4, DQuat};
+use bevy::mesh::skinning::SkinnedMesh;
+use bevy::mesh::{Mesh, Mesh3d};
+use bevy::transform::components::Transform;
+use bevy::world_serialization::{DynamicWorldRoot, WorldAssetRoot};
+
+/// Everything below a root that matters to a bake.
+pub(super) struct Walk {
+    pub(super) root: Entity,
+    pub(super) meshes: Vec<StaticMesh>,
+    /// Entities with a scene that is, or will be, spawned below them.
+    pub(super) scenes: Vec<Entity>,
+    pub(super) point_clouds: Vec<Entity>,
+    /// Names and parents of the visited entities, parents first.
+    pub(super) nodes: Vec<MeshNode>,
+}
+
+/// A mesh that stays where it is.
+pub(super) struct StaticMesh {
+    pub(super) entity: Entity,
+    pub(super) mesh: Handle<Mesh>,
+    /// From the mesh's space to that of the root.
+    pub(super) to_root: DMat4,
+    /// Index into [`Walk::nodes`].
+    pub(super) node: u32,
+}
+
+/// Visits `root` and everything below it, depth first.
+pub(super) fn walk(world: &World, root: Entity) -> Walk {
+    let mut walk = Walk {
+        root,
+        meshes: Vec::new(),
+        scenes: Vec::new(),
+        point_clouds: Vec::new(),
+        nodes: Vec::new(),
+    };
+    // The root's own transform and visibility are not part of the bake.
+    let mut open = vec![(root, DMat4::IDENTITY, None, true)];
+    while let Some((entity, to_root, parent, visible)) = open.pop() {
+        let Ok(entity) = world.get_entity(entity) else {
+            continue;
+        };
+        if entity.id() != root && is_left_out(entity) {
+            continue;
+        }
+        let node = walk.nodes.len() as u32;
+        walk.nodes.push(MeshNode {
+            name: node_name(entity),
+            parent,
+        });
+        walk.visit(entity, to_root, node, visible);
+        let children = entity.get::<Children>().into_iter().flatten();
+        for child in children.copied().collect::<Vec<_>>().into_iter().rev() {
+            let transform = world.get::<Transform>(child).map_or(DMat4::IDENTITY, local);
+            let visible = match world.get::<Visibility>(child) {
+                Some(Visibility::Hidden) => false,
+                Some(Visibility::Visible) => true,
+                Some(Visibility::Inherited) | None => visible,
+            };
+            open.push((child, to_root * transform, Some(node), visible));
+        }
+    }
+    walk
+}
+
+impl Walk {
+    fn visit(&mut self, entity: EntityRef, to_root: DMat4, node: u32, visible: bool) {
+        if entity.contains::<WorldAssetRoot>() || entity.contains::<DynamicWorldRoot>() {
+            self.scenes.push(entity.id());
+        }
+        let part = entity.contains::<MeshlessGiPointCloudPart>();
+        if entity.contains::<MeshlessGiPointCloud>() {
+            self.point_clouds.push(entity.id());
+        } else if let Some(mesh) = entity.get::<Mesh3d>()
+            && visible
+            && !part
+            && !entity.contains::<SkinnedMesh>()
+        {
+            self.meshes.push(StaticMesh {
+                entity: entity.id(),
+                mesh: mesh.0.clone(),
+                to_root,
+                node,
+            });
+        }
+    }
+}
+
+/// Whether an entity below the root is no part of its bake, with all below it.
+fn is_left_out(entity: EntityRef) -> bool {
+    entity.contains::<MeshlessGiBakeExclude>()
+        || entity.contains::<MeshlessGiBouncer>()
+        || entity.contains::<MeshlessGi>()
+        || entity.contains::<MeshlessGiBakeRequest>()
+}
+
+/// The name that the recipe's occluders refer to.
+fn node_name(entity: EntityRef) -> String {
+    match (entity.get::<MeshlessGiOccluder>(), entity.get::<Name>()) {
+        (Some(occluder), _) => occluder.name.clone(),
+        (None, Some(name)) => name.as_str().into(),
+        (None, None) => String::new(),
+    }
+}
+
+/// A local transform in double precision, so that scenes of many nodes do not depend on the place
+/// of the root.
+fn local(transform: &Transform) -> DMat4 {
+    DMat4::from_scale_rotation_translation(
+        transform.scale.as_dvec3(),
+        DQuat::from_array(transform.rotation.to_array().map(f64::from)),
+        transform.translation.as_dvec3(),
+    )
+}

@@ -1,0 +1,815 @@
+//! Bakes from entities: the meshes below a root become its light. What is collected, what is left
+//! out and named, what replaces and cancels a bake, and files that are used again.
+
+mod plugin_support;
+
+#[path = "../examples/minimal.rs"]
+#[allow(dead_code, reason = "its `main` opens a window")]
+mod minimal;
+
+use bevy::asset::{AssetPlugin, RenderAssetUsages};
+use bevy::image::Image;
+use bevy::mesh::skinning::SkinnedMesh;
+use bevy::mesh::{Indices, PrimitiveTopology};
+use bevy::prelude::*;
+use bevy::render::render_resource::{AsBindGroup, Extent3d, Face, TextureDimension, TextureFormat};
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{OccluderShape, Progress, bake_level};
+use bevy_meshless_gi::prelude::*;
+use bevy_meshless_gi::scene::load_gltf;
+use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use plugin_support::assets::until;
+use plugin_support::bakes::{
+    Ends, bake, bare_app, end_of, keep_ends, quick, room_root, scene_of, slow, spawn_mesh,
+    triangle, triangles,
+};
+use plugin_support::glb::glb;
+use plugin_support::log::warnings;
+use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::stage::{assert_alike, bevy_lamp, indirect, keep, lamp, settings, view};
+use std::time::{Duration, Instant};
+
+/// The parts of a bake that its file has, without its request.
+fn without_request(scene: &BakedScene) -> BakedScene {
+    let mut scene = scene.clone();
+    scene.info.request.clear();
+    scene
+}
+
+#[test]
+fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("room.glb");
+    std::fs::write(&file, glb(&Room::cornell())).unwrap();
+    let assets = AssetPlugin {
+        file_path: folder.path().to_string_lossy().into_owned(),
+        ..default()
+    };
+    let mut app = App::new();
+    app.add_plugins((headless_plugins().set(assets), MeshlessGiPlugin::default()));
+    keep_ends(&mut app);
+    ready(&mut app);
+    let scene = GltfAssetLabel::Scene(0).from_asset("room.glb");
+    let scene = app.world().resource::<AssetServer>().load(scene);
+    // Nothing is there yet. The root's own place is not part of the bake.
+    let place = Transform::from_xyz(3.0, -7.0, 0.5).with_rotation(Quat::from_rotation_y(0.3));
+    let root = app.world_mut().spawn((WorldAssetRoot(scene), place)).id();
+    let recipe = Recipe {
+        live_materials: true,
+        ..quick()
+    };
+    app.world_mut().entity_mut(root).bake_gi(recipe.clone());
+    app.update();
+    let progress = app.world().get::<MeshlessGiBakeProgress>(root).unwrap();
+    assert_eq!(progress.stage, MeshlessGiBakeStage::Waiting);
+    let summary = end_of(&mut app, root).unwrap();
+    assert_eq!(summary.warnings, []);
+    let ours = scene_of(&app, root);
+
+    let mesh = load_gltf(&file).unwrap().mesh;
+    let theirs = bake_level(&mesh, &recipe, 2, &Progress::default()).unwrap();
+    let theirs = theirs.scene;
+    assert_eq!(triangles(&ours), triangles(&theirs));
+    assert_eq!((ours.info.triangles, theirs.info.triangles), (20, 20));
+    let factors = |scene: &BakedScene| {
+        let live = scene.materials.as_ref().unwrap();
+        let mut all: Vec<_> = (live.factors.iter())
+            .map(|f| (f.base_color.map(f32::to_bits), f.emissive.map(f32::to_bits)))
+            .collect();
+        all.sort_unstable();
+        // Equal materials are one here, and the reader has one more for meshes without any.
+        all.dedup();
+        all.retain(|(color, _)| color.map(f32::from_bits) != [1.0; 3]);
+        all
+    };
+    assert_eq!(factors(&ours), factors(&theirs));
+    // The order of triangles differs; the light does not.
+    assert_eq!(ours.points, theirs.points);
+    let (a, b) = (ours.info.estimated_nrmse, theirs.info.estimated_nrmse);
+    println!("estimated NRMSE: entities {a}, file {b}");
+    assert!(a > 0.0 && (a - b).abs() < 1e-3 * b, "{a} {b}");
+    // The assets of the scene are named, so that light follows them.
+    let named = app.world().get::<MeshlessGiMaterials>(root).unwrap();
+    assert!(!named.0.is_empty());
+    let live = ours.materials.as_ref().unwrap();
+    for (name, _) in &named.0 {
+        assert!(live.names.contains(name), "{name}");
+    }
+}
+
+#[test]
+fn picture_lit_by_a_bake_from_entities_is_that_of_the_cpu() {
+    let mut app = app();
+    keep_ends(&mut app);
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let (_, scene) = bake(&mut app, root, quick());
+    let image = target(&mut app);
+    (app.world_mut()).spawn((camera(&image, view()), indirect()));
+    let place = Vec3::new(0.1, 1.5, 0.4);
+    let at = Transform::from_translation(place);
+    app.world_mut().spawn((bevy_lamp(), at));
+    run(&mut app, 3);
+    let light = [lamp(place)];
+    let still = Transform::IDENTITY;
+    let cpu = cpu_indirect(&room, &scene, still, view(), &light, &settings());
+    assert_alike("entity_bake", &cpu, &picture(&mut app, &image));
+}
+
+#[test]
+fn minimal_example_has_indirect_light() {
+    let mut app = app();
+    keep_ends(&mut app);
+    app.world_mut().run_system_cached(minimal::set_up).unwrap();
+    let image = target(&mut app);
+    let mut cameras = app.world_mut().query_filtered::<Entity, With<Camera3d>>();
+    let eye = cameras.single(app.world()).unwrap();
+    let at = *app.world().get::<Transform>(eye).unwrap();
+    (app.world_mut().entity_mut(eye)).insert(camera(&image, at));
+    let mut roots = (app.world_mut()).query_filtered::<Entity, With<MeshlessGiBakeRequest>>();
+    let root = roots.single(app.world()).unwrap();
+    let summary = end_of(&mut app, root).unwrap();
+    assert_eq!((summary.triangles, summary.warnings.len()), (7 * 12, 0));
+    run(&mut app, 3);
+    let lit = picture(&mut app, &image);
+    keep("minimal_lit", &lit);
+    app.world_mut()
+        .get_mut::<MeshlessGiCamera>(eye)
+        .unwrap()
+        .enabled = false;
+    run(&mut app, 2);
+    let direct = picture(&mut app, &image);
+    keep("minimal_direct", &direct);
+    assert!(
+        lit.mean() > 1.2 * direct.mean(),
+        "{} {}",
+        lit.mean(),
+        direct.mean()
+    );
+    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+}
+
+#[test]
+fn meshes_that_cannot_be_used_are_named_and_left_out() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let small = |at: Vec3| triangle([at, at + 0.1 * Vec3::X, at + 0.1 * Vec3::Y]);
+    let plain = StandardMaterial::default;
+    let still = Transform::default();
+    let inside = Vec3::new(-0.5, 1.0, 0.3);
+
+    let mut extracted = small(inside);
+    extracted.take_gpu_data().unwrap();
+    let dark = spawn_mesh(&mut app, root, extracted, plain(), still);
+    app.world_mut().entity_mut(dark).insert(Name::new("vase"));
+    let lines = Mesh::new(PrimitiveTopology::LineList, RenderAssetUsages::default())
+        .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, vec![[0.0f32; 3]; 2]);
+    let wire = spawn_mesh(&mut app, root, lines, plain(), still);
+    let broken = [inside, Vec3::new(f32::NAN, 0.0, 0.0), inside + Vec3::Y];
+    let broken = spawn_mesh(&mut app, root, triangle(broken), plain(), still);
+    let far = Transform::from_xyz(1e30, 0.0, 0.0);
+    let far = spawn_mesh(&mut app, root, small(inside), plain(), far);
+    let bare = Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    );
+    let bare = spawn_mesh(&mut app, root, bare, plain(), still);
+    // These are left out silently.
+    let skinned = spawn_mesh(&mut app, root, small(inside), plain(), still);
+    app.world_mut()
+        .entity_mut(skinned)
+        .insert(SkinnedMesh::default());
+    let excluded = app
+        .world_mut()
+        .spawn((MeshlessGiBakeExclude, ChildOf(root)))
+        .id();
+    spawn_mesh(&mut app, excluded, small(inside), plain(), still);
+    let ball = spawn_mesh(&mut app, root, small(inside), plain(), still);
+    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    let hidden = app
+        .world_mut()
+        .spawn((Visibility::Hidden, ChildOf(root)))
+        .id();
+    spawn_mesh(&mut app, hidden, small(inside), plain(), still);
+    let undrawn = spawn_mesh(&mut app, root, small(inside), plain(), still);
+    (app.world_mut().entity_mut(undrawn)).remove::<MeshMaterial3d<StandardMaterial>>();
+    // A lid that is visible below what is hidden, and a root that is hidden while it loads.
+    let lid = spawn_mesh(&mut app, hidden, small(inside), plain(), still);
+    app.world_mut().entity_mut(lid).insert(Visibility::Visible);
+    app.world_mut().entity_mut(root).insert(Visibility::Hidden);
+
+    let (bake, told) = warnings(|| bake(&mut app, root, quick()));
+    let (summary, scene) = bake;
+    assert_eq!(scene.info.triangles, 21, "the room and the lid");
+    let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
+    for text in &texts {
+        assert!(told.contains(text), "{text} is in the log");
+    }
+    let expected = [
+        (dark, ["`vase`", "MAIN_WORLD"]),
+        (wire, ["LineList", "no surface"]),
+        (broken, ["1 triangles", "not finite"]),
+        (far, ["1 triangles", "not finite"]),
+        (bare, ["no positions", "not in the bake"]),
+    ];
+    assert_eq!(texts.len(), expected.len(), "{texts:#?}");
+    for (entity, parts) in expected {
+        let of = |text: &&String| {
+            text.contains(&format!("entity {entity}")) && parts.iter().all(|p| text.contains(p))
+        };
+        assert!(texts.iter().any(|text| of(&text)), "{parts:?}: {texts:#?}");
+    }
+    assert!(matches!(
+        summary.warnings[0],
+        MeshlessGiBakeWarning::MeshInRenderWorld { .. }
+    ));
+}
+
+#[test]
+fn root_without_usable_meshes_ends_with_an_error_that_names_them() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let world = app.world_mut();
+    let empty = world.spawn(MeshlessGiBakeRequest::from(Preset::Draft)).id();
+    let result = end_of(&mut app, empty);
+    assert!(matches!(
+        &result,
+        Err(MeshlessGiBakeError::Empty { warnings, .. }) if warnings.is_empty()
+    ));
+    let root = app.world_mut().spawn(Name::new("cave")).id();
+    let mut extracted = triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);
+    extracted.take_gpu_data().unwrap();
+    let plain = StandardMaterial::default();
+    spawn_mesh(&mut app, root, extracted, plain.clone(), default());
+    let nan = triangle([Vec3::NAN; 3]);
+    app.world_mut().entity_mut(root).bake_gi(quick());
+    let error = end_of(&mut app, root).unwrap_err().to_string();
+    assert!(
+        error.contains("`cave`") && error.contains("MAIN_WORLD"),
+        "{error}"
+    );
+    assert!(!app.world().entity(root).contains::<MeshlessGi>());
+    assert!(!app.world().entity(root).contains::<MeshlessGiBakeRequest>());
+    assert!(
+        !app.world()
+            .entity(root)
+            .contains::<MeshlessGiBakeProgress>()
+    );
+    // Found on the bake's thread: all triangles are unusable.
+    let root = app.world_mut().spawn_empty().id();
+    spawn_mesh(&mut app, root, nan, plain, default());
+    app.world_mut().entity_mut(root).bake_gi(quick());
+    assert!(matches!(
+        end_of(&mut app, root),
+        Err(MeshlessGiBakeError::Empty { warnings, .. }) if warnings.len() == 1
+    ));
+}
+
+#[test]
+fn later_request_replaces_the_earlier_and_removal_cancels() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let room = Room::cornell();
+    let [replaced, despawned, removed] = [0; 3].map(|_| {
+        let root = room_root(&mut app, &room);
+        app.world_mut().entity_mut(root).bake_gi(slow());
+        root
+    });
+    let is_baking = |app: &App, root: Entity| app.world().get::<MeshlessGiBake>(root).is_some();
+    until(&mut app, "all three start", |app| {
+        [replaced, despawned, removed]
+            .iter()
+            .all(|&root| is_baking(app, root))
+            .then_some(())
+    });
+    app.world_mut().entity_mut(replaced).bake_gi(quick());
+    assert!(!is_baking(&app, replaced), "the earlier bake is canceled");
+    app.world_mut().despawn(despawned);
+    app.world_mut()
+        .entity_mut(removed)
+        .remove::<MeshlessGiBakeRequest>();
+    assert!(!is_baking(&app, removed));
+    assert!(
+        !app.world()
+            .entity(removed)
+            .contains::<MeshlessGiBakeProgress>()
+    );
+    let summary = end_of(&mut app, replaced).unwrap();
+    assert!(scene_of(&app, replaced).info.recipe.contains("rays:64"));
+    assert!(summary.points > 0);
+    for _ in 0..20 {
+        app.update();
+    }
+    assert!(
+        app.world().resource::<Ends>().0.is_empty(),
+        "one end in all"
+    );
+    // Requests in one command queue, of which the last counts; and one for an entity that is gone.
+    let mut commands = app.world_mut().commands();
+    commands.entity(replaced).bake_gi(slow()).bake_gi(quick());
+    commands.entity(despawned).bake_gi(quick());
+    app.world_mut().flush();
+    end_of(&mut app, replaced).unwrap();
+    let begun = Instant::now();
+    drop(app);
+    assert!(begun.elapsed() < Duration::from_secs(20));
+}
+
+#[test]
+fn mirrored_and_instanced_meshes_keep_their_fronts() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let tile = [
+        Vec3::new(0.2, 0.5, 0.1),
+        Vec3::new(0.4, 0.5, 0.1),
+        Vec3::new(0.2, 0.8, 0.1),
+    ];
+    let mesh = app
+        .world_mut()
+        .resource_mut::<Assets<Mesh>>()
+        .add(triangle(tile));
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    let plain = materials.add(StandardMaterial::default());
+    // bevy_gltf gives mirrored meshes such a material.
+    let mirrored = materials.add(StandardMaterial {
+        cull_mode: Some(Face::Front),
+        ..default()
+    });
+    let turned = Transform::from_xyz(0.1, 0.0, 0.2).with_rotation(Quat::from_rotation_y(0.7));
+    let mirror = Transform::from_scale(Vec3::new(-1.0, 1.0, 1.0));
+    let group = app
+        .world_mut()
+        .spawn((mirror, Visibility::default(), ChildOf(root)))
+        .id();
+    for (parent, material) in [(root, plain), (group, mirrored)] {
+        let parts = (Mesh3d(mesh.clone()), MeshMaterial3d(material), turned);
+        app.world_mut().spawn((parts, ChildOf(parent)));
+    }
+    // The root's place, mirrored or not, is not part of the bake.
+    (app.world_mut().entity_mut(root)).insert(mirror.with_translation(Vec3::splat(5.0)));
+    let (summary, scene) = bake(&mut app, root, quick());
+    assert_eq!((summary.triangles, summary.warnings.len()), (22, 0));
+    let normal = |flip: f32| {
+        let corner = |p: Vec3| turned.transform_point(p) * Vec3::new(flip, 1.0, 1.0);
+        let [a, b, c] = tile.map(corner);
+        let wound = if flip < 0.0 { [a, c, b] } else { [a, b, c] };
+        let [a, b, c] = wound.map(|p| p.to_array());
+        (a, b, c)
+    };
+    let near = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).distance(b.into()) < 1e-5;
+    for flip in [1.0, -1.0] {
+        let (a, b, c) = normal(flip);
+        let same = |t: &&bevy_meshless_gi::scene::BvhTriangle| {
+            [[t.a, t.b, t.c], [t.b, t.c, t.a], [t.c, t.a, t.b]]
+                .iter()
+                .any(|[p, q, r]| near(*p, a) && near(*q, b) && near(*r, c))
+        };
+        assert_eq!(scene.bvh.triangles.iter().filter(same).count(), 1, "{flip}");
+    }
+}
+
+/// A floor of two triangles from (-1, 0, -1) to (1, 0, 1), with texture coordinates along x and z.
+fn floor() -> Mesh {
+    let corners = [
+        [-1.0, 0.0, -1.0],
+        [-1.0, 0.0, 1.0],
+        [1.0, 0.0, 1.0],
+        [1.0, 0.0, -1.0f32],
+    ];
+    let uvs: Vec<[f32; 2]> = corners
+        .iter()
+        .map(|[x, _, z]| [0.5 + 0.5 * x, 0.5 + 0.5 * z])
+        .collect();
+    Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    )
+    .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, corners.to_vec())
+    .with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uvs)
+    .with_inserted_indices(Indices::U32(vec![0, 1, 2, 0, 2, 3]))
+}
+
+/// Mean albedo and emission of the points on the floor with x below (first) and above zero.
+fn halves(scene: &BakedScene) -> [(Vec3, Vec3); 2] {
+    let mut sums = [(Vec3::ZERO, Vec3::ZERO, 0.0); 2];
+    let finest = *scene.level_starts.iter().rev().nth(1).unwrap() as usize;
+    for (point, surface) in scene.points.iter().zip(&scene.surfaces).skip(finest) {
+        let p = point.x();
+        if p.y.abs() < 1e-3 && p.x.abs() > 0.1 {
+            let sum = &mut sums[usize::from(p.x > 0.0)];
+            sum.0 += Vec3::from(surface.albedo);
+            sum.1 += Vec3::from(surface.emission);
+            sum.2 += 1.0;
+        }
+    }
+    assert!(sums.iter().all(|s| s.2 > 5.0), "points on both halves");
+    sums.map(|(albedo, emission, count)| (albedo / count, emission / count))
+}
+
+fn two_texels(left: [u8; 4], right: [u8; 4]) -> Image {
+    let size = Extent3d {
+        width: 2,
+        height: 1,
+        depth_or_array_layers: 1,
+    };
+    let data = [left, right].concat();
+    let format = TextureFormat::Rgba8UnormSrgb;
+    Image::new(
+        size,
+        TextureDimension::D2,
+        data,
+        format,
+        RenderAssetUsages::default(),
+    )
+}
+
+/// [`Room::cornell`] without its floor, and another one in its place.
+fn room_with_floor(app: &mut App, mesh: Mesh, material: StandardMaterial) -> Entity {
+    let mut room = Room::cornell();
+    room.0.remove(0);
+    let root = room_root(app, &room);
+    spawn_mesh(app, root, mesh, material, Transform::default());
+    root
+}
+
+#[test]
+fn textures_vertex_colors_and_cutouts_are_those_of_the_material() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let near = |a: Vec3, b: Vec3| assert!(a.distance(b) < 0.03, "{a} {b}");
+    let image = two_texels([255, 255, 255, 255], [0, 0, 0, 255]);
+    let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
+    let mut material = StandardMaterial {
+        base_color: Color::linear_rgb(0.8, 0.4, 0.2),
+        base_color_texture: Some(image.clone()),
+        ..default()
+    };
+    let root = room_with_floor(&mut app, floor(), material.clone());
+    let (summary, scene) = bake(&mut app, root, quick());
+    assert_eq!(summary.warnings, []);
+    let [left, right] = halves(&scene);
+    assert!(left.0.x > 0.5 && right.0.x < 0.3, "{left:?} {right:?}");
+    near(left.0 / left.0.x, Vec3::new(1.0, 0.5, 0.25));
+    // The other way round.
+    material.flip(true, false);
+    let root = room_with_floor(&mut app, floor(), material.clone());
+    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    assert!(right.0.x > 0.5 && left.0.x < 0.3, "{left:?} {right:?}");
+    // Emission: black elsewhere.
+    let root = room_with_floor(
+        &mut app,
+        floor(),
+        StandardMaterial {
+            emissive: LinearRgba::rgb(2.0, 1.0, 0.0),
+            emissive_texture: Some(image),
+            ..default()
+        },
+    );
+    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    assert!(
+        left.1.x > 3.0 * right.1.x && left.1.x > 3.0,
+        "{left:?} {right:?}"
+    );
+
+    // Colors of vertices: the left half is bright, the right one dark.
+    let half = |x: f32| {
+        floor()
+            .scaled_by(Vec3::new(0.5, 1.0, 1.0))
+            .translated_by(x * Vec3::X)
+    };
+    let mut painted = half(-0.5);
+    painted.merge(&half(0.5)).unwrap();
+    let bright = [1.0, 0.5, 0.25, 1.0];
+    let dark = [0.04, 0.02, 0.01, 1.0];
+    painted.insert_attribute(Mesh::ATTRIBUTE_COLOR, [[bright; 4], [dark; 4]].concat());
+    let white = StandardMaterial {
+        base_color: Color::WHITE,
+        ..default()
+    };
+    let root = room_with_floor(&mut app, painted, white);
+    let [left, right] = halves(&bake(&mut app, root, quick()).1);
+    near(left.0, Vec3::new(1.0, 0.5, 0.25));
+    near(right.0, Vec3::new(0.04, 0.02, 0.01));
+
+    // A floor that is cut away whole: nothing is there.
+    let holes = two_texels([255, 255, 255, 0], [255, 255, 255, 0]);
+    let holes = app.world_mut().resource_mut::<Assets<Image>>().add(holes);
+    let root = room_with_floor(
+        &mut app,
+        floor(),
+        StandardMaterial {
+            base_color_texture: Some(holes),
+            alpha_mode: AlphaMode::Mask(0.5),
+            ..default()
+        },
+    );
+    let scene = bake(&mut app, root, quick()).1;
+    assert_eq!(
+        scene.bvh.triangles.len(),
+        18,
+        "the floor's two are left out"
+    );
+}
+
+#[test]
+fn unreadable_images_are_named_and_their_factors_are_used() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let mut compressed = two_texels([255; 4], [255; 4]);
+    compressed.texture_descriptor.format = TextureFormat::Bc1RgbaUnormSrgb;
+    let mut extracted = two_texels([0; 4], [0; 4]);
+    extracted.data = None;
+    let mut images = app.world_mut().resource_mut::<Assets<Image>>();
+    let [compressed, extracted] = [compressed, extracted].map(|image| images.add(image));
+    let material = StandardMaterial {
+        base_color: Color::linear_rgb(0.6, 0.3, 0.3),
+        base_color_texture: Some(compressed),
+        emissive: LinearRgba::rgb(1.0, 0.0, 0.0),
+        emissive_texture: Some(extracted),
+        ..default()
+    };
+    let root = room_with_floor(&mut app, floor(), material);
+    let (summary, scene) = bake(&mut app, root, quick());
+    let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!(texts.len(), 2, "{texts:#?}");
+    assert!(
+        texts[0].contains("compressed") && texts[0].contains("base color"),
+        "{}",
+        texts[0]
+    );
+    assert!(
+        texts[1].contains("MAIN_WORLD") && texts[1].contains("emissive"),
+        "{}",
+        texts[1]
+    );
+    for (albedo, emission) in halves(&scene) {
+        assert!(albedo.distance(Vec3::new(0.6, 0.3, 0.3)) < 1e-3, "{albedo}");
+        assert!(
+            (emission.x - std::f32::consts::PI).abs() < 1e-2,
+            "{emission}"
+        );
+    }
+}
+
+#[test]
+fn equal_scenes_have_equal_bakes_in_whatever_order_they_were_spawned() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let room = Room::cornell();
+    let mut reversed = room.clone();
+    reversed.0.reverse();
+    let [a, b, c] = [room.clone(), reversed, room.recoloured(|c| 0.9 * c)].map(|room| {
+        let root = room_root(&mut app, &room);
+        bake(&mut app, root, quick()).1
+    });
+    assert_eq!(a, b);
+    assert!(!a.info.request.is_empty());
+    assert_ne!(a.info.request, c.info.request);
+    assert_ne!(without_request(&a), without_request(&c));
+}
+
+#[test]
+fn saved_bake_is_loaded_where_it_matches_and_replaced_where_it_does_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bakes/room.mgi");
+    let mut app = bare_app(folder.path());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let request = |recipe: Recipe| MeshlessGiBakeRequest::new(recipe).save_to(&file);
+    let (first, baked) = bake(&mut app, root, request(quick()));
+    assert!(!first.loaded && first.warnings.is_empty());
+    let read = || BakedScene::read(&file, &default()).unwrap();
+    assert_eq!(read(), *baked);
+    let (again, loaded) = bake(&mut app, root, request(quick()));
+    assert!(again.loaded);
+    assert_eq!(loaded, baked);
+    // Another recipe, then other meshes.
+    let finer = Recipe {
+        rays: Some(96),
+        ..quick()
+    };
+    assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
+    assert!(read().info.recipe.contains("rays:96"));
+    let tile = triangle([0.0, 0.1, 0.2].map(|v| Vec3::new(v, 1.0 + 20.0 * v * v, 0.2)));
+    let tile = spawn_mesh(&mut app, root, tile, default(), default());
+    let (other, changed) = bake(&mut app, root, request(finer.clone()));
+    assert!(!other.loaded);
+    assert_eq!((changed.info.triangles, read().info.triangles), (21, 21));
+    app.world_mut()
+        .entity_mut(tile)
+        .insert(Transform::from_xyz(0.0, 0.2, 0.0));
+    assert!(!bake(&mut app, root, request(finer.clone())).0.loaded);
+    assert!(bake(&mut app, root, request(finer.clone())).0.loaded);
+
+    // Damage is named and mended.
+    std::fs::write(&file, b"no bake").unwrap();
+    let (mended, _) = bake(&mut app, root, request(finer.clone()));
+    assert!(!mended.loaded);
+    assert!(matches!(
+        &mended.warnings[..],
+        [MeshlessGiBakeWarning::NotLoaded { path, .. }] if *path == file
+    ));
+    assert_eq!(read().info.triangles, 21);
+    // A file that can't be written: the light is there all the same.
+    let below_a_file = file.join("room.mgi");
+    let unsaved = MeshlessGiBakeRequest::new(finer).save_to(&below_a_file);
+    let (summary, _) = bake(&mut app, root, unsaved);
+    let not_saved = |w: &MeshlessGiBakeWarning| matches!(w, MeshlessGiBakeWarning::NotSaved { path, .. } if *path == below_a_file);
+    assert!(
+        summary.warnings.iter().any(not_saved),
+        "{:?}",
+        summary.warnings
+    );
+}
+
+#[test]
+fn loaded_bake_of_other_meshes_is_named_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut app = bare_app(folder.path());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let request = MeshlessGiBakeRequest::new(quick()).save_to(folder.path().join("room.mgi"));
+    bake(&mut app, root, request);
+    let load = |app: &mut App, room: &Room| {
+        let root = room_root(app, room);
+        let bake = app.world().resource::<AssetServer>().load("room.mgi");
+        let named = (MeshlessGi(bake), Name::new("hall"));
+        app.world_mut().entity_mut(root).insert(named);
+        let told = warnings(|| {
+            until(app, "loading", |app| {
+                let gi = app.world().get::<MeshlessGi>(root)?;
+                let bakes = app.world().resource::<Assets<MeshlessGiAsset>>();
+                bakes.get(&gi.0).map(|_| ())
+            });
+            for _ in 0..100 {
+                app.update();
+                std::thread::sleep(Duration::from_millis(3));
+            }
+        });
+        (root, told.1)
+    };
+    let (_, told) = load(&mut app, &room);
+    assert_eq!(told, [] as [String; 0], "the same meshes");
+    let mut moved = room.clone();
+    moved.0[9].corner.y += 0.1;
+    let (hall, told) = load(&mut app, &moved);
+    assert_eq!(told.len(), 1, "{told:?}");
+    for part in [
+        format!("entity {hall}"),
+        "`hall`".into(),
+        "`room.mgi`".into(),
+        "bake_gi".into(),
+    ] {
+        assert!(told[0].contains(&part), "{part}: {}", told[0]);
+    }
+}
+
+#[test]
+fn scene_file_in_the_place_of_a_bake_is_an_error_that_names_the_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("hall.glb"), glb(&Room::cornell())).unwrap();
+    let mut app = bare_app(folder.path());
+    let handle = app.world().resource::<AssetServer>().load("hall.glb");
+    let (root, told) = warnings(|| {
+        let root = app.world_mut().spawn(MeshlessGi(handle)).id();
+        for _ in 0..5 {
+            app.update();
+        }
+        root
+    });
+    assert_eq!(told.len(), 1, "{told:?}");
+    let entity = format!("entity {root}");
+    for part in [
+        entity.as_str(),
+        "`hall.glb`",
+        "hall.mgi",
+        "hall.gi.ron",
+        "bake_gi",
+    ] {
+        assert!(told[0].contains(part), "{part}: {}", told[0]);
+    }
+}
+
+#[test]
+fn occluders_are_entities_by_name_or_component() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let door = triangle([
+        Vec3::new(-0.9, 0.1, 0.5),
+        Vec3::new(0.9, 0.1, 0.5),
+        Vec3::new(0.0, 1.8, 0.5),
+    ]);
+    let by_name = spawn_mesh(&mut app, root, door.clone(), default(), default());
+    app.world_mut()
+        .entity_mut(by_name)
+        .insert(Name::new("gate"));
+    let lower = Transform::from_xyz(0.0, 0.0, -0.9);
+    let by_component = spawn_mesh(&mut app, root, door, default(), lower);
+    app.world_mut()
+        .entity_mut(by_component)
+        .insert(MeshlessGiOccluder {
+            name: "door".into(),
+            openness: 0.0,
+        });
+    let recipe = Recipe {
+        occluders: ["door", "gate"].map(OccluderShape::node).into(),
+        ..quick()
+    };
+    let (_, scene) = bake(&mut app, root, recipe);
+    let occluders = scene.occluders.as_ref().unwrap();
+    assert_eq!(occluders.names, ["door", "gate"]);
+    assert!(!occluders.links.is_empty(), "light passes them");
+}
+
+#[test]
+fn live_materials_keep_the_names_of_the_app() {
+    let mut app = bare_app(&std::env::temp_dir());
+    let root = room_with_floor(&mut app, floor(), default());
+    let mut drawn = app.world_mut().query::<&MeshMaterial3d<StandardMaterial>>();
+    let handles: Vec<_> = drawn.iter(app.world()).map(|m| m.0.clone()).collect();
+    let given = MeshlessGiMaterials(vec![("sign".into(), handles[3].clone())]);
+    app.world_mut().entity_mut(root).insert(given);
+    let recipe = Recipe {
+        live_materials: true,
+        ..quick()
+    };
+    let (_, scene) = bake(&mut app, root, recipe);
+    let named = &app.world().get::<MeshlessGiMaterials>(root).unwrap().0;
+    assert_eq!(named.len(), handles.len());
+    assert_eq!(named[0], ("sign".into(), handles[3].clone()));
+    let live = scene.materials.as_ref().unwrap();
+    for (name, handle) in named {
+        let at = live
+            .names
+            .iter()
+            .position(|known| known == name)
+            .expect(name);
+        let materials = app.world().resource::<Assets<StandardMaterial>>();
+        let color = materials.get(handle).unwrap().base_color.to_linear();
+        let baked = live.factors[at].base_color;
+        assert_eq!(baked, [color.red, color.green, color.blue], "{name}");
+    }
+}
+
+/// A material of the app's own.
+#[derive(Asset, AsBindGroup, TypePath, Clone, Default)]
+struct Paint {}
+
+impl Material for Paint {}
+
+#[test]
+fn surface_of_a_custom_material_is_gray_and_named() {
+    let mut app = bare_app(&std::env::temp_dir());
+    app.init_asset::<Paint>();
+    // As `MaterialPlugin` does.
+    app.register_type::<MeshMaterial3d<Paint>>();
+    let root = room_with_floor(&mut app, floor(), default());
+    let paint = app
+        .world_mut()
+        .resource_mut::<Assets<Paint>>()
+        .add(Paint {});
+    let parts = app.world().get::<Children>(root).unwrap();
+    let floor = *parts.last().unwrap();
+    (app.world_mut().entity_mut(floor))
+        .remove::<MeshMaterial3d<StandardMaterial>>()
+        .insert((MeshMaterial3d(paint), Name::new("pond")));
+    let (summary, scene) = bake(&mut app, root, quick());
+    assert_eq!(scene.info.triangles, 20);
+    assert!(matches!(
+        &summary.warnings[..],
+        [MeshlessGiBakeWarning::CustomMaterial { entity }] if entity.contains("`pond`")
+    ));
+    for (albedo, _) in halves(&scene) {
+        assert!(albedo.distance(Vec3::splat(0.5)) < 1e-3, "{albedo}");
+    }
+}
+
+#[test]
+fn failed_scenes_and_assets_that_never_come_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut app = bare_app(folder.path());
+    let room = Room::cornell();
+    let root = room_root(&mut app, &room);
+    let server = app.world().resource::<AssetServer>().clone();
+    let scene = WorldAssetRoot(server.load("nowhere.scn.ron"));
+    app.world_mut().spawn((scene, ChildOf(root)));
+    let no_image = server.load("nowhere.png");
+    let material = StandardMaterial {
+        base_color_texture: Some(no_image),
+        ..default()
+    };
+    let tile = triangle([0.0, 0.1, 0.2].map(|v| Vec3::new(v, 1.0 + 20.0 * v * v, 0.2)));
+    spawn_mesh(&mut app, root, tile.clone(), material, default());
+    let lost = spawn_mesh(&mut app, root, tile, default(), default());
+    let no_material = MeshMaterial3d::<StandardMaterial>(server.load("nowhere.material"));
+    app.world_mut().entity_mut(lost).insert(no_material);
+    let (summary, scene) = bake(&mut app, root, quick());
+    assert_eq!(scene.info.triangles, 22);
+    let texts: Vec<String> = summary.warnings.iter().map(ToString::to_string).collect();
+    for part in [
+        "its scene is not in the bake",
+        "nowhere.png",
+        "nowhere.material",
+    ] {
+        assert!(texts.iter().any(|t| t.contains(part)), "{part}: {texts:#?}");
+    }
+    assert_eq!(texts.len(), 3, "{texts:#?}");
+}

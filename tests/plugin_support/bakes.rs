@@ -1,0 +1,164 @@
+//! Bakes from entities in tests: apps, quick recipes, and the ends of bakes.
+
+use super::assets::until;
+use super::scenes::Room;
+use bevy::asset::{AssetPlugin, RenderAssetUsages};
+use bevy::ecs::schedule::{ScheduleLabel, SingleThreadedExecutor};
+use bevy::image::Image;
+use bevy::mesh::{Indices, PrimitiveTopology};
+use bevy::prelude::*;
+use bevy::world_serialization::WorldSerializationPlugin;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Ends of bakes, in their order.
+#[derive(Resource, Default)]
+pub struct Ends(pub Vec<MeshlessGiBakeFinished>);
+
+/// Result of a bake, as the event has it.
+pub type BakeResult = Result<MeshlessGiBakeSummary, MeshlessGiBakeError>;
+
+/// An app without renderer and window that has meshes, materials, images and scenes.
+pub fn bare_app(assets: &Path) -> App {
+    let mut app = App::new();
+    app.add_plugins((
+        MinimalPlugins,
+        AssetPlugin {
+            file_path: assets.to_string_lossy().into_owned(),
+            ..default()
+        },
+        TransformPlugin,
+        WorldSerializationPlugin,
+        MeshlessGiPlugin::default(),
+    ))
+    .init_asset::<Mesh>()
+    .init_asset::<Image>()
+    .init_asset::<StandardMaterial>();
+    // Tests read the log of their own thread.
+    for schedule in [PreUpdate.intern(), Last.intern()] {
+        app.edit_schedule(schedule, |schedule| {
+            schedule.set_executor(SingleThreadedExecutor::new());
+        });
+    }
+    keep_ends(&mut app);
+    super::app::ready(&mut app);
+    app
+}
+
+/// Keeps the ends of bakes in [`Ends`].
+pub fn keep_ends(app: &mut App) {
+    app.init_resource::<Ends>();
+    app.add_observer(
+        |event: On<MeshlessGiBakeFinished>, mut ends: ResMut<Ends>| {
+            ends.0.push(event.event().clone());
+        },
+    );
+}
+
+/// A recipe that takes a moment, for rooms as small as [`Room::cornell`].
+pub fn quick() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[0.0, 1.0, 0.6]],
+        coarse_radius: Some(0.4),
+        levels: Some(3),
+        sender_levels: Some(2),
+        rays: Some(64),
+        ..default()
+    }
+}
+
+/// A recipe that takes minutes.
+pub fn slow() -> Recipe {
+    Recipe {
+        rays: Some(60_000),
+        preset: Preset::High,
+        ..quick()
+    }
+}
+
+/// A root with the surfaces of a room below it.
+pub fn room_root(app: &mut App, room: &Room) -> Entity {
+    let root = app
+        .world_mut()
+        .spawn((Transform::default(), Visibility::default()))
+        .id();
+    room.spawn(app, root);
+    root
+}
+
+/// Waits for the next end of a bake of `root`, and takes it.
+#[track_caller]
+pub fn end_of(app: &mut App, root: Entity) -> BakeResult {
+    until(app, "the bake", |app| {
+        let mut ends = app.world_mut().resource_mut::<Ends>();
+        let at = ends.0.iter().position(|end| end.entity == root)?;
+        Some(ends.0.remove(at).result)
+    })
+}
+
+/// Requests a bake of `root` and waits for its end.
+#[track_caller]
+pub fn bake(
+    app: &mut App,
+    root: Entity,
+    request: impl Into<MeshlessGiBakeRequest>,
+) -> (MeshlessGiBakeSummary, Arc<BakedScene>) {
+    app.world_mut().entity_mut(root).bake_gi(request);
+    let summary = end_of(app, root).unwrap_or_else(|error| panic!("{error}"));
+    (summary, scene_of(app, root))
+}
+
+/// The bake that lights `root`.
+pub fn scene_of(app: &App, root: Entity) -> Arc<BakedScene> {
+    let gi = app.world().get::<MeshlessGi>(root).expect("it has light");
+    let bakes = app.world().resource::<Assets<MeshlessGiAsset>>();
+    bakes.get(&gi.0).expect("the bake is there").scene.clone()
+}
+
+/// Corners of a bake's triangles, rounded to a tenth of a millimeter, sorted.
+pub fn triangles(scene: &BakedScene) -> Vec<[[i32; 3]; 3]> {
+    let round = |p: [f32; 3]| p.map(|v| (1e4 * v).round() as i32);
+    let mut all: Vec<_> = (scene.bvh.triangles.iter())
+        .map(|t| {
+            let mut corners = [t.a, t.b, t.c].map(round);
+            // The winding stays.
+            let first = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
+            corners.rotate_left(first);
+            corners
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+/// A triangle as a mesh.
+pub fn triangle(corners: [Vec3; 3]) -> Mesh {
+    Mesh::new(
+        PrimitiveTopology::TriangleList,
+        RenderAssetUsages::default(),
+    )
+    .with_inserted_attribute(
+        Mesh::ATTRIBUTE_POSITION,
+        corners.map(|p| p.to_array()).to_vec(),
+    )
+    .with_inserted_indices(Indices::U16(vec![0, 1, 2]))
+}
+
+/// Spawns a mesh below `parent`.
+pub fn spawn_mesh(
+    app: &mut App,
+    parent: Entity,
+    mesh: Mesh,
+    material: StandardMaterial,
+    transform: Transform,
+) -> Entity {
+    let world = app.world_mut();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    let material = materials.add(material);
+    let parts = (Mesh3d(mesh), MeshMaterial3d(material), ChildOf(parent));
+    world.spawn((parts, transform)).id()
+}
