@@ -88,7 +88,7 @@ pub struct MeshlessGiBaked {
 }
 
 /// Threads for a bake beside a running game: one less than the machine has.
-fn bake_threads() -> usize {
+pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 

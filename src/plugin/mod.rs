@@ -53,8 +53,16 @@
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
+#[cfg(feature = "gltf")]
+mod asset_folders;
 mod background;
+#[cfg(feature = "gltf")]
+mod bake_processor;
+#[cfg(feature = "gltf")]
+mod bake_store;
 mod bake_task;
+#[cfg(feature = "gltf")]
+mod build_copy;
 #[cfg(feature = "gltf")]
 mod build_step;
 mod capture;
@@ -75,6 +83,9 @@ mod gloss;
 mod inventory;
 #[cfg(feature = "gltf")]
 mod level;
+mod level_check;
+#[cfg(feature = "gltf")]
+mod level_files;
 mod loader;
 mod materials;
 mod occluders;
@@ -82,6 +93,8 @@ mod points;
 pub mod prelude;
 mod quality;
 mod readback;
+#[cfg(feature = "gltf")]
+mod recipe_progress;
 mod reflective;
 mod sets;
 mod sky;
@@ -92,9 +105,11 @@ mod volume;
 mod volume_shader;
 
 pub use asset::MeshlessGiAsset;
+#[cfg(feature = "gltf")]
+pub use bake_processor::MeshlessGiBakeProcessor;
 pub use bake_task::{MeshlessGiBake, MeshlessGiBakeFailed, MeshlessGiBaked};
 #[cfg(feature = "gltf")]
-pub use build_step::{AssetBuild, AssetBuildError, process_assets};
+pub use build_step::{AssetBuild, AssetBuildError, AssetBuildFailure, process_assets};
 pub use capture::MeshlessGiCaptureGraph;
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
@@ -110,10 +125,8 @@ pub use display::{
 pub use gizmos::MeshlessGiGizmos;
 pub use gloss::MeshlessGiGloss;
 #[cfg(feature = "gltf")]
-pub use level::{
-    BAKE_VERSION, MeshlessGiBakeProcessor, MeshlessGiBakeSettings, MeshlessGiRecipeLoader,
-    RecipeLoadError,
-};
+pub use level::{MeshlessGiBakeSettings, MeshlessGiRecipeLoader, RecipeLoadError};
+pub use level_check::{MeshlessGiLevelCheck, MeshlessGiStaleBakes};
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
 pub use materials::MeshlessGiMaterials;
 pub use occluders::MeshlessGiOccluder;
@@ -123,6 +136,8 @@ pub use points::{
 };
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
+#[cfg(feature = "gltf")]
+pub use recipe_progress::MeshlessGiRecipeProgress;
 pub use reflective::{
     CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
 };
@@ -192,11 +207,13 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<reflective::AskingLights>()
             .init_resource::<inventory::NormalMaps>()
             .init_resource::<costs::DeviceCosts>()
-            .init_asset::<MeshlessGiAsset>()
             .init_asset::<MeshlessGiPoints>()
-            .register_asset_loader(MeshlessGiLoader)
             .register_asset_loader(MeshlessGiPointsLoader)
-            .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
+            .add_plugins((
+                asset::BakedAssetPlugin,
+                MeshlessGiDiagnosticsPlugin,
+                gizmos::MeshlessGiGizmosPlugin,
+            ))
             .add_systems(
                 PreUpdate,
                 (bake_task::collect_bakes, costs::learn, decisions::tell)
@@ -265,10 +282,6 @@ impl Plugin for MeshlessGiPlugin {
                     .chain()
                     .in_set(MeshlessGiSystems::Check),
             );
-        #[cfg(feature = "gltf")]
-        app.register_asset_loader(MeshlessGiRecipeLoader)
-            .register_asset_processor(MeshlessGiBakeProcessor)
-            .set_default_asset_processor::<MeshlessGiBakeProcessor>("gi.ron");
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }
