@@ -116,7 +116,7 @@ pub(super) struct Container<'a> {
 }
 
 /// Returns true if `bytes` start as a `.mgi` file does, whole or not.
-#[cfg(feature = "bevy")]
+#[cfg(all(feature = "bevy", feature = "gltf"))]
 pub(crate) fn is_container(bytes: &[u8]) -> bool {
     bytes.starts_with(&MAGIC)
 }

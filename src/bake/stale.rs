@@ -65,7 +65,7 @@ impl fmt::Display for Staleness {
     }
 }
 
-/// Returns true if the content or the bake version differs. `content_hash` is that of the level now:
+/// Returns true if content or bake version differ. `content_hash` is that of the level now:
 /// [`TriangleMesh::content_hash`](crate::scene::TriangleMesh::content_hash).
 #[must_use]
 pub fn is_stale(info: &BakeInfo, content_hash: &[u8; 32]) -> bool {
@@ -146,7 +146,10 @@ mod tests {
             bake_version: BAKE_VERSION - 1,
             ..info.clone()
         };
-        assert_eq!(compare(&[7; 32], &recipe, &older).to_string(), "bake version");
+        assert_eq!(
+            compare(&[7; 32], &recipe, &older).to_string(),
+            "bake version"
+        );
         assert_eq!(
             compare(&[8; 32], &finer, &older).to_string(),
             "content, settings, bake version"

@@ -25,7 +25,7 @@ impl AssetFolders {
         };
         let processing = app.world().contains_resource::<AssetProcessor>();
         match app.get_added_plugins::<AssetPlugin>().first() {
-            Some(assets) if assets.mode == AssetMode::Processed => Self {
+            Some(assets) if matches!(assets.mode, AssetMode::Processed) => Self {
                 source: Some(base.join(&assets.file_path)),
                 store: processing
                     .then(|| BakeStore::beside(&base.join(&assets.processed_file_path)))

@@ -64,7 +64,10 @@ impl BakeStore {
         let folder = file.parent().unwrap_or(&self.folder);
         let written = std::fs::create_dir_all(folder).and_then(|()| write_file(&file, &entry));
         if let Err(error) = written {
-            warn!("{}: the bake cannot be kept for the next run: {error}", file.display());
+            warn!(
+                "{}: the bake cannot be kept for the next run: {error}",
+                file.display()
+            );
         }
     }
 
@@ -93,7 +96,10 @@ mod tests {
         let (key, other) = ([1; 32], [2; 32]);
         assert_eq!(store.load(&recipe, &key), None, "nothing is kept");
         store.save(&recipe, &key, b"container");
-        assert_eq!(store.load(&recipe, &key).as_deref(), Some(&b"container"[..]));
+        assert_eq!(
+            store.load(&recipe, &key).as_deref(),
+            Some(&b"container"[..])
+        );
         assert_eq!(store.load(&recipe, &other), None, "other input");
         assert_eq!(store.load(&AssetPath::from("levels/b.gi.ron"), &key), None);
 

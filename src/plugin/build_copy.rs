@@ -99,8 +99,7 @@ pub(crate) fn copy_asset(
         );
     }
     if !same_file(source, output) {
-        let from =
-            File::open(source).map_err(|why| AssetBuildError::file(source, "read", why))?;
+        let from = File::open(source).map_err(|why| AssetBuildError::file(source, "read", why))?;
         copy_file(from, output).map_err(|why| AssetBuildError::file(output, "write", why))?;
     }
     let path = meta_path(output);
@@ -121,7 +120,9 @@ fn is_processed(source: &Path, output: &Path, meta: Option<&Meta>) -> bool {
     let (Some(made), Some(source)) = (modified(output), modified(source)) else {
         return false;
     };
-    let settled = meta.and_then(|meta| meta.modified).is_none_or(|m| made >= m);
+    let settled = meta
+        .and_then(|meta| meta.modified)
+        .is_none_or(|m| made >= m);
     loadable && made >= source && settled
 }
 
@@ -253,10 +254,13 @@ mod tests {
     fn copy_asset_output_of_a_processor_stays_while_it_is_newer() {
         let folder = tempfile::tempdir().unwrap();
         let output = folder.path().join("out/output.png");
-        let process = r#"(meta_format_version: "1.0", asset: Process(processor: "Game", settings: ()))"#;
+        let process =
+            r#"(meta_format_version: "1.0", asset: Process(processor: "Game", settings: ()))"#;
         assert!(copy(folder.path(), b"png", Some(process)));
         assert!(!meta_path(&output).exists(), "the step cannot process it");
-        let hash = format!("{:?}", [7u8; 32]).replace('[', "(").replace(']', ")");
+        let hash = format!("{:?}", [7u8; 32])
+            .replace('[', "(")
+            .replace(']', ")");
         let made = format!(
             r#"(meta_format_version: "1.0", processed_info: Some((hash: {hash}, full_hash: {hash}, process_dependencies: [])), asset: Load(loader: "game::Loader", settings: ()))"#
         );

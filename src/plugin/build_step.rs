@@ -12,9 +12,9 @@
 //!
 //! Recipes become bakes; all other files are copied, so that an app with `AssetMode::Processed` and
 //! no asset processor of its own loads them with its own loaders. A recipe is baked again only if
-//! its text, the level, a file that the level names, or the bake version has changed. Bakes are kept
-//! in `meshless_gi` beside the folder of the processed assets, where an app's asset processor looks
-//! too: keep that folder between runs. Outputs that a run made are removed by a later run whose
+//! its text, the level, a file that the level names, or the bake version has changed. Bakes are
+//! kept in `meshless_gi` beside the folder of the processed assets, where an app's asset processor looks
+//! too: keep that folder between runs. Outputs that a run made are removed by a later run if their
 //! source is gone.
 
 use super::asset_folders::{base_folder, source_file};
@@ -26,7 +26,6 @@ use super::level_files::ReadFile;
 use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
 use super::recipe_progress::RecipeBakes;
 use crate::asset::write_file;
-use crate::bake::BakeLevelError;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{
     AssetAction, AssetMeta, AssetMetaDyn, ProcessDependencyInfo, ProcessedInfo,
@@ -173,7 +172,11 @@ pub fn process_assets(build: &AssetBuild) -> Result<Vec<PathBuf>, AssetBuildErro
 /// Returns true for recipes, unless a `.meta` asks for something else.
 fn is_baked(file: &Path, meta: Option<&Meta>) -> bool {
     let names_recipe = (file.file_name())
-        .and_then(|name| name.to_str()?.strip_suffix(RECIPE_EXTENSION)?.strip_suffix('.'))
+        .and_then(|name| {
+            name.to_str()?
+                .strip_suffix(RECIPE_EXTENSION)?
+                .strip_suffix('.')
+        })
         .is_some_and(|stem| !stem.is_empty());
     let ours = [
         MeshlessGiBakeProcessor::type_path(),
@@ -211,7 +214,10 @@ impl Step {
             why,
         };
         let real = at.canonicalize().map_err(failed)?;
-        let outputs = [Some(self.processed.as_path()), self.store.as_ref().map(BakeStore::folder)];
+        let outputs = [
+            Some(self.processed.as_path()),
+            self.store.as_ref().map(BakeStore::folder),
+        ];
         let is_output = |path: &Path| path.canonicalize().is_ok_and(|path| path == real);
         if above.contains(&real) || outputs.into_iter().flatten().any(is_output) {
             return Ok(());
@@ -224,7 +230,9 @@ impl Step {
         above.push(real);
         for name in names {
             let path = folder.join(&name);
-            let is_meta = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("meta"));
+            let is_meta = path
+                .extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("meta"));
             if is_meta || name.to_string_lossy().starts_with('.') {
                 continue;
             }
@@ -237,7 +245,7 @@ impl Step {
         Ok(())
     }
 
-    /// Bakes a recipe, or takes over the bake that was kept, and writes the output where it differs.
+    /// Bakes a recipe, or takes over the bake that was kept. Writes the output where it differs.
     fn bake(
         &self,
         recipe: &Path,

@@ -6,9 +6,12 @@
 //!
 //! | assets of the app | `asset_server.load::<MeshlessGiAsset>("level.gi.ron")` |
 //! |---|---|
-//! | processed by the app (`AssetMode::Processed`) | loads the bake of the asset processor; it bakes again when the recipe, the level, or a file that the level names changes |
+//! | processed by the app (`AssetMode::Processed`) | loads the bake of the asset processor |
 //! | processed before, by the build step or another app | loads that bake |
 //! | unprocessed | bakes while loading, on background threads, at every start |
+//!
+//! The asset processor and the build step bake again when the recipe, the level, or a file that the
+//! level names changes.
 //!
 //! A level that cannot be baked fails its asset with a message that says what and where. Nothing
 //! here panics, because a panic would hang Bevy's asset processor forever.
@@ -178,7 +181,10 @@ impl RecipeInputs {
     }
 
     /// Bakes beside a running app.
-    pub async fn bake_beside_app(&self, bakes: &RecipeBakes) -> Result<BakedScene, RecipeLoadError> {
+    pub async fn bake_beside_app(
+        &self,
+        bakes: &RecipeBakes,
+    ) -> Result<BakedScene, RecipeLoadError> {
         let running = bakes.start(self.path.clone());
         let work = self.bake_in_background(bake_threads(), running.progress.clone())?;
         work.await
@@ -321,7 +327,10 @@ mod tests {
             (r#"(scene: "a.glb")"#, false),
             (r#"(scene: "a.glb", preset: Medium)"#, true),
             (r#"(preset: Some(High), probes: ())"#, true),
-            (r#"(scene: "preset", occluders: [(name: "preset")], sky: Harmonics)"#, false),
+            (
+                r#"(scene: "preset", occluders: [(name: "preset")], sky: Harmonics)"#,
+                false,
+            ),
             (r#"(scene: "a.glb" /* preset: Draft */)"#, false),
             ("()", false),
         ] {

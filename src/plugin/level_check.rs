@@ -115,7 +115,10 @@ impl LevelChecker {
 
         let is_recipe = is_recipe(&report.path);
         // The asset processor bakes such recipes again by itself.
-        let Some(level) = info.level.clone().filter(|_| !(is_recipe && self.folders.processing))
+        let Some(level) = info
+            .level
+            .clone()
+            .filter(|_| !(is_recipe && self.folders.processing))
         else {
             return self.reports.push(report);
         };

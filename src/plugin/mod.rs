@@ -29,6 +29,7 @@
 //! |---|---|---|
 //! | `points` | main, `Update` | gives point clouds what they are drawn as |
 //! | `check` | main, `Last` | warns of what would be counted twice |
+//! | `level_check` | main, `Last` | warns of bakes whose level has changed since |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `inventory` | both | counts what there is and what changed of it |

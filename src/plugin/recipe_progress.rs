@@ -87,12 +87,15 @@ fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
     let work = move || {
         let mut logged = None;
         while ended.recv_timeout(LOG_INTERVAL) == Err(RecvTimeoutError::Timeout) {
-            let (stage, fraction) = progress.get();
-            let new = logged
-                .is_none_or(|(s, f)| s != stage || fraction >= f + LOGGED_SHARE);
-            if new {
-                logged = Some((stage, fraction));
-                info!("baking `{name}`: {}, {:.0} %", stage.name(), 100.0 * fraction);
+            let now = progress.get();
+            if is_news(logged, now) {
+                logged = Some(now);
+                let (stage, fraction) = now;
+                info!(
+                    "baking `{name}`: {}, {:.0} %",
+                    stage.name(),
+                    100.0 * fraction
+                );
             }
         }
     };
@@ -100,6 +103,11 @@ fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
         .name("meshless gi progress".into())
         .spawn(work);
     running
+}
+
+/// Returns true if the log reports `now` after `logged`.
+fn is_news(logged: Option<(Stage, f32)>, now: (Stage, f32)) -> bool {
+    logged.is_none_or(|(stage, fraction)| stage != now.0 || now.1 >= fraction + LOGGED_SHARE)
 }
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
@@ -122,5 +130,38 @@ pub(crate) fn send_progress(
             stage,
             fraction,
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn is_news_for_each_stage_and_each_tenth_of_it() {
+        let mut logged = None;
+        let mut lines = 0;
+        for stage in [Stage::Points, Stage::Transport] {
+            for permille in 0..1000 {
+                let now = (stage, permille as f32 / 1000.0);
+                if is_news(logged, now) {
+                    logged = Some(now);
+                    lines += 1;
+                }
+            }
+        }
+        assert!((18..=20).contains(&lines), "{lines}");
+    }
+
+    #[test]
+    fn start_lists_a_bake_until_its_guard_is_dropped() {
+        let bakes = RecipeBakes::default();
+        let first = bakes.start("a.gi.ron".into());
+        let second = bakes.start("a.gi.ron".into());
+        assert_eq!(bakes.change(|list| list.len()), 2);
+        let progress = first.progress.clone();
+        drop(first);
+        assert!(progress.is_cancelled() && !second.progress.is_cancelled());
+        assert_eq!(bakes.change(|list| list.len()), 1);
     }
 }

@@ -2,8 +2,10 @@
 #![allow(dead_code, reason = "each test uses its part")]
 
 pub mod app;
+pub mod assets;
 pub mod bounce;
 pub mod flip;
 pub mod glb;
+pub mod log;
 pub mod scenes;
 pub mod stage;

@@ -1,4 +1,4 @@
-//! `validate`: whether a bake is whole, with a list of what is wrong, and whether it still belongs to its level.
+//! `validate`: checks that a bake is whole and still belongs to its level, and lists what is wrong.
 
 use super::bake::level_and_recipe;
 use super::error::ToolError;
@@ -13,10 +13,12 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// The bake.
     bake: PathBuf,
-    /// The level (.glb, .gltf, .ply, .json) that it should belong to, or the recipe (.gi.ron) that names it: finds a bake that is stale.
+    /// The level (.glb, .gltf, .ply, .json) that it should belong to, or the recipe (.gi.ron) that
+    /// names it: finds a bake that is stale.
     #[arg(long, value_name = "LEVEL")]
     level: Option<PathBuf>,
-    /// The recipe that it should be baked by, where LEVEL is none. Options of `bake` count as part of a recipe.
+    /// The recipe that it should be baked by, where LEVEL is none. Options of `bake` count as part
+    /// of a recipe.
     #[arg(long, value_name = "FILE", requires = "level")]
     recipe: Option<PathBuf>,
 }
