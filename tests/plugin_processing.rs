@@ -7,7 +7,7 @@ use bevy::asset::io::Reader;
 use bevy::asset::processor::AssetProcessor;
 use bevy::asset::{AssetLoader, AssetMetaCheck, LoadContext, UntypedHandle};
 use bevy::gltf::GltfPlugin;
-use bevy::image::ImagePlugin;
+use bevy::image::{CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
@@ -194,6 +194,8 @@ fn run_game() {
         WorldSerializationPlugin,
         GltfPlugin::default(),
     ))
+    // Without a renderer nobody else registers it, and the processor would wait for it.
+    .register_asset_loader(ImageLoader::new(CompressedImageFormats::NONE))
     .init_asset::<Mesh>()
     .init_asset::<StandardMaterial>()
     .init_asset::<Font>()

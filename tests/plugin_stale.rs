@@ -2,6 +2,7 @@
 
 mod plugin_support;
 
+use bevy::asset::AssetPath;
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
@@ -116,7 +117,7 @@ fn load(app: &mut App) {
 
 fn stale(app: &App, path: &str) -> Option<Staleness> {
     let stale = &app.world().resource::<MeshlessGiStaleBakes>().0;
-    stale.get(&path.to_owned().into()).copied()
+    stale.get(&AssetPath::from(path.to_owned())).copied()
 }
 
 fn findings(app: &App) -> &[MeshlessGiFinding] {

@@ -13,9 +13,9 @@
 //! Recipes become bakes; all other files are copied, so that an app with `AssetMode::Processed` and
 //! no asset processor of its own loads them with its own loaders. A recipe is baked again only if
 //! its text, the level, a file that the level names, or the bake version has changed. Bakes are
-//! kept in `meshless_gi` beside the folder of the processed assets, where an app's asset processor looks
-//! too: keep that folder between runs. Outputs that a run made are removed by a later run if their
-//! source is gone.
+//! kept in `meshless_gi` beside the folder of the processed assets, where an app's asset processor
+//! looks too: keep that folder between runs. Outputs that a run made are removed by a later run if
+//! their source is gone.
 
 use super::asset_folders::{base_folder, source_file};
 use super::bake_processor::MeshlessGiBakeProcessor;
