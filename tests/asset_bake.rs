@@ -1,7 +1,9 @@
 //! What a bake makes passes validation and comes back from its file as it was: each rule, each way to many bounces, any number of threads.
 
-use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake};
+use bevy_meshless_gi::asset::{BakeInfo, BakedScene, Limits, TierInfo, fingerprint};
+use bevy_meshless_gi::bake::{
+    BAKE_VERSION, BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake,
+};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::scene::{Material, TriangleMesh};
 use glam::Vec3;
@@ -42,9 +44,9 @@ fn baked(recipe: &Recipe, threads: usize) -> BakedScene {
         .scene
 }
 
-#[test]
-fn bakes_come_back_from_their_files() {
-    let small = Recipe {
+/// Recipe that bakes the room in a moment.
+fn small() -> Recipe {
+    Recipe {
         preset: Preset::Draft,
         coarse_radius: Some(0.8),
         levels: Some(3),
@@ -54,7 +56,32 @@ fn bakes_come_back_from_their_files() {
         epsilon: Some(0.06),
         tolerance: Some(0.03),
         ..Recipe::default()
+    }
+}
+
+/// Bakes that are kept are found by the bake version: it must rise with every change of what equal input bakes to. Where this
+/// fails, raise [`BAKE_VERSION`], and take the new digest over.
+#[test]
+fn bake_of_one_version_is_always_the_same() {
+    let mut scene = baked(&small(), 2);
+    // Facts about the bake are no part of it.
+    scene.info = BakeInfo {
+        tiers: TierInfo::of(&scene),
+        ..BakeInfo::default()
     };
+    let digest = fingerprint(&[&scene.to_bytes().unwrap()]);
+    assert_eq!(
+        (BAKE_VERSION, digest.as_str()),
+        (
+            1,
+            "63536e51059f2294afe79a6591e378486ed881ad3fffc9ad56791bad43db02ce"
+        )
+    );
+}
+
+#[test]
+fn bakes_come_back_from_their_files() {
+    let small = small();
     for recipe in [
         small.clone(),
         Recipe {

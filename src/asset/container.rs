@@ -6,7 +6,7 @@ use std::borrow::Cow;
 /// The first eight bytes. Not text, and damaged by whatever takes it for text.
 pub(super) const MAGIC: [u8; 8] = *b"\x89MGI\r\n\x1a\n";
 /// Changes only with the layout.
-pub(super) const VERSION: u32 = 2;
+pub(crate) const VERSION: u32 = 2;
 /// Bytes of the header before the table.
 const HEADER: usize = 32;
 /// Bytes of one row of the table.
@@ -113,6 +113,12 @@ pub(super) struct Container<'a> {
     entries: Vec<Entry<'a>>,
     /// Bytes of memory that the decoded items and the decoding take at most.
     pub memory: u64,
+}
+
+/// Returns true if `bytes` start as a `.mgi` file does, whole or not.
+#[cfg(all(feature = "bevy", feature = "gltf"))]
+pub(crate) fn is_container(bytes: &[u8]) -> bool {
+    bytes.starts_with(&MAGIC)
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> u32 {

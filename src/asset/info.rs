@@ -43,9 +43,26 @@ impl TierInfo {
 pub struct BakeInfo {
     /// Version of this crate that baked it.
     pub version: String,
-    /// BLAKE3, as hex, of everything the bake depended on: geometry, recipe and version. A different one means that the
-    /// bake is stale.
+    /// Version of the bake, [`BAKE_VERSION`](crate::bake::BAKE_VERSION). 0 in files older than this
+    /// field.
+    #[serde(default)]
+    pub bake_version: u32,
+    /// BLAKE3, as hex, of everything the bake depended on: geometry, settings and bake version.
     pub fingerprint: String,
+    /// BLAKE3, as hex, of the geometry and its materials. Empty in files older than this field.
+    #[serde(default)]
+    pub content_hash: String,
+    /// Level that the recipe names, relative to the recipe. `None` for geometry that was given
+    /// without a name.
+    #[serde(default)]
+    pub level: Option<String>,
+    /// BLAKE3, as hex, of the bytes of the level's file and of all files that it names: a digest
+    /// that needs no parsing. Empty if the bake was given geometry and no files.
+    #[serde(default)]
+    pub level_digest: String,
+    /// Recipe as it was given, without its `scene`, as RON. Empty in files older than this field.
+    #[serde(default)]
+    pub given_recipe: String,
     /// The recipe with every default filled in, as RON.
     pub recipe: String,
     /// Triangles (or other primitives) of the source.

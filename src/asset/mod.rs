@@ -23,6 +23,8 @@ mod validate_columns;
 mod visibility;
 
 pub use baked::{BakedScene, Display, Places, PointSurface};
+#[cfg(all(feature = "bevy", feature = "gltf"))]
+pub(crate) use container::{VERSION as FORMAT_VERSION, is_container};
 pub use error::{AssetError, Limits};
 pub use file::{check_writable, write_file};
 pub use fingerprint::fingerprint;

@@ -34,7 +34,7 @@ pub use progress::{Progress, Stage};
 pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
 pub use sky::Sky;
 pub use soft_shadows::SoftShadows;
-pub use stale::is_stale;
+pub use stale::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
 
 use crate::asset::{
@@ -573,11 +573,16 @@ fn assemble(
         bvh: source.bvh.clone(),
         info: BakeInfo {
             version: env!("CARGO_PKG_VERSION").into(),
+            bake_version: BAKE_VERSION,
             fingerprint: stale::fingerprint_of(
                 &source.content_hash,
                 &settings_text,
                 &recipe.viewpoints,
             ),
+            content_hash: stale::hex(&source.content_hash),
+            level: recipe.scene.clone(),
+            level_digest: String::new(),
+            given_recipe: canonical_recipe(recipe),
             recipe: settings_text,
             triangles: source.primitives,
             rays: stats.rays,

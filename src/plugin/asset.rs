@@ -1,10 +1,14 @@
-//! The baked scene as a Bevy asset.
+//! The baked scene as a Bevy asset, and the part of the plugin that loads and processes it.
 //!
 //! Hot reload: when a `.mgi` file is baked again and Bevy watches files, the new bake replaces the old one in every scene
 //! that uses the handle, in the frame in which it has loaded.
 
+use super::level_check::{LevelChecker, LevelReports, MeshlessGiStaleBakes, warn_stale};
+use super::{MeshlessGiLoader, MeshlessGiSystems};
 use crate::asset::BakedScene;
-use bevy::asset::Asset;
+use bevy::app::{App, Last, Plugin};
+use bevy::asset::{Asset, AssetApp};
+use bevy::ecs::prelude::*;
 use bevy::reflect::TypePath;
 use std::sync::Arc;
 
@@ -21,4 +25,53 @@ impl From<BakedScene> for MeshlessGiAsset {
             scene: Arc::new(scene),
         }
     }
+}
+
+/// Registers loaders and the asset processor, and reports what they find.
+pub(crate) struct BakedAssetPlugin;
+
+impl Plugin for BakedAssetPlugin {
+    fn build(&self, app: &mut App) {
+        let reports = LevelReports::default();
+        let checker = LevelChecker {
+            reports: reports.clone(),
+            #[cfg(feature = "gltf")]
+            folders: super::asset_folders::AssetFolders::of_app(app),
+        };
+        app.init_asset::<MeshlessGiAsset>()
+            .insert_resource(reports)
+            .init_resource::<MeshlessGiStaleBakes>()
+            .add_systems(Last, warn_stale.in_set(MeshlessGiSystems::Check));
+        #[cfg(feature = "gltf")]
+        build_recipes(app, &checker);
+        app.register_asset_loader(MeshlessGiLoader { checker });
+    }
+}
+
+/// Registers all that bakes recipes.
+#[cfg(feature = "gltf")]
+fn build_recipes(app: &mut App, checker: &LevelChecker) {
+    use super::level::{RECIPE_EXTENSION, RecipeInputLoader, RecipeInputs};
+    use super::recipe_progress::{RecipeBakes, send_progress};
+    use super::{MeshlessGiBakeProcessor, MeshlessGiRecipeLoader, MeshlessGiRecipeProgress};
+
+    let bakes = RecipeBakes::default();
+    let folders = checker.folders.clone();
+    app.init_asset::<RecipeInputs>()
+        .insert_resource(bakes.clone())
+        .add_message::<MeshlessGiRecipeProgress>()
+        .add_systems(
+            bevy::app::PreUpdate,
+            send_progress.in_set(MeshlessGiSystems::Collect),
+        )
+        .register_asset_loader(RecipeInputLoader {
+            folders: folders.clone(),
+        })
+        .register_asset_loader(MeshlessGiRecipeLoader {
+            bakes: bakes.clone(),
+            folders: folders.clone(),
+            checker: checker.clone(),
+        })
+        .register_asset_processor(MeshlessGiBakeProcessor { bakes, folders })
+        .set_default_asset_processor::<MeshlessGiBakeProcessor>(RECIPE_EXTENSION);
 }

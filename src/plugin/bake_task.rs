@@ -149,7 +149,7 @@ fn remove_progress(mut world: DeferredWorld, context: HookContext) {
 }
 
 /// Threads for a bake beside a running game: one less than the machine has.
-pub(super) fn bake_threads() -> usize {
+pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 

@@ -1,4 +1,4 @@
-//! Bevy's asset processing as a build step: no window, no renderer, no game.
+//! Processing of assets as a build step: no window, no renderer, no game, no Bevy app.
 //!
 //! ```no_run
 //! use bevy_meshless_gi::plugin::{AssetBuild, process_assets};
@@ -10,28 +10,42 @@
 //! }
 //! ```
 //!
-//! All assets of the folder pass through: recipes become bakes, what has no processor is copied. Only what changed since the last
-//! run is processed. Bevy keeps a log of it in `imported_assets/log` of the project's root (`BEVY_ASSET_ROOT`, or the package's
-//! folder); it belongs to the processed folder: keep or cache them together.
+//! Recipes become bakes; all other files are copied, so that an app with `AssetMode::Processed` and
+//! no asset processor of its own loads them with its own loaders. A recipe is baked again only if
+//! its text, the level, a file that the level names, or the bake version has changed. Bakes are
+//! kept in `meshless_gi` beside the folder of the processed assets, where an app's asset processor
+//! looks too: keep that folder between runs. Outputs that a run made are removed by a later run if
+//! their source is gone.
 
-use super::{MeshlessGiPlugin, MeshlessGiRecipeLoader};
-use bevy::MinimalPlugins;
-use bevy::app::{App, PluginGroup, ScheduleRunnerPlugin};
-use bevy::asset::processor::{AssetProcessor, ProcessStatus};
-use bevy::asset::{AssetLoader, AssetMode, AssetPath, AssetPlugin};
-use bevy::tasks::futures::check_ready;
-use bevy::tasks::{IoTaskPool, Task};
+use super::asset_folders::{base_folder, source_file};
+use super::bake_processor::MeshlessGiBakeProcessor;
+use super::bake_store::BakeStore;
+use super::build_copy::{Action, Meta, copy_asset, meta_path, remove_asset, remove_orphans};
+use super::level::{MeshlessGiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
+use super::level_files::ReadFile;
+use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
+use super::recipe_progress::RecipeBakes;
+use crate::asset::write_file;
+use bevy::asset::AssetPath;
+use bevy::asset::meta::{
+    AssetAction, AssetMeta, AssetMetaDyn, ProcessDependencyInfo, ProcessedInfo,
+};
+use bevy::log::{debug, error};
+use bevy::reflect::TypePath;
+use bevy::tasks::block_on;
+use std::collections::BTreeSet;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What to process.
+/// Folders to process, and a time limit.
 #[derive(Clone, Debug)]
 pub struct AssetBuild {
     /// Folder of the assets as people make them; relative to the project's root, or absolute.
     pub source: PathBuf,
     /// Folder for the processed ones.
     pub processed: PathBuf,
-    /// Gives up after this long.
+    /// Time after which the step gives up.
     pub time_limit: Duration,
 }
 
@@ -46,139 +60,350 @@ impl Default for AssetBuild {
     }
 }
 
-/// Why a build step failed.
+/// A recipe that did not become a bake.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {why}", recipe.display())]
+pub struct AssetBuildFailure {
+    /// Path of the recipe, relative to the source folder.
+    pub recipe: PathBuf,
+    /// Reason.
+    pub why: RecipeLoadError,
+}
+
+/// Error of a build step.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum AssetBuildError {
-    /// Recipes that did not become bakes. What was wrong with each is in the log, as errors of `bevy_asset`.
+    /// Recipes that did not become bakes. All other files are processed.
     #[error("{} recipe(s) could not be baked: {}", .0.len(), list(.0))]
-    Failed(Vec<PathBuf>),
+    Failed(Vec<AssetBuildFailure>),
     /// The folder of the assets cannot be listed.
     #[error("{}: {why}", path.display())]
     Folder {
         /// The folder.
         path: PathBuf,
-        /// What the system said.
-        why: std::io::Error,
+        /// Error of the operating system.
+        why: io::Error,
     },
-    /// It took too long.
+    /// A file cannot be read, written or removed, or a `.meta` file makes no sense.
+    #[error("{}: cannot {action}: {why}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// "read", "write" or "remove".
+        action: &'static str,
+        /// Error of the operating system, or of the text.
+        why: io::Error,
+    },
+    /// It took too long. The recipe that was being baked has no output.
     #[error("asset processing did not finish within {0:?}")]
     TimeLimit(Duration),
-    /// Bevy started no asset processor.
-    #[error("Bevy started no asset processor")]
-    NoProcessor,
 }
 
-fn list(paths: &[PathBuf]) -> String {
-    paths
+impl AssetBuildError {
+    pub(crate) fn file(path: &Path, action: &'static str, why: io::Error) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            action,
+            why,
+        }
+    }
+}
+
+fn list(failures: &[AssetBuildFailure]) -> String {
+    failures
         .iter()
-        .map(|p| p.display().to_string())
+        .map(ToString::to_string)
         .collect::<Vec<_>>()
-        .join(", ")
+        .join("; ")
 }
 
-/// Processes the assets and returns the recipes that are now baked, relative to the source folder. Add a log of your own to see
-/// what is wrong with one that fails ([`AssetBuildError::Failed`] names it); what a failed bake leaves behind is removed.
+/// Processes the assets and returns the recipes that are now baked, relative to the source folder.
+/// A recipe that fails leaves no output. Progress goes to the log.
 ///
 /// # Errors
 /// See [`AssetBuildError`].
 pub fn process_assets(build: &AssetBuild) -> Result<Vec<PathBuf>, AssetBuildError> {
-    let mut app = App::new();
-    app.add_plugins((
-        MinimalPlugins.build().disable::<ScheduleRunnerPlugin>(),
-        AssetPlugin {
-            mode: AssetMode::Processed,
-            file_path: build.source.to_string_lossy().into_owned(),
-            processed_file_path: build.processed.to_string_lossy().into_owned(),
-            use_asset_processor_override: Some(true),
-            watch_for_changes_override: Some(false),
-            ..AssetPlugin::default()
-        },
-        MeshlessGiPlugin::default(),
-    ));
-    app.finish();
-    app.cleanup();
-    let root = bevy::asset::io::file::FileAssetReader::get_base_path();
-    let mut recipes = Vec::new();
-    find_recipes(&root.join(&build.source), Path::new(""), &mut recipes)?;
-
-    let until = Instant::now() + build.time_limit;
-    let wait = |app: &mut App, mut task: Task<Option<Vec<PathBuf>>>| loop {
-        app.update();
-        if let Some(done) = check_ready(&mut task) {
-            return Ok(done);
-        }
-        if Instant::now() > until {
-            return Err(AssetBuildError::TimeLimit(build.time_limit));
-        }
-        std::thread::sleep(Duration::from_millis(5));
+    let root = base_folder().unwrap_or_default();
+    let processed = root.join(&build.processed);
+    let step = Step {
+        source: root.join(&build.source),
+        store: BakeStore::beside(&processed),
+        processed,
+        until: Instant::now().checked_add(build.time_limit),
+        time_limit: build.time_limit,
     };
-    app.update();
-    let processor = app
-        .world()
-        .get_resource::<AssetProcessor>()
-        .ok_or(AssetBuildError::NoProcessor)?
-        .clone();
-    let asked = recipes.clone();
-    let task = IoTaskPool::get().spawn(async move {
-        processor.data().wait_until_finished().await;
-        let mut failed = Vec::new();
-        for recipe in asked {
-            let path = AssetPath::from_path_buf(recipe.clone());
-            if processor.data().wait_until_processed(path).await != ProcessStatus::Processed {
-                failed.push(recipe);
-            }
-        }
-        Some(failed)
-    });
-    let failed = wait(&mut app, task)?.unwrap_or_default();
-    // A failed bake leaves an empty file and the description of the one before; a later run might take them for a success.
-    for recipe in &failed {
-        let output = root.join(&build.processed).join(recipe);
-        let mut meta = output.clone().into_os_string();
-        meta.push(".meta");
-        for file in [output, meta.into()] {
-            let _ = std::fs::remove_file(file);
+    let mut files = Vec::new();
+    step.list(Path::new(""), &mut Vec::new(), &mut files)?;
+    let (mut recipes, mut made) = (Vec::new(), BTreeSet::new());
+    let mut keep = |file: &Path| made.extend(file.to_str().map(|name| name.replace('\\', "/")));
+    for file in files {
+        let source = step.source.join(&file);
+        let meta = Meta::read(&source)?;
+        if is_baked(&file, meta.as_ref()) {
+            recipes.push((file, meta));
+        } else if copy_asset(&source, &step.processed.join(&file), meta.as_ref())? {
+            keep(&file);
         }
     }
-    if failed.is_empty() {
-        Ok(recipes)
-    } else {
-        Err(AssetBuildError::Failed(failed))
+    let (mut baked, mut failures) = (Vec::new(), Vec::new());
+    for (recipe, meta) in recipes {
+        match step.bake(&recipe, meta.as_ref())? {
+            Ok(()) => {
+                keep(&recipe);
+                baked.push(recipe);
+            }
+            Err(why) => {
+                error!("{}: {why}", recipe.display());
+                remove_asset(&step.processed.join(&recipe))?;
+                failures.push(AssetBuildFailure { recipe, why });
+            }
+        }
+    }
+    if let Some(store) = &step.store {
+        remove_orphans(store.folder(), &step.processed, &made)?;
+    }
+    match failures.is_empty() {
+        true => Ok(baked),
+        false => Err(AssetBuildError::Failed(failures)),
     }
 }
 
-/// Every recipe below `folder`, relative to `root`, in the order of their names.
-fn find_recipes(
-    root: &Path,
-    folder: &Path,
-    found: &mut Vec<PathBuf>,
-) -> Result<(), AssetBuildError> {
-    let at = root.join(folder);
-    let failed = |why| AssetBuildError::Folder {
-        path: at.clone(),
-        why,
-    };
-    let mut names = Vec::new();
-    for entry in std::fs::read_dir(&at).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        names.push((
-            entry.file_name(),
-            entry.file_type().map_err(failed)?.is_dir(),
-        ));
+/// Returns true for recipes, unless a `.meta` asks for something else.
+fn is_baked(file: &Path, meta: Option<&Meta>) -> bool {
+    let names_recipe = (file.file_name())
+        .and_then(|name| {
+            name.to_str()?
+                .strip_suffix(RECIPE_EXTENSION)?
+                .strip_suffix('.')
+        })
+        .is_some_and(|stem| !stem.is_empty());
+    let ours = [
+        MeshlessGiBakeProcessor::type_path(),
+        MeshlessGiBakeProcessor::short_type_path(),
+    ];
+    match meta.map(|meta| &meta.action) {
+        Some(Action::Process(processor)) => ours.contains(&processor.as_str()),
+        Some(Action::Load(_) | Action::Ignore) => false,
+        None => names_recipe,
     }
-    names.sort();
-    for (name, is_folder) in names {
-        let path = folder.join(&name);
-        if is_folder {
-            find_recipes(root, &path, found)?;
-        } else if MeshlessGiRecipeLoader
-            .extensions()
-            .iter()
-            .any(|e| name.to_string_lossy().ends_with(&format!(".{e}")))
-        {
-            found.push(path);
+}
+
+/// One run of the build step.
+struct Step {
+    source: PathBuf,
+    processed: PathBuf,
+    store: Option<BakeStore>,
+    until: Option<Instant>,
+    time_limit: Duration,
+}
+
+impl Step {
+    /// Every asset below `folder`, relative to the source folder, in the order of the names. Hidden
+    /// files and `.meta` files are none, as in Bevy. `above` holds the real paths of the folders
+    /// around it: a link to one of them is not followed.
+    fn list(
+        &self,
+        folder: &Path,
+        above: &mut Vec<PathBuf>,
+        found: &mut Vec<PathBuf>,
+    ) -> Result<(), AssetBuildError> {
+        let at = self.source.join(folder);
+        let failed = |why| AssetBuildError::Folder {
+            path: at.clone(),
+            why,
+        };
+        let real = at.canonicalize().map_err(failed)?;
+        let outputs = [
+            Some(self.processed.as_path()),
+            self.store.as_ref().map(BakeStore::folder),
+        ];
+        let is_output = |path: &Path| path.canonicalize().is_ok_and(|path| path == real);
+        if above.contains(&real) || outputs.into_iter().flatten().any(is_output) {
+            return Ok(());
+        }
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(&at).map_err(failed)? {
+            names.push(entry.map_err(failed)?.file_name());
+        }
+        names.sort();
+        above.push(real);
+        for name in names {
+            let path = folder.join(&name);
+            let is_meta = path
+                .extension()
+                .is_some_and(|e| e.eq_ignore_ascii_case("meta"));
+            if is_meta || name.to_string_lossy().starts_with('.') {
+                continue;
+            }
+            match self.source.join(&path).is_dir() {
+                true => self.list(&path, above, found)?,
+                false => found.push(path),
+            }
+        }
+        above.pop();
+        Ok(())
+    }
+
+    /// Bakes a recipe, or takes over the bake that was kept. Writes the output where it differs.
+    fn bake(
+        &self,
+        recipe: &Path,
+        meta: Option<&Meta>,
+    ) -> Result<Result<(), RecipeLoadError>, AssetBuildError> {
+        let source = self.source.join(recipe);
+        let text =
+            std::fs::read(&source).map_err(|why| AssetBuildError::file(&source, "read", why))?;
+        let path = AssetPath::from_path_buf(recipe.to_owned());
+        if recipe.to_str().is_none() {
+            // Bevy's paths are text.
+            return Ok(Err(RecipeLoadError::NotText));
+        }
+        let hash = processor_hash(meta, &text);
+        let mut reader = FolderReader {
+            folder: &self.source,
+            read: Vec::new(),
+        };
+        let inputs = match block_on(RecipeInputs::read(&path, text, &mut reader)) {
+            Ok(inputs) => inputs,
+            Err(error) => return Ok(Err(error)),
+        };
+        let key = inputs.key();
+        let kept = self.store.as_ref().and_then(|s| s.load(&path, &key));
+        let bytes = match kept {
+            Some(bytes) => {
+                debug!("`{path}` was baked before");
+                bytes
+            }
+            None => {
+                // An older bake must not be taken for this one if the step ends early.
+                remove_asset(&self.processed.join(recipe))?;
+                let bytes = match self.bake_anew(&inputs, &path)? {
+                    Ok(bytes) => bytes,
+                    Err(error) => return Ok(Err(error)),
+                };
+                if let Some(store) = &self.store {
+                    store.save(&path, &key, &bytes);
+                }
+                bytes
+            }
+        };
+        self.write(recipe, &bytes, hash, reader.read)?;
+        Ok(Ok(()))
+    }
+
+    /// Bakes on all processors, until the time is up.
+    fn bake_anew(
+        &self,
+        inputs: &RecipeInputs,
+        path: &AssetPath<'static>,
+    ) -> Result<Result<Vec<u8>, RecipeLoadError>, AssetBuildError> {
+        let running = RecipeBakes::default().start(path.clone());
+        let mut work = match inputs.bake_in_background(0, running.progress.clone()) {
+            Ok(work) => work,
+            Err(error) => return Ok(Err(error)),
+        };
+        loop {
+            if let Some(baked) = work.take() {
+                return Ok(baked.and_then(|scene| {
+                    let bytes = scene.to_bytes();
+                    bytes.map_err(|error| RecipeLoadError::Baked(error.into()))
+                }));
+            }
+            if self.until.is_some_and(|until| Instant::now() > until) {
+                return Err(AssetBuildError::TimeLimit(self.time_limit));
+            }
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
-    Ok(())
+
+    /// Writes container and `.meta` of a recipe, unless the output holds the same.
+    fn write(
+        &self,
+        recipe: &Path,
+        container: &[u8],
+        hash: [u8; 32],
+        dependencies: Vec<AssetPath<'static>>,
+    ) -> Result<(), AssetBuildError> {
+        let output = self.processed.join(recipe);
+        let loads = Action::Load(MeshlessGiLoader::type_path().into());
+        let described = Meta::read(&output)
+            .ok()
+            .flatten()
+            .is_some_and(|meta| meta.action == loads && meta.hash == Some(hash));
+        if described && std::fs::read(&output).is_ok_and(|bytes| bytes == container) {
+            return Ok(());
+        }
+        let meta = output_meta(hash, dependencies);
+        let path = meta_path(&output);
+        let write = |path: &Path, bytes: &[u8]| {
+            write_file(path, bytes).map_err(|why| AssetBuildError::file(path, "write", why))
+        };
+        if let Some(folder) = output.parent() {
+            std::fs::create_dir_all(folder)
+                .map_err(|why| AssetBuildError::file(folder, "write", why))?;
+        }
+        // A container of that name without a `.meta` is loaded too, so it goes first.
+        write(&output, container)?;
+        write(&path, &meta)
+    }
+}
+
+/// Hash by which Bevy's asset processor finds that an asset has not changed: of its `.meta`, or of
+/// the one that it would have, and of its bytes.
+fn processor_hash(meta: Option<&Meta>, text: &[u8]) -> [u8; 32] {
+    let usual = AssetMeta::<(), MeshlessGiBakeProcessor>::new(AssetAction::Process {
+        processor: MeshlessGiBakeProcessor::type_path().into(),
+        settings: MeshlessGiBakeSettings::default(),
+    });
+    let meta = meta.map_or_else(|| usual.serialize(), |meta| meta.bytes.clone());
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&meta).update(text);
+    *hasher.finalize().as_bytes()
+}
+
+/// The `.meta` of a processed recipe. Hashes of the files that the bake depends on follow from the
+/// loaders of an app, which the step does not have. They are written as zeros, which no file has:
+/// an app's asset processor then calls its processor once, which takes over the bake that is kept.
+fn output_meta(hash: [u8; 32], dependencies: Vec<AssetPath<'static>>) -> Vec<u8> {
+    let mut meta = AssetMeta::<MeshlessGiLoader, ()>::new(AssetAction::Load {
+        loader: MeshlessGiLoader::type_path().into(),
+        settings: MeshlessGiLoaderSettings::default(),
+    });
+    meta.processed_info = Some(ProcessedInfo {
+        hash,
+        full_hash: hash,
+        process_dependencies: dependencies
+            .into_iter()
+            .map(|path| ProcessDependencyInfo {
+                full_hash: [0; 32],
+                path,
+            })
+            .collect(),
+    });
+    meta.serialize()
+}
+
+/// Files of the source folder, and a list of those that were read.
+struct FolderReader<'a> {
+    folder: &'a Path,
+    read: Vec<AssetPath<'static>>,
+}
+
+impl ReadFile for FolderReader<'_> {
+    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, RecipeLoadError> {
+        let failed = |why: io::Error| RecipeLoadError::File {
+            path: path.to_string(),
+            why: Box::new(why),
+        };
+        let file = source_file(self.folder, path).ok_or_else(|| {
+            failed(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "the build step reads the default asset source only",
+            ))
+        })?;
+        let bytes = std::fs::read(file).map_err(failed)?;
+        self.read.push(path.clone());
+        Ok(bytes)
+    }
 }

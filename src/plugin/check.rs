@@ -56,6 +56,9 @@ pub enum MeshlessGiFinding {
     LiveTexture,
     /// Bevy's shader module for irradiance volumes is not the one that ours takes the place of.
     VolumeShader,
+    /// An entity uses a bake whose level, recipe or bake version has changed since, see
+    /// [`MeshlessGiStaleBakes`](super::MeshlessGiStaleBakes).
+    StaleBake,
 }
 
 impl MeshlessGiFinding {
@@ -129,6 +132,9 @@ impl MeshlessGiFinding {
             Self::VolumeShader => {
                 "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `MeshlessGiVolume` lets light of the next \
                  room through walls thinner than two voxels. Use the Bevy release that the plugin's documentation names, or smaller voxels."
+            }
+            Self::StaleBake => {
+                "A bake is stale: its level, its recipe or the bake version has changed since. The log names it. Bake it again."
             }
         }
     }

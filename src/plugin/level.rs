@@ -1,45 +1,44 @@
-//! From a recipe beside a level to a baked asset: a loader that bakes, and the asset processor that bakes ahead of time.
+//! From a recipe beside a level to a baked asset: the input of its bake, the bake, and the loader
+//! that bakes.
 //!
-//! `level.gi.ron` beside `level.glb` holds a [`Recipe`] that names the level: `(scene: "level.glb", preset: Medium)`.
+//! `level.gi.ron` beside `level.glb` holds a [`Recipe`] that names the level:
+//! `(scene: "level.glb", preset: Medium)`.
 //!
-//! | how the app runs | `asset_server.load::<MeshlessGiAsset>("level.gi.ron")` |
+//! | assets of the app | `asset_server.load::<MeshlessGiAsset>("level.gi.ron")` |
 //! |---|---|
-//! | assets processed (`AssetMode::Processed`) | loads what the processor baked: again when recipe, level, or a file that the level names changes |
-//! | assets processed elsewhere, shipped | loads the shipped bake |
-//! | assets unprocessed | bakes while loading, on a background thread |
+//! | processed by the app (`AssetMode::Processed`) | loads the bake of the asset processor |
+//! | processed before, by the build step or another app | loads that bake |
+//! | unprocessed | bakes while loading, on background threads, at every start |
 //!
-//! A level that cannot be baked fails its asset with a message that says what and where; nothing here panics, because a panic
-//! would hang Bevy's asset processor for ever.
+//! The asset processor and the build step bake again when the recipe, the level, or a file that the
+//! level names changes.
+//!
+//! A level that cannot be baked fails its asset with a message that says what and where. Nothing
+//! here panics, because a panic would hang Bevy's asset processor forever.
 
 use super::asset::MeshlessGiAsset;
-use super::bake_task::bake_in_background;
-use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
-use crate::asset::AssetError;
-use crate::bake::{BakeLevelError, Progress, Recipe, RecipeError};
-use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes, load_ply_bytes};
-use bevy::asset::io::{Reader, Writer};
-use bevy::asset::processor::{Process, ProcessContext, ProcessError};
-use bevy::asset::{AssetLoader, AssetPath, LoadContext, ParseAssetPathError, ReadAssetBytesError};
-use bevy::log::info;
-use bevy::math::Vec3;
+use super::asset_folders::AssetFolders;
+use super::background::Background;
+use super::bake_task::bake_threads;
+use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
+use super::level_files::{LevelFiles, ReadFile};
+use super::loader::{MeshlessGiLoadError, read_bake};
+use super::recipe_progress::RecipeBakes;
+use crate::asset::{BakedScene, FORMAT_VERSION, Limits, fingerprint, is_container};
+use crate::bake::{
+    BAKE_VERSION, BakeLevelError, Baked, Preset, Progress, Recipe, RecipeError, bake_level,
+    canonical_recipe,
+};
+use crate::scene::SceneError;
+use bevy::asset::io::Reader;
+use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
+use bevy::log::{info, warn};
 use bevy::reflect::TypePath;
-use bevy::tasks::futures_lite::AsyncWriteExt;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Changes whenever equal input may bake to other bytes. Part of the processor's settings, so that Bevy bakes again.
-pub const BAKE_VERSION: u32 = 1;
-
-/// Bakes a recipe (`.gi.ron`) while loading it.
-#[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct MeshlessGiRecipeLoader;
-
-/// The asset processor for recipes: the output is a `.mgi` container under the recipe's name.
-#[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct MeshlessGiBakeProcessor;
-
-/// Settings of [`MeshlessGiBakeProcessor`] and [`MeshlessGiRecipeLoader`], for `.meta` files.
+/// Settings of [`MeshlessGiBakeProcessor`](super::MeshlessGiBakeProcessor) and
+/// [`MeshlessGiRecipeLoader`], for `.meta` files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshlessGiBakeSettings {
     /// [`BAKE_VERSION`]; it takes part in Bevy's hash of what an asset was made from.
@@ -54,7 +53,7 @@ impl Default for MeshlessGiBakeSettings {
     }
 }
 
-/// Why a recipe gives no asset.
+/// Error of a recipe that gives no asset.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecipeLoadError {
@@ -73,18 +72,18 @@ pub enum RecipeLoadError {
     /// A path that is none.
     #[error("`{path}` is no asset path: {why}")]
     Path {
-        /// What the recipe or the level says.
+        /// Text of the recipe or the level.
         path: String,
-        /// Bevy's reason.
+        /// Error of Bevy.
         why: ParseAssetPathError,
     },
     /// A file that the recipe or the level names could not be read.
     #[error("`{path}` could not be read: {why}")]
     File {
-        /// Which file.
+        /// Path of the file.
         path: String,
-        /// Bevy's reason.
-        why: Box<ReadAssetBytesError>,
+        /// Error of Bevy or of the operating system.
+        why: Box<dyn std::error::Error + Send + Sync>,
     },
     /// The level cannot be read or understood.
     #[error(transparent)]
@@ -92,11 +91,155 @@ pub enum RecipeLoadError {
     /// The level cannot be baked.
     #[error("`{path}` cannot be baked: {why}")]
     Bake {
-        /// Which level.
+        /// Name of the level in the recipe.
         path: String,
-        /// Why.
+        /// Error of the bake.
         why: BakeLevelError,
     },
+    /// The file of the recipe's name holds a bake that cannot be used.
+    #[error(transparent)]
+    Baked(#[from] MeshlessGiLoadError),
+}
+
+/// Input of a recipe's bake.
+#[derive(Asset, TypePath, Clone, Debug)]
+pub(crate) struct RecipeInputs {
+    pub recipe: Recipe,
+    /// True if the recipe says how much care to take, by `preset` or by `max_error`.
+    pub names_preset: bool,
+    /// Path of the recipe.
+    path: AssetPath<'static>,
+    /// Level as the recipe names it.
+    scene: String,
+    level: Arc<LevelFiles>,
+}
+
+impl RecipeInputs {
+    /// Reads the input that the recipe of this path and text asks for.
+    pub async fn read(
+        path: &AssetPath<'static>,
+        text: Vec<u8>,
+        reader: &mut impl ReadFile,
+    ) -> Result<Self, RecipeLoadError> {
+        let text = String::from_utf8(text).map_err(|_| RecipeLoadError::NotText)?;
+        let recipe = Recipe::from_ron(&text)?;
+        let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
+        let level = LevelFiles::read(path, &scene, reader).await?;
+        Ok(Self {
+            names_preset: recipe.max_error.is_some() || names_preset(&text),
+            recipe,
+            path: path.clone(),
+            scene,
+            level: Arc::new(level),
+        })
+    }
+
+    /// Key of the bake: equal input gives an equal key in every app and in the build step.
+    pub fn key(&self) -> [u8; 32] {
+        let digest = fingerprint(&[
+            self.scene.as_bytes(),
+            canonical_recipe(&self.recipe).as_bytes(),
+            self.level.digest().as_bytes(),
+            &BAKE_VERSION.to_le_bytes(),
+            &FORMAT_VERSION.to_le_bytes(),
+        ]);
+        *blake3::hash(digest.as_bytes()).as_bytes()
+    }
+
+    /// Bakes on `threads` threads (0: one for each processor), and logs the result.
+    pub fn bake(&self, threads: usize, progress: &Progress) -> Result<BakedScene, RecipeLoadError> {
+        let level = self.level.mesh(&self.recipe.viewpoints)?;
+        let baked = bake_level(&level, &self.recipe, threads, progress);
+        let Baked { mut scene, stats } = baked.map_err(|why| self.failed(why))?;
+        scene.info.level_digest = self.level.digest();
+        info!(
+            "baked `{}` in {:.1} s: {} points, {} links, estimated error {:.1} %",
+            self.path,
+            stats.seconds.total,
+            scene.points.len(),
+            scene.operator.links.len(),
+            100.0 * scene.info.estimated_nrmse,
+        );
+        Ok(scene)
+    }
+
+    /// Bakes on a thread of its own. The threads that load assets and compile shaders stay free: a
+    /// bake takes seconds to minutes.
+    pub fn bake_in_background(
+        &self,
+        threads: usize,
+        progress: Arc<Progress>,
+    ) -> Result<Background<Result<BakedScene, RecipeLoadError>>, RecipeLoadError> {
+        info!("baking `{}`, preset {:?}", self.path, self.recipe.preset);
+        let (inputs, panicked) = (self.clone(), self.clone());
+        Background::spawn(
+            "meshless gi bake",
+            move || inputs.bake(threads, &progress),
+            move || Err(panicked.failed(BakeLevelError::Panicked("no message".into()))),
+        )
+        .map_err(|error| self.failed(BakeLevelError::Threads(error.to_string())))
+    }
+
+    /// Bakes beside a running app.
+    pub async fn bake_beside_app(
+        &self,
+        bakes: &RecipeBakes,
+    ) -> Result<BakedScene, RecipeLoadError> {
+        let running = bakes.start(self.path.clone());
+        let work = self.bake_in_background(bake_threads(), running.progress.clone())?;
+        work.await
+    }
+
+    fn failed(&self, why: BakeLevelError) -> RecipeLoadError {
+        RecipeLoadError::Bake {
+            path: self.scene.clone(),
+            why,
+        }
+    }
+}
+
+/// Returns true if the text of a recipe has a `preset`.
+fn names_preset(text: &str) -> bool {
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Named {
+        preset: Option<Preset>,
+    }
+    ron::Options::default()
+        .with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME)
+        .from_str::<Named>(text)
+        .is_ok_and(|named| named.preset.is_some())
+}
+
+/// Files of an asset source, read through a load context: it notes them as dependencies, and a
+/// change of any of them loads or processes again.
+pub(crate) struct ContextReader<'a, 'b> {
+    pub context: &'a mut LoadContext<'b>,
+    /// Folders of the app. Files before processing go before processed ones, which a processor of
+    /// the game may have turned into a format of the device.
+    pub folders: &'a AssetFolders,
+}
+
+impl ReadFile for ContextReader<'_, '_> {
+    async fn read(&mut self, path: &AssetPath<'static>) -> Result<Vec<u8>, RecipeLoadError> {
+        let read = self.context.read_asset_bytes(path.clone()).await;
+        if let Some(bytes) = self.folders.read_source(path) {
+            return Ok(bytes);
+        }
+        read.map_err(|error| RecipeLoadError::File {
+            path: path.to_string(),
+            why: Box::new(error),
+        })
+    }
+}
+
+/// Bakes a recipe (`.gi.ron`) while loading it. A recipe that names no preset is baked at
+/// [`Preset::Draft`]. A file of that name that holds a bake is loaded like a `.mgi` file.
+#[derive(Clone, Debug, Default, TypePath)]
+pub struct MeshlessGiRecipeLoader {
+    pub(crate) bakes: RecipeBakes,
+    pub(crate) folders: AssetFolders,
+    pub(crate) checker: LevelChecker,
 }
 
 impl AssetLoader for MeshlessGiRecipeLoader {
@@ -112,200 +255,86 @@ impl AssetLoader for MeshlessGiRecipeLoader {
     ) -> Result<MeshlessGiAsset, RecipeLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
-        let text = String::from_utf8(bytes).map_err(|_| RecipeLoadError::NotText)?;
-        let recipe = Recipe::from_ron(&text)?;
-        let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
-        let viewpoints: Vec<Vec3> = recipe.viewpoints.iter().map(|&v| v.into()).collect();
-        let level = read_level(&scene, &viewpoints, context).await?;
-        info!("baking `{}` ({} triangles)", scene, level.len());
-        // The threads that load assets and compile shaders must stay free: a bake takes seconds to minutes.
-        let failed = |why| RecipeLoadError::Bake {
-            path: scene.clone(),
-            why,
+        if is_container(&bytes) {
+            let scene = read_bake(&bytes, Limits::default().max_bytes)?;
+            let check = MeshlessGiLevelCheck::default();
+            self.checker.check(&scene.info, check, context).await;
+            return Ok(scene.into());
+        }
+        let path = context.path().clone();
+        let mut reader = ContextReader {
+            context,
+            folders: &self.folders,
         };
-        let cancel = CancelOnDrop(Arc::new(Progress::default()));
-        let work = bake_in_background(level, recipe, cancel.0.clone())
-            .map_err(|why| failed(BakeLevelError::Threads(why.to_string())))?;
-        let baked = work.await.map_err(failed)?;
-        info!(
-            "baked `{scene}` in {:.1} s: {} points, {} links, estimated error {:.1} %",
-            baked.stats.seconds.total,
-            baked.scene.points.len(),
-            baked.scene.operator.links.len(),
-            100.0 * baked.scene.info.estimated_nrmse,
+        let mut inputs = RecipeInputs::read(&path, bytes, &mut reader).await?;
+        let preset = match inputs.names_preset {
+            true => "",
+            false => {
+                inputs.recipe.preset = Preset::Draft;
+                ", with preset Draft because the recipe names none (processing takes Medium)"
+            }
+        };
+        warn!(
+            "`{path}` is an unprocessed recipe: it is baked at every start of the app{preset}. Process the assets to bake once: \
+             call `process_assets` as a build step, or run the app with `AssetMode::Processed`."
         );
-        Ok(baked.scene.into())
+        Ok(inputs.bake_beside_app(&self.bakes).await?.into())
     }
 
     fn extensions(&self) -> &[&str] {
-        &["gi.ron"]
+        &[RECIPE_EXTENSION]
     }
 }
 
-/// Stops the bake of a load that nobody waits for any more.
-struct CancelOnDrop(Arc<Progress>);
+/// Extension of recipes.
+pub(crate) const RECIPE_EXTENSION: &str = "gi.ron";
 
-impl Drop for CancelOnDrop {
-    fn drop(&mut self) {
-        self.0.cancel();
-    }
+/// Reads the input of a recipe's bake without baking it, for the asset processor.
+#[derive(Clone, Debug, Default, TypePath)]
+pub(crate) struct RecipeInputLoader {
+    pub folders: AssetFolders,
 }
 
-/// Reads the level and every file that it names through the load context, which notes them as dependencies: a change in any
-/// of them bakes again.
-async fn read_level(
-    scene: &str,
-    viewpoints: &[Vec3],
-    context: &mut LoadContext<'_>,
-) -> Result<TriangleMesh, RecipeLoadError> {
-    let path = resolve(context.path(), scene)?;
-    let bytes = read(context, &path).await?;
-    if scene.to_ascii_lowercase().ends_with(".ply") {
-        let loaded = load_ply_bytes(&bytes, scene, viewpoints)?;
-        for note in &loaded.notes {
-            info!("`{scene}`: {note}");
-        }
-        return Ok(loaded.cloud.mesh().0);
-    }
-    let mut files = BTreeMap::new();
-    for name in external_files(&bytes) {
-        // A file that cannot be read matters only if the bake needs it: not for a normal map.
-        let content = match resolve(&path, &name) {
-            Ok(path) => read(context, &path).await,
-            Err(why) => Err(why),
-        };
-        files.insert(name, content.map_err(|why| why.to_string()));
-    }
-    let mut resolve = |name: &str| match files.get(name) {
-        Some(Ok(content)) => Ok(content.clone()),
-        other => Err(SceneError::Io {
-            path: name.into(),
-            reason: other.map_or_else(
-                || "the level does not name it".into(),
-                |why| format!("{why:?}"),
-            ),
-        }),
-    };
-    let loaded = load_gltf_bytes(&bytes, scene, &mut resolve)?;
-    for note in &loaded.notes {
-        info!("`{scene}`: {note}");
-    }
-    Ok(loaded.mesh)
-}
+impl AssetLoader for RecipeInputLoader {
+    type Asset = RecipeInputs;
+    type Settings = ();
+    type Error = RecipeLoadError;
 
-/// The asset that a recipe or a level names by `name`, relative to itself.
-fn resolve(base: &AssetPath<'_>, name: &str) -> Result<AssetPath<'static>, RecipeLoadError> {
-    base.resolve_embed_str(name)
-        .map_err(|why| RecipeLoadError::Path {
-            path: name.into(),
-            why,
-        })
-}
-
-async fn read(
-    context: &mut LoadContext<'_>,
-    path: &AssetPath<'static>,
-) -> Result<Vec<u8>, RecipeLoadError> {
-    context
-        .read_asset_bytes(path.clone())
-        .await
-        .map_err(|why| RecipeLoadError::File {
-            path: path.to_string(),
-            why: Box::new(why),
-        })
-}
-
-/// The files that a glTF names beside itself: buffers and images that are neither embedded nor data URIs. Empty for bytes that
-/// are no glTF; reading those fails later, with a better message.
-fn external_files(bytes: &[u8]) -> Vec<String> {
-    let Ok(document) = gltf::Gltf::from_slice_without_validation(bytes) else {
-        return Vec::new();
-    };
-    let json = document.document.into_json();
-    let buffers = json.buffers.into_iter().filter_map(|b| b.uri);
-    let images = json.images.into_iter().filter_map(|i| i.uri);
-    buffers
-        .chain(images)
-        .filter(|uri| !uri.starts_with("data:"))
-        .map(|uri| percent_decoded(&uri))
-        .collect()
-}
-
-/// A URI's `%20` is a space in the file's name. What decodes to no text stays as it is.
-fn percent_decoded(uri: &str) -> String {
-    let digit = |b: Option<&u8>| b.and_then(|b| char::from(*b).to_digit(16));
-    let bytes = uri.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut at = 0;
-    while at < bytes.len() {
-        match (
-            bytes[at],
-            digit(bytes.get(at + 1)),
-            digit(bytes.get(at + 2)),
-        ) {
-            (b'%', Some(high), Some(low)) => {
-                out.push((16 * high + low) as u8);
-                at += 3;
-            }
-            (byte, ..) => {
-                out.push(byte);
-                at += 1;
-            }
-        }
-    }
-    String::from_utf8(out).unwrap_or_else(|_| uri.into())
-}
-
-impl Process for MeshlessGiBakeProcessor {
-    type Settings = MeshlessGiBakeSettings;
-    type OutputLoader = MeshlessGiLoader;
-
-    async fn process(
+    async fn load(
         &self,
-        context: &mut ProcessContext<'_>,
-        settings: &Self::Settings,
-        writer: &mut Writer,
-    ) -> Result<MeshlessGiLoaderSettings, ProcessError> {
-        let loaded = context
-            .load_source_asset::<MeshlessGiRecipeLoader>(settings)
-            .await?;
-        let asset: MeshlessGiAsset = loaded.take().ok_or(ProcessError::WrongMetaType)?;
-        let failed =
-            |why: Box<dyn std::error::Error + Send + Sync>| ProcessError::AssetTransformError(why);
-        let bytes = asset
-            .scene
-            .to_bytes()
-            .map_err(|e: AssetError| failed(Box::new(e)))?;
-        writer
-            .write_all(&bytes)
-            .await
-            .map_err(|e| failed(Box::new(e)))?;
-        Ok(MeshlessGiLoaderSettings::default())
+        reader: &mut dyn Reader,
+        _settings: &(),
+        context: &mut LoadContext<'_>,
+    ) -> Result<RecipeInputs, RecipeLoadError> {
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        let path = context.path().clone();
+        let mut reader = ContextReader {
+            context,
+            folders: &self.folders,
+        };
+        RecipeInputs::read(&path, bytes, &mut reader).await
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::names_preset;
 
     #[test]
-    fn a_level_names_its_files() {
-        let text = br#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":1,"uri":"a%20b.bin"},{"byteLength":0,"uri":"data:,"}],
-            "images":[{"uri":"tex/wall.png"},{"bufferView":0,"mimeType":"image/png"}]}"#;
-        assert_eq!(external_files(text), ["a b.bin", "tex/wall.png"]);
-        assert_eq!(external_files(b"no glTF"), [] as [&str; 0]);
-    }
-
-    #[test]
-    fn only_whole_escapes_are_decoded() {
-        for (uri, name) in [
-            ("100%.png", "100%.png"),
-            ("%C3%BC", "\u{fc}"),
-            ("%FF", "%FF"),
-            ("a%2", "a%2"),
-            ("", ""),
+    fn names_preset_is_true_for_a_preset_in_the_text_only() {
+        for (text, named) in [
+            (r#"(scene: "a.glb")"#, false),
+            (r#"(scene: "a.glb", preset: Medium)"#, true),
+            (r#"(preset: Some(High), probes: ())"#, true),
+            (
+                r#"(scene: "preset", occluders: [(name: "preset")], sky: Harmonics)"#,
+                false,
+            ),
+            (r#"(scene: "a.glb" /* preset: Draft */)"#, false),
+            ("()", false),
         ] {
-            assert_eq!(percent_decoded(uri), name);
+            assert_eq!(names_preset(text), named, "{text}");
         }
     }
 }

@@ -1,27 +1,33 @@
-//! The loader of `.mgi` files.
+//! Loader of `.mgi` files and of processed recipes.
 
 use super::asset::MeshlessGiAsset;
+use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
 use crate::asset::{AssetError, BakedScene, Limits};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
-use bevy::log::warn;
 use bevy::reflect::TypePath;
 use serde::{Deserialize, Serialize};
 
 /// Loads `.mgi` files, and what the asset processor makes of recipes.
-#[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct MeshlessGiLoader;
+#[derive(Clone, Debug, Default, TypePath)]
+pub struct MeshlessGiLoader {
+    pub(crate) checker: LevelChecker,
+}
 
 /// Settings of [`MeshlessGiLoader`], for `.meta` files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct MeshlessGiLoaderSettings {
     /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything is allocated.
     pub max_bytes: u64,
+    /// When the level beside the bake is read, to find a bake that is stale.
+    pub check_level: MeshlessGiLevelCheck,
 }
 
 impl Default for MeshlessGiLoaderSettings {
     fn default() -> Self {
         Self {
             max_bytes: Limits::default().max_bytes,
+            check_level: MeshlessGiLevelCheck::default(),
         }
     }
 }
@@ -54,24 +60,21 @@ impl AssetLoader for MeshlessGiLoader {
     ) -> Result<MeshlessGiAsset, MeshlessGiLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
-        if bytes.is_empty() {
-            return Err(MeshlessGiLoadError::Empty);
-        }
-        let limits = Limits {
-            max_bytes: settings.max_bytes,
-        };
-        let scene = BakedScene::from_bytes(&bytes, &limits)?;
-        let (theirs, ours) = (&scene.info.version, env!("CARGO_PKG_VERSION"));
-        if theirs != ours {
-            warn!(
-                "`{}` was baked by version {theirs} of the crate, this is {ours}: bake it again",
-                context.path()
-            );
-        }
+        let scene = read_bake(&bytes, settings.max_bytes)?;
+        let check = settings.check_level;
+        self.checker.check(&scene.info, check, context).await;
         Ok(scene.into())
     }
 
     fn extensions(&self) -> &[&str] {
         &["mgi"]
     }
+}
+
+/// Reads a bake that takes at most `max_bytes` of memory.
+pub(crate) fn read_bake(bytes: &[u8], max_bytes: u64) -> Result<BakedScene, MeshlessGiLoadError> {
+    if bytes.is_empty() {
+        return Err(MeshlessGiLoadError::Empty);
+    }
+    Ok(BakedScene::from_bytes(bytes, &Limits { max_bytes })?)
 }

@@ -30,6 +30,7 @@
 //! | `points` | main, `Update` | gives point clouds what they are drawn as |
 //! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots that ask for one |
 //! | `check` | main, `Last` | warns of what would be counted twice |
+//! | `level_check` | main, `Last` | warns of bakes whose level has changed since |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `inventory` | both | counts what there is and what changed of it |
@@ -54,12 +55,20 @@
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
+#[cfg(feature = "gltf")]
+mod asset_folders;
 mod background;
 mod bake_error;
 mod bake_finished;
 mod bake_progress;
 mod bake_summary;
+#[cfg(feature = "gltf")]
+mod bake_processor;
+#[cfg(feature = "gltf")]
+mod bake_store;
 mod bake_task;
+#[cfg(feature = "gltf")]
+mod build_copy;
 #[cfg(feature = "gltf")]
 mod build_step;
 mod capture;
@@ -81,6 +90,9 @@ mod gloss;
 mod inventory;
 #[cfg(feature = "gltf")]
 mod level;
+mod level_check;
+#[cfg(feature = "gltf")]
+mod level_files;
 mod loader;
 mod materials;
 mod occluders;
@@ -88,6 +100,8 @@ mod points;
 pub mod prelude;
 mod quality;
 mod readback;
+#[cfg(feature = "gltf")]
+mod recipe_progress;
 mod reflective;
 mod sets;
 mod sky;
@@ -104,7 +118,9 @@ pub use bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
 pub use bake_summary::MeshlessGiBakeSummary;
 pub use bake_task::MeshlessGiBake;
 #[cfg(feature = "gltf")]
-pub use build_step::{AssetBuild, AssetBuildError, process_assets};
+pub use bake_processor::MeshlessGiBakeProcessor;
+#[cfg(feature = "gltf")]
+pub use build_step::{AssetBuild, AssetBuildError, AssetBuildFailure, process_assets};
 pub use capture::MeshlessGiCaptureGraph;
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{
@@ -123,10 +139,8 @@ pub use entity_bake::{
 pub use gizmos::MeshlessGiGizmos;
 pub use gloss::MeshlessGiGloss;
 #[cfg(feature = "gltf")]
-pub use level::{
-    BAKE_VERSION, MeshlessGiBakeProcessor, MeshlessGiBakeSettings, MeshlessGiRecipeLoader,
-    RecipeLoadError,
-};
+pub use level::{MeshlessGiBakeSettings, MeshlessGiRecipeLoader, RecipeLoadError};
+pub use level_check::{MeshlessGiLevelCheck, MeshlessGiStaleBakes};
 pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
 pub use materials::MeshlessGiMaterials;
 pub use occluders::MeshlessGiOccluder;
@@ -136,6 +150,8 @@ pub use points::{
 };
 pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
 pub use readback::MeshlessGiCoefficients;
+#[cfg(feature = "gltf")]
+pub use recipe_progress::MeshlessGiRecipeProgress;
 pub use reflective::{
     CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
 };
@@ -206,11 +222,13 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<reflective::AskingLights>()
             .init_resource::<inventory::NormalMaps>()
             .init_resource::<costs::DeviceCosts>()
-            .init_asset::<MeshlessGiAsset>()
             .init_asset::<MeshlessGiPoints>()
-            .register_asset_loader(MeshlessGiLoader)
             .register_asset_loader(MeshlessGiPointsLoader)
-            .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
+            .add_plugins((
+                asset::BakedAssetPlugin,
+                MeshlessGiDiagnosticsPlugin,
+                gizmos::MeshlessGiGizmosPlugin,
+            ))
             .add_systems(
                 PreUpdate,
                 (bake_task::collect_bakes, costs::learn, decisions::tell)
@@ -294,10 +312,6 @@ impl Plugin for MeshlessGiPlugin {
                 Last,
                 entity_bake::wrong_file::check_files.in_set(MeshlessGiSystems::Check),
             );
-        #[cfg(feature = "gltf")]
-        app.register_asset_loader(MeshlessGiRecipeLoader)
-            .register_asset_processor(MeshlessGiBakeProcessor)
-            .set_default_asset_processor::<MeshlessGiBakeProcessor>("gi.ron");
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }

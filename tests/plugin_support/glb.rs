@@ -4,11 +4,12 @@ use super::scenes::Room;
 
 /// The room as JSON that names its buffer `uri`, and the buffer.
 pub fn gltf(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
-    document(room, &format!(r#","uri":"{uri}""#))
+    document(room, &format!(r#","uri":"{uri}""#), None)
 }
 
-/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer.
-fn document(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
+/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer, and all surfaces have the image
+/// `texture` if there is one.
+fn document(room: &Room, uri: &str, texture: Option<&str>) -> (Vec<u8>, Vec<u8>) {
     let mut binary: Vec<u8> = Vec::new();
     let mut views = Vec::new();
     let mut accessors = Vec::new();
@@ -50,17 +51,37 @@ fn document(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
             2 * i + 1
         ));
         primitives.push(format!(
-            r#"{{"attributes":{{"POSITION":{}}},"indices":{},"material":{i}}}"#,
+            r#"{{"attributes":{{"POSITION":{}{}}},"indices":{},"material":{i}}}"#,
             2 * i,
+            texture.map_or("".into(), |_| format!(
+                r#","TEXCOORD_0":{}"#,
+                2 * room.0.len()
+            )),
             2 * i + 1
         ));
         let [r, g, b] = quad.colour.to_array();
         materials.push(format!(
-            r#"{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":0}}}}"#
+            r#"{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":0{}}}}}"#,
+            texture.map_or("", |_| r#","baseColorTexture":{"index":0}"#)
         ));
     }
+    let mut images = String::new();
+    if let Some(texture) = texture {
+        let at = binary.len();
+        [0.0f32, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]
+            .iter()
+            .for_each(|f| binary.extend(f.to_le_bytes()));
+        views.push(format!(
+            r#"{{"buffer":0,"byteOffset":{at},"byteLength":32}}"#
+        ));
+        accessors.push(format!(
+            r#"{{"bufferView":{},"componentType":5126,"count":4,"type":"VEC2"}}"#,
+            2 * room.0.len()
+        ));
+        images = format!(r#","images":[{{"uri":"{texture}"}}],"textures":[{{"source":0}}]"#);
+    }
     let json = format!(
-        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"buffers":[{{"byteLength":{}{uri}}}],"bufferViews":[{}],"accessors":[{}],"materials":[{}],"meshes":[{{"primitives":[{}]}}]}}"#,
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"buffers":[{{"byteLength":{}{uri}}}],"bufferViews":[{}],"accessors":[{}],"materials":[{}],"meshes":[{{"primitives":[{}]}}]{images}}}"#,
         binary.len(),
         views.join(","),
         accessors.join(","),
@@ -73,7 +94,15 @@ fn document(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
 
 /// Binary glTF of the room.
 pub fn glb(room: &Room) -> Vec<u8> {
-    let (mut json, mut binary) = document(room, "");
+    pack(document(room, "", None))
+}
+
+/// Binary glTF of the room with an image file on all of its surfaces.
+pub fn textured_glb(room: &Room, texture: &str) -> Vec<u8> {
+    pack(document(room, "", Some(texture)))
+}
+
+fn pack((mut json, mut binary): (Vec<u8>, Vec<u8>)) -> Vec<u8> {
     json.resize(json.len().next_multiple_of(4), b' ');
     binary.resize(binary.len().next_multiple_of(4), 0);
     let mut out = Vec::new();

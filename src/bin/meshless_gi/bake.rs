@@ -328,6 +328,10 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
 fn what_to_bake(args: &Args) -> Result<(Recipe, PathBuf), ToolError> {
     let (mut recipe, level) = level_and_recipe(&args.scene, args.recipe.as_ref())?;
     args.options.apply(&mut recipe);
+    if level == args.scene {
+        // The level's name goes into the bake, and a recipe beside the level may name another one.
+        recipe.scene = (level.file_name()).map(|name| name.to_string_lossy().into_owned());
+    }
     sound(&recipe).map_err(|why| ToolError::Usage(why.to_string()))?;
     Ok((recipe, level))
 }

@@ -1,0 +1,278 @@
+//! Comparison of loaded bakes with their levels, and the warning about bakes that are stale.
+//!
+//! A loader that has read a bake reads the level that the bake names, where it is beside it, and
+//! compares digests. Only where they differ is the level parsed, on a thread of its own, and its
+//! content hash compared: an edited animation makes no bake stale. The level is read through the
+//! load context, so that a change of it loads and compares the bake again where Bevy watches files.
+
+use super::check::{MeshlessGiFinding, MeshlessGiFindings};
+use super::components::MeshlessGi;
+use crate::asset::BakeInfo;
+use crate::bake::{BakeInputs, Staleness};
+use bevy::asset::{AssetPath, LoadContext};
+use bevy::ecs::prelude::*;
+use bevy::log::warn;
+use bevy::platform::collections::HashMap;
+use serde::{Deserialize, Serialize};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// When the loader of a bake reads the level beside it, to find a bake that is stale. The version
+/// of the bake is always compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MeshlessGiLevelCheck {
+    /// In builds with debug assertions.
+    #[default]
+    Auto,
+    /// In every build.
+    Always,
+    /// In no build.
+    Never,
+}
+
+impl MeshlessGiLevelCheck {
+    #[cfg(feature = "gltf")]
+    fn is_on(self) -> bool {
+        match self {
+            Self::Auto => cfg!(debug_assertions),
+            Self::Always => true,
+            Self::Never => false,
+        }
+    }
+}
+
+/// Loaded bakes that are stale, by path, and what differs. Each is reported once in the log, as
+/// soon as an entity uses it, and again if it was baked or loaded anew and differs otherwise.
+#[derive(Resource, Clone, Debug, Default)]
+pub struct MeshlessGiStaleBakes(pub HashMap<AssetPath<'static>, Staleness>);
+
+/// Comparisons on their way from loaders to the main world.
+#[derive(Resource, Clone, Debug, Default)]
+pub(crate) struct LevelReports(Arc<Mutex<Vec<LevelReport>>>);
+
+/// Comparison of one bake.
+#[derive(Clone, Debug)]
+pub(crate) struct LevelReport {
+    path: AssetPath<'static>,
+    level: Option<String>,
+    differs: Staleness,
+}
+
+impl LevelReports {
+    fn push(&self, report: LevelReport) {
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(report);
+    }
+
+    fn take(&self) -> Vec<LevelReport> {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Part of a loader that compares bakes with their levels.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LevelChecker {
+    pub reports: LevelReports,
+    #[cfg(feature = "gltf")]
+    pub folders: super::asset_folders::AssetFolders,
+}
+
+impl LevelChecker {
+    /// Compares a bake that `context` loads with its level, and reports it. A level that cannot be
+    /// read or parsed is not compared.
+    pub async fn check(
+        &self,
+        info: &BakeInfo,
+        check: MeshlessGiLevelCheck,
+        context: &mut LoadContext<'_>,
+    ) {
+        let report = LevelReport {
+            path: context.path().clone(),
+            level: info.level.clone(),
+            differs: Staleness::compare(info, &BakeInputs::default()),
+        };
+        #[cfg(not(feature = "gltf"))]
+        let _ = check;
+        #[cfg(feature = "gltf")]
+        if check.is_on() {
+            return self.check_level(info, report, context).await;
+        }
+        self.reports.push(report);
+    }
+
+    #[cfg(feature = "gltf")]
+    async fn check_level(
+        &self,
+        info: &BakeInfo,
+        mut report: LevelReport,
+        context: &mut LoadContext<'_>,
+    ) {
+        use super::level::ContextReader;
+        use super::level_files::LevelFiles;
+        use crate::bake::Recipe;
+        use bevy::log::debug;
+
+        let is_recipe = is_recipe(&report.path);
+        // The asset processor bakes such recipes again by itself.
+        let Some(level) = info
+            .level
+            .clone()
+            .filter(|_| !(is_recipe && self.folders.processing))
+        else {
+            return self.reports.push(report);
+        };
+        let source = |path| String::from_utf8(self.folders.read_source(path)?).ok();
+        let recipe = is_recipe
+            .then(|| source(&report.path))
+            .flatten()
+            .and_then(|text| Recipe::from_ron(&text).ok());
+        let now = BakeInputs {
+            content_hash: None,
+            recipe: recipe.as_ref(),
+        };
+        report.differs = Staleness::compare(info, &now);
+        let mut reader = ContextReader {
+            context,
+            folders: &self.folders,
+        };
+        let files = match LevelFiles::read(&report.path, &level, &mut reader).await {
+            Ok(files) => files,
+            Err(error) => {
+                debug!("`{}` is not compared with its level: {error}", report.path);
+                return self.reports.push(report);
+            }
+        };
+        if files.digest() == info.level_digest {
+            return self.reports.push(report);
+        }
+        let viewpoints = Recipe::from_ron(&info.given_recipe)
+            .map(|recipe| recipe.viewpoints)
+            .unwrap_or_default();
+        let (reports, info) = (self.reports.clone(), info.clone());
+        let compare = move || {
+            match files.mesh(&viewpoints) {
+                Ok(mesh) => {
+                    let hash = mesh.content_hash();
+                    let now = BakeInputs {
+                        content_hash: Some(&hash),
+                        recipe: None,
+                    };
+                    report.differs.content = Staleness::compare(&info, &now).content;
+                }
+                Err(error) => debug!("`{}` is not compared with its level: {error}", report.path),
+            }
+            reports.push(report);
+        };
+        // Without a thread there is no comparison; the next start makes it.
+        let _ = std::thread::Builder::new()
+            .name("meshless gi level check".into())
+            .spawn(compare);
+    }
+}
+
+/// Returns true for bakes under the name of their recipe.
+fn is_recipe(path: &AssetPath<'_>) -> bool {
+    path.path().to_string_lossy().ends_with(".gi.ron")
+}
+
+/// Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+pub(crate) fn warn_stale(
+    reports: Res<LevelReports>,
+    scenes: Query<(Entity, Option<&Name>, &MeshlessGi)>,
+    mut pending: Local<Vec<LevelReport>>,
+    mut stale: ResMut<MeshlessGiStaleBakes>,
+    mut findings: ResMut<MeshlessGiFindings>,
+) {
+    for report in reports.take() {
+        pending.retain(|older| older.path != report.path);
+        if !report.differs.is_stale() {
+            stale.0.remove(&report.path);
+        } else if stale.0.insert(report.path.clone(), report.differs) != Some(report.differs) {
+            pending.push(report);
+        }
+    }
+    if pending.is_empty() {
+        return;
+    }
+    pending.retain(|report| {
+        let user = scenes
+            .iter()
+            .find(|(.., gi)| gi.0.path() == Some(&report.path));
+        let Some((entity, name, _)) = user else {
+            return true;
+        };
+        let entity = name.map_or_else(|| entity.to_string(), |name| format!("{name} ({entity})"));
+        warn!("{}", advice(&entity, report));
+        if !findings.0.contains(&MeshlessGiFinding::StaleBake) {
+            findings.0.push(MeshlessGiFinding::StaleBake);
+        }
+        false
+    });
+}
+
+/// Text of the warning.
+fn advice(entity: &str, report: &LevelReport) -> String {
+    let path = &report.path;
+    let level = report.level.as_deref().unwrap_or("its level");
+    let mut reasons = Vec::new();
+    if report.differs.content {
+        reasons.push(format!("`{level}` has changed since it was baked"));
+    }
+    if report.differs.settings {
+        reasons.push("its recipe has changed since".into());
+    }
+    if report.differs.version {
+        reasons.push("another bake version made it".into());
+    }
+    let again = match is_recipe(path) {
+        true => "Run the build step (`process_assets`), or the app with Bevy's asset processor."
+            .to_string(),
+        false => format!(
+            "Run `meshless_gi bake {level} -o {}` with the options of that bake.",
+            path.path().display()
+        ),
+    };
+    format!(
+        "{entity}: the bake `{path}` is stale: {}. {again}",
+        reasons.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_names_entity_files_and_command() {
+        let mut report = LevelReport {
+            path: AssetPath::from("levels/room.mgi"),
+            level: Some("room.glb".into()),
+            differs: Staleness {
+                content: true,
+                ..Staleness::default()
+            },
+        };
+        let text = advice("hall (3v1)", &report);
+        for part in [
+            "hall (3v1)",
+            "`levels/room.mgi`",
+            "`room.glb` has changed",
+            "meshless_gi bake room.glb -o levels/room.mgi",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert!(!text.contains("recipe has changed") && !text.contains("version"));
+        report.path = AssetPath::from("levels/room.gi.ron");
+        report.differs = Staleness {
+            content: false,
+            settings: true,
+            version: true,
+        };
+        let text = advice("hall", &report);
+        for part in ["recipe has changed", "bake version", "process_assets"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert!(!text.contains("room.glb"), "{text}");
+    }
+}

@@ -1,0 +1,167 @@
+//! Progress of recipes that are baked: in the log, and as messages of the main world.
+
+use super::asset::MeshlessGiAsset;
+use crate::bake::{Progress, Stage};
+use bevy::asset::{AssetId, AssetPath, AssetServer};
+use bevy::ecs::prelude::*;
+use bevy::log::info;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Share of a stage that the log reports at a time.
+const LOGGED_SHARE: f32 = 0.1;
+/// Time between two looks of the log at a bake.
+const LOG_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Message of a recipe that is being baked, by its loader or by the app's asset processor. It is
+/// sent when the stage or its fraction has changed, at most once a frame for each recipe. The end
+/// of the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
+#[derive(Message, Clone, Debug, PartialEq)]
+pub struct MeshlessGiRecipeProgress {
+    /// Path of the recipe.
+    pub path: AssetPath<'static>,
+    /// Asset that the recipe becomes. `None` if the app has not asked for it yet, as for recipes
+    /// that the asset processor bakes ahead.
+    pub id: Option<AssetId<MeshlessGiAsset>>,
+    /// Stage of the bake.
+    pub stage: Stage,
+    /// Fraction of the stage that is done, 0 to 1.
+    pub fraction: f32,
+}
+
+/// Recipes that are being baked, shared by the loaders, the processor and the main world.
+#[derive(Resource, Clone, Debug, Default)]
+pub(crate) struct RecipeBakes(Arc<Mutex<Vec<RunningBake>>>);
+
+#[derive(Debug)]
+struct RunningBake {
+    path: AssetPath<'static>,
+    progress: Arc<Progress>,
+    sent: Option<(Stage, f32)>,
+}
+
+impl RecipeBakes {
+    /// Lists a bake, and logs its progress, until the guard is dropped.
+    pub fn start(&self, path: AssetPath<'static>) -> RecipeBake {
+        let progress = Arc::new(Progress::default());
+        self.change(|list| {
+            list.push(RunningBake {
+                path: path.clone(),
+                progress: progress.clone(),
+                sent: None,
+            });
+        });
+        RecipeBake {
+            _log: log_progress(path.to_string(), progress.clone()),
+            progress,
+            list: self.clone(),
+        }
+    }
+
+    fn change<T>(&self, change: impl FnOnce(&mut Vec<RunningBake>) -> T) -> T {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Guard of a bake. Dropping it cancels the bake.
+pub(crate) struct RecipeBake {
+    pub progress: Arc<Progress>,
+    list: RecipeBakes,
+    /// Ends the thread of the log when it is dropped.
+    _log: Sender<()>,
+}
+
+impl Drop for RecipeBake {
+    fn drop(&mut self) {
+        self.progress.cancel();
+        self.list
+            .change(|list| list.retain(|bake| !Arc::ptr_eq(&bake.progress, &self.progress)));
+    }
+}
+
+/// Logs each stage, and each tenth of it, until the sender is dropped. Without a thread for it
+/// nothing is logged.
+fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
+    let (running, ended) = channel();
+    let work = move || {
+        let mut logged = None;
+        while ended.recv_timeout(LOG_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+            let now = progress.get();
+            if is_news(logged, now) {
+                logged = Some(now);
+                let (stage, fraction) = now;
+                info!(
+                    "baking `{name}`: {}, {:.0} %",
+                    stage.name(),
+                    100.0 * fraction
+                );
+            }
+        }
+    };
+    let _ = std::thread::Builder::new()
+        .name("meshless gi progress".into())
+        .spawn(work);
+    running
+}
+
+/// Returns true if the log reports `now` after `logged`.
+fn is_news(logged: Option<(Stage, f32)>, now: (Stage, f32)) -> bool {
+    logged.is_none_or(|(stage, fraction)| stage != now.0 || now.1 >= fraction + LOGGED_SHARE)
+}
+
+/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+pub(crate) fn send_progress(
+    bakes: Res<RecipeBakes>,
+    server: Res<AssetServer>,
+    mut messages: MessageWriter<MeshlessGiRecipeProgress>,
+) {
+    let news: Vec<_> = bakes.change(|list| {
+        let changed = list.iter_mut().filter_map(|bake| {
+            let now = bake.progress.get();
+            (bake.sent.replace(now) != Some(now)).then(|| (bake.path.clone(), now))
+        });
+        changed.collect()
+    });
+    for (path, (stage, fraction)) in news {
+        messages.write(MeshlessGiRecipeProgress {
+            id: server.get_handle(&path).map(|handle| handle.id()),
+            path,
+            stage,
+            fraction,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn is_news_for_each_stage_and_each_tenth_of_it() {
+        let mut logged = None;
+        let mut lines = 0;
+        for stage in [Stage::Points, Stage::Transport] {
+            for permille in 0..1000 {
+                let now = (stage, permille as f32 / 1000.0);
+                if is_news(logged, now) {
+                    logged = Some(now);
+                    lines += 1;
+                }
+            }
+        }
+        assert!((18..=20).contains(&lines), "{lines}");
+    }
+
+    #[test]
+    fn start_lists_a_bake_until_its_guard_is_dropped() {
+        let bakes = RecipeBakes::default();
+        let first = bakes.start("a.gi.ron".into());
+        let second = bakes.start("a.gi.ron".into());
+        assert_eq!(bakes.change(|list| list.len()), 2);
+        let progress = first.progress.clone();
+        drop(first);
+        assert!(progress.is_cancelled() && !second.progress.is_cancelled());
+        assert_eq!(bakes.change(|list| list.len()), 1);
+    }
+}

@@ -1,0 +1,248 @@
+//! Bakes whose level, recipe or bake version has changed since: what the loader reports, and when.
+
+mod plugin_support;
+
+use bevy::asset::AssetPath;
+use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
+use bevy::ecs::schedule::SingleThreadedExecutor;
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::{BakedScene, Limits};
+use bevy_meshless_gi::bake::Staleness;
+use bevy_meshless_gi::plugin::{
+    AssetBuild, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStaleBakes, process_assets,
+};
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::ready;
+use plugin_support::assets::until;
+use plugin_support::glb::{glb, gltf};
+use plugin_support::log::warnings;
+use plugin_support::scenes::Room;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+const RECIPE: &str =
+    r#"(scene: "room.glb", preset: Draft, coarse_radius: 0.4, levels: 3, rays: 64)"#;
+
+/// The room after somebody has moved its block.
+fn moved() -> Room {
+    let mut room = Room::cornell();
+    room.0[5..].iter_mut().for_each(|quad| quad.corner.x -= 0.4);
+    room
+}
+
+/// Writes a level, its recipe and its bake to a folder of assets.
+fn write_level(root: &Path) -> PathBuf {
+    let assets = root.join("assets");
+    std::fs::create_dir_all(&assets).unwrap();
+    std::fs::write(assets.join("room.glb"), glb(&Room::cornell())).unwrap();
+    std::fs::write(assets.join("room.gi.ron"), RECIPE).unwrap();
+    let processed = root.join("imported_assets/Default");
+    process_assets(&AssetBuild {
+        source: assets.clone(),
+        processed: processed.clone(),
+        ..AssetBuild::default()
+    })
+    .unwrap();
+    std::fs::copy(processed.join("room.gi.ron"), assets.join("room.mgi")).unwrap();
+    assets
+}
+
+/// Tells an app that a file has changed.
+#[derive(Clone, Default)]
+struct Changes(Arc<Mutex<Option<Box<dyn Fn(&str) + Send>>>>);
+
+impl Changes {
+    fn tell(&self, path: &str) {
+        self.0.lock().unwrap().as_ref().expect("an app watches")(path);
+    }
+}
+
+struct NoWatcher;
+
+impl AssetWatcher for NoWatcher {}
+
+/// App without a renderer that watches its assets, with one entity that uses the bake `path`.
+fn app_with(assets: AssetPlugin, path: &str, changes: &Changes) -> App {
+    let changes = changes.0.clone();
+    let source =
+        AssetSourceBuilder::platform_default(&assets.file_path, Some(&assets.processed_file_path))
+            .with_watcher(move |sender| {
+                *changes.lock().unwrap() = Some(Box::new(move |path| {
+                    let event = AssetSourceEvent::ModifiedAsset(path.into());
+                    sender.try_send(event).expect("the app runs");
+                }));
+                Some(Box::new(NoWatcher))
+            });
+    let mut app = App::new();
+    app.register_asset_source(AssetSourceId::Default, source)
+        .add_plugins((
+            MinimalPlugins,
+            AssetPlugin {
+                watch_for_changes_override: Some(true),
+                ..assets
+            },
+            TransformPlugin,
+            MeshlessGiPlugin::default(),
+        ));
+    // The test reads the log of its own thread.
+    app.edit_schedule(Last, |schedule| {
+        schedule.set_executor(SingleThreadedExecutor::new());
+    });
+    ready(&mut app);
+    let bake = app
+        .world()
+        .resource::<AssetServer>()
+        .load::<MeshlessGiAsset>(path.to_owned());
+    app.world_mut().spawn((Name::new("hall"), MeshlessGi(bake)));
+    app
+}
+
+fn unprocessed(assets: &Path) -> AssetPlugin {
+    AssetPlugin {
+        file_path: assets.to_string_lossy().into_owned(),
+        ..default()
+    }
+}
+
+/// Updates until the bake of the one entity has loaded, and once more.
+fn load(app: &mut App) {
+    let mut scenes = app.world_mut().query::<&MeshlessGi>();
+    let bake = scenes.single(app.world()).unwrap().0.clone();
+    until(app, "loading", |app| {
+        let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+        assets.contains(&bake).then_some(())
+    });
+    app.update();
+}
+
+fn stale(app: &App, path: &str) -> Option<Staleness> {
+    let stale = &app.world().resource::<MeshlessGiStaleBakes>().0;
+    stale.get(&AssetPath::from(path.to_owned())).copied()
+}
+
+fn findings(app: &App) -> &[MeshlessGiFinding] {
+    &app.world().resource::<MeshlessGiFindings>().0
+}
+
+#[test]
+fn level_changed_after_its_bake_is_reported_once() {
+    let root = tempfile::tempdir().unwrap();
+    let assets = write_level(root.path());
+    let changes = Changes::default();
+    let mut app = app_with(unprocessed(&assets), "room.mgi", &changes);
+    let ((), lines) = warnings(|| load(&mut app));
+    assert_eq!(stale(&app, "room.mgi"), None);
+    assert!(lines.is_empty() && findings(&app).is_empty(), "{lines:?}");
+
+    // Bevy sees the level change, and loads the bake again.
+    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    changes.tell("room.glb");
+    let (found, lines) = warnings(|| {
+        let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
+        (0..20).for_each(|_| app.update());
+        found
+    });
+    assert_eq!(found.to_string(), "content");
+    assert_eq!(lines.len(), 1, "{lines:?}");
+    for part in [
+        "hall (",
+        "`room.mgi` is stale",
+        "`room.glb` has changed",
+        "meshless_gi bake room.glb -o room.mgi",
+    ] {
+        assert!(lines[0].contains(part), "{part}: {}", lines[0]);
+    }
+    assert_eq!(findings(&app), [MeshlessGiFinding::StaleBake]);
+
+    // The same geometry in another file is the same level.
+    let (json, binary) = gltf(&Room::cornell(), "room.bin");
+    std::fs::write(assets.join("room.bin"), binary).unwrap();
+    std::fs::write(assets.join("room.glb"), json).unwrap();
+    changes.tell("room.glb");
+    until(&mut app, "the comparison", |app| {
+        stale(app, "room.mgi").is_none().then_some(())
+    });
+}
+
+#[test]
+fn level_that_is_not_to_be_checked_is_not_reported() {
+    let root = tempfile::tempdir().unwrap();
+    let assets = write_level(root.path());
+    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    let meta = |check: &str| {
+        let text = format!(
+            r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::MeshlessGiLoader", settings: (check_level: {check})))"#
+        );
+        std::fs::write(assets.join("room.mgi.meta"), text).unwrap();
+    };
+    meta("Never");
+    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    load(&mut app);
+    assert_eq!(stale(&app, "room.mgi"), None);
+    meta("Always");
+    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let found = until(&mut app, "the comparison", |app| stale(app, "room.mgi"));
+    assert!(found.content);
+
+    // Without the level there is nothing to compare.
+    std::fs::remove_file(assets.join("room.glb")).unwrap();
+    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    load(&mut app);
+    assert_eq!(stale(&app, "room.mgi"), None);
+}
+
+#[test]
+fn bake_of_another_version_is_reported_without_a_level() {
+    let root = tempfile::tempdir().unwrap();
+    let assets = write_level(root.path());
+    let file = assets.join("room.mgi");
+    let mut scene = BakedScene::read(&file, &Limits::default()).unwrap();
+    scene.info.bake_version -= 1;
+    scene.info.level = None;
+    scene.write(&file).unwrap();
+    let mut app = app_with(unprocessed(&assets), "room.mgi", &Changes::default());
+    let ((), lines) = warnings(|| load(&mut app));
+    assert_eq!(
+        stale(&app, "room.mgi").map(|s| s.to_string()).as_deref(),
+        Some("bake version")
+    );
+    assert!(
+        lines.len() == 1 && lines[0].contains("version"),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn processed_recipe_whose_sources_changed_is_reported() {
+    let root = tempfile::tempdir().unwrap();
+    let assets = write_level(root.path());
+    let processed = || AssetPlugin {
+        mode: AssetMode::Processed,
+        use_asset_processor_override: Some(false),
+        processed_file_path: root
+            .path()
+            .join("imported_assets/Default")
+            .to_string_lossy()
+            .into_owned(),
+        ..unprocessed(&assets)
+    };
+    let app = || app_with(processed(), "room.gi.ron", &Changes::default());
+    let mut fresh = app();
+    load(&mut fresh);
+    assert_eq!(stale(&fresh, "room.gi.ron"), None);
+
+    std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
+    let finer = RECIPE.replace("rays: 64", "rays: 96");
+    std::fs::write(assets.join("room.gi.ron"), finer).unwrap();
+    let mut changed = app();
+    let (found, lines) = warnings(|| {
+        until(&mut changed, "the comparison", |app| {
+            stale(app, "room.gi.ron")
+        })
+    });
+    assert_eq!(found.to_string(), "content, settings");
+    assert_eq!(lines.len(), 1, "{lines:?}");
+    for part in ["`room.gi.ron`", "`room.glb`", "recipe", "process_assets"] {
+        assert!(lines[0].contains(part), "{part}: {}", lines[0]);
+    }
+}
