@@ -63,13 +63,13 @@ fn tell(
 }
 
 /// The plan, then what it took.
-fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
+pub fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
     let seen = status.get();
     // The font has no such sign.
     let mut out = seen.plan.to_string().replace('×', "x");
     for decision in seen.plan.decisions() {
         if let Some(setting) = decision.forced {
-            let _ = writeln!(out, "{}: forced by {setting}", decision.subject);
+            let _ = writeln!(out, "{}: set by {setting}", decision.subject);
         }
     }
     let dispatches = seen.dispatches.iter();

@@ -20,7 +20,7 @@ use crate::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
-use bevy::log::{error, info};
+use bevy::log::{debug, error};
 use bevy::reflect::prelude::*;
 use std::sync::Arc;
 
@@ -122,12 +122,7 @@ pub(crate) fn collect_bakes(
             Ok(Baked { scene, stats }) => {
                 let seconds = stats.seconds.total;
                 let estimated_nrmse = scene.info.estimated_nrmse;
-                info!(
-                    "baked {} points and {} links in {seconds:.1} s, estimated error {:.1} %",
-                    scene.points.len(),
-                    scene.operator.links.len(),
-                    100.0 * estimated_nrmse,
-                );
+                debug!("baked in {seconds:.1} s for {entity}");
                 let bake = MeshlessGi(assets.add(MeshlessGiAsset::from(scene)));
                 commands.queue_silenced(move |mut entity: EntityWorldMut| {
                     entity

@@ -20,9 +20,9 @@ use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes, load_ply_bytes};
 use bevy::asset::io::{Reader, Writer};
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
 use bevy::asset::{AssetLoader, AssetPath, LoadContext, ParseAssetPathError, ReadAssetBytesError};
-use bevy::log::info;
+use bevy::log::{debug, info, warn};
 use bevy::math::Vec3;
-use bevy::reflect::TypePath;
+use bevy::reflect::prelude::*;
 use bevy::tasks::futures_lite::AsyncWriteExt;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -40,7 +40,8 @@ pub struct MeshlessGiRecipeLoader;
 pub struct MeshlessGiBakeProcessor;
 
 /// Settings of [`MeshlessGiBakeProcessor`] and [`MeshlessGiRecipeLoader`], for `.meta` files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiBakeSettings {
     /// [`BAKE_VERSION`]; it takes part in Bevy's hash of what an asset was made from.
     pub bake_version: u32,
@@ -117,7 +118,7 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         let scene = recipe.scene.clone().ok_or(RecipeLoadError::NoScene)?;
         let viewpoints: Vec<Vec3> = recipe.viewpoints.iter().map(|&v| v.into()).collect();
         let level = read_level(&scene, &viewpoints, context).await?;
-        info!("baking `{}` ({} triangles)", scene, level.len());
+        debug!("baking `{scene}` ({} triangles)", level.len());
         // The threads that load assets and compile shaders must stay free: a bake takes seconds to minutes.
         let failed = |why| RecipeLoadError::Bake {
             path: scene.clone(),
@@ -127,13 +128,7 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         let work = bake_in_background(level, recipe, cancel.0.clone())
             .map_err(|why| failed(BakeLevelError::Threads(why.to_string())))?;
         let baked = work.await.map_err(failed)?;
-        info!(
-            "baked `{scene}` in {:.1} s: {} points, {} links, estimated error {:.1} %",
-            baked.stats.seconds.total,
-            baked.scene.points.len(),
-            baked.scene.operator.links.len(),
-            100.0 * baked.scene.info.estimated_nrmse,
-        );
+        debug!("baked `{scene}` in {:.1} s", baked.stats.seconds.total);
         Ok(baked.scene.into())
     }
 
@@ -163,7 +158,7 @@ async fn read_level(
     if scene.to_ascii_lowercase().ends_with(".ply") {
         let loaded = load_ply_bytes(&bytes, scene, viewpoints)?;
         for note in &loaded.notes {
-            info!("`{scene}`: {note}");
+            warn!("`{scene}`: {note}");
         }
         return Ok(loaded.cloud.mesh().0);
     }
@@ -188,7 +183,7 @@ async fn read_level(
     };
     let loaded = load_gltf_bytes(&bytes, scene, &mut resolve)?;
     for note in &loaded.notes {
-        info!("`{scene}`: {note}");
+        warn!("`{scene}`: {note}");
     }
     Ok(loaded.mesh)
 }
@@ -280,6 +275,12 @@ impl Process for MeshlessGiBakeProcessor {
             .write_all(&bytes)
             .await
             .map_err(|e| failed(Box::new(e)))?;
+        // A build step has no scene whose light starts.
+        info!(
+            "baked `{}`: {:.1} MB",
+            context.path(),
+            bytes.len() as f64 / 1e6
+        );
         Ok(MeshlessGiLoaderSettings::default())
     }
 }

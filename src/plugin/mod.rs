@@ -41,7 +41,8 @@
 //! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
-//! | `decisions` | main, `PreUpdate` | tells the log what the plan decided, where that changed |
+//! | `decisions` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |
+//! | `scene_log` | main, `PreUpdate` | logs one line per scene when its light starts (INFO) |
 //!
 //! # What it needs and what it does not do
 //!
@@ -83,6 +84,7 @@ pub mod prelude;
 mod quality;
 mod readback;
 mod reflective;
+mod scene_log;
 mod sets;
 mod sky;
 mod soft;
@@ -168,20 +170,27 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiBakeFailed>()
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
+            .register_type::<MeshlessGiCapture>()
+            .register_type::<MeshlessGiCost>()
             .register_type::<MeshlessGiDisplay>()
+            .register_type::<MeshlessGiFindings>()
+            .register_type::<MeshlessGiGizmos>()
             .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiLoaderSettings>()
             .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiOccluder>()
             .register_type::<MeshlessGiChannels>()
             .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiPointCloudPart>()
+            .register_type::<MeshlessGiPointsSettings>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
             .register_type::<MeshlessGiSky>()
             .register_type::<MeshlessGiSoftShadow>()
+            .register_type::<MeshlessGiTier>()
             .register_type::<MeshlessGiView>()
             .register_type::<MeshlessGiVolume>()
             .init_resource::<MeshlessGiSettings>()
@@ -199,7 +208,12 @@ impl Plugin for MeshlessGiPlugin {
             .add_plugins((MeshlessGiDiagnosticsPlugin, gizmos::MeshlessGiGizmosPlugin))
             .add_systems(
                 PreUpdate,
-                (bake_task::collect_bakes, costs::learn, decisions::tell)
+                (
+                    bake_task::collect_bakes,
+                    costs::learn,
+                    decisions::log_decisions,
+                    scene_log::log_scenes,
+                )
                     .in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
@@ -266,7 +280,8 @@ impl Plugin for MeshlessGiPlugin {
                     .in_set(MeshlessGiSystems::Check),
             );
         #[cfg(feature = "gltf")]
-        app.register_asset_loader(MeshlessGiRecipeLoader)
+        app.register_type::<MeshlessGiBakeSettings>()
+            .register_asset_loader(MeshlessGiRecipeLoader)
             .register_asset_processor(MeshlessGiBakeProcessor)
             .set_default_asset_processor::<MeshlessGiBakeProcessor>("gi.ron");
         if self.deferred {
