@@ -283,11 +283,15 @@ fn press(
     }
 }
 
-fn activate(event: On<Activate>, mut commands: Commands, preset: Option<Res<PanelPreset>>) {
-    if let Some(preset) = preset {
+fn activate(
+    event: On<Activate>,
+    mut commands: Commands,
+    controls: Query<&Control>,
+    preset: Option<Res<PanelPreset>>,
+) {
+    if let (Ok(Control::BakeAgain), Some(preset)) = (controls.get(event.entity), preset) {
         commands.trigger(BakeAgain(preset.0));
     }
-    let _ = event;
 }
 
 /// Applies a radio button or a checkbox.
@@ -341,7 +345,8 @@ fn mark(
     lights: Query<&MeshlessGiLight>,
     preset: Option<Res<PanelPreset>>,
 ) {
-    let camera = cameras.iter().next();
+    // Beside the example's camera there may be one that shows direct light alone.
+    let camera = cameras.iter().max_by_key(|(c, _)| c.enabled);
     let scene = scenes.iter().next();
     for (entity, control, checked) in &controls {
         let set = match *control {
@@ -368,6 +373,7 @@ fn write_plan(
     mut text: Single<&mut Text, With<PlanText>>,
     status: Res<MeshlessGiStatus>,
     diagnostics: Res<DiagnosticsStore>,
+    names: Query<Option<&Name>>,
     mut frame: Local<u32>,
 ) {
     if panel.display == Display::None {
@@ -375,7 +381,7 @@ fn write_plan(
         return;
     }
     if frame.is_multiple_of(EVERY) {
-        text.0 = table::words(&status, &diagnostics);
+        text.0 = table::words(&status, &diagnostics, &names);
     }
     *frame += 1;
 }

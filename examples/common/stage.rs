@@ -122,6 +122,10 @@ type TheCamera<'w, 's> = Query<
     (With<MeshlessGiCamera>, Without<DirectOnly>),
 >;
 
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 fn move_lamp(
     mut lamp: Single<&mut Transform, With<Lamp>>,
     stage: Res<Stage>,

@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
 use bevy_meshless_gi::bake::Recipe;
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiBakeFailed};
-use bevy_meshless_gi::scene::{Bounds, Light, TriangleMesh, load_gltf};
+use bevy_meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 

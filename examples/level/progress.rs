@@ -67,6 +67,10 @@ pub fn overall(stage: Stage, done: f32) -> f32 {
 }
 
 /// Updates bar and text.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 pub fn show(
     mut lines: Single<&mut Text, With<Lines>>,
     mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,
