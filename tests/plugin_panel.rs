@@ -7,6 +7,7 @@ mod plugin_support;
 use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
+use bevy::ui_widgets::{Activate, ValueChange};
 use bevy_meshless_gi::bake::Preset;
 use bevy_meshless_gi::plugin::{MeshlessGiLighting, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
@@ -46,14 +47,18 @@ fn find(app: &mut App, control: Control) -> Option<(Entity, bool)> {
     found.next().map(|(entity, _, checked)| (entity, checked))
 }
 
-/// Presses a control, as a pointer does.
+/// Sends the event of a control: what its widget sends when it is clicked.
 #[track_caller]
 fn press(app: &mut App, control: Control) {
-    let (entity, _) = find(app, control).unwrap_or_else(|| panic!("no {control:?}"));
-    // Bevy's own system would take the press back before anybody saw it: no pointer is there.
-    let mut interaction = app.world_mut().get_mut::<Interaction>(entity).unwrap();
-    *interaction = Interaction::Pressed;
-    app.world_mut().run_schedule(Update);
+    let (entity, checked) = find(app, control).unwrap_or_else(|| panic!("no {control:?}"));
+    match control {
+        Control::BakeAgain => app.world_mut().trigger(Activate { entity }),
+        _ => app.world_mut().trigger(ValueChange {
+            source: entity,
+            value: !checked,
+            is_final: true,
+        }),
+    }
     run(app, 2);
 }
 

@@ -44,7 +44,9 @@ pub struct Capture {
 /// Bevy's plugins: with a window, or without one where a picture is asked for.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     match capture {
-        None => DefaultPlugins.build(),
+        None => DefaultPlugins
+            .build()
+            .add_group(bevy_picking::DefaultPickingPlugins),
         Some(_) => windowless(),
     }
 }

@@ -89,7 +89,8 @@ impl Plugin for TuningPanelPlugin {
             .add_systems(Startup, set_up)
             .add_systems(
                 Update,
-                (press, (show, build, mark, write_plan, scroll).chain())
+                (show, build, mark, write_plan, scroll)
+                    .chain()
                     .after(MeshlessGiSystems::Collect),
             );
     }
@@ -258,31 +259,13 @@ fn build(
                     bsn! { @FeathersRadio { @caption: bsn! { Text({text.clone()}) ThemedText } } },
                 ),
             };
-            spawned.insert((*control, Interaction::default(), ChildOf(row)));
+            spawned.insert((*control, ChildOf(row)));
         }
     }
     *built = wanted;
 }
 
-/// Sends the event of a control that was pressed. Feathers' own pointer events need Bevy's feature `bevy_picking`, which the examples do
-/// without.
-fn press(
-    mut commands: Commands,
-    pressed: Query<(Entity, &Interaction, &Control, Has<Checked>), Changed<Interaction>>,
-) {
-    for (entity, interaction, control, checked) in &pressed {
-        match (interaction, control) {
-            (Interaction::Pressed, Control::BakeAgain) => commands.trigger(Activate { entity }),
-            (Interaction::Pressed, _) => commands.trigger(ValueChange {
-                source: entity,
-                value: !checked || !matches!(control, Control::Light(_)),
-                is_final: true,
-            }),
-            _ => {}
-        }
-    }
-}
-
+/// A button was pressed.
 fn activate(
     event: On<Activate>,
     mut commands: Commands,

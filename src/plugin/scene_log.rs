@@ -15,7 +15,7 @@ use std::sync::{Arc, Weak};
 /// Returns an entity as the log prints it: its name and its number, or its number alone.
 pub(crate) fn entity_label(entity: Entity, name: Option<&Name>) -> String {
     match name {
-        Some(name) => format!("{name:?} ({entity})"),
+        Some(name) => format!("{:?} ({entity})", name.as_str()),
         None => entity.to_string(),
     }
 }
