@@ -18,6 +18,7 @@
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | F1 | the tuning panel |
 //! | H | the lines of help on and off |
 //!
 //! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow map; the ball, which no bake knows, casts none and reflects none of its light.

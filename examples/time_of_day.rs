@@ -17,6 +17,7 @@
 //! | V | the picture, indirect light alone, or irradiance |
 //! | G | the points of the bake, then the radii of a level, then the non-zero coefficients, then none |
 //! | P | the plan of the frame: what runs, why, and how long it takes |
+//! | F1 | the tuning panel |
 //! | H | the lines of help on and off |
 //!
 //! `-- --screenshot FILE.png --at 16.5` writes a picture of half past four in the afternoon without a window.

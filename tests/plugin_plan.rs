@@ -123,7 +123,7 @@ fn costs_are_unknown_then_measured_and_foretell_another_tier() {
         let cost = cost(&first, stage);
         assert_eq!((cost.predicted, cost.measured), (None, None), "{stage:?}");
     }
-    assert!(first.to_string().contains("cost unknown, not measured"));
+    assert!(!first.to_string().contains(" ms "), "{first}");
     let Work::Links(all) = cost(&first, Stage::Apply).work else {
         panic!("{first}");
     };

@@ -8,13 +8,12 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Exposure, Hdr, RenderTarget};
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass};
 use bevy::core_pipeline::tonemapping::Tonemapping;
-use bevy::ecs::reflect::AppTypeRegistry;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiBakeProgress, MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings,
-    MeshlessGiGizmos, MeshlessGiSettings, MeshlessGiView,
+    MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos,
+    MeshlessGiSettings,
 };
 use bevy_meshless_gi::prelude::*;
 use bevy_meshless_gi::scene::Light;
@@ -25,7 +24,6 @@ use plugin_support::stage::{
     CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
     spawn_lamp, spawn_room, view, work,
 };
-use std::any::TypeId;
 
 fn cpu(lights: &[Light]) -> plugin_support::flip::Picture {
     let (room, bake) = cornell();
@@ -488,45 +486,6 @@ fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
     assert_eq!(
         app.world().resource::<MeshlessGiFindings>().0,
         [MeshlessGiFinding::NoGbuffer]
-    );
-}
-
-#[test]
-fn every_tuning_type_is_reflected_and_registered() {
-    let app = app();
-    let registry = app.world().resource::<AppTypeRegistry>().read();
-    let names = |ids: &[TypeId], data: TypeId| {
-        for id in ids {
-            let found = registry.get(*id).expect("the type is registered");
-            assert!(
-                found.data_by_id(data).is_some(),
-                "{}",
-                found.type_info().type_path()
-            );
-        }
-    };
-    let components = [
-        TypeId::of::<MeshlessGi>(),
-        TypeId::of::<MeshlessGiBakeProgress>(),
-        TypeId::of::<MeshlessGiBakeExclude>(),
-        TypeId::of::<MeshlessGiCamera>(),
-        TypeId::of::<MeshlessGiLight>(),
-        TypeId::of::<MeshlessGiLighting>(),
-    ];
-    names(&components, TypeId::of::<ReflectComponent>());
-    names(
-        &[TypeId::of::<MeshlessGiSettings>()],
-        TypeId::of::<ReflectResource>(),
-    );
-    let mut all = components.to_vec();
-    all.extend([
-        TypeId::of::<MeshlessGiSettings>(),
-        TypeId::of::<MeshlessGiView>(),
-        TypeId::of::<MeshlessGiGizmos>(),
-    ]);
-    names(
-        &all,
-        TypeId::of::<bevy::reflect::std_traits::ReflectDefault>(),
     );
 }
 

@@ -5,7 +5,7 @@
 //! --frames N               after N frames in which nothing bakes (30), or
 //! --while-baking           after N frames, whatever bakes
 //! --at T                   of the time T on the example's clock, which stands still
-//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, Up, Down, Left, Right, as far as the example knows them
+//! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses both
 //! ```
 //!
 //! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.
@@ -37,13 +37,16 @@ pub struct Capture {
     while_baking: bool,
     /// The time that the picture is of.
     pub at: Option<f32>,
-    keys: Vec<KeyCode>,
+    /// Keys that are pressed together, one press after another.
+    keys: Vec<Vec<KeyCode>>,
 }
 
 /// Bevy's plugins: with a window, or without one where a picture is asked for.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     match capture {
-        None => DefaultPlugins.build(),
+        None => DefaultPlugins
+            .build()
+            .add_group(bevy_picking::DefaultPickingPlugins),
         Some(_) => windowless(),
     }
 }
@@ -124,6 +127,8 @@ impl Capture {
             "Down" => Ok(KeyCode::ArrowDown),
             "Left" => Ok(KeyCode::ArrowLeft),
             "Right" => Ok(KeyCode::ArrowRight),
+            "Ctrl" => Ok(KeyCode::ControlLeft),
+            "F1" => Ok(KeyCode::F1),
             "B" => Ok(KeyCode::KeyB),
             "D" => Ok(KeyCode::KeyD),
             "F" => Ok(KeyCode::KeyF),
@@ -131,11 +136,13 @@ impl Capture {
             "H" => Ok(KeyCode::KeyH),
             "M" => Ok(KeyCode::KeyM),
             "P" => Ok(KeyCode::KeyP),
+            "S" => Ok(KeyCode::KeyS),
             "V" => Ok(KeyCode::KeyV),
             "L" => Ok(KeyCode::KeyL),
             other => Err(format!("--press: there is no key {other}")),
         };
-        let keys = keys.map_or(Ok(Vec::new()), |k| k.split(',').map(key).collect())?;
+        let together = |names: &str| names.split('+').map(key).collect::<Result<Vec<_>, _>>();
+        let keys = keys.map_or(Ok(Vec::new()), |k| k.split(',').map(together).collect())?;
         Ok(Some(Self {
             file: file.into(),
             frames,
@@ -195,7 +202,7 @@ fn capture(
         return;
     }
     let pressed = *frame as usize / 2;
-    if let Some(&key) = capture.keys.get(pressed) {
+    for &key in capture.keys.get(pressed).into_iter().flatten() {
         if frame.is_multiple_of(2) {
             keys.press(key);
         } else {

@@ -1,8 +1,9 @@
-//! What the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the plan on the screen, pictures.
+//! What the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;
 pub mod clock;
+pub mod panel;
 pub mod stage;
 pub mod table;
 

@@ -1,5 +1,6 @@
 //! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves of which the left has direct light alone, a line of help, and the plan.
 
+use super::panel::TuningPanel;
 use bevy::camera::Viewport;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
@@ -44,7 +45,7 @@ impl Plugin for Stage {
             .init_resource::<SideBySide>()
             .init_resource::<BakeError>()
             .add_observer(keep_error)
-            .add_plugins(super::table::PlanTable)
+            .add_plugins((super::table::PlanTable, super::panel::TuningPanelPlugin))
             .add_systems(Startup, set_up)
             .add_systems(
                 Update,
@@ -124,12 +125,17 @@ type TheCamera<'w, 's> = Query<
     (With<MeshlessGiCamera>, Without<DirectOnly>),
 >;
 
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 fn move_lamp(
     mut lamp: Single<&mut Transform, With<Lamp>>,
     stage: Res<Stage>,
     keys: Res<ButtonInput<KeyCode>>,
     buttons: Res<ButtonInput<MouseButton>>,
     windows: Query<&Window>,
+    panel: Query<&Interaction, With<TuningPanel>>,
     camera: TheCamera,
     time: Res<Time>,
 ) {
@@ -145,7 +151,9 @@ fn move_lamp(
         axis(KeyCode::ArrowDown, KeyCode::ArrowUp),
     );
     let mut place = lamp.translation + step * time.delta_secs();
+    let on_panel = panel.iter().any(|over| *over != Interaction::None);
     if buttons.pressed(MouseButton::Left)
+        && !on_panel
         && let Some(cursor) = windows.iter().find_map(Window::cursor_position)
         && let Ok((camera, at)) = camera.single()
         && let Ok(ray) = camera.viewport_to_world(at, cursor)
@@ -257,7 +265,7 @@ fn tell(
         None => "",
     };
     let text = format!(
-        "{state}{halves}\n{lamp}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    H: help",
+        "{state}{halves}\n{lamp}Space: indirect light    {}\nTab: side by side    V: view    G: points    P: plan    F1: panel    H: help",
         stage.keys
     );
     if help.0 != text {

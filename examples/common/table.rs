@@ -46,6 +46,7 @@ fn tell(
     keys: Res<ButtonInput<KeyCode>>,
     status: Res<MeshlessGiStatus>,
     diagnostics: Res<DiagnosticsStore>,
+    names: Query<Option<&Name>>,
     mut frame: Local<u32>,
 ) {
     let (text, visibility) = &mut *table;
@@ -57,19 +58,45 @@ fn tell(
         return;
     }
     if frame.is_multiple_of(EVERY) {
-        text.0 = words(&status, &diagnostics);
+        text.0 = words(&status, &diagnostics, &names);
     }
     *frame += 1;
 }
 
+/// The plan with names in place of the numbers of scenes, views and lights.
+fn named(plan: &str, names: &Query<Option<&Name>>) -> String {
+    let mut out = String::with_capacity(plan.len());
+    let mut number_follows = false;
+    for part in plan.split_inclusive(|c: char| !c.is_ascii_alphanumeric()) {
+        let word = part.trim_end_matches(|c: char| !c.is_ascii_alphanumeric());
+        let bits = u64::from_str_radix(word, 16)
+            .ok()
+            .filter(|_| number_follows);
+        let entity = bits.and_then(Entity::try_from_bits);
+        match entity.and_then(|entity| Some((entity, names.get(entity).ok()?))) {
+            Some((_, Some(name))) => out += &format!("\"{name}\""),
+            Some((entity, None)) => out += &entity.to_string(),
+            None => out += word,
+        }
+        out += &part[word.len()..];
+        number_follows = matches!(part, "scene " | "view " | "light ");
+    }
+    out
+}
+
 /// The plan, then what it took.
-fn words(status: &MeshlessGiStatus, diagnostics: &DiagnosticsStore) -> String {
+pub fn words(
+    status: &MeshlessGiStatus,
+    diagnostics: &DiagnosticsStore,
+    names: &Query<Option<&Name>>,
+) -> String {
     let seen = status.get();
     // The font has no such sign.
-    let mut out = seen.plan.to_string().replace('×', "x");
+    let mut out = named(&seen.plan.to_string(), names).replace('×', "x");
     for decision in seen.plan.decisions() {
         if let Some(setting) = decision.forced {
-            let _ = writeln!(out, "{}: forced by {setting}", decision.subject);
+            let subject = named(&decision.subject.to_string(), names);
+            let _ = writeln!(out, "{subject}: set by {setting}");
         }
     }
     let dispatches = seen.dispatches.iter();

@@ -1,101 +1,128 @@
-//! What a plan has decided, one line a subject, and when that is worth telling: at a change, once, and not again for what only goes back and forth.
+//! Decisions of a plan, one per subject, and a log that reports each change once.
 //!
-//! Passes come and go with every lamp that moves and stops. The log is told that an effect runs when it first does, and that it stopped when it has not run for [`PATIENCE`] frames. A subject that has
-//! changed is told again after a silence, which doubles with each telling and ends where nothing changed for as long: what flickers is told a number of times that grows with the logarithm of the time.
+//! Passes start and stop with every light that moves and stops. [`DecisionLog`] reports that an effect runs when it first runs, and that it
+//! stopped when it has not run for [`PATIENCE`] frames. After a report about a subject follows a silence, which doubles with each report and
+//! returns to [`PATIENCE`] frames when nothing changed for as long. The number of reports of a subject that alternates grows with the
+//! logarithm of the time.
 
 use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, Timed, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Frames that an effect rests before that is told, and the first silence about a subject.
+/// Frames without a pass after which an effect counts as stopped, and length of the first silence about a subject.
 pub const PATIENCE: u64 = 120;
 
-/// What is decided.
+/// Looks up the name of a scene or a view by its number; `None` prints the number.
+pub type NameOf<'a> = &'a dyn Fn(u64) -> Option<String>;
+
+/// Subject of a decision.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Subject {
-    /// Which tier of the operator lights a scene.
+    /// Operator tier of a scene.
     Tier(SceneId),
-    /// In how many channels links do.
+    /// Number of color channels in which links are applied.
     Channels(SceneId),
-    /// With how many reflections.
+    /// Number of diffuse reflections.
     Bounces(SceneId),
-    /// Whether an octree or links do.
+    /// Transport by an octree or by links.
     Octree(SceneId),
-    /// What becomes of its sky.
+    /// Treatment of the sky.
     Sky(SceneId),
-    /// At which pixels a view evaluates light.
+    /// Pixels at which a view evaluates light.
     Display(ViewId),
-    /// Whether an effect ([`EFFECTS`](super::EFFECTS)) runs, for a scene and a view.
+    /// An effect ([`EFFECTS`](super::EFFECTS)) of a scene and a view.
     Effect(&'static str, SceneId, Option<ViewId>),
-    /// Why a scene is not lit, or not in a view.
+    /// A scene that is not lit, or not in a view, with the reason.
     Left(SceneId, Option<ViewId>, Skip),
+}
+
+impl Subject {
+    /// The subject in words, with names of scenes and views.
+    #[must_use]
+    pub fn words(&self, name: NameOf<'_>) -> String {
+        let scene = |id: &SceneId| match *id {
+            SceneId::WORLD => id.to_string(),
+            _ => name(id.0).unwrap_or_else(|| id.to_string()),
+        };
+        let view = |id: &ViewId| name(id.0).unwrap_or_else(|| format!("view {:x}", id.0));
+        let seen = |of: &SceneId, by: &Option<ViewId>| match by {
+            Some(by) => format!("{} in {}", scene(of), view(by)),
+            None => scene(of),
+        };
+        match self {
+            Self::Tier(id) => format!("tier of {}", scene(id)),
+            Self::Channels(id) => format!("channels of {}", scene(id)),
+            Self::Bounces(id) => format!("reflections of {}", scene(id)),
+            Self::Octree(id) => format!("transport of {}", scene(id)),
+            Self::Sky(id) => format!("sky of {}", scene(id)),
+            Self::Display(id) => format!("display of {}", view(id)),
+            Self::Effect(effect, id, by) => format!("effect {effect} of {}", seen(id, by)),
+            Self::Left(id, by, _) => format!("light of {}", seen(id, by)),
+        }
+    }
 }
 
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Self::Display(view) = self {
-            return write!(f, "display of view {:x}", view.0);
-        }
-        let (what, scene, view) = match self {
-            Self::Tier(scene) => ("tier", scene, &None),
-            Self::Channels(scene) => ("channels", scene, &None),
-            Self::Bounces(scene) => ("reflections", scene, &None),
-            Self::Octree(scene) => ("octree", scene, &None),
-            Self::Sky(scene) => ("sky", scene, &None),
-            Self::Display(_) => return Ok(()),
-            Self::Effect(name, scene, view) => (*name, scene, view),
-            Self::Left(scene, view, _) => ("left out", scene, view),
-        };
-        write!(f, "{what}, {scene}")?;
-        match view {
-            Some(view) => write!(f, " in view {:x}", view.0),
-            None => Ok(()),
-        }
+        f.write_str(&self.words(&|_| None))
     }
 }
 
-/// What was decided, why, and what that costs.
+/// A choice, its reason and its cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
-    /// About what.
+    /// Subject of the choice.
     pub subject: Subject,
-    /// What.
+    /// The choice.
     pub choice: String,
-    /// Why. It may hold figures that change from frame to frame.
+    /// The reason. Figures in it may change from frame to frame.
     pub why: String,
-    /// The setting that decided alone, where one did.
+    /// The setting that decided alone; `None` if the plan decided.
     pub forced: Option<&'static str>,
-    /// What the passes that follow from it cost in this frame, with all that the device's clock times as one with them; none where nothing of it runs, or no clock times it.
+    /// Cost of the passes that this decision causes, with all passes in the same timing scope. Empty if none of them ran or none is timed.
     pub costs: Vec<(Timed, Cost)>,
+}
+
+impl Decision {
+    /// The decision in one line, with names of scenes and views. Costs that are neither predicted nor measured are left out.
+    #[must_use]
+    pub fn words(&self, name: NameOf<'_>) -> String {
+        let mut out = format!(
+            "{}: {} ({})",
+            self.subject.words(name),
+            self.choice,
+            self.why
+        );
+        for (timed, cost) in self.costs.iter().filter(|(_, cost)| cost.is_known()) {
+            out += &format!("; {}: {cost}", timed.stage.name());
+        }
+        if let Some(setting) = self.forced {
+            out += &format!("; set by {setting}");
+        }
+        out
+    }
 }
 
 impl fmt::Display for Decision {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}, because {}", self.subject, self.choice, self.why)?;
-        for (timed, cost) in &self.costs {
-            write!(f, "; {}: {cost}", timed.stage.name())?;
-        }
-        match self.forced {
-            Some(setting) => write!(f, " [forced by {setting}]"),
-            None => Ok(()),
-        }
+        f.write_str(&self.words(&|_| None))
     }
 }
 
 impl Skip {
-    /// The setting that alone keeps this from running; none where the plan found the reason in the world or the device.
+    /// The setting that alone keeps this from running; `None` if the reason is in the world or the device.
     #[must_use]
     pub fn forced(self) -> Option<&'static str> {
         match self {
-            Self::Hidden => Some("the scene's visibility"),
-            Self::ViewDisabled => Some("the view's settings"),
+            Self::Hidden => Some("the visibility of the scene"),
+            Self::ViewDisabled => Some("the camera setting"),
             _ => None,
         }
     }
 }
 
 impl Plan {
-    /// All that this frame's plan has decided, one entry a subject.
+    /// Decisions of this frame's plan, one per subject.
     #[must_use]
     pub fn decisions(&self) -> Vec<Decision> {
         let mut out: Vec<Decision> = Vec::new();
@@ -113,17 +140,17 @@ impl Plan {
         };
         for (scene, picked) in &self.tiers {
             let choice = format!("{} of {}", picked.tier, picked.tiers);
-            let forced = picked.forced.then_some("the quality asked for");
+            let forced = picked.forced.then_some("the quality setting");
             push(Subject::Tier(*scene), choice, picked.why.clone(), forced);
         }
         for (scene, picked) in &self.channels {
             let subject = Subject::Channels(*scene);
-            let forced = picked.forced.then_some("the channels asked for");
+            let forced = picked.forced.then_some("the channel setting");
             push(subject, picked.choice().into(), picked.why.into(), forced);
         }
         for (scene, picked) in &self.reflections {
             let subject = Subject::Bounces(*scene);
-            let forced = picked.forced.then_some("the bounces asked for");
+            let forced = picked.forced.then_some("the bounce setting");
             push(subject, picked.bounces.to_string(), picked.why(), forced);
         }
         for (scene, why) in &self.linked {
@@ -135,7 +162,7 @@ impl Plan {
             push(Subject::Sky(*scene), sky.to_string(), why, None);
         }
         for &(view, display) in &self.displays {
-            let forced = (display == DisplayUse::Full).then_some("the camera's display");
+            let forced = (display == DisplayUse::Full).then_some("the display setting");
             let subject = Subject::Display(view);
             push(
                 subject,
@@ -151,13 +178,13 @@ impl Plan {
         for &(scene, view, why) in &self.skipped {
             if why != Skip::AtRest {
                 let subject = Subject::Left(scene, view, why);
-                push(subject, "left out".into(), why.to_string(), why.forced());
+                push(subject, "off".into(), why.to_string(), why.forced());
             }
         }
         out
     }
 
-    /// What the passes that follow from a decision cost, one entry for all that is timed as one.
+    /// Costs of the passes that follow from a decision, one entry per timing scope.
     fn costs_of(&self, subject: &Subject) -> Vec<(Timed, Cost)> {
         let carries = |p: &Pass, of: SceneId| p.stage == Stage::Apply && p.scene == of;
         let lays = |p: &Pass, of: ViewId| p.stage == Stage::Splat && p.view == Some(of);
@@ -183,21 +210,21 @@ impl Plan {
     }
 }
 
-/// What the log was told of a subject.
+/// State of the log for one subject.
 #[derive(Clone, Debug)]
 struct Standing {
-    /// The choice that was told; none for an end.
-    told: Option<String>,
-    /// The last decision, and the frame that had it.
+    /// The choice that was reported last; `None` after its end was reported.
+    reported: Option<String>,
+    /// The last decision, and its frame.
     last: Decision,
     seen: u64,
-    /// Not before this frame is anything told.
+    /// First frame in which a change may be reported.
     quiet_until: u64,
-    /// How long the next silence is.
+    /// Length of the next silence, frames.
     silence: u64,
 }
 
-/// Follows decisions frame by frame, and says which changes are worth telling.
+/// Follows decisions frame by frame and reports their changes.
 #[derive(Clone, Debug, Default)]
 pub struct DecisionLog {
     standing: BTreeMap<Subject, Standing>,
@@ -205,19 +232,19 @@ pub struct DecisionLog {
 }
 
 impl DecisionLog {
-    /// Nothing told yet.
+    /// Creates a log without a report.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// One frame's decisions. Answers lines for the log: none in most frames.
-    pub fn observe(&mut self, decisions: Vec<Decision>) -> Vec<String> {
+    /// Adds one frame's decisions. Returns one line per change, with names of scenes and views; most frames return none.
+    pub fn observe(&mut self, decisions: Vec<Decision>, name: NameOf<'_>) -> Vec<String> {
         self.frame += 1;
         let now = self.frame;
         for decision in decisions {
             let standing = (self.standing.entry(decision.subject.clone())).or_insert(Standing {
-                told: None,
+                reported: None,
                 last: decision.clone(),
                 seen: now,
                 quiet_until: 0,
@@ -230,22 +257,22 @@ impl DecisionLog {
         self.standing.retain(|subject, standing| {
             let here = now - standing.seen < PATIENCE;
             let choice = here.then(|| standing.last.choice.clone());
-            if choice != standing.told && now >= standing.quiet_until {
+            if choice != standing.reported && now >= standing.quiet_until {
                 lines.push(match here {
-                    true => standing.last.to_string(),
-                    false => format!("{subject}: no more"),
+                    true => standing.last.words(name),
+                    false => format!("{}: ended", subject.words(name)),
                 });
-                standing.told = choice;
+                standing.reported = choice;
                 standing.quiet_until = now + standing.silence;
                 standing.silence = standing.silence.saturating_mul(2);
             }
-            // As long at peace as the silence was: the next change is news again.
+            // No change for the length of the silence: the next change is reported at once.
             let calm = standing.quiet_until.saturating_add(standing.silence);
-            let settled = standing.told.is_some() == here;
+            let settled = standing.reported.is_some() == here;
             if settled && now >= calm {
                 standing.silence = PATIENCE;
             }
-            here || standing.told.is_some() || now < calm
+            here || standing.reported.is_some() || now < calm
         });
         lines
     }
@@ -309,7 +336,7 @@ mod tests {
         let tier = tier.expect("a tier").to_string();
         assert_eq!(
             tier,
-            "tier, scene 1: 2 of 4, because it was asked for [forced by the quality asked for]"
+            "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
         );
         // Nothing of it runs at rest. Where a lamp moves, it costs what carries its light on.
         let tier_of = |plan: &Plan| {
@@ -320,13 +347,16 @@ mod tests {
         let mut plan = Plan::new(&moved(true));
         assert_eq!(
             tier_of(&plan),
-            "tier, scene 1: 2 of 4, because it was asked for; apply: 0 links, cost unknown, not measured \
-             [forced by the quality asked for]"
+            "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
         );
         let apply = plan.costs.iter_mut().find(|(t, _)| t.stage == Stage::Apply);
         let (_, cost) = apply.expect("it is timed");
         (cost.predicted, cost.measured) = (Some(1.5), Some(1.25));
-        assert!(tier_of(&plan).contains("1.50 ms expected, 1.25 ms measured"));
+        assert_eq!(
+            tier_of(&plan),
+            "tier of scene 1: 2 of 4 (it was asked for); apply: 0 links, 1.50 ms expected, 1.25 ms measured; \
+             set by the quality setting"
+        );
         // What goes over a view's pixels; the composite is an entry of its own.
         let shown = plan.decisions();
         let shown = |of: &Subject| {
@@ -349,7 +379,7 @@ mod tests {
         let found = of(&off);
         let left = Subject::Left(A, Some(ViewId(7)), Skip::ViewDisabled);
         let left = found.iter().find(|d| d.subject == left).expect("left out");
-        assert_eq!(left.forced, Some("the view's settings"));
+        assert_eq!(left.forced, Some("the camera setting"));
         let shown = |d: &&Decision| matches!(d.subject, Subject::Effect("display", A, _));
         let shown: Vec<&Decision> = found.iter().filter(shown).collect();
         assert_eq!(shown.len(), 1);
@@ -375,25 +405,28 @@ mod tests {
     #[test]
     fn a_change_is_told_once_and_an_end_with_patience() {
         let mut log = DecisionLog::new();
-        let first = log.observe(of(&moved(false)));
+        let first = log.observe(of(&moved(false)), &|_| None);
         assert_eq!(first.len(), 4, "{first:?}");
-        assert!(log.observe(of(&moved(false))).is_empty());
-        let started = log.observe(of(&moved(true)));
+        assert!(log.observe(of(&moved(false)), &|_| None).is_empty());
+        let started = log.observe(of(&moved(true)), &|_| None);
         assert_eq!(started.len(), 2, "{started:?}");
         assert!(
-            started[0].contains("because 1 light slot(s) new or moved"),
+            started[0].contains("runs (1 light slot(s) new or moved)"),
             "{started:?}"
         );
         // It moves and stops in turn: nothing is said.
         for k in 0..50 {
-            assert!(log.observe(of(&moved(k % 3 == 0))).is_empty());
+            assert!(log.observe(of(&moved(k % 3 == 0)), &|_| None).is_empty());
         }
         let ends: Vec<String> = (0..3 * PATIENCE)
-            .flat_map(|_| log.observe(of(&moved(false))))
+            .flat_map(|_| log.observe(of(&moved(false)), &|_| None))
             .collect();
         assert_eq!(
             ends,
-            ["lights, scene 1: no more", "transport, scene 1: no more"]
+            [
+                "effect lights of scene 1: ended",
+                "effect transport of scene 1: ended"
+            ]
         );
     }
 
@@ -406,7 +439,7 @@ mod tests {
                 let mut now = moved(k % period == 0);
                 let tier = now.scenes[0].tier.as_mut().expect("a tier");
                 tier.tier = 1 + u32::from(k % period < period / 2);
-                told += log.observe(of(&now)).len();
+                told += log.observe(of(&now), &|_| None).len();
             }
             // Two effects, one tier, one sky, one display at its pixels.
             assert!((5..=40).contains(&told), "{period}: {told}");
@@ -418,7 +451,7 @@ mod tests {
             let mut now = moved(false);
             let tier = now.scenes[0].tier.as_mut().expect("a tier");
             tier.tier = 1 + (k / 2000 % 2) as u32;
-            told += log.observe(of(&now)).len();
+            told += log.observe(of(&now), &|_| None).len();
         }
         assert_eq!(told, 3 + 10);
     }
@@ -427,9 +460,29 @@ mod tests {
     fn figures_in_a_reason_are_no_news() {
         let mut log = DecisionLog::new();
         let mut now = state();
-        log.observe(of(&now));
+        log.observe(of(&now), &|_| None);
         now.scenes[0].tier.as_mut().expect("a tier").why = "4.31 ms a solve".into();
-        assert!(log.observe(of(&now)).is_empty());
+        assert!(log.observe(of(&now), &|_| None).is_empty());
+    }
+
+    #[test]
+    fn a_line_with_names_has_no_numbers() {
+        let names = |id: u64| {
+            Some(format!(
+                "\"{}\"",
+                ["", "Room"].get(id as usize).unwrap_or(&"Eye")
+            ))
+        };
+        let mut log = DecisionLog::new();
+        let lines = log.observe(of(&moved(true)), &names);
+        let display = "effect display of \"Room\" in \"Eye\": runs (the scene is in the view)";
+        assert!(lines.contains(&display.to_string()), "{lines:?}");
+        let numbered = |line: &&String| line.contains("scene 1") || line.contains("view 7");
+        assert!(!lines.iter().any(|line| numbered(&line)), "{lines:?}");
+        assert!(
+            !lines.iter().any(|line| line.contains("measured")),
+            "{lines:?}"
+        );
     }
 
     #[test]
@@ -446,7 +499,7 @@ mod tests {
         let decision = found.iter().find(|d| d.subject == subject);
         assert_eq!(
             decision.expect("decided").to_string(),
-            "channels, scene 1: one channel, because it is asked for [forced by the channels asked for]"
+            "channels of scene 1: one channel (it is asked for); set by the channel setting"
         );
         assert!(
             Plan::new(&now)
@@ -469,24 +522,20 @@ mod tests {
             mine.map(ToString::to_string)
         };
         let of_it = "display of view 7: ";
-        // No clock has measured it yet.
-        let cost = "; splat: 100 pixels, cost unknown, not measured";
-        let by = |what: &str| Some(format!("{of_it}{what}{cost}"));
+        let by = |what: &str| Some(format!("{of_it}{what}"));
         assert_eq!(
             told(&now),
-            by("subsplats, because light varies less than pixels do")
+            by("subsplats (light varies less than pixels do)")
         );
         now.views[0].display = DisplayUse::NoRoom;
         assert_eq!(
             told(&now),
-            by("every pixel, because the device has no room for subsplats")
+            by("every pixel (the device has no room for subsplats)")
         );
         now.views[0].display = DisplayUse::Full;
         assert_eq!(
             told(&now),
-            Some(format!(
-                "{of_it}every pixel, because it is asked for{cost} [forced by the camera's display]"
-            ))
+            by("every pixel (it is asked for); set by the display setting")
         );
         assert!(
             Plan::new(&now)

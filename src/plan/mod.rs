@@ -53,7 +53,7 @@ mod transport;
 pub use bounces::{BouncePicker, LEFT, MOST, PickedBounces, bounces_at};
 pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColours};
 pub use cost::{Cost, CostModel, Timed, Work};
-pub use decision::{Decision, DecisionLog, Subject};
+pub use decision::{Decision, DecisionLog, NameOf, Subject};
 pub use effect::{EFFECTS, Effect};
 pub use inventory::{Cameras, Census, Colours, Inventory, LightSort, Skies};
 pub use lights::{

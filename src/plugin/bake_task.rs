@@ -33,7 +33,7 @@ use bevy::asset::{Assets, Handle};
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
-use bevy::log::{error, info, warn};
+use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
 use std::sync::Arc;
 
@@ -194,7 +194,7 @@ pub(crate) fn collect_bakes(
                 loaded: output.loaded,
                 warnings,
             };
-            info!(
+            debug!(
                 "{entity}: {} {} points and {} links in {:.1} s, estimated error {:.1} %",
                 if summary.loaded { "loaded" } else { "baked" },
                 summary.points,

@@ -16,10 +16,12 @@ use bevy::light::{
 use bevy::log::warn;
 use bevy::material::{AlphaMode, OpaqueRendererMethod};
 use bevy::pbr::{DefaultOpaqueRendererMethod, MeshMaterial3d, StandardMaterial};
+use bevy::reflect::prelude::*;
 use bevy::render::view::Msaa;
 
 /// What a check may find. Kept as data so that tests read it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[reflect(Clone, Debug, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum MeshlessGiFinding {
     /// `GlobalAmbientLight` shines in a camera that shows indirect light.
@@ -141,7 +143,8 @@ impl MeshlessGiFinding {
 }
 
 /// What the check found so far; each finding is told once in the log.
-#[derive(Resource, Clone, Debug, Default)]
+#[derive(Resource, Reflect, Clone, Debug, Default)]
+#[reflect(Resource, Default, Clone, Debug)]
 pub struct MeshlessGiFindings(pub Vec<MeshlessGiFinding>);
 
 /// Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).

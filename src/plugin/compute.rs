@@ -337,23 +337,28 @@ impl GiRender {
             solved: self.solved(),
             ..MeshlessGiCounters::default()
         };
-        for runtime in self.scenes.values() {
+        for (id, runtime) in &self.scenes {
+            let mut of_scene = 0;
             if let Some(frame) = &runtime.frame {
                 total.add(&frame.counters());
                 counters.buffers += frame.buffers().count() as u32;
-                counters.bytes += frame.buffers().bytes();
+                of_scene += frame.buffers().bytes();
             }
             if let Some((counted, buffers, bytes)) = runtime.soft.size() {
                 total.add(&counted);
                 counters.buffers += buffers;
-                counters.bytes += bytes;
+                of_scene += bytes;
             }
             let (buffers, bytes) = runtime.volume.size();
             counters.buffers += buffers;
-            counters.bytes += bytes;
+            of_scene += bytes;
             if let Some(read_back) = &runtime.read_back {
                 counters.buffers += 1;
-                counters.bytes += read_back.bytes();
+                of_scene += read_back.bytes();
+            }
+            counters.bytes += of_scene;
+            if runtime.frame.is_some() {
+                counters.scene_bytes.insert(id.0, of_scene);
             }
         }
         if let Some(reflections) = &self.reflections {
@@ -490,7 +495,8 @@ pub(crate) fn compute(
             &recorder,
             ctx.command_encoder(),
         ) {
-            warn!("a baked scene stays dark: {why}");
+            let root = Entity::from_bits(scene.id.0);
+            warn!("baked scene {root}: indirect light is off: {why}");
             let bytes = match why {
                 GpuError::TooLarge { bytes, .. } => bytes,
                 _ => u64::MAX,
@@ -605,7 +611,8 @@ impl SceneRuntime {
             let recorded = (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake);
             timed.end(encoder);
             if let Err(why) = recorded {
-                warn!("lamps cast no soft shadows on a baked scene: {why}");
+                let root = Entity::from_bits(id.0);
+                warn!("baked scene {root}: lights cast no soft shadows: {why}");
             }
         }
         if plan.find(Stage::ReadBack, id).is_some()

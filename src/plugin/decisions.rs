@@ -1,13 +1,16 @@
-//! Tells the log what the plan has decided, where that changed ([`DecisionLog`]).
+//! Logs the plan's decisions at level DEBUG, each when it changes ([`DecisionLog`]).
 
 use super::diagnostics::MeshlessGiStatus;
+use super::scene_log::entity_label;
 use crate::plan::DecisionLog;
+use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
-use bevy::log::info;
+use bevy::log::debug;
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
-pub(crate) fn tell(
+pub(crate) fn log_decisions(
     status: Res<MeshlessGiStatus>,
+    names: Query<&Name>,
     mut log: Local<DecisionLog>,
     mut last: Local<u64>,
 ) {
@@ -16,8 +19,11 @@ pub(crate) fn tell(
         return;
     }
     *last = counters.frame;
-    let lines = log.observe(counters.plan.decisions());
-    if !lines.is_empty() {
-        info!("indirect light, as planned: {}", lines.join("; "));
+    let label = |bits: u64| {
+        let entity = Entity::try_from_bits(bits)?;
+        Some(entity_label(entity, names.get(entity).ok()))
+    };
+    for line in log.observe(counters.plan.decisions(), &label) {
+        debug!("{line}");
     }
 }

@@ -33,6 +33,8 @@ pub struct MeshlessGiCounters {
     pub buffers: u32,
     /// Their bytes.
     pub bytes: u64,
+    /// Bytes of each scene whose bake is on the device, by the bits of its root.
+    pub scene_bytes: BTreeMap<u64, u64>,
     /// Baked scenes that any pass touched.
     pub active_scenes: u32,
     /// Light slots projected.
@@ -68,6 +70,12 @@ impl MeshlessGiStatus {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .clone()
+    }
+
+    /// A copy of [`MeshlessGiCounters::scene_bytes`].
+    pub(crate) fn scene_bytes(&self) -> BTreeMap<u64, u64> {
+        let counters = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        counters.scene_bytes.clone()
     }
 
     pub(crate) fn set(&self, counters: MeshlessGiCounters) {

@@ -35,6 +35,7 @@ use bevy::log::warn;
 use bevy::math::{Mat3, Vec3};
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::{HashMap, HashSet};
+use bevy::reflect::prelude::*;
 use bevy::render::{Extract, view::Msaa};
 use bevy::transform::components::GlobalTransform;
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -89,7 +90,7 @@ pub(crate) struct ExtractedGiLight {
 pub(crate) type LightKey = (u64, LightKind);
 
 /// Bevy's kinds of lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum LightKind {
     Point,
     Spot,

@@ -32,14 +32,15 @@ use crate::bake::{
 use crate::scene::SceneError;
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
-use bevy::log::{info, warn};
-use bevy::reflect::TypePath;
+use bevy::log::{debug, info, warn};
+use bevy::reflect::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Settings of [`MeshlessGiBakeProcessor`](super::MeshlessGiBakeProcessor) and
 /// [`MeshlessGiRecipeLoader`], for `.meta` files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiBakeSettings {
     /// [`BAKE_VERSION`]; it takes part in Bevy's hash of what an asset was made from.
     pub bake_version: u32,
@@ -153,12 +154,8 @@ impl RecipeInputs {
         let Baked { mut scene, stats } = baked.map_err(|why| self.failed(why))?;
         scene.info.level_digest = self.level.digest();
         info!(
-            "baked `{}` in {:.1} s: {} points, {} links, estimated error {:.1} %",
-            self.path,
-            stats.seconds.total,
-            scene.points.len(),
-            scene.operator.links.len(),
-            100.0 * scene.info.estimated_nrmse,
+            "baked `{}` in {:.1} s",
+            self.path, stats.seconds.total
         );
         Ok(scene)
     }
@@ -170,7 +167,7 @@ impl RecipeInputs {
         threads: usize,
         progress: Arc<Progress>,
     ) -> Result<Background<Result<BakedScene, RecipeLoadError>>, RecipeLoadError> {
-        info!("baking `{}`, preset {:?}", self.path, self.recipe.preset);
+        debug!("baking `{}`, preset {:?}", self.path, self.recipe.preset);
         let (inputs, panicked) = (self.clone(), self.clone());
         Background::spawn(
             "meshless gi bake",

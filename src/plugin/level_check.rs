@@ -11,6 +11,7 @@ use crate::asset::BakeInfo;
 use crate::bake::{BakeInputs, Staleness};
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
+use bevy::reflect::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// When the loader of a bake reads the level beside it, to find a bake that is stale. The version
 /// of the bake is always compared.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 pub enum MeshlessGiLevelCheck {
     /// In builds with debug assertions.
     #[default]
@@ -42,7 +44,9 @@ impl MeshlessGiLevelCheck {
 
 /// Loaded bakes that are stale, by path, and what differs. Each is reported once in the log, as
 /// soon as an entity uses it, and again if it was baked or loaded anew and differs otherwise.
-#[derive(Resource, Clone, Debug, Default)]
+#[derive(Resource, Reflect, Clone, Debug, Default)]
+#[reflect(opaque)]
+#[reflect(Resource, Default, Clone, Debug)]
 pub struct MeshlessGiStaleBakes(pub HashMap<AssetPath<'static>, Staleness>);
 
 /// Comparisons on their way from loaders to the main world.

@@ -5,7 +5,7 @@ use super::level::RecipeLoadError;
 use crate::asset::fingerprint;
 use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes, load_ply_bytes};
 use bevy::asset::AssetPath;
-use bevy::log::info;
+use bevy::log::warn;
 use bevy::math::Vec3;
 use bevy::tasks::ConditionalSendFuture;
 use std::collections::BTreeMap;
@@ -72,7 +72,7 @@ impl LevelFiles {
 
     /// Reads the level as triangles. Points without normals face `viewpoints`, in meters.
     pub fn mesh(&self, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, RecipeLoadError> {
-        let note = |notes: &[String]| notes.iter().for_each(|n| info!("`{}`: {n}", self.name));
+        let note = |notes: &[String]| notes.iter().for_each(|n| warn!("`{}`: {n}", self.name));
         if is_ply(&self.name) {
             let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
             let loaded = load_ply_bytes(&self.bytes, &self.name, &viewpoints)?;

@@ -4,7 +4,7 @@ use super::asset::MeshlessGiAsset;
 use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
 use crate::asset::{AssetError, BakedScene, Limits};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
-use bevy::reflect::TypePath;
+use bevy::reflect::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Loads `.mgi` files, and what the asset processor makes of recipes.
@@ -14,7 +14,8 @@ pub struct MeshlessGiLoader {
 }
 
 /// Settings of [`MeshlessGiLoader`], for `.meta` files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct MeshlessGiLoaderSettings {
     /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything is allocated.

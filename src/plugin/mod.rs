@@ -43,7 +43,8 @@
 //! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
-//! | `decisions` | main, `PreUpdate` | tells the log what the plan decided, where that changed |
+//! | `decisions` | main, `PreUpdate` | logs changes of the plan's decisions (DEBUG) |
+//! | `scene_log` | main, `PreUpdate` | logs one line per scene when its light starts (INFO) |
 //!
 //! # What it needs and what it does not do
 //!
@@ -103,6 +104,7 @@ mod readback;
 #[cfg(feature = "gltf")]
 mod recipe_progress;
 mod reflective;
+mod scene_log;
 mod sets;
 mod sky;
 mod soft;
@@ -195,23 +197,32 @@ impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<MeshlessGi>()
             .register_type::<MeshlessGiBakeExclude>()
+            .register_type::<MeshlessGiBakeRequest>()
+            .register_type::<MeshlessGiStaleBakes>()
             .register_type::<MeshlessGiBakeProgress>()
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
+            .register_type::<MeshlessGiCapture>()
+            .register_type::<MeshlessGiCost>()
             .register_type::<MeshlessGiDisplay>()
+            .register_type::<MeshlessGiFindings>()
+            .register_type::<MeshlessGiGizmos>()
             .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
+            .register_type::<MeshlessGiLoaderSettings>()
             .register_type::<MeshlessGiMaterials>()
             .register_type::<MeshlessGiOccluder>()
             .register_type::<MeshlessGiChannels>()
             .register_type::<MeshlessGiPointCloud>()
             .register_type::<MeshlessGiPointCloudPart>()
+            .register_type::<MeshlessGiPointsSettings>()
             .register_type::<MeshlessGiQuality>()
             .register_type::<MeshlessGiReflective>()
             .register_type::<MeshlessGiSettings>()
             .register_type::<MeshlessGiSky>()
             .register_type::<MeshlessGiSoftShadow>()
+            .register_type::<MeshlessGiTier>()
             .register_type::<MeshlessGiView>()
             .register_type::<MeshlessGiVolume>()
             .init_resource::<MeshlessGiSettings>()
@@ -231,7 +242,12 @@ impl Plugin for MeshlessGiPlugin {
             ))
             .add_systems(
                 PreUpdate,
-                (bake_task::collect_bakes, costs::learn, decisions::tell)
+                (
+                    bake_task::collect_bakes,
+                    costs::learn,
+                    decisions::log_decisions,
+                    scene_log::log_scenes,
+                )
                     .in_set(MeshlessGiSystems::Collect),
             )
             .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
@@ -312,6 +328,8 @@ impl Plugin for MeshlessGiPlugin {
                 Last,
                 entity_bake::wrong_file::check_files.in_set(MeshlessGiSystems::Check),
             );
+        #[cfg(feature = "gltf")]
+        app.register_type::<MeshlessGiBakeSettings>();
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }

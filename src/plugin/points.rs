@@ -14,7 +14,7 @@ use bevy::camera::visibility::{RenderLayers, Visibility};
 use bevy::color::Color;
 use bevy::ecs::prelude::*;
 use bevy::light::{NotShadowCaster, NotShadowReceiver};
-use bevy::log::info;
+use bevy::log::{debug, warn};
 use bevy::math::Vec3;
 use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
@@ -48,7 +48,8 @@ pub struct MeshlessGiPointCloud(pub Handle<MeshlessGiPoints>);
 pub struct MeshlessGiPointsLoader;
 
 /// Settings of [`MeshlessGiPointsLoader`], for `.meta` files.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct MeshlessGiPointsSettings {
     /// Places in free space, metres: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
@@ -84,9 +85,9 @@ impl AssetLoader for MeshlessGiPointsLoader {
         let viewpoints: Vec<Vec3> = settings.viewpoints.iter().map(|&v| v.into()).collect();
         let LoadedPoints { cloud, notes } = load_ply_bytes(&bytes, &name, &viewpoints)?;
         drop(bytes);
-        info!("`{name}`: {} points", cloud.len());
+        debug!("`{name}`: {} points", cloud.len());
         for note in notes {
-            info!("`{name}`: {note}");
+            warn!("`{name}`: {note}");
         }
         let meshes = (cells(&cloud).into_iter().enumerate())
             .map(|(k, mesh)| context.add_labeled_asset(format!("Mesh{k}"), mesh))

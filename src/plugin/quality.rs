@@ -13,8 +13,8 @@ use super::diagnostics::MeshlessGiStatus;
 use crate::plan::{BouncePicker, Picked, Picker, Quality, TierChoice, falls_back};
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
+use bevy::ecs::entity::EntityHashMap;
 use bevy::ecs::prelude::*;
-use bevy::log::info;
 use bevy::reflect::prelude::*;
 use bevy::render::renderer::RenderDevice;
 use std::fmt;
@@ -48,35 +48,78 @@ impl From<MeshlessGiQuality> for Quality {
     }
 }
 
-/// What [`MeshlessGiQuality`] came to. Comes with [`MeshlessGi`]; to be read.
-#[derive(Component, Debug, Default)]
+/// The tier that [`MeshlessGiQuality`] selects, with the reason. Output of the plugin; comes with [`MeshlessGi`].
+#[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiTier {
-    picker: Option<Picker>,
-    /// What the picker was made for.
-    made_for: Option<(usize, [u32; 2], u32, bool)>,
-    /// When the last cost was measured.
-    seen: Option<Instant>,
+    /// Tier of the next frames, from 1; 0 while the bake is not loaded.
+    pub tier: u32,
+    /// Number of tiers of the bake.
+    pub tiers: u32,
+    /// The tier is the octree of rule `fmm`.
+    pub octree: bool,
+    /// Links that a solve reads.
+    pub work: u64,
+    /// The quality setting names the tier.
+    pub forced: bool,
+    /// The reason.
+    pub why: String,
+    /// Number of changes of the tier since the quality, the bake or the bounces changed.
+    pub changes: u64,
 }
 
 impl MeshlessGiTier {
-    /// The tier that the next frames use, and why; none while the bake is not there.
+    /// The tier of the next frames and the reason; `None` while the bake is not loaded.
     #[must_use]
     pub fn picked(&self) -> Option<Picked> {
-        self.picker.as_ref().map(Picker::picked)
+        (self.tier > 0).then(|| Picked {
+            tier: self.tier,
+            tiers: self.tiers,
+            octree: self.octree,
+            work: self.work,
+            forced: self.forced,
+            why: self.why.clone(),
+        })
     }
 
-    /// How often the tier has changed since quality, bake or bounces did.
+    /// Number of changes of the tier since the quality, the bake or the bounces changed.
     #[must_use]
     pub fn changes(&self) -> u64 {
-        self.picker.as_ref().map_or(0, Picker::changes)
+        self.changes
     }
+}
+
+impl From<&Picker> for MeshlessGiTier {
+    fn from(picker: &Picker) -> Self {
+        let picked = picker.picked();
+        Self {
+            tier: picked.tier,
+            tiers: picked.tiers,
+            octree: picked.octree,
+            work: picked.work,
+            forced: picked.forced,
+            why: picked.why,
+            changes: picker.changes(),
+        }
+    }
+}
+
+/// The picker of one scene.
+pub(crate) struct Picking {
+    picker: Picker,
+    /// Bake, quality, sweeps and transport that the picker was made for.
+    made_for: (usize, [u32; 2], u32, bool),
+    /// Time of the last cost that was measured.
+    seen: Option<Instant>,
 }
 
 /// What a solve costs, milliseconds, by the links that it reads.
 pub type GivenCost = dyn Fn(u64) -> f32 + Send + Sync;
 
 /// Where the cost of solves is known from.
-#[derive(Resource, Clone, Default)]
+#[derive(Resource, Reflect, Clone, Default)]
+#[reflect(opaque)]
+#[reflect(Resource, Default, Clone, Debug)]
 pub enum MeshlessGiCost {
     /// The device's timestamps.
     #[default]
@@ -101,6 +144,10 @@ pub(crate) fn span_name(root: u64) -> String {
 }
 
 /// Runs in [`MeshlessGiSystems::Pick`](super::MeshlessGiSystems::Pick).
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 pub(crate) fn pick(
     mut roots: Query<(
         Entity,
@@ -114,8 +161,10 @@ pub(crate) fn pick(
     store: Option<Res<DiagnosticsStore>>,
     cost: Res<MeshlessGiCost>,
     device: Option<Res<RenderDevice>>,
+    mut pickings: Local<EntityHashMap<Picking>>,
     mut last_frame: Local<u64>,
 ) {
+    pickings.retain(|root, _| roots.contains(*root));
     // Only a budget asks what was solved.
     let asks = |q: &MeshlessGiQuality| matches!(q, MeshlessGiQuality::FrameBudget(_));
     let counters = roots
@@ -124,9 +173,9 @@ pub(crate) fn pick(
         .then(|| status.get())
         .filter(|c| c.frame != *last_frame);
     for (root, gi, quality, lighting, mut tier) in &mut roots {
-        let tier = &mut *tier;
         let Some(asset) = assets.get(&gi.0) else {
-            *tier = MeshlessGiTier::default();
+            pickings.remove(&root);
+            tier.set_if_neq(MeshlessGiTier::default());
             continue;
         };
         let bake = &asset.scene;
@@ -142,14 +191,19 @@ pub(crate) fn pick(
         // What does not run is no choice.
         let linked = falls_back(bake, room).is_some();
         let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps, linked);
-        if tier.made_for != Some(made_for) {
-            tier.made_for = Some(made_for);
-            tier.seen = None;
+        if pickings.get(&root).map(|picking| picking.made_for) != Some(made_for) {
             let mut choices = TierChoice::of(bake, sweeps);
             choices.retain(|choice| !(linked && choice.octree));
-            tier.picker = Some(Picker::new((*quality).into(), choices));
+            let picking = Picking {
+                picker: Picker::new((*quality).into(), choices),
+                made_for,
+                seen: None,
+            };
+            tier.set_if_neq((&picking.picker).into());
+            pickings.insert(root, picking);
         }
-        let Some(picker) = tier.picker.as_mut().filter(|_| asks(quality)) else {
+        let picking = pickings.get_mut(&root).filter(|_| asks(quality));
+        let Some(Picking { picker, seen, .. }) = picking else {
             continue;
         };
         let sample = match &*cost {
@@ -172,20 +226,13 @@ pub(crate) fn pick(
                 ]);
                 let measured = store.as_ref().and_then(|s| s.get(&path)?.measurement());
                 measured
-                    .filter(|m| tier.seen.replace(m.time) != Some(m.time))
+                    .filter(|m| seen.replace(m.time) != Some(m.time))
                     .map(|m| m.value as f32)
             }
         };
         let Some(sample) = sample else { continue };
-        let before = picker.tier();
-        let was = picker.picked();
         picker.measured(sample);
-        if picker.tier() != before {
-            info!(
-                "indirect light of {root}: now tier {}, was {was}",
-                picker.tier()
-            );
-        }
+        tier.set_if_neq((&*picker).into());
     }
     if let Some(counters) = counters {
         *last_frame = counters.frame;

@@ -88,7 +88,8 @@ impl MeshlessGiReflective {
 
 /// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned by the plugin; inactive where nothing moves. A game that asks for
 /// cameras without asking for more may want `Without<MeshlessGiCapture>`.
-#[derive(Component, Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
+#[reflect(Component, Clone, Debug, PartialEq)]
 #[component(immutable)]
 pub struct MeshlessGiCapture {
     /// The light that it looks from.

@@ -8,7 +8,7 @@ use super::warning::MeshlessGiBakeWarning as Warning;
 use crate::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
 use crate::bake::{Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
-use bevy::log::info;
+use bevy::log::{debug, info};
 use std::path::Path;
 use std::time::Instant;
 
@@ -69,7 +69,7 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
 fn load(path: &Path, key: &str, warnings: &mut Vec<Warning>) -> Option<BakedScene> {
     match BakedScene::read(path, &Limits::default()) {
         Ok(scene) if scene.info.request == key => {
-            info!(
+            debug!(
                 "{}: matches the meshes and the recipe; loaded",
                 path.display()
             );
@@ -109,7 +109,7 @@ fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
         });
     match written {
         Ok(()) => {
-            info!("{}: saved", path.display());
+            debug!("{}: saved", path.display());
             None
         }
         Err(reason) => Some(Warning::NotSaved {

@@ -6,6 +6,7 @@ use crate::bake::{Preset, Recipe};
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
+use bevy::reflect::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::transform::components::Transform;
 use std::path::PathBuf;
@@ -50,7 +51,9 @@ use std::path::PathBuf;
 /// [`MeshlessGiMaterials`](super::super::MeshlessGiMaterials) on the root, else `GltfMaterialName`,
 /// else the asset path, else `material N`), and `MeshlessGiMaterials` is inserted with all of them,
 /// so that indirect light follows the assets.
-#[derive(Component, Clone, Debug, Default, PartialEq)]
+#[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(opaque)]
+#[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[component(on_insert = restart, on_remove = cancel)]
 #[require(Transform, Visibility)]
 pub struct MeshlessGiBakeRequest {

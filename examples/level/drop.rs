@@ -1,0 +1,212 @@
+//! Levels: reading one, showing it in place of the level before, and files that are dropped on the window.
+
+use super::camera::Eye;
+use super::common::panel::{BakeAgain, PanelPreset};
+use super::progress::Notice;
+use bevy::light::CascadeShadowConfigBuilder;
+use bevy::prelude::*;
+use bevy::window::FileDragAndDrop;
+use bevy_meshless_gi::bake::Recipe;
+use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
+use std::f32::consts::PI;
+use std::path::{Path, PathBuf};
+
+/// A level that was read from a file.
+pub struct Loaded {
+    path: PathBuf,
+    mesh: TriangleMesh,
+    lights: Vec<Light>,
+}
+
+/// The level that is shown.
+#[derive(Resource)]
+pub struct Level {
+    /// Its file.
+    pub path: PathBuf,
+    /// The root of its meshes and its bake.
+    pub root: Entity,
+    /// The lights of its file, in its own space. Empty for a level with [`Lamp`] and sun.
+    pub lights: Vec<Light>,
+    /// Length of the diagonal of its box, meters.
+    pub size: f32,
+}
+
+/// An entity that goes with the level.
+#[derive(Component)]
+pub struct LevelPart;
+
+/// The point light of a level without lights of its own.
+#[derive(Component)]
+pub struct Lamp;
+
+/// Illuminance of the sun of a level without lights, lux.
+const SUN: f32 = 10_000.0;
+
+/// Direction of that sun.
+const SUN_DIRECTION: Vec3 = Vec3::new(0.35, -1.0, 0.25);
+
+/// Reads a level.
+///
+/// # Errors
+/// A message with the file and the reason.
+pub fn read(path: &Path) -> Result<Loaded, String> {
+    let loaded = load_gltf(path).map_err(|error| error.to_string())?;
+    Ok(Loaded {
+        path: path.into(),
+        mesh: loaded.mesh,
+        lights: loaded.lights,
+    })
+}
+
+/// Shows a level in place of the one before, and starts its bake.
+pub fn show(world: &mut World, loaded: Loaded) {
+    let mut before = world.query_filtered::<Entity, With<LevelPart>>();
+    for entity in before.iter(world).collect::<Vec<_>>() {
+        world.despawn(entity);
+    }
+    let bounds = loaded.mesh.bounds();
+    let size = bounds.size().length();
+    let recipe = Recipe {
+        preset: world.resource::<PanelPreset>().0,
+        ..default()
+    };
+    let scene = GltfAssetLabel::Scene(0).from_asset(loaded.path.clone());
+    let scene = world.resource::<AssetServer>().load(scene);
+    let name = loaded.path.file_name().unwrap_or_default();
+    let root = (world.spawn((
+        LevelPart,
+        Name::new(name.to_string_lossy().into_owned()),
+        WorldAssetRoot(scene),
+        MeshlessGiBake::spawn(loaded.mesh, recipe),
+    )))
+    .id();
+    if loaded.lights.is_empty() {
+        spawn_lights(world, &bounds, size);
+    }
+    Eye::place(world, &bounds, size);
+    world.insert_resource(Level {
+        path: loaded.path,
+        root,
+        lights: loaded.lights,
+        size,
+    });
+}
+
+/// A lamp and a sun.
+fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
+    world.spawn((
+        LevelPart,
+        Lamp,
+        Name::new("lamp"),
+        PointLight {
+            // As bright at a tenth of the level as a 60 W bulb at two meters.
+            intensity: 800.0 * (0.05 * size).powi(2).max(1.0) * 40.0,
+            range: 2.0 * size,
+            shadow_maps_enabled: true,
+            shadow_map_near_z: 1e-3 * size,
+            ..default()
+        },
+        Transform::from_translation(bounds.center()),
+    ));
+    world.spawn((
+        LevelPart,
+        Name::new("sun"),
+        DirectionalLight {
+            illuminance: SUN,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        // The cascades are for the level, not for Bevy's 150 m: else sunlight shows at the foot of the walls.
+        CascadeShadowConfigBuilder {
+            minimum_distance: 1e-3 * size,
+            first_cascade_far_bound: 0.15 * size,
+            maximum_distance: size,
+            ..default()
+        }
+        .build(),
+        Transform::default().looking_to(SUN_DIRECTION, Vec3::Y),
+    ));
+}
+
+impl Level {
+    /// The lights that shine in the level: those of its file, or lamp and sun.
+    pub fn lights_with(&self, lamp: Option<(&PointLight, Vec3)>) -> Vec<Light> {
+        let Some((light, position)) = lamp else {
+            return self.lights.clone();
+        };
+        let color = LinearRgba::from(light.color).to_vec3();
+        vec![
+            Light::Point {
+                position,
+                intensity: color * light.intensity / (4.0 * PI),
+                range: light.range,
+            },
+            Light::Directional {
+                direction: SUN_DIRECTION.normalize(),
+                irradiance: Vec3::splat(SUN),
+            },
+        ]
+    }
+}
+
+/// Lights of glTF files come without shadow maps, and light without them passes walls.
+pub fn cast_shadows(
+    mut points: Query<&mut PointLight, Added<PointLight>>,
+    mut spots: Query<&mut SpotLight, Added<SpotLight>>,
+    mut suns: Query<&mut DirectionalLight, Added<DirectionalLight>>,
+) {
+    points
+        .iter_mut()
+        .for_each(|mut l| l.shadow_maps_enabled = true);
+    spots
+        .iter_mut()
+        .for_each(|mut l| l.shadow_maps_enabled = true);
+    suns.iter_mut()
+        .for_each(|mut l| l.shadow_maps_enabled = true);
+}
+
+/// Shows a level whose file was dropped on the window. A file that is no level keeps the old one.
+pub fn follow_drops(
+    mut commands: Commands,
+    mut events: MessageReader<FileDragAndDrop>,
+    mut notice: ResMut<Notice>,
+) {
+    for event in events.read() {
+        match event {
+            FileDragAndDrop::HoveredFile { path_buf, .. } => {
+                notice.0 = format!("drop to show {}", path_buf.display());
+            }
+            FileDragAndDrop::HoveredFileCanceled { .. } => notice.0.clear(),
+            FileDragAndDrop::DroppedFile { path_buf, .. } => match read(path_buf) {
+                Ok(loaded) => {
+                    notice.0.clear();
+                    commands.queue(move |world: &mut World| show(world, loaded));
+                }
+                Err(why) => notice.0 = format!("not shown: {why}"),
+            },
+        }
+    }
+}
+
+/// Bakes the level anew. The old light stays until the new one is there.
+pub fn bake_again(
+    event: On<BakeAgain>,
+    mut commands: Commands,
+    level: Res<Level>,
+    mut notice: ResMut<Notice>,
+) {
+    match read(&level.path) {
+        Ok(loaded) => {
+            let recipe = Recipe {
+                preset: event.0,
+                ..default()
+            };
+            notice.0.clear();
+            commands
+                .entity(level.root)
+                .insert(MeshlessGiBake::spawn(loaded.mesh, recipe));
+        }
+        Err(why) => notice.0 = format!("not baked: {why}"),
+    }
+}

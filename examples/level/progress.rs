@@ -1,0 +1,117 @@
+//! The state of the bake on the screen: a bar while it bakes, and lines of text.
+
+use super::save::Saving;
+use bevy::prelude::*;
+use bevy_meshless_gi::bake::Stage;
+use bevy_meshless_gi::prelude::*;
+
+/// A line about the last file: an error, or where a bake was saved. Empty for none.
+#[derive(Resource, Default)]
+pub struct Notice(pub String);
+
+/// The part of the bar that is done.
+#[derive(Component)]
+pub struct Bar;
+
+/// The lines of text.
+#[derive(Component)]
+pub struct Lines;
+
+pub fn set_up(mut commands: Commands) {
+    let across = Node {
+        position_type: PositionType::Absolute,
+        top: px(0),
+        left: px(0),
+        width: percent(100),
+        height: px(8),
+        ..default()
+    };
+    let done = Node {
+        width: percent(0),
+        height: percent(100),
+        ..default()
+    };
+    commands.spawn((
+        across,
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
+        children![(Bar, done, BackgroundColor(Color::srgb(0.95, 0.65, 0.2)))],
+    ));
+    commands.spawn((
+        Lines,
+        Text::default(),
+        TextFont::from_font_size(14.0),
+        Node {
+            position_type: PositionType::Absolute,
+            top: px(16),
+            left: px(8),
+            padding: UiRect::all(px(4)),
+            ..default()
+        },
+        BackgroundColor(Color::srgba(0.0, 0.0, 0.0, 0.6)),
+    ));
+}
+
+/// The part of a whole bake that is done, 0 to 1, of a stage and the part of it. Stages that a recipe leaves out are passed over.
+pub fn overall(stage: Stage, done: f32) -> f32 {
+    let [from, to] = match stage {
+        Stage::Bvh => [0.0, 0.02],
+        Stage::Points => [0.02, 0.2],
+        Stage::Transport => [0.2, 0.7],
+        Stage::Probes => [0.7, 0.75],
+        Stage::Bounces => [0.75, 0.8],
+        Stage::Visibility => [0.8, 0.85],
+        Stage::Estimate => [0.85, 1.0],
+    };
+    from + (to - from) * done.clamp(0.0, 1.0)
+}
+
+/// Shows why a bake failed.
+pub fn keep_error(event: On<MeshlessGiBakeFinished>, mut notice: ResMut<Notice>) {
+    if let Err(error) = &event.result {
+        notice.0 = format!("the bake failed: {error}");
+    }
+}
+
+/// Updates bar and text.
+pub fn show(
+    mut lines: Single<&mut Text, With<Lines>>,
+    mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,
+    mut visibility: Query<&mut Visibility>,
+    bakes: Query<&MeshlessGiBake>,
+    camera: Single<&MeshlessGiCamera>,
+    saving: Option<Res<Saving>>,
+    notice: Res<Notice>,
+) {
+    let baking = bakes.iter().next().map(MeshlessGiBake::progress);
+    if let Some((stage, done)) = baking {
+        bar.0.width = percent(100.0 * overall(stage, done));
+    }
+    if let Ok(mut of_bar) = visibility.get_mut(bar.1.parent()) {
+        of_bar.set_if_neq(match baking {
+            Some(_) => Visibility::Inherited,
+            None => Visibility::Hidden,
+        });
+    }
+    let state = match baking {
+        Some((stage, done)) => {
+            let percent = 100.0 * overall(stage, done);
+            format!("baking {percent:.0} %: {}", stage.name())
+        }
+        None => {
+            let on = if camera.enabled { "on" } else { "off" };
+            format!("indirect light {on}")
+        }
+    };
+    let saving = saving.map_or("", |_| "\nsaving the bake");
+    let notice = match notice.0.is_empty() {
+        true => String::new(),
+        false => format!("\n{}", notice.0),
+    };
+    let text = format!(
+        "{state}{saving}{notice}\nWASD QE: walk    right mouse: look    F L: lamp    Up Down: sun    Space: indirect light\n\
+         Ctrl+S: save    G: points    P: plan    F1: panel    drop a file: another level"
+    );
+    if lines.0 != text {
+        lines.0 = text;
+    }
+}

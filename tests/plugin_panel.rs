@@ -1,0 +1,149 @@
+//! The tuning panel of the examples: its controls change the components, show what is set, and follow lights and tiers.
+
+#[path = "../examples/common/mod.rs"]
+mod common;
+mod plugin_support;
+
+use bevy::diagnostic::DiagnosticsPlugin;
+use bevy::prelude::*;
+use bevy::ui::Checked;
+use bevy::ui_widgets::{Activate, ValueChange};
+use bevy_meshless_gi::bake::Preset;
+use bevy_meshless_gi::plugin::{MeshlessGiLighting, MeshlessGiView};
+use bevy_meshless_gi::prelude::*;
+use common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
+use plugin_support::app::{headless_plugins, ready, run};
+use plugin_support::stage::{lit_room, spawn_lamp};
+
+const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
+
+/// The presets that were asked for.
+#[derive(Resource, Default)]
+struct Asked(Vec<Preset>);
+
+/// An app with the panel: scene, camera and lamp.
+fn app_with_panel() -> (App, Entity, Entity, Entity) {
+    let mut app = App::new();
+    app.add_plugins((
+        headless_plugins(),
+        MeshlessGiPlugin::default(),
+        TuningPanelPlugin,
+    ))
+    .insert_resource(GlobalAmbientLight::NONE)
+    .insert_resource(PanelPreset(Preset::Draft))
+    .init_resource::<Asked>()
+    .add_observer(|event: On<BakeAgain>, mut asked: ResMut<Asked>| asked.0.push(event.0));
+    assert!(app.is_plugin_added::<DiagnosticsPlugin>());
+    ready(&mut app);
+    let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
+    run(&mut app, 4);
+    (app, root, eye, lamp)
+}
+
+fn find(app: &mut App, control: Control) -> Option<(Entity, bool)> {
+    let world = app.world_mut();
+    let mut all = world.query::<(Entity, &Control, Has<Checked>)>();
+    let mut found = all.iter(world).filter(|(_, of, _)| **of == control);
+    found.next().map(|(entity, _, checked)| (entity, checked))
+}
+
+/// Sends the event of a control: what its widget sends when it is clicked.
+#[track_caller]
+fn press(app: &mut App, control: Control) {
+    let (entity, checked) = find(app, control).unwrap_or_else(|| panic!("no {control:?}"));
+    match control {
+        Control::BakeAgain => app.world_mut().trigger(Activate { entity }),
+        _ => app.world_mut().trigger(ValueChange {
+            source: entity,
+            value: !checked,
+            is_final: true,
+        }),
+    }
+    run(app, 2);
+}
+
+#[test]
+fn pressed_controls_change_components() {
+    let (mut app, root, eye, lamp) = app_with_panel();
+    let tier = MeshlessGiQuality::Tier(1);
+    for control in [
+        Control::View(MeshlessGiView::Irradiance),
+        Control::Bounces(Some(3)),
+        Control::Quality(tier),
+        Control::Full(false),
+        Control::Light(lamp),
+        Control::Preset(Preset::High),
+        Control::BakeAgain,
+    ] {
+        press(&mut app, control);
+    }
+    let world = app.world();
+    let camera = world.get::<MeshlessGiCamera>(eye).unwrap();
+    assert_eq!(camera.view, MeshlessGiView::Irradiance);
+    let lighting = world.get::<MeshlessGiLighting>(root).unwrap();
+    assert_eq!(lighting.bounces, Some(3));
+    assert_eq!(*world.get::<MeshlessGiQuality>(root).unwrap(), tier);
+    let display = *world.get::<MeshlessGiDisplay>(eye).unwrap();
+    assert_eq!(display, MeshlessGiDisplay::default());
+    assert!(!world.get::<MeshlessGiLight>(lamp).unwrap().enabled);
+    assert_eq!(world.resource::<Asked>().0, [Preset::High]);
+    press(&mut app, Control::Light(lamp));
+    assert!(app.world().get::<MeshlessGiLight>(lamp).unwrap().enabled);
+}
+
+#[test]
+fn marks_follow_components_that_others_change() {
+    let (mut app, root, eye, lamp) = app_with_panel();
+    let marked = |app: &mut App, control| find(app, control).expect("a control").1;
+    // The tests' cameras show every pixel, and indirect light alone.
+    assert!(marked(&mut app, Control::Full(true)));
+    assert!(marked(&mut app, Control::View(MeshlessGiView::Indirect)));
+    assert!(!marked(&mut app, Control::View(MeshlessGiView::Lit)));
+    assert!(marked(&mut app, Control::Light(lamp)));
+    let world = app.world_mut();
+    world.get_mut::<MeshlessGiCamera>(eye).unwrap().view = MeshlessGiView::Lit;
+    world.get_mut::<MeshlessGiLighting>(root).unwrap().bounces = None;
+    let off = MeshlessGiLight {
+        enabled: false,
+        ..default()
+    };
+    world.entity_mut(lamp).insert(off);
+    run(&mut app, 2);
+    assert!(marked(&mut app, Control::View(MeshlessGiView::Lit)));
+    assert!(!marked(&mut app, Control::View(MeshlessGiView::Indirect)));
+    assert!(marked(&mut app, Control::Bounces(None)));
+    assert!(!marked(&mut app, Control::Light(lamp)));
+}
+
+#[test]
+fn controls_follow_lights_and_the_panel_key() {
+    let (mut app, root, _, _) = app_with_panel();
+    let tiers = app.world().resource::<Assets<MeshlessGiAsset>>();
+    let gi = app.world().get::<MeshlessGi>(root).unwrap();
+    let tiers = tiers.get(&gi.0).unwrap().scene.tiers();
+    let tier = |n| Control::Quality(MeshlessGiQuality::Tier(n));
+    assert!(find(&mut app, tier(tiers)).is_some());
+    assert!(find(&mut app, tier(tiers + 1)).is_none());
+    let second = spawn_lamp(&mut app, PLACE + Vec3::X);
+    assert!(find(&mut app, Control::Light(second)).is_none());
+    run(&mut app, 2);
+    assert!(find(&mut app, Control::Light(second)).is_some());
+    app.world_mut().despawn(second);
+    run(&mut app, 2);
+    assert!(find(&mut app, Control::Light(second)).is_none());
+
+    let shown = |app: &mut App| {
+        let world = app.world_mut();
+        let mut panel = world.query_filtered::<&Node, With<TuningPanel>>();
+        panel.single(world).unwrap().display
+    };
+    assert_eq!(shown(&mut app), Display::Flex);
+    for after in [Display::None, Display::Flex] {
+        let mut keys = app.world_mut().resource_mut::<ButtonInput<KeyCode>>();
+        keys.press(KeyCode::F1);
+        app.world_mut().run_schedule(Update);
+        let mut keys = app.world_mut().resource_mut::<ButtonInput<KeyCode>>();
+        keys.reset(KeyCode::F1);
+        assert_eq!(shown(&mut app), after);
+    }
+}
