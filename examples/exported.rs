@@ -1,11 +1,13 @@
-//! A room with baked light in a plain Bevy app, without this crate's plugin: one of Bevy's own irradiance volumes, loaded from two files. For devices without compute shaders, and for games whose
-//! lights never change.
+//! A room with baked light in a plain Bevy app, without this crate's plugin: one of Bevy's own
+//! irradiance volumes, loaded from two files. For devices without compute shaders, and for games
+//! whose lights never change.
 //!
 //! ```text
 //! cargo run --release --features engine --example exported
 //! ```
 //!
-//! At the first start the room is baked and its light exported to `out/exported/room.ktx2` and `room.ron`; later starts load these. For a level of yours the tool writes the same files:
+//! At the first start the room is baked and its light exported to `out/exported/room.ktx2` and
+//! `room.ron`; later starts load these. For a level of yours the tool writes the same files:
 //!
 //! ```text
 //! meshless_gi bake level.glb -o level.mgi --probes
@@ -16,7 +18,8 @@
 //! |---|---|
 //! | Space | baked light on and off |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Space]` writes a picture without a window and ends; `-- --data FOLDER` reads and writes the files elsewhere.
+//! `-- --screenshot FILE.png [--frames N] [--press Space]` writes a picture without a window and
+//! ends; `-- --data FOLDER` reads and writes the files elsewhere.
 
 mod common;
 
@@ -91,7 +94,8 @@ fn take_folder(arguments: &mut Vec<String>) -> Result<PathBuf, String> {
     std::path::absolute(folder).map_err(|error| error.to_string())
 }
 
-/// Reads the description of the volume in `folder`; bakes and exports first where the files are missing.
+/// Reads the description of the volume in `folder`; bakes and exports first where the files are
+/// missing.
 fn placement(folder: &Path) -> Result<VolumePlacement, Box<dyn Error>> {
     let (texture, description) = (folder.join("room.ktx2"), folder.join("room.ron"));
     if !texture.exists() || !description.exists() {

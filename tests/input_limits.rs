@@ -1,4 +1,5 @@
-//! Hostile input of the tool: what has no end, what is too large, and small files that claim to be large. Each is refused with an exit code and a text, in little memory and without a wait.
+//! Hostile input of the tool: what has no end, what is too large, and small files that claim to be
+//! large. Each is refused with an exit code and a text, in little memory and without a wait.
 #![cfg(all(feature = "cli", target_os = "linux"))]
 
 use std::fs::{self, File};
@@ -22,7 +23,8 @@ fn data(path: &str) -> String {
     format!("{}/tests/data/{path}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Runs the tool in little memory and returns what it says; it must end with this code, without a panic or a signal.
+/// Runs the tool in little memory and returns what it says; it must end with this code, without a
+/// panic or a signal.
 fn run(code: i32, arguments: &[&str]) -> String {
     let limited = format!("ulimit -v {MEMORY} && exec \"$0\" \"$@\"");
     let mut child = Command::new("sh")
@@ -145,6 +147,69 @@ fn device_pipe_and_socket_are_refused_by_every_reader() {
             let error = run(INPUT, arguments);
             assert!(error.contains(kind), "{arguments:?}: no {kind}: {error}");
         }
+    }
+}
+
+/// Readers behind a bake that is whole.
+#[test]
+fn device_beside_a_bake_is_refused() {
+    let folder = Folder::new();
+    let recipe =
+        "(preset: Draft, rays: 16, levels: 2, sender_levels: 1, extra_levels: 0, probes: ())";
+    let recipe = folder.write("quick.gi.ron", recipe);
+    let (level, lights) = (data("cornell/cornell.glb"), data("cornell/L0.json"));
+    let (bake, out) = (folder.text("small.mgi"), folder.text("out"));
+    run(0, &["bake", &level, "-o", &bake, "--recipe", &recipe]);
+    let zero = |name: &str| {
+        symlink("/dev/zero", folder.at(name)).unwrap();
+        folder.text(name)
+    };
+    let (json, ply) = (zero("zero.json"), zero("zero.ply"));
+    let texture = folder.text("volume.ktx2");
+    for arguments in [
+        &[
+            "eval",
+            &bake,
+            "--scene",
+            &json,
+            "--points",
+            &data("cornell/L0.csv"),
+            "-o",
+            &out,
+        ][..],
+        &[
+            "eval",
+            &bake,
+            "--scene",
+            &lights,
+            "--points",
+            "/dev/zero",
+            "-o",
+            &out,
+        ],
+        &[
+            "illuminate",
+            &bake,
+            "--scene",
+            &lights,
+            "--points",
+            &ply,
+            "-o",
+            &out,
+        ],
+        &["illuminate", &bake, "--scene", &json, "-o", &out],
+        &[
+            "export",
+            &bake,
+            "--scene",
+            &json,
+            "--irradiance-volume",
+            &texture,
+        ],
+        &["validate", &bake, "--level", "/dev/zero"],
+    ] {
+        let error = run(INPUT, arguments);
+        assert!(error.contains("is a device"), "{arguments:?}: {error}");
     }
 }
 
@@ -325,7 +390,12 @@ fn image_that_claims_more_pixels_than_it_holds_is_refused() {
 #[test]
 fn gltf_that_claims_more_than_it_holds_is_refused() {
     let folder = Folder::new();
-    let square = textured(r#""uri":"data:,""#).replace(r#","material":0"#, "");
+    let textured = textured(r#""uri":"data:,""#);
+    let (start, end) = (
+        textured.find(r#""images""#).unwrap(),
+        textured.find(r#""meshes""#).unwrap(),
+    );
+    let square = (textured[..start].to_owned() + &textured[end..]).replace(r#","material":0"#, "");
     let with = |from: &str, to: &str| {
         assert!(square.contains(from), "{from}");
         square.replacen(from, to, 1)

@@ -1,4 +1,5 @@
-//! An exported irradiance volume in a plain Bevy app, without this crate's plugin: it shows the light that the plugin's own volume shows.
+//! An exported irradiance volume in a plain Bevy app, without this crate's plugin: it shows the
+//! light that the plugin's own volume shows.
 
 mod plugin_support;
 

@@ -1,5 +1,6 @@
-//! A KTX 2.0 file with one three-dimensional texture of half floats, by sections 3 to 5 of the KTX File Format
-//! Specification 2.0 (Khronos): header, index, level index, data format descriptor, key and value, level.
+//! A KTX 2.0 file with one three-dimensional texture of half floats, by sections 3 to 5 of the KTX
+//! File Format Specification 2.0 (Khronos): header, index, level index, data format descriptor, key
+//! and value, level.
 
 use half::f16;
 
@@ -54,18 +55,19 @@ pub(super) fn write(size: [u32; 3], texels: &[[f16; 4]]) -> Vec<u8> {
     out
 }
 
-/// Data format descriptor of four signed half floats, linear, with the primaries of BT.709: section 5 of the Khronos
-/// Data Format Specification 1.3.
+/// Data format descriptor of four signed half floats, linear, with the primaries of BT.709: section
+/// 5 of the Khronos Data Format Specification 1.3.
 fn descriptor() -> Vec<u8> {
     let mut out = Vec::with_capacity(DESCRIPTOR);
     let mut words = |words: &[u32]| out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     let block = DESCRIPTOR as u32 - 4;
-    // Khronos' basic descriptor, version 2; model RGBSDA (1), primaries BT.709 (1), linear transfer (1); texel blocks
-    // of one texel; bytes of a texel.
-    words(&[DESCRIPTOR as u32, 0, 2 | block << 16, 0x01_01_01, 0, 8, 0]);
+    // Khronos' basic descriptor, version 2; model RGBSDA (1), primaries BT.709 (1), linear transfer
+    // (1); texel blocks of one texel; bytes of a texel.
+    words(&[DESCRIPTOR as u32, 0, 2 | (block << 16), 0x01_01_01, 0, 8, 0]);
     for (k, channel) in [0, 1, 2, 15u32].into_iter().enumerate() {
-        // Where the sample begins, its bits less one, its channel, float and signed; at no offset; −1 and 1.
-        let sample = 16 * k as u32 | 15 << 16 | (0xc0 | channel) << 24;
+        // Where the sample begins, its bits less one, its channel, float and signed; at no offset;
+        // −1 and 1.
+        let sample = (16 * k as u32) | (15 << 16) | ((0xc0 | channel) << 24);
         words(&[sample, 0, (-1.0f32).to_bits(), 1.0f32.to_bits()]);
     }
     out

@@ -1,5 +1,5 @@
-//! Baked light in files that other programs read without this crate: for devices without compute shaders, and for games
-//! whose lights never change.
+//! Baked light in files that other programs read without this crate: for devices without compute
+//! shaders, and for games whose lights never change.
 //!
 //! | what | files |
 //! |---|---|

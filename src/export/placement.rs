@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 /// Where an irradiance volume lies and how bright it is. In RON it is the file beside the texture.
 ///
-/// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a `Transform` of `translation`,
-/// `rotation` and `scale`.
+/// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
+/// `Transform` of `translation`, `rotation` and `scale`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VolumePlacement {
     /// Version of this format: [`VolumePlacement::VERSION`].
@@ -22,8 +22,8 @@ pub struct VolumePlacement {
     pub scale: [f32; 3],
     /// Voxels along each edge. The texture is twice as high and three times as deep.
     pub resolution: [u32; 3],
-    /// Multiplies the texture; a power of two. Above 1 where light is too bright for half floats, below 1 where it is too
-    /// dim for them.
+    /// Multiplies the texture; a power of two. Above 1 where light is too bright for half floats,
+    /// below 1 where it is too dim for them.
     pub intensity: f32,
 }
 

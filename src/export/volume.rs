@@ -16,16 +16,18 @@ use half::f16;
 use std::io;
 use std::path::Path;
 
-/// Scale of the light while it is computed: the kernel bounds texels to what a half float holds.
+/// Scale of the light while it is computed: the kernel bounds texels to what a half float holds. No
+/// light of a frame is above 10¹⁸.
 const SMALL: f32 = 1.0 / (1u128 << 64) as f32;
 
 /// What a volume is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumeExport {
-    /// Edge of a voxel, meters in the space of the bake. `None`: half of the distance between the bake's probes.
+    /// Edge of a voxel, meters in the space of the bake. `None`: half of the distance between the
+    /// bake's probes.
     pub voxel: Option<f32>,
-    /// Largest number of voxels; 2²⁰ at most. Voxels become larger where there would be more. Default: 65,536. A voxel
-    /// takes 48 bytes.
+    /// Largest number of voxels; 2²⁰ at most. Voxels become larger where there would be more.
+    /// Default: 65,536. A voxel takes 48 bytes.
     pub max_voxels: u32,
     /// Diffuse reflections. `None`: as many as the bake's recipe asks for.
     pub bounces: Option<Bounces>,
@@ -55,9 +57,6 @@ pub enum ExportError {
         "the bake has a uniform sky: bake the level with `--sky harmonics` for one that varies"
     )]
     UniformSky,
-    /// A voxel has 10²⁴ cd/m² or more.
-    #[error("the light is too bright: a voxel has 1e24 cd/m² or more")]
-    TooBright,
 }
 
 /// An irradiance volume as Bevy reads it.
@@ -67,15 +66,16 @@ pub struct ExportedVolume {
     pub shape: VolumeShape,
     /// Multiplies the texels; a power of two.
     pub intensity: f32,
-    /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The fourth number says how
-    /// far it is to a wall ([`Ways::stored`](crate::frame::Ways::stored)); Bevy does not read it, and this crate's plugin
-    /// does.
+    /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
+    /// fourth number says how far it is to a wall ([`Ways::stored`](crate::frame::Ways::stored));
+    /// Bevy does not read it, and this crate's plugin does.
     pub texels: Vec<[f16; 4]>,
 }
 
 impl ExportedVolume {
-    /// Computes the volume of a bake under `lights`: their reflected light, and all light of the sky and of emissive
-    /// surfaces. Light in W is light in lm, W/sr is cd and W/m² is lx. The same for any number of threads.
+    /// Computes the volume of a bake under `lights`: their reflected light, and all light of the
+    /// sky and of emissive surfaces. Light in W is light in lm, W/sr is cd and W/m² is lx. The same
+    /// for any number of threads.
     ///
     /// # Errors
     /// See [`ExportError`].
@@ -114,9 +114,6 @@ impl ExportedVolume {
             .iter()
             .flat_map(|t| &t[..3])
             .fold(0.0, |peak: f32, v| peak.max(*v));
-        if peak >= LARGEST_HALF {
-            return Err(ExportError::TooBright);
-        }
         let intensity = intensity(peak / SMALL);
         let scale = 1.0 / SMALL / intensity;
         let stored =
@@ -149,8 +146,8 @@ impl ExportedVolume {
         }
     }
 
-    /// Writes the texture to `path`, and its description beside it with the ending `.ron`. Returns the bytes of the
-    /// texture.
+    /// Writes the texture to `path`, and its description beside it with the ending `.ron`. Returns
+    /// the bytes of the texture.
     ///
     /// # Errors
     /// Those of the operating system.
@@ -165,7 +162,8 @@ impl ExportedVolume {
     }
 }
 
-/// The power of two by which the brightest texel, `peak`, is divided: 1 where a half float holds it well.
+/// The power of two by which the brightest texel, `peak`, is divided: 1 where a half float holds it
+/// well.
 fn intensity(peak: f32) -> f32 {
     let mut intensity = 1.0f32;
     while peak / intensity > LARGEST_HALF {

@@ -1,5 +1,5 @@
-//! Bounded reading of files. Every reader of this crate takes its bytes from here: only from regular files, and no
-//! more of them than a limit.
+//! Bounded reading of files. Every reader of this crate takes its bytes from here: only from
+//! regular files, and no more of them than a limit.
 
 use std::fs::{File, FileType, Metadata};
 use std::io::{self, Read};
@@ -31,8 +31,8 @@ pub enum ReadError {
     },
 }
 
-/// Bytes that may still be read for one scene. All files of the scene share it: a small file that names a large one a
-/// thousand times costs no more than the limit.
+/// Bytes that may still be read for one scene. All files of the scene share it: a small file that
+/// names a large one a thousand times costs no more than the limit.
 #[derive(Clone, Debug)]
 pub struct InputBudget {
     limit: u64,
@@ -76,8 +76,8 @@ impl InputBudget {
 /// Reads a regular file of at most `limit` bytes. Links are followed.
 ///
 /// # Errors
-/// See [`ReadError`]. The file is read in pieces: one that grows while it is read, or that states another length than
-/// it has, is refused at the limit.
+/// See [`ReadError`]. The file is read in pieces: one that grows while it is read, or that states
+/// another length than it has, is refused at the limit.
 pub fn read_file(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     // Before it is opened: opening a pipe waits for a writer.
     check(&path.metadata()?, limit)?;

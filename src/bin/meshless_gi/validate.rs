@@ -1,10 +1,10 @@
 //! `validate`: whether a bake is whole, and the list of what is wrong; and whether it still belongs to its level.
 
 use super::error::ToolError;
-use super::output;
-use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, Limits};
+use super::{input, output};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene};
 use bevy_meshless_gi::bake::is_stale;
-use bevy_meshless_gi::scene::{SceneError, load_geometry};
+use bevy_meshless_gi::scene::{SceneError, load_geometry_within};
 use glam::Vec3;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 fn stale(info: &BakeInfo, level: &Path) -> Result<bool, SceneError> {
     for viewpoints in [&info.viewpoints[..], &[]] {
         let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();
-        let hash = load_geometry(level, &viewpoints)?.mesh.content_hash();
+        let read = load_geometry_within(level, &viewpoints, &mut input::budget())?;
+        let hash = read.mesh.content_hash();
         if !is_stale(info, &hash) {
             return Ok(false);
         }
@@ -31,7 +32,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let path = args.bake.display();
-    let why = match BakedScene::read(&args.bake, &Limits::default()) {
+    let why = match BakedScene::read(&args.bake, &input::limits()) {
         Ok(scene) => {
             if let Some(level) = &args.level
                 && stale(&scene.info, level)?

@@ -10,8 +10,8 @@ pub(super) fn objects(json: &[u8]) -> u64 {
     json.iter().filter(|byte| **byte == b'{').count() as u64
 }
 
-/// Returns the number of triangles of the nodes `first` and of all below them. Accessors that do not fit into their
-/// buffer views count nothing: they are refused when they are read.
+/// Returns the number of triangles of the nodes `first` and of all below them. Accessors that do
+/// not fit into their buffer views count nothing: they are refused when they are read.
 pub(super) fn triangles(buffers: &Buffers<'_>, first: &[usize]) -> u64 {
     let root = buffers.root;
     let meshes: Vec<u64> = root.meshes.iter().map(|m| mesh(buffers, m)).collect();
