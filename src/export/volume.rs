@@ -31,6 +31,8 @@ pub struct VolumeExport {
     pub max_voxels: u32,
     /// Diffuse reflections. `None`: as many as the bake's recipe asks for.
     pub bounces: Option<Bounces>,
+    /// Radiance that an emissive factor of 1 stands for, cd/m²; 0 or more. Default: 1.
+    pub emission: f32,
 }
 
 impl Default for VolumeExport {
@@ -39,6 +41,7 @@ impl Default for VolumeExport {
             voxel: None,
             max_voxels: 1 << 16,
             bounces: None,
+            emission: 1.0,
         }
     }
 }
@@ -99,6 +102,7 @@ impl ExportedVolume {
         let slots: Vec<FrameLight> = slots.collect();
         let settings = FrameSettings {
             sky,
+            emission: export.emission,
             ..FrameSettings::default()
         };
         let bounces = export.bounces.unwrap_or(Bounces::Count(scene.info.bounces));

@@ -31,6 +31,16 @@ pub struct Args {
     /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
+    /// What an emissive factor of 1 stands for, cd/m².
+    #[arg(long, value_name = "E", default_value_t = 1.0, allow_hyphen_values = true, value_parser = emission)]
+    emission: f32,
+}
+
+fn emission(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(emission) if emission >= 0.0 && f32::is_finite(emission) => Ok(emission),
+        _ => Err("a number of 0 or more is needed".into()),
+    }
 }
 
 fn voxel(text: &str) -> Result<f32, String> {
@@ -59,6 +69,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         voxel: args.voxel,
         max_voxels: args.max_voxels,
         bounces: args.bounces,
+        emission: args.emission,
     };
     let volume = ExportedVolume::new(&baked, &description.lights, &export)
         .map_err(|why| ToolError::input(&args.bake, &why))?;
