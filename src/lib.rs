@@ -15,6 +15,7 @@
 //! | [`asset`] | the baked scene and its container: format, write, read, validate |
 //! | [`frame`] | the CPU twins of the frame's kernels, in the order of a frame |
 //! | [`accuracy`] | the reference integrator and the metrics |
+//! | [`export`] | light for fixed lights in files that engines read by themselves |
 //! | [`bake`] | recipe, stages, progress, statistics: the whole bake as one call |
 //! | [`report`] | what accuracy costs: sweeps over recipes, Pareto fronts, charts and a text |
 //! | [`plan`] | what this frame's scene calls for |
@@ -26,6 +27,7 @@ pub mod accuracy;
 pub mod asset;
 pub mod bake;
 pub mod basis;
+pub mod export;
 pub mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;

@@ -84,6 +84,38 @@ fn the_sun_stands_over_an_atrium() {
     runs("time_of_day", "6");
 }
 
+/// Without the plugin: the first run bakes and exports, the second one loads the files.
+#[test]
+fn exported_room_is_lit_by_its_volume() {
+    let data = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let folder = data.path().to_str().unwrap();
+    let lit = drawn("exported", &["--data", folder]);
+    for file in ["room.ktx2", "room.ron"] {
+        assert!(data.path().join(file).exists(), "no {file}");
+    }
+    let direct = drawn("exported", &["--data", folder, "--press", "Space"]);
+    // The ceiling gets no direct light: it is lit by what the room reflects, by red from the left and by green from
+    // the right.
+    let strip = |picture: &RgbImage, left: f32| {
+        let (w, h) = picture.dimensions();
+        let at = |x: f32, y: f32| {
+            picture
+                .get_pixel((x * w as f32) as u32, (y * h as f32) as u32)
+                .0
+        };
+        let pixels = (0..20).map(|i| at(left + 0.002 * i as f32, 0.08));
+        pixels.fold([0.0; 3], |sum, p| {
+            [0, 1, 2].map(|k| sum[k] + f64::from(p[k]) / 20.0)
+        })
+    };
+    let [left, right] = [0.33, 0.62].map(|x| strip(&lit, x));
+    println!("ceiling: {left:?} on the left, {right:?} on the right");
+    assert!(left[0] > 1.05 * left[1] && left[0] > 20.0, "{left:?}");
+    assert!(right[1] > right[0] && right[1] > 20.0, "{right:?}");
+    let dark = strip(&direct, 0.33);
+    assert!(dark[0] < 0.2 * left[0], "{dark:?}");
+}
+
 #[test]
 fn what_an_example_does_not_know_is_said() {
     let run = Command::new(env!("CARGO"))

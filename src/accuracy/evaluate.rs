@@ -12,7 +12,7 @@ use crate::scene::{Light, SkyRadiance, TriangleMesh};
 use glam::Vec3;
 
 /// Patches of a rectangle light where it is projected onto the points.
-const PATCHES: u32 = 64;
+pub(crate) const PATCHES: u32 = 64;
 /// Patches of a rectangle light where its direct light is asked for.
 const FINE_PATCHES: u32 = 1024;
 /// What further reflections may add, relative to the light, where they are left out.
@@ -103,7 +103,8 @@ impl<'a> Evaluator<'a> {
                 _ => None,
             })
             .sum();
-        let (mut solved, used) = solve(scene, &expand(PATCHES), sky, bounces, tier);
+        let (frame, used) = solve(scene, &expand(PATCHES), &settings(sky, 1, tier), bounces);
+        let mut solved = Solved::of(&frame);
         let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
         if emits {
             let once_more = match bounces {
@@ -190,26 +191,31 @@ fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
     }
 }
 
-/// The light of lamps and sky, and how many reflections were simulated one by one.
-fn solve(
+/// Solves a frame with so many reflections, whatever `settings` says of them; those of the bake where it holds as many. Returns how many were simulated one by one; none for the bake's own, or
+/// all at once.
+pub(crate) fn solve(
     scene: &BakedScene,
     lamps: &[FrameLight],
-    sky: SkyRadiance,
+    settings: &FrameSettings,
     bounces: Bounces,
-    tier: u32,
-) -> (Solved, Option<u32>) {
+) -> (CpuFrame, Option<u32>) {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lamps);
     if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
         let baked = FrameSettings {
+            sweeps: scene.info.bounces.max(1) - 1,
             baked_bounces: true,
-            ..settings(sky, scene.info.bounces, tier)
+            ..*settings
         };
         frame.solve(scene, &baked);
-        return (Solved::of(&frame), None);
+        return (frame, None);
     }
-    let count = sweep(scene, &mut frame, &settings(sky, 1, tier), bounces);
-    (Solved::of(&frame), count)
+    let live = FrameSettings {
+        baked_bounces: false,
+        ..*settings
+    };
+    let count = sweep(scene, &mut frame, &live, bounces);
+    (frame, count)
 }
 
 /// The light of emissive surfaces, the first step through links counted as a reflection.

@@ -28,6 +28,7 @@ pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
 pub use direct::GlowLight;
 pub use drawn::DrawnView;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
+pub(crate) use evaluate::{PATCHES, solve};
 pub use flip::{flip, flip_map};
 pub use lamps::{Lit, RAYS_A_PLACE, roomy_places};
 pub use metrics::{Errors, errors, leak_ratio};

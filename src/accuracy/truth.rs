@@ -1,8 +1,10 @@
 //! Ground truth that another program computed, read from a table: irradiance at surface places, by numbers of diffuse reflections.
 
 use super::{Errors, Evaluator, errors};
+use crate::scene::{InputBudget, read_file};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Numbers of reflections that a table has columns for; none means without limit.
@@ -83,10 +85,13 @@ impl Truth {
     /// [`TruthError`], with the line.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, TruthError> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|source| TruthError::Io {
+        let failed = |source| TruthError::Io {
             path: path.into(),
             source,
-        })?;
+        };
+        let bytes = read_file(path, InputBudget::DEFAULT)
+            .map_err(|error| failed(io::Error::other(error)))?;
+        let text = String::from_utf8(bytes).map_err(|error| failed(io::Error::other(error)))?;
         Self::parse(&text).map_err(|(line, what)| TruthError::Content {
             path: path.into(),
             line,

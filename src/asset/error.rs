@@ -1,6 +1,7 @@
 //! What can be wrong with a `.mgi` file, and how much memory reading one may take.
 
 use super::validate::Violation;
+use crate::scene::ReadError;
 use std::path::PathBuf;
 
 /// Bounds on what reading an asset may cost; checked before anything is allocated (design D10).
@@ -31,6 +32,9 @@ pub enum AssetError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The file was refused before its content was looked at.
+    #[error("it {0}")]
+    Refused(ReadError),
     /// The bytes do not start as a `.mgi` file does.
     #[error("not a .mgi file: it does not start with the format's eight bytes")]
     NotMgi,

@@ -1,8 +1,9 @@
 //! `.mgi` files on disk. Writing replaces a file as a whole or not at all.
 
 use super::{AssetError, BakedScene, Limits};
+use crate::scene::{ReadError, read_file};
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 impl BakedScene {
@@ -11,24 +12,19 @@ impl BakedScene {
     /// # Errors
     /// [`AssetError::Io`] where it cannot be read, any other where its content is not valid.
     pub fn read(path: &Path, limits: &Limits) -> Result<Self, AssetError> {
-        let failed = |source| AssetError::Io {
-            path: path.to_owned(),
-            action: "read",
-            source,
-        };
-        let mut bytes = Vec::new();
-        let most = limits.max_bytes;
-        // One byte more than allowed tells a file that is too long, whatever its length is said to be.
-        File::open(path)
-            .and_then(|file| file.take(most.saturating_add(1)).read_to_end(&mut bytes))
-            .map_err(failed)?;
-        if bytes.len() as u64 > most {
-            return Err(AssetError::Limit {
+        let bytes = read_file(path, limits.max_bytes).map_err(|error| match error {
+            ReadError::Io(source) => AssetError::Io {
+                path: path.to_owned(),
+                action: "read",
+                source,
+            },
+            ReadError::TooLarge { size, limit } => AssetError::Limit {
                 what: "the file",
-                needed: bytes.len() as u64,
-                allowed: most,
-            });
-        }
+                needed: size,
+                allowed: limit,
+            },
+            refused => AssetError::Refused(refused),
+        })?;
         Self::from_bytes(&bytes, limits)
     }
 

@@ -9,7 +9,7 @@ use super::probe::SpaceLight;
 use super::volume_faces::{Faces, Walls};
 use super::volume_ways::Ways;
 use crate::asset::{BakedScene, Probes};
-use crate::basis::{NO_COVER, weight_in_space};
+use crate::basis::{NO_COVER, PROBE_OVERLAP, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -59,6 +59,20 @@ impl VolumeShape {
         })
     }
 
+    /// Returns the box around a bake, divided into voxels of `voxel` meters, of half the distance between its probes for
+    /// `None` or what is no length, and into at most `max_voxels`. `None` for a bake without light in free space.
+    #[must_use]
+    pub fn around(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
+        let probes = scene.probes.as_ref()?;
+        let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
+        let edge = voxel.filter(|e| e.is_finite() && *e > 0.0);
+        let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
+        let [low, high] = scene.info.bounds.map(Vec3::from_array);
+        // Walls at the very edge of the level lie inside.
+        let (low, high) = (low - edge, high + edge);
+        Self::new([low, high], voxels_of(high - low, edge, max_voxels))
+    }
+
     /// Voxels along each edge.
     #[must_use]
     pub fn size(&self) -> UVec3 {
@@ -75,6 +89,18 @@ impl VolumeShape {
     #[must_use]
     pub fn low(&self) -> Vec3 {
         self.low
+    }
+
+    /// Edges of the box, meters.
+    #[must_use]
+    pub fn edges(&self) -> Vec3 {
+        self.voxel * self.size.as_vec3()
+    }
+
+    /// Center of the box, meters.
+    #[must_use]
+    pub fn center(&self) -> Vec3 {
+        self.low + 0.5 * self.edges()
     }
 
     /// Voxels in all.

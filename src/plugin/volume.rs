@@ -10,8 +10,7 @@ use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
 use super::reflective::MeshlessGiCapture;
 use crate::asset::BakedScene;
-use crate::basis::PROBE_OVERLAP;
-use crate::frame::{VolumeParams, VolumePlaces, VolumeShape, voxels_of};
+use crate::frame::{VolumeParams, VolumePlaces, VolumeShape};
 use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
@@ -24,7 +23,7 @@ use bevy::image::{Image, ImageSampler};
 use bevy::light::IrradianceVolume;
 use bevy::light::cluster::ClusterVisibilityClass;
 use bevy::log::warn;
-use bevy::math::{Mat4, Vec3};
+use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
@@ -75,11 +74,9 @@ impl MeshlessGiVolume {
     }
 }
 
-/// The child with the volume: where it lies in the bake's space, metres, and what it was made for.
+/// The child with the volume, and what it was made for.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Voxels {
-    low: Vec3,
-    high: Vec3,
     shape: VolumeShape,
     /// The bake, also where another takes its place under the same handle, and what was asked for.
     bake: (AssetId<MeshlessGiAsset>, usize),
@@ -101,19 +98,8 @@ impl Voxels {
         asset: &MeshlessGiAsset,
         id: AssetId<MeshlessGiAsset>,
     ) -> Option<Self> {
-        let bake = &asset.scene;
-        let probes = bake.probes.as_ref()?;
-        let widest = probes.points.iter().map(|p| p.radius).fold(0.0, f32::max);
-        let edge = asked.voxel.filter(|e| e.is_finite() && *e > 0.0);
-        let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
-        let [low, high] = bake.info.bounds.map(Vec3::from_array);
-        // Walls at the very edge of the level lie inside.
-        let (low, high) = (low - edge, high + edge);
-        let size = voxels_of(high - low, edge, asked.most);
         Some(Self {
-            low,
-            high,
-            shape: VolumeShape::new([low, high], size)?,
+            shape: VolumeShape::around(&asset.scene, asked.voxel, asked.most)?,
             bake: which(id, asset),
             asked: *asked,
         })
@@ -182,8 +168,7 @@ pub(crate) fn shape(
         commands.spawn((
             ChildOf(root),
             voxels,
-            Transform::from_translation(0.5 * (voxels.low + voxels.high))
-                .with_scale(voxels.high - voxels.low),
+            Transform::from_translation(voxels.shape.center()).with_scale(voxels.shape.edges()),
             IrradianceVolume {
                 voxels: images.add(voxels.texture()),
                 intensity: 1.0,

@@ -2,10 +2,13 @@
 //!
 //! Fields that are not known are ignored; values that light can't have are errors that name their place.
 
-use super::{Light, SceneError, SkyRadiance};
+use super::{InputBudget, Light, SceneError, SkyRadiance};
 use glam::Vec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
+
+/// Largest description, bytes: a parsed one takes up to forty times as many.
+const MAX_BYTES: u64 = 1 << 26;
 
 #[derive(Deserialize)]
 struct RawScene {
@@ -67,18 +70,37 @@ pub struct SceneDescription {
 
 impl SceneDescription {
     /// Reads a description from a file.
+    ///
+    /// # Errors
+    /// [`SceneError::Io`] and [`SceneError::Refused`] where it cannot be read, any other where its content is not valid.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SceneError> {
+        Self::read_within(path, &mut InputBudget::default())
+    }
+
+    /// As [`read`](Self::read), of a file within `budget`.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read).
+    pub fn read_within(
+        path: impl AsRef<Path>,
+        budget: &mut InputBudget,
+    ) -> Result<Self, SceneError> {
         let path = path.as_ref();
-        let text = std::fs::read(path).map_err(|e| SceneError::Io {
-            path: path.into(),
-            reason: e.to_string(),
-        })?;
+        let text = (budget.read(path)).map_err(|error| SceneError::reading(path, error))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(&text, &path.display().to_string(), folder)
     }
 
     /// Reads a description from text. `file` is what errors call it, `folder` what file names are relative to.
     pub fn parse(text: &[u8], file: &str, folder: &Path) -> Result<Self, SceneError> {
+        if text.len() as u64 > MAX_BYTES {
+            return Err(SceneError::TooLarge {
+                file: file.into(),
+                what: "bytes of a scene description",
+                count: text.len() as u64,
+                limit: MAX_BYTES,
+            });
+        }
         let raw: RawScene = serde_json::from_slice(text).map_err(|e| SceneError::Format {
             file: file.into(),
             reason: e.to_string(),

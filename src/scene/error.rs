@@ -1,7 +1,7 @@
 //! What can be wrong with a scene, and where.
 
-use super::{PlyError, PointsError};
-use std::path::PathBuf;
+use super::{PlyError, PointsError, ReadError};
+use std::path::{Path, PathBuf};
 
 /// Why a scene could not be loaded. Every variant says in which file.
 #[derive(Debug, thiserror::Error)]
@@ -14,6 +14,14 @@ pub enum SceneError {
         path: PathBuf,
         /// What the system said.
         reason: String,
+    },
+    /// A file was refused before its content was looked at.
+    #[error("{}: {error}", path.display())]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// Reason.
+        error: ReadError,
     },
     /// The file is not the format that it should be.
     #[error("{file}: {reason}")]
@@ -94,6 +102,19 @@ pub enum SceneError {
 }
 
 impl SceneError {
+    /// Names the file of a [`ReadError`].
+    #[must_use]
+    pub fn reading(path: &Path, error: ReadError) -> Self {
+        let path = path.into();
+        match error {
+            ReadError::Io(error) => Self::Io {
+                path,
+                reason: error.to_string(),
+            },
+            error => Self::Refused { path, error },
+        }
+    }
+
     /// True where the file could not be read at all, as opposed to read and found invalid.
     #[must_use]
     pub fn is_io(&self) -> bool {

@@ -1,6 +1,8 @@
 //! A level's geometry from a file of any kind that can be read: triangles, points, or a description that names several of them.
 
-use super::{MeshProblems, SceneError, TriangleMesh, load_gltf, load_ply};
+use super::{
+    InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_within, load_ply_within,
+};
 use glam::Vec3;
 use std::path::Path;
 
@@ -26,6 +28,18 @@ pub fn load_geometry(
     path: impl AsRef<Path>,
     viewpoints: &[Vec3],
 ) -> Result<LoadedGeometry, SceneError> {
+    load_geometry_within(path, viewpoints, &mut InputBudget::default())
+}
+
+/// As [`load_geometry`]; all files together are within `budget`.
+///
+/// # Errors
+/// See [`SceneError`].
+pub fn load_geometry_within(
+    path: impl AsRef<Path>,
+    viewpoints: &[Vec3],
+    budget: &mut InputBudget,
+) -> Result<LoadedGeometry, SceneError> {
     let path = path.as_ref();
     let ends = |ending: &str| {
         path.extension()
@@ -33,10 +47,10 @@ pub fn load_geometry(
     };
     #[cfg(feature = "cli")]
     if ends("json") {
-        return described(path, viewpoints);
+        return described(path, viewpoints, budget);
     }
     if ends("ply") {
-        let read = load_ply(path, viewpoints)?;
+        let read = load_ply_within(path, viewpoints, budget)?;
         let (mesh, _) = read.cloud.mesh();
         return Ok(LoadedGeometry {
             mesh,
@@ -45,7 +59,7 @@ pub fn load_geometry(
             notes: read.notes,
         });
     }
-    let read = load_gltf(path)?;
+    let read = load_gltf_within(path, budget)?;
     Ok(LoadedGeometry {
         mesh: read.mesh,
         points: 0,
@@ -56,8 +70,12 @@ pub fn load_geometry(
 
 /// All geometry that a description names.
 #[cfg(feature = "cli")]
-fn described(path: &Path, viewpoints: &[Vec3]) -> Result<LoadedGeometry, SceneError> {
-    let description = super::SceneDescription::read(path)?;
+fn described(
+    path: &Path,
+    viewpoints: &[Vec3],
+    budget: &mut InputBudget,
+) -> Result<LoadedGeometry, SceneError> {
+    let description = super::SceneDescription::read_within(path, budget)?;
     let mut all = LoadedGeometry {
         mesh: TriangleMesh::joined(Vec::new()),
         points: 0,
@@ -76,7 +94,7 @@ fn described(path: &Path, viewpoints: &[Vec3]) -> Result<LoadedGeometry, SceneEr
                 reason: format!("{} is a description and no geometry", file.display()),
             });
         }
-        let part = load_geometry(file, viewpoints)?;
+        let part = load_geometry_within(file, viewpoints, budget)?;
         all.points += part.points;
         all.problems.add(&part.problems);
         all.notes.extend(part.notes);

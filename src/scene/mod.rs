@@ -23,6 +23,7 @@ mod mesh_problems;
 mod occluder;
 mod ply;
 mod points;
+mod read;
 mod ringing;
 mod sky;
 mod statue;
@@ -35,17 +36,20 @@ pub use description::SceneDescription;
 pub use error::SceneError;
 pub use geometry::{Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
 #[cfg(feature = "gltf")]
-pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes};
+pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes, load_gltf_within};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
 #[cfg(feature = "gltf")]
-pub use level::{LoadedGeometry, load_geometry};
+pub use level::{LoadedGeometry, load_geometry, load_geometry_within};
 pub use light::Light;
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
 pub use occluder::{Doorways, MeshNode, Occluder};
-pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, write_ply};
-pub use points::{LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes};
+pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
+pub use points::{
+    LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes, load_ply_within,
+};
+pub use read::{InputBudget, ReadError, read_file};
 pub use sky::SkyRadiance;
 pub use statue::{statue, statue_room};
 pub use watertight::{TriangleHit, WatertightRay};

@@ -2,13 +2,13 @@
 
 use super::error::ToolError;
 use super::output::{self, Table};
-use super::progress;
+use super::{input, progress};
 use bevy_meshless_gi::asset::check_writable;
 use bevy_meshless_gi::bake::{
     BakeError, BakeLevelError, BakeStats, Baked, OccluderShape, Preset, Recipe, RecipeError, Rule,
     Settings, Sky, bake_level, cast_gather_rays,
 };
-use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry};
+use bevy_meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry_within};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::Vec3;
 use serde::Serialize;
@@ -381,9 +381,8 @@ pub fn level_and_recipe(
 }
 
 fn read_recipe(path: &Path) -> Result<Recipe, ToolError> {
-    let bytes = std::fs::read(path).map_err(|why| ToolError::read(path, &why))?;
-    let text =
-        String::from_utf8(bytes).map_err(|_| ToolError::input(path, &"the recipe is not text"))?;
+    let text = String::from_utf8(input::bytes(path)?)
+        .map_err(|_| ToolError::input(path, &"the recipe is not text"))?;
     Recipe::from_ron(&text).map_err(|why| ToolError::input(path, &why))
 }
 
@@ -408,7 +407,7 @@ pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolEr
         points,
         problems,
         notes,
-    } = load_geometry(path, &viewpoints)?;
+    } = load_geometry_within(path, &viewpoints, &mut input::budget())?;
     drop(step);
     if points > 0 {
         output::note(&format!(

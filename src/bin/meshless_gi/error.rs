@@ -1,7 +1,7 @@
 //! What can go wrong, and with which exit code the tool says so.
 
 use bevy_meshless_gi::asset::AssetError;
-use bevy_meshless_gi::scene::SceneError;
+use bevy_meshless_gi::scene::{ReadError, SceneError};
 use std::path::Path;
 
 /// Exit code for input that is not valid.
@@ -36,6 +36,15 @@ impl ToolError {
 
     pub fn read(path: &Path, why: &dyn std::fmt::Display) -> Self {
         Self::Io(format!("{}: cannot be read: {why}", path.display()))
+    }
+
+    /// A file that was not read.
+    pub fn reading(path: &Path, error: &ReadError) -> Self {
+        let text = format!("{}: {error}", path.display());
+        match error {
+            ReadError::Io(_) => Self::Io(text),
+            _ => Self::Input(text),
+        }
     }
 
     pub fn write(path: &Path, why: &dyn std::fmt::Display) -> Self {

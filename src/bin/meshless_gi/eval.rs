@@ -2,11 +2,13 @@
 
 use super::error::ToolError;
 use super::points::{self, COLUMNS, Place};
-use super::{output, progress};
+use super::{input, output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
-use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
+use bevy_meshless_gi::asset::{BakedScene, check_writable, write_file};
 use bevy_meshless_gi::frame::FrameSettings;
-use bevy_meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_geometry};
+use bevy_meshless_gi::scene::{
+    InputBudget, Light, SceneDescription, TriangleMesh, load_geometry_within,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::fmt::Write;
@@ -29,14 +31,14 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT.csv")]
     output: PathBuf,
     /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
-    #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = bounces)]
+    #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]
     bounces: Option<Bounces>,
     /// Tier of the operator, from 1 (the fewest links) on, see `inspect`; left out: all links.
     #[arg(long, value_name = "N")]
     tier: Option<u32>,
 }
 
-fn bounces(text: &str) -> Result<Bounces, String> {
+pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match (text, text.parse()) {
         ("all", _) => Ok(Bounces::All),
         (_, Ok(count @ 1..=MOST_BOUNCES)) => Ok(Bounces::Count(count)),
@@ -47,8 +49,7 @@ fn bounces(text: &str) -> Result<Bounces, String> {
 }
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
-    let baked = BakedScene::read(&args.bake, &Limits::default())
-        .map_err(|why| ToolError::asset(&args.bake, &why))?;
+    let baked = input::bake(&args.bake)?;
     let tiers = baked.tiers();
     if let Some(tier) = args.tier
         && !(1..=tiers).contains(&tier)
@@ -59,7 +60,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         };
         return Err(ToolError::input(&args.bake, &why));
     }
-    let description = SceneDescription::read(&args.scene)?;
+    let mut budget = input::budget();
+    let description = SceneDescription::read_within(&args.scene, &mut budget)?;
     let places = points::read(&args.points)?;
     check_writable(&args.output).map_err(|why| ToolError::write(&args.output, &why))?;
     let varies = |light: &Light| matches!(light, Light::Sky { radiance } if !radiance.is_uniform());
@@ -69,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
                 .into(),
         ));
     }
-    let meshes = geometry(&baked, &description)?;
+    let meshes = geometry(&baked, &description, &mut budget)?;
 
     let step = progress::Step::new(format!("{} points", output::count(places.len() as u64)));
     let bounces = args.bounces.unwrap_or(Bounces::Count(baked.info.bounces));
@@ -94,6 +96,7 @@ pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
 pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,
+    budget: &mut InputBudget,
 ) -> Result<Vec<TriangleMesh>, ToolError> {
     let sky = description
         .lights
@@ -103,7 +106,7 @@ pub fn geometry(
     let viewpoints = viewpoints(baked);
     let mut meshes = Vec::new();
     for path in &description.geometry {
-        match load_geometry(path, &viewpoints) {
+        match load_geometry_within(path, &viewpoints, budget) {
             Ok(level) => meshes.push(level.mesh),
             Err(why) if why.is_io() && !needed => {
                 output::note(&format!("{why}; nothing in the bake needs it"));

@@ -2,10 +2,12 @@
 
 use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
-use super::{output, progress};
+use super::{input, output, progress};
 use bevy_meshless_gi::accuracy::{Bounces, Evaluated, Evaluator};
-use bevy_meshless_gi::asset::{BakedScene, Limits, check_writable, write_file};
-use bevy_meshless_gi::scene::{PlyEncoding, PointCloud, SceneDescription, read_ply, write_ply};
+use bevy_meshless_gi::asset::{check_writable, write_file};
+use bevy_meshless_gi::scene::{
+    PlyEncoding, PointCloud, SceneDescription, read_ply_within, write_ply,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -45,13 +47,16 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     for path in std::iter::once(&args.output).chain(&args.store) {
         check_writable(path).map_err(|why| ToolError::write(path, &why))?;
     }
-    let mut baked = BakedScene::read(&args.bake, &Limits::default())
-        .map_err(|why| ToolError::asset(&args.bake, &why))?;
-    let description = SceneDescription::read(&args.scene)?;
+    let mut baked = input::bake(&args.bake)?;
+    let mut budget = input::budget();
+    let description = SceneDescription::read_within(&args.scene, &mut budget)?;
     let surface = match &args.points {
         Some(path) => {
-            let cloud = PointCloud::new(read_ply(path)?, &viewpoints(&baked))
-                .map_err(|why| ToolError::input(path, &why))?;
+            let cloud = PointCloud::new(
+                read_ply_within(path, &mut input::budget())?,
+                &viewpoints(&baked),
+            )
+            .map_err(|why| ToolError::input(path, &why))?;
             Surface {
                 positions: cloud.positions,
                 normals: cloud.normals,
@@ -64,7 +69,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
             albedo: baked.surfaces.iter().map(|s| s.albedo.into()).collect(),
         },
     };
-    let meshes = geometry(&baked, &description)?;
+    let meshes = geometry(&baked, &description, &mut budget)?;
     let count = surface.positions.len();
     let step = progress::Step::new(format!("{} points", output::count(count as u64)));
     let bounces = Bounces::Count(baked.info.bounces);

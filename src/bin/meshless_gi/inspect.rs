@@ -1,8 +1,9 @@
 //! `inspect`: what is in a bake, as a table or as JSON.
 
 use super::error::ToolError;
+use super::input;
 use super::output::{self, Table};
-use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, Limits, TierInfo};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, TierInfo};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let failed = |why: AssetError| ToolError::asset(&args.bake, &why);
-    let scene = BakedScene::read(&args.bake, &Limits::default()).map_err(failed)?;
+    let scene = input::bake(&args.bake)?;
     let stats = scene
         .validate()
         .map_err(|wrong| failed(AssetError::Invalid(wrong)))?;

@@ -1,4 +1,4 @@
-//! The tool: bakes levels, reports what accuracy costs, evaluates, inspects and validates bakes, and shows what it is about without a file and without a GPU.
+//! The tool: bakes levels, reports what accuracy costs, evaluates, exports, inspects and validates bakes, and shows what it is about without a file and without a GPU.
 //!
 //! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong usage; 3 could not read or write. Standard
 //! output carries results only; work that takes longer shows its progress on standard error where that is a terminal.
@@ -7,7 +7,9 @@ mod bake;
 mod demo;
 mod error;
 mod eval;
+mod export;
 mod illuminate;
+mod input;
 mod inspect;
 mod output;
 mod picture;
@@ -33,6 +35,9 @@ use std::process::ExitCode;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Largest input, a file and all files that it names [8GiB; 4GiB for a bake, in memory too].
+    #[arg(long, global = true, value_name = "BYTES", allow_hyphen_values = true, value_parser = input::size)]
+    max_input: Option<u64>,
 }
 
 #[derive(Subcommand)]
@@ -41,6 +46,8 @@ enum Command {
     Bake(bake::Args),
     /// Direct and indirect irradiance at given points, by the way that a frame takes.
     Eval(eval::Args),
+    /// Light for fixed lights in a file that Bevy reads without this crate.
+    Export(export::Args),
     /// The light at every point of a bake or of a cloud, as a point cloud with the light as colour.
     Illuminate(illuminate::Args),
     /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
@@ -64,10 +71,12 @@ fn main() -> ExitCode {
             return ExitCode::from(if why.use_stderr() { error::USAGE } else { 0 });
         }
     };
+    input::set_limit(cli.max_input);
     let run = || match cli.command {
         Command::Bake(args) => bake::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Illuminate(args) => illuminate::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Report(args) => report::run(&args),

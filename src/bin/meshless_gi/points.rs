@@ -1,6 +1,7 @@
 //! POINTS.csv: places with normals, found by the names of their columns.
 
 use super::error::ToolError;
+use super::input;
 use glam::Vec3;
 use std::path::Path;
 
@@ -20,8 +21,7 @@ pub struct Place {
 
 /// Reads the places of a file.
 pub fn read(path: &Path) -> Result<Vec<Place>, ToolError> {
-    let bytes = std::fs::read(path).map_err(|why| ToolError::read(path, &why))?;
-    let text = String::from_utf8(bytes).map_err(|why| {
+    let text = String::from_utf8(input::bytes(path)?).map_err(|why| {
         let line = 1 + why.as_bytes()[..why.utf8_error().valid_up_to()]
             .iter()
             .filter(|b| **b == b'\n')

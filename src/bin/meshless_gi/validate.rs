@@ -2,10 +2,10 @@
 
 use super::bake::level_and_recipe;
 use super::error::ToolError;
-use super::output;
-use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene, Limits};
+use super::{input, output};
+use bevy_meshless_gi::asset::{AssetError, BakeInfo, BakedScene};
 use bevy_meshless_gi::bake::{BAKE_VERSION, BakeInputs, Recipe, Staleness};
-use bevy_meshless_gi::scene::{SceneError, load_geometry};
+use bevy_meshless_gi::scene::{SceneError, load_geometry_within};
 use glam::Vec3;
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), ToolError> {
     let path = args.bake.display();
-    let why = match BakedScene::read(&args.bake, &Limits::default()) {
+    let why = match BakedScene::read(&args.bake, &input::limits()) {
         Ok(scene) => {
             let differences = match &args.level {
                 Some(level) => differences(args, level, &scene.info)?,
@@ -92,5 +92,5 @@ fn content_hash(info: &BakeInfo, level: &Path) -> Result<[u8; 32], SceneError> {
     let viewpoints: Vec<Vec3> = (viewpoints.unwrap_or_default().iter())
         .map(|&v| v.into())
         .collect();
-    Ok(load_geometry(level, &viewpoints)?.mesh.content_hash())
+    Ok(load_geometry_within(level, &viewpoints, &mut input::budget())?.mesh.content_hash())
 }

@@ -7,7 +7,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
 /// Elements that an accessor without bytes of its own (all zero but for a sparse part) may have.
-const MOST_ZEROS: usize = 1 << 22;
+pub(super) const MOST_ZEROS: usize = 1 << 22;
 
 /// The JSON and the bytes of all buffers.
 pub(super) struct Buffers<'a> {

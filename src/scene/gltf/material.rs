@@ -7,12 +7,18 @@ use ::gltf::json::texture::{Info, WrappingMode};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{self, material::AlphaMode};
 use glam::{Vec2, Vec3, Vec4};
+use image::{DynamicImage, ImageDecoder};
 use std::io::Cursor;
 
 /// Most texels of an image along an edge.
 const LARGEST_EDGE: u32 = 16_384;
-/// Most bytes that decoding one image may take.
-const LARGEST_IMAGE: u64 = 1 << 30;
+/// Largest decoded image, bytes.
+const MAX_IMAGE: u64 = 1 << 30;
+/// Largest memory for all of an image but its pixels, such as color profiles, bytes.
+const MAX_METADATA: u64 = 1 << 26;
+/// Largest number of pixels in a byte of a file: DEFLATE (RFC 1951) makes 1032 bytes of one at most, and a byte of a
+/// PNG is 8 pixels at most. JPEG has fewer: a block of 64 takes a bit or more.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Which texture coordinates a texture reads, and how it moves them (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -125,11 +131,12 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
     })
 }
 
-/// The texture with index `i`, decoded.
+/// The texture with index `i`, decoded; of at most `left` texels.
 pub(super) fn texture(
     file: &str,
     buffers: &Buffers<'_>,
     i: usize,
+    left: u64,
     resolve: &mut Resolver<'_>,
 ) -> Result<Texture, SceneError> {
     let root = buffers.root;
@@ -170,25 +177,33 @@ pub(super) fn texture(
             })
         }
     };
-    let (width, height, texels) = decode(bytes).map_err(wrong)?;
+    let (width, height, texels) = decode(bytes, left).map_err(wrong)?;
     Texture::new(width, height, texels, wrap).ok_or_else(|| wrong("it has no texel".into()))
 }
 
-fn decode(bytes: &[u8]) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
+/// Decodes an image of at most `left` texels. Nothing is allocated for pixels that its bytes cannot hold.
+fn decode(bytes: &[u8], left: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|e| e.to_string())?;
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(LARGEST_EDGE);
     limits.max_image_height = Some(LARGEST_EDGE);
-    limits.max_alloc = Some(LARGEST_IMAGE);
+    limits.max_alloc = Some(MAX_METADATA);
     reader.limits(limits);
-    let pixels = reader.decode().map_err(|e| e.to_string())?.into_rgba8();
-    let (width, height) = pixels.dimensions();
-    let texels = pixels
-        .into_raw()
-        .chunks_exact(4)
-        .map(|t| [t[0], t[1], t[2], t[3]])
-        .collect();
-    Ok((width, height, texels))
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    let held = MAX_PIXELS_PER_BYTE.saturating_mul(bytes.len() as u64);
+    if pixels > held.min(left) || decoder.total_bytes() > MAX_IMAGE {
+        let size = bytes.len();
+        return Err(match pixels > held {
+            true => format!("{width} x {height} pixels do not fit in {size} bytes"),
+            false => format!("{width} x {height} pixels are too many: {left} are left"),
+        });
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
+    let texels = image.into_rgba8().into_raw();
+    let texels = texels.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]);
+    Ok((width, height, texels.collect()))
 }

@@ -16,11 +16,12 @@
 //! | cameras, animations, normals, vertex colours | not read |
 
 mod accessor;
+mod claims;
 mod container;
 mod material;
 
 use super::occluder::MeshNode;
-use super::{Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
+use super::{InputBudget, Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
 use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
@@ -33,8 +34,10 @@ use std::path::Path;
 
 /// More triangles than this are not taken on.
 const MOST_TRIANGLES: u64 = 1 << 25;
-/// More bytes of decoded textures than this are not taken on.
+/// More texels than this are not taken on.
 const MOST_TEXELS: u64 = 1 << 29;
+/// Largest number of JSON objects. A parsed node takes up to a hundred times the bytes of its text.
+const MAX_OBJECTS: u64 = 1 << 22;
 /// Nodes may be nested this deep.
 const DEEPEST: usize = 256;
 /// Extensions without which a file may say that it can't be read, and that are read here or do not matter to diffuse light.
@@ -65,12 +68,21 @@ pub struct LoadedScene {
 
 /// Reads a level. What can't be read at all is [`SceneError::Io`]; all other errors are about what is in the files.
 pub fn load_gltf(path: impl AsRef<Path>) -> Result<LoadedScene, SceneError> {
+    load_gltf_within(path, &mut InputBudget::default())
+}
+
+/// As [`load_gltf`]; the file and those that it names are together within `budget`.
+///
+/// # Errors
+/// Those of [`load_gltf`].
+pub fn load_gltf_within(
+    path: impl AsRef<Path>,
+    budget: &mut InputBudget,
+) -> Result<LoadedScene, SceneError> {
     let path = path.as_ref();
-    let read = |path: &Path| {
-        std::fs::read(path).map_err(|e| SceneError::Io {
-            path: path.into(),
-            reason: e.to_string(),
-        })
+    let mut read = |path: &Path| {
+        let bytes = budget.read(path);
+        bytes.map_err(|error| SceneError::reading(path, error))
     };
     let bytes = read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -90,6 +102,16 @@ pub fn load_gltf_bytes(
         reason,
     };
     let (json, binary) = container::split(bytes).map_err(format)?;
+    let too_large = |what, count, limit| SceneError::TooLarge {
+        file: file.into(),
+        what,
+        count,
+        limit,
+    };
+    let objects = claims::objects(json);
+    if objects > MAX_OBJECTS {
+        return Err(too_large("JSON objects", objects, MAX_OBJECTS));
+    }
     let root: Root =
         ::gltf::json::deserialize::from_slice(json).map_err(|e| format(e.to_string()))?;
     if !root.asset.version.starts_with("2.") {
@@ -109,8 +131,13 @@ pub fn load_gltf_bytes(
         bytes: load_buffers(&root, binary, file, resolve)?,
         root: &root,
     };
+    let first = first_nodes(&root).map_err(format)?;
+    let triangles = claims::triangles(&buffers, &first);
+    if triangles > MOST_TRIANGLES {
+        return Err(too_large("triangles", triangles, MOST_TRIANGLES));
+    }
     let mut builder = Builder::new(file, &buffers, resolve)?;
-    for node in first_nodes(&root).map_err(format)? {
+    for node in first {
         builder.node(node, DMat4::IDENTITY, None, 0)?;
     }
     builder.finish()
@@ -296,30 +323,22 @@ impl<'a> Builder<'a> {
         };
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             self.primitive(primitive, transform)
-                .map_err(|reason| match reason {
-                    Fault::Content(reason) => SceneError::Mesh {
-                        file: self.file.into(),
-                        mesh: mesh
-                            .name
-                            .as_ref()
-                            .map_or(index.to_string(), |n| format!("{index} ({n})")),
-                        primitive: p,
-                        reason,
-                    },
-                    Fault::TooMany(count) => SceneError::TooLarge {
-                        file: self.file.into(),
-                        what: "triangles",
-                        count,
-                        limit: MOST_TRIANGLES,
-                    },
+                .map_err(|reason| SceneError::Mesh {
+                    file: self.file.into(),
+                    mesh: mesh
+                        .name
+                        .as_ref()
+                        .map_or(index.to_string(), |n| format!("{index} ({n})")),
+                    primitive: p,
+                    reason,
                 })?;
         }
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive, transform: &DMat4) -> Result<(), Fault> {
+    fn primitive(&mut self, primitive: &Primitive, transform: &DMat4) -> Result<(), String> {
         let Checked::Valid(mode) = primitive.mode else {
-            return Err(Fault::Content("its mode is not known".into()));
+            return Err("its mode is not known".into());
         };
         if !matches!(
             mode,
@@ -337,26 +356,19 @@ impl<'a> Builder<'a> {
             None => self.materials.len() - 1,
             Some(m) if m.value() < self.materials.len() - 1 => m.value(),
             Some(m) => {
-                return Err(Fault::Content(format!(
-                    "material {} is not there",
-                    m.value()
-                )));
+                return Err(format!("material {} is not there", m.value()));
             }
         };
         let positions = primitive
             .attributes
             .get(&Checked::Valid(Semantic::Positions))
-            .ok_or_else(|| Fault::Content("it has no positions".into()))?;
+            .ok_or("it has no positions")?;
         let positions = self.buffers.vectors::<3>(*positions)?;
         let order = match primitive.indices {
             Some(index) => self.buffers.indices(index)?,
             None => (0..positions.len() as u32).collect(),
         };
         let corners = assemble(mode, &order);
-        let total = (self.triangles.len() + corners.len()) as u64;
-        if total > MOST_TRIANGLES {
-            return Err(Fault::TooMany(total));
-        }
         let world: Vec<Vec3> = positions
             .iter()
             .map(|p| {
@@ -396,7 +408,7 @@ impl<'a> Builder<'a> {
         &mut self,
         primitive: &Primitive,
         material: usize,
-    ) -> Result<[Vec<Vec2>; 3], Fault> {
+    ) -> Result<[Vec<Vec2>; 3], String> {
         let mut out = [const { Vec::new() }; 3];
         for (k, placement) in self.materials[material].placements.into_iter().enumerate() {
             let Some(set) = placement.set else {
@@ -516,18 +528,6 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// What can be wrong with a primitive.
-enum Fault {
-    Content(String),
-    TooMany(u64),
-}
-
-impl From<String> for Fault {
-    fn from(reason: String) -> Self {
-        Self::Content(reason)
-    }
-}
-
 /// Decodes the textures that some material uses, and renumbers the materials' indices to them.
 fn used_textures(
     file: &str,
@@ -546,16 +546,9 @@ fn used_textures(
         for slot in slots.into_iter().flatten() {
             let number = &mut renumbered[*slot as usize];
             if number.is_none() {
-                let texture = material::texture(file, buffers, *slot as usize, resolve)?;
+                let left = MOST_TEXELS - texels;
+                let texture = material::texture(file, buffers, *slot as usize, left, resolve)?;
                 texels += texture.len();
-                if texels > MOST_TEXELS {
-                    return Err(SceneError::TooLarge {
-                        file: file.into(),
-                        what: "texels",
-                        count: texels,
-                        limit: MOST_TEXELS,
-                    });
-                }
                 *number = Some(out.len() as u32);
                 out.push(texture);
             }

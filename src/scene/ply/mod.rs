@@ -21,7 +21,7 @@ mod header;
 mod tests;
 mod write;
 
-use super::SceneError;
+use super::{InputBudget, SceneError};
 use glam::Vec3;
 use header::{Header, Scalar};
 use std::path::Path;
@@ -84,13 +84,21 @@ pub struct PlyPoints {
 /// Reads a `.ply` file.
 ///
 /// # Errors
-/// [`SceneError::Io`] where the file cannot be read, [`SceneError::Ply`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read, [`SceneError::Ply`] where its content is not valid.
 pub fn read_ply(path: impl AsRef<Path>) -> Result<PlyPoints, SceneError> {
+    read_ply_within(path, &mut InputBudget::default())
+}
+
+/// As [`read_ply`], of a file within `budget`.
+///
+/// # Errors
+/// Those of [`read_ply`].
+pub fn read_ply_within(
+    path: impl AsRef<Path>,
+    budget: &mut InputBudget,
+) -> Result<PlyPoints, SceneError> {
     let path = path.as_ref();
-    let bytes = std::fs::read(path).map_err(|e| SceneError::Io {
-        path: path.into(),
-        reason: e.to_string(),
-    })?;
+    let bytes = (budget.read(path)).map_err(|error| SceneError::reading(path, error))?;
     parse_ply(&bytes).map_err(|why| SceneError::Ply {
         file: path.display().to_string(),
         why,

@@ -14,7 +14,9 @@ mod parts;
 #[cfg(test)]
 mod tests;
 
-use super::{Bounds, Material, PlyPoints, SceneError, TriangleMesh, parse_ply, read_ply};
+use super::{
+    Bounds, InputBudget, Material, PlyPoints, SceneError, TriangleMesh, parse_ply, read_ply_within,
+};
 use cells::cells;
 use glam::Vec3;
 use nearest::{Neighbour, PointTree};
@@ -405,10 +407,23 @@ pub struct LoadedPoints {
 /// Reads a `.ply` file as a cloud; see [`PointCloud::new`].
 ///
 /// # Errors
-/// [`SceneError::Io`] where the file cannot be read, [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
+/// [`SceneError::Io`] and [`SceneError::Refused`] where the file cannot be read, [`SceneError::Ply`] and [`SceneError::Points`] where its content is not valid.
 pub fn load_ply(path: impl AsRef<Path>, viewpoints: &[Vec3]) -> Result<LoadedPoints, SceneError> {
+    load_ply_within(path, viewpoints, &mut InputBudget::default())
+}
+
+/// As [`load_ply`], of a file within `budget`.
+///
+/// # Errors
+/// Those of [`load_ply`], and [`SceneError::Refused`].
+pub fn load_ply_within(
+    path: impl AsRef<Path>,
+    viewpoints: &[Vec3],
+    budget: &mut InputBudget,
+) -> Result<LoadedPoints, SceneError> {
     let path = path.as_ref();
-    cloud_of(read_ply(path)?, &path.display().to_string(), viewpoints)
+    let points = read_ply_within(path, budget)?;
+    cloud_of(points, &path.display().to_string(), viewpoints)
 }
 
 /// As [`load_ply`], of a file's bytes; `name` is what errors call it.

@@ -1,0 +1,84 @@
+//! Description of an exported volume: the file beside its texture.
+
+use serde::{Deserialize, Serialize};
+
+/// Where an irradiance volume lies and how bright it is. In RON it is the file beside the texture.
+///
+/// Bevy shows it with `IrradianceVolume { voxels, intensity, .. }`, a `LightProbe` and a
+/// `Transform` of `translation`, `rotation` and `scale`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VolumePlacement {
+    /// Version of this format: [`VolumePlacement::VERSION`].
+    pub version: u32,
+    /// File of the texture, beside this one.
+    pub texture: String,
+    /// Lights that the volume was computed for: the name of their file.
+    pub lights: String,
+    /// Center of the volume, meters in the space of the bake.
+    pub translation: [f32; 3],
+    /// Quaternion x, y, z, w. Always the identity: sides of voxels are those of the axes.
+    pub rotation: [f32; 4],
+    /// Edges of the volume, meters; Bevy's volume is a cube from −0.5 to 0.5.
+    pub scale: [f32; 3],
+    /// Voxels along each edge. The texture is twice as high and three times as deep.
+    pub resolution: [u32; 3],
+    /// Multiplies the texture; a power of two. Above 1 where light is too bright for half floats,
+    /// below 1 where it is too dim for them.
+    pub intensity: f32,
+}
+
+impl VolumePlacement {
+    /// Version of the format that this crate writes and reads.
+    pub const VERSION: u32 = 1;
+
+    /// Returns the text of the file, RON.
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn to_ron(&self) -> Result<String, ron::Error> {
+        let mut text = ron::ser::to_string_pretty(self, ron::ser::PrettyConfig::default())?;
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// Where it is no such text, with the place, or of another version.
+    pub fn from_ron(text: &str) -> Result<Self, ron::Error> {
+        let found: Self =
+            ron::from_str(text).map_err(|error| ron::Error::Message(error.to_string()))?;
+        match found.version {
+            Self::VERSION => Ok(found),
+            other => Err(ron::Error::Message(format!(
+                "version {other}, only {} can be read",
+                Self::VERSION
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_read_as_it_was_written() {
+        let placement = VolumePlacement {
+            version: VolumePlacement::VERSION,
+            texture: "room.ktx2".into(),
+            lights: "lights.json".into(),
+            translation: [0.0, 1.1, -3.25e-7],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            scale: [2.2; 3],
+            resolution: [22, 21, 20],
+            intensity: 4.0,
+        };
+        let text = placement.to_ron().unwrap();
+        assert!(text.contains("texture: \"room.ktx2\""), "{text}");
+        assert_eq!(VolumePlacement::from_ron(&text), Ok(placement));
+        assert!(VolumePlacement::from_ron("(version: 1)").is_err());
+        let newer = VolumePlacement::from_ron(&text.replace("version: 1", "version: 2"));
+        assert!(newer.unwrap_err().to_string().contains("version 2"));
+    }
+}
