@@ -570,7 +570,7 @@ fn display_that_comes_late_is_not_missed() {
 
 /// The largest jump between neighbors on the back wall, relative to their mean: light there changes slowly.
 fn roughness(picture: &Picture) -> f32 {
-    let (left, right, top, bottom) = (40, 56, 30, 44);
+    let (left, right, top, bottom) = (45, 58, 29, 46);
     let at = |x: usize, y: usize| picture.pixels[y * picture.width + x][1];
     let mut largest = 0.0f32;
     for y in top..bottom {

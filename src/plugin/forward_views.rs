@@ -270,7 +270,7 @@ pub(crate) fn queue_main_pass(
 fn displays(world: &ExtractedGi, view: &ExtractedView) -> bool {
     let id = ViewId(view.retained_view_entity.main_entity.to_bits());
     let own = world.views.iter().find(|v| v.id == id);
-    own.is_some_and(|v| v.has_gbuffer && v.settings.enabled)
+    own.is_some_and(|v| v.has_gbuffer && !v.forward && v.settings.enabled)
 }
 
 /// Has Bevy queue all meshes of a view anew where a display came or went.

@@ -39,7 +39,9 @@
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
 //! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
-//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
+//! | `evaluate` | render, in the two below | splats |
+//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds that to the pictures of deferred cameras |
+//! | `forward_display` | render, `Core3d` of each camera, before opaque | hands it to the surfaces of forward cameras |
 //! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
@@ -71,9 +73,12 @@ mod decisions;
 mod deferred;
 mod diagnostics;
 mod display;
+mod evaluate;
 mod extract;
 mod fog;
 mod fog_order;
+mod forward_camera;
+mod forward_display;
 mod forward_views;
 mod gizmos;
 mod gloss;
@@ -112,6 +117,7 @@ pub use diagnostics::{
 pub use display::{
     MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
 };
+pub use forward_camera::MeshlessGiForwardCamera;
 pub use gizmos::MeshlessGiGizmos;
 pub use gloss::MeshlessGiGloss;
 #[cfg(feature = "gltf")]
@@ -175,6 +181,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiBouncer>()
             .register_type::<MeshlessGiCamera>()
             .register_type::<MeshlessGiDisplay>()
+            .register_type::<MeshlessGiForwardCamera>()
             .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
@@ -301,6 +308,7 @@ impl Plugin for MeshlessGiPlugin {
             warn!("MeshlessGiPlugin: indirect light stays off, because {why}.");
             return;
         }
+        forward_display::add_systems(render_app);
         render_app
             .insert_resource(status)
             .insert_resource(costs)

@@ -2,8 +2,8 @@
 
 pub use super::{
     MeshlessGi, MeshlessGiAsset, MeshlessGiBouncer, MeshlessGiCamera, MeshlessGiChannels,
-    MeshlessGiDisplay, MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials,
-    MeshlessGiOccluder, MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints,
-    MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSky, MeshlessGiSoftShadow,
-    MeshlessGiSystems, MeshlessGiVolume,
+    MeshlessGiDisplay, MeshlessGiForwardCamera, MeshlessGiGloss, MeshlessGiLight,
+    MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder, MeshlessGiPlugin,
+    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSky,
+    MeshlessGiSoftShadow, MeshlessGiSystems, MeshlessGiVolume,
 };
