@@ -2,6 +2,8 @@
 //
 // A texel of ours has a negative fourth number: how far it is from its voxel to a wall (src/frame/volume_ways.rs). Between voxels of which some have a wall nearer than the place, those are left out.
 // Where no wall is near, and in volumes that are not ours, light is what the sampler says, as it is with Bevy's module.
+//
+// Where the view has a display (src/plugin/forward_display.rs) and its pixel shows this surface, the display takes the place of our volumes.
 #define_import_path bevy_pbr::irradiance_volume
 
 #import bevy_pbr::light_probe::{light_probe_iterator_new, light_probe_iterator_next}
@@ -10,6 +12,8 @@
     irradiance_volume,
     irradiance_volume_sampler,
     light_probes,
+    view,
+    view_transmission_texture,
 };
 #import bevy_pbr::clustered_forward::ClusterableObjectIndexRanges
 
@@ -28,6 +32,27 @@ const MESHLESS_GI_BEFORE: f32 = 0.01;
 const MESHLESS_GI_BEYOND: f32 = 0.03;
 // Where so little is left of the eight voxels, all of them count.
 const MESHLESS_GI_LEAST: f32 = 1e-3;
+
+// How much of its distance from the eye a surface may be away from that of the display.
+const MESHLESS_GI_SAME_SURFACE: f32 = 0.01;
+
+// The display's light at a place, and 1; 0 where there is no display, or another surface in its pixel. The display's fourth number is the distance from the eye along the view, negative: what Bevy binds
+// in its place has none below zero.
+fn meshless_gi_display(world_position: vec3<f32>) -> vec4<f32> {
+    let h = view.clip_from_world * vec4f(world_position, 1.0);
+    let uv = h.xy / h.w * vec2f(0.5, -0.5) + 0.5;
+    let pixel = vec2i(floor(view.viewport.xy + uv * view.viewport.zw));
+    let size = vec2i(textureDimensions(view_transmission_texture));
+    if h.w <= 0.0 || any(pixel < vec2i(0)) || any(pixel >= size) {
+        return vec4f(0.0);
+    }
+    let shown = textureLoad(view_transmission_texture, pixel, 0);
+    let away = (view.view_from_world * vec4f(world_position, 1.0)).z;
+    if shown.a >= 0.0 || abs(away - shown.a) > -MESHLESS_GI_SAME_SURFACE * shown.a {
+        return vec4f(0.0);
+    }
+    return vec4f(shown.rgb / view.exposure, 1.0);
+}
 
 fn irradiance_volume_light(
     world_position: vec3<f32>,
@@ -70,8 +95,14 @@ fn irradiance_volume_light(
         let z = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.z, 2.0 * third), 0.0);
         var here = x.rgb * square.x + y.rgb * square.y + z.rgb * square.z;
 
+        var display = vec4f(0.0);
+        if x.a < 0.0 {
+            display = meshless_gi_display(world_position);
+        }
         // In an open place all six texels of all eight voxels say so.
-        if x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
+        if display.a > 0.0 {
+            here = display.rgb;
+        } else if x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
             let first = vec3u(place - 0.5);
             var sum = vec3f(0.0);
             var all_weights = 0.0;

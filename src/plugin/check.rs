@@ -61,6 +61,10 @@ pub enum MeshlessGiFinding {
     /// An entity uses a bake whose level, recipe or bake version has changed since, see
     /// [`MeshlessGiStaleBakes`](super::MeshlessGiStaleBakes).
     StaleBake,
+    /// No camera displays a bake, and some camera that sees its root is not deferred.
+    NoDisplay,
+    /// No camera displays a bake, and all cameras that see its root are deferred.
+    NoDeferredDisplay,
 }
 
 impl MeshlessGiFinding {
@@ -130,6 +134,15 @@ impl MeshlessGiFinding {
             Self::LiveTexture => {
                 "A material that `MeshlessGiMaterials` names got another texture for its base colour or its emission: indirect light keeps that of the bake. Change `base_color` or \
                  `emissive`, which multiply it, or bake the level again."
+            }
+            Self::NoDisplay => {
+                "No camera displays a baked scene, so there is no indirect light in the picture. Put `MeshlessGiVolume` on the scene's root, which lights \
+                 cameras that are not deferred (the bake needs `probes: ()` in its recipe, or `--probes`), or add `MeshlessGiCamera` to the camera, which makes \
+                 it deferred and displays the whole bake."
+            }
+            Self::NoDeferredDisplay => {
+                "No camera displays a baked scene, so there is no indirect light in the picture. Add `MeshlessGiCamera` to the camera, which displays the whole \
+                 bake. For cameras that are not deferred, put `MeshlessGiVolume` on the scene's root (the bake needs `probes: ()` in its recipe, or `--probes`)."
             }
             Self::VolumeShader => {
                 "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `MeshlessGiVolume` lets light of the next \

@@ -132,7 +132,8 @@ impl GiRender {
             state.views.push(ViewState {
                 id: view.id,
                 gloss: view.gloss.is_some(),
-                lit: view.settings.view == MeshlessGiView::Lit,
+                // Soft shadows are taken from the picture of a deferred camera.
+                lit: view.settings.view == MeshlessGiView::Lit && !view.forward,
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 pixels: view.pixels,

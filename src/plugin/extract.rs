@@ -10,6 +10,7 @@ use super::components::{
     MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
 };
 use super::display::MeshlessGiDisplay;
+use super::forward_camera::ForwardDisplays;
 use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
 use super::gloss::MeshlessGiGloss;
 use super::materials::{MeshlessGiMaterials, Resolved};
@@ -72,6 +73,8 @@ pub(crate) struct ExtractedGiView {
     pub display: MeshlessGiDisplay,
     pub gloss: Option<MeshlessGiGloss>,
     pub has_gbuffer: bool,
+    /// Its surfaces read the display while they are drawn ([`super::forward_display`]).
+    pub forward: bool,
     /// How many it draws.
     pub pixels: u64,
     pub sees: Vec<SceneId>,
@@ -322,6 +325,7 @@ pub(crate) fn extract(
     gizmos: Extract<Option<Res<GizmoConfigStore>>>,
     scenes: Extract<Scenes>,
     cameras: Extract<Cameras>,
+    forward: Extract<ForwardDisplays>,
     points: Extract<Query<(LightParts, &PointLight), Without<SpotLight>>>,
     spots: Extract<Query<(LightParts, &SpotLight)>>,
     directionals: Extract<Query<(LightParts, &DirectionalLight)>>,
@@ -418,12 +422,19 @@ pub(crate) fn extract(
             display: *display,
             gloss: gloss.copied(),
             has_gbuffer: draws_gbuffer(brought, msaa),
+            forward: false,
             pixels: (camera.physical_viewport_size())
                 .map_or(0, |size| u64::from(size.x) * u64::from(size.y)),
             sees: out.scenes.iter().filter(sees).map(|s| s.id).collect(),
             layers,
         };
         out.views.push(view);
+    }
+    for (entity, parts) in &forward {
+        if parts.camera.is_active {
+            let view = parts.view(entity, &out.scenes, |id| volumes.contains(id));
+            out.views.push(view);
+        }
     }
     // Nothing reads the lights of a frame that shows no baked scene.
     if out.scenes.is_empty() || out.views.is_empty() && volumes.is_empty() {

@@ -31,6 +31,7 @@
 //! | `entity_bake` | main, `Last` | starts bakes of the meshes below roots that ask for one |
 //! | `check` | main, `Last` | warns of what would be counted twice |
 //! | `level_check` | main, `Last` | warns of bakes whose level has changed since |
+//! | `check_display` | main, `Last` | warns of a bake that no camera displays |
 //! | `reflective` | main, `PostUpdate` | aims the cameras that draw what moves from the lights that ask for it |
 //! | `extract` | render, `ExtractSchedule` | reads scenes, cameras and lights |
 //! | `inventory` | both | counts what there is and what changed of it |
@@ -39,7 +40,10 @@
 //! | `volume_shader` | main, `PostUpdate` | has Bevy read such a volume with its walls in mind |
 //! | `soft` | both | lamps with soft shadows, and what is taken from the picture for them |
 //! | `capture` | render, before the other cameras | draws what moves, as those lights see it |
-//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | splats and adds |
+//! | `forward_views` | render, `Render`, around Bevy's queues | draws deferred materials in views without a G-buffer |
+//! | `evaluate` | render, in the two below | splats |
+//! | `composite` | render, `Core3d` of each camera, after opaque, before transmissive and transparent | adds that to the pictures of deferred cameras |
+//! | `forward_display` | render, `Core3d` of each camera, before opaque | hands it to the surfaces of forward cameras |
 //! | `fog` | render, `Core3d` of each camera, behind Bevy's volumetric fog | adds what fog sends to the eye of a level's light |
 //! | `diagnostics` | main, `PreUpdate` | counters to Bevy's diagnostics |
 //! | `costs` | both | what the device's clock says of the passes, to the next plans |
@@ -51,7 +55,8 @@
 //! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
 //!   says so once and stays inert; nothing else of the app changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
-//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`], and so is volumetric fog.
+//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Cameras without a deferred prepass draw such materials forward,
+//!   as without the plugin. What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`], and so is volumetric fog.
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
@@ -74,6 +79,7 @@ mod build_copy;
 mod build_step;
 mod capture;
 mod check;
+mod check_display;
 mod components;
 mod composite;
 mod compute;
@@ -83,9 +89,13 @@ mod deferred;
 mod diagnostics;
 mod display;
 mod entity_bake;
+mod evaluate;
 mod extract;
 mod fog;
 mod fog_order;
+mod forward_camera;
+mod forward_display;
+mod forward_views;
 mod gizmos;
 mod gloss;
 mod inventory;
@@ -138,6 +148,7 @@ pub use display::{
 pub use entity_bake::{
     MeshlessGiBakeCommands, MeshlessGiBakeExclude, MeshlessGiBakeRequest, MeshlessGiBakeWarning,
 };
+pub use forward_camera::MeshlessGiForwardCamera;
 pub use gizmos::MeshlessGiGizmos;
 pub use gloss::MeshlessGiGloss;
 #[cfg(feature = "gltf")]
@@ -182,8 +193,9 @@ use bevy::transform::TransformSystems;
 /// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
 #[derive(Clone, Debug)]
 pub struct MeshlessGiPlugin {
-    /// Makes deferred the default for opaque materials, as the composite needs it. Bevy draws such materials in views with a deferred prepass alone: turn it off for
-    /// forward cameras ([`MeshlessGiVolume`]), or to choose material by material.
+    /// Makes deferred the default for opaque materials, as the composite needs it. Views without a deferred prepass draw such materials
+    /// forward, as they do without the plugin, so forward cameras need nothing set here. Turn it off to choose material by material, or
+    /// to keep a [`DefaultOpaqueRendererMethod`] that was inserted before the plugin; one that is inserted after it stays in any case.
     pub deferred: bool,
 }
 
@@ -207,6 +219,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<MeshlessGiDisplay>()
             .register_type::<MeshlessGiFindings>()
             .register_type::<MeshlessGiGizmos>()
+            .register_type::<MeshlessGiForwardCamera>()
             .register_type::<MeshlessGiGloss>()
             .register_type::<MeshlessGiLight>()
             .register_type::<MeshlessGiLighting>()
@@ -305,6 +318,7 @@ impl Plugin for MeshlessGiPlugin {
                 Last,
                 (
                     check::check,
+                    check_display::check_display,
                     soft::check_soft,
                     volume::check_volumes,
                     fog::check_fog,
@@ -344,6 +358,8 @@ impl Plugin for MeshlessGiPlugin {
             warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
             return;
         };
+        // Also where indirect light stays off: deferred is the default for opaque materials there too.
+        forward_views::add_systems(render_app);
         let world = render_app.world();
         let Some(device) = world.get_resource::<RenderDevice>() else {
             warn!("MeshlessGiPlugin: the renderer has no device, indirect light stays off.");
@@ -353,6 +369,7 @@ impl Plugin for MeshlessGiPlugin {
             warn!("MeshlessGiPlugin: indirect light stays off, because {why}.");
             return;
         }
+        forward_display::add_systems(render_app);
         render_app
             .insert_resource(status)
             .insert_resource(costs)

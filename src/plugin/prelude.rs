@@ -5,6 +5,7 @@ pub use super::{
     MeshlessGiBakeExclude, MeshlessGiBakeFinished, MeshlessGiBakeProgress, MeshlessGiBakeRequest,
     MeshlessGiBakeStage, MeshlessGiBakeSummary, MeshlessGiBakeWarning, MeshlessGiBouncer,
     MeshlessGiCamera, MeshlessGiChannels, MeshlessGiDisplay, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiForwardCamera,
     MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder,
     MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality,
     MeshlessGiReflective, MeshlessGiSettings, MeshlessGiSky, MeshlessGiSoftShadow,

@@ -18,10 +18,19 @@ struct ClusterableObjectIndexRanges { first: u32 }
 struct LightProbeQueryResult { texture_index: i32, intensity: f32, light_from_world: mat4x4<f32>, weight: f32, flags: u32 }
 struct LightProbeIterator { found: u32 }
 struct Place { place: vec3f, facing: vec3f }
+struct View { clip_from_world: mat4x4<f32>, view_from_world: mat4x4<f32>, viewport: vec4f, exposure: f32 }
 @group(0) @binding(0) var irradiance_volume: texture_3d<f32>;
 @group(0) @binding(1) var irradiance_volume_sampler: sampler;
 @group(0) @binding(2) var<storage, read> places: array<Place>;
 @group(0) @binding(3) var<storage, read_write> lights: array<vec4f>;
+@group(0) @binding(4) var view_transmission_texture: texture_2d<f32>;
+// Looks along z from one voxel before the volume of 7 x 5 x 6, which fills its viewport; y points down.
+var<private> view: View = View(
+    mat4x4<f32>(2.0 / 7.0, 0.0, 0.0, 0.0, 0.0, -2.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, -1.0, 1.0, 0.0, 1.0),
+    mat4x4<f32>(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0),
+    vec4f(0.0, 0.0, 7.0, 5.0),
+    0.5,
+);
 fn light_probe_iterator_new(place: vec3<f32>, is_volume: bool, ranges: ptr<function, ClusterableObjectIndexRanges>) -> LightProbeIterator {
     return LightProbeIterator((*ranges).first + select(9u, 0u, is_volume));
 }
@@ -149,6 +158,34 @@ pub fn linear(harness: &Harness) -> wgpu::Sampler {
     })
 }
 
+/// A texture of the screen.
+fn screen_of(
+    harness: &Harness,
+    [width, height]: [u32; 2],
+    texels: &[[f16; 4]],
+) -> wgpu::TextureView {
+    let texture = harness.device.create_texture_with_data(
+        &harness.queue,
+        &wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        },
+        wgpu::util::TextureDataOrder::LayerMajor,
+        bytemuck::cast_slice(texels),
+    );
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
 #[test]
 fn a_volume_is_read_as_its_twin_reads_it() {
     let Some(harness) = harness() else { return };
@@ -186,8 +223,13 @@ fn a_volume_is_read_as_its_twin_reads_it() {
                 0 => Vec3::AXES[k / 4 % 3] * [1.0, -1.0][k / 12 % 2],
                 _ => dice.direction(),
             };
+            let mut place = (part * 1.2 - 0.1) * size.as_vec3();
+            if k % 3 == 0 {
+                // As far from the eye as surfaces of the display below.
+                place.z = 3.0;
+            }
             Place {
-                place: ((part * 1.2 - 0.1) * size.as_vec3()).to_array(),
+                place: place.to_array(),
                 pad: 0,
                 facing: facing.to_array(),
                 pad2: 0,
@@ -195,7 +237,9 @@ fn a_volume_is_read_as_its_twin_reads_it() {
         })
         .collect();
 
-    let on_device = |voxels: &[[f16; 4]]| -> Vec<[f32; 4]> {
+    // What Bevy binds where a display may be: no alpha below zero.
+    let none = screen_of(&harness, [1, 1], &[[f16::ONE; 4]]);
+    let displayed = |voxels: &[[f16; 4]], display: &wgpu::TextureView| -> Vec<[f32; 4]> {
         let (view, sampler) = (space_of(&harness, texels, voxels), linear(&harness));
         let upload = |contents: &[u8], usage| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -214,6 +258,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
             wgpu::BindingResource::Sampler(&sampler),
             given.as_entire_binding(),
             lights.as_entire_binding(),
+            wgpu::BindingResource::TextureView(display),
         ];
         let entries: Vec<_> = (0u32..)
             .zip(resources)
@@ -234,6 +279,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
             .unwrap();
         harness.read(&lights, places.len()).unwrap()
     };
+    let on_device = |voxels: &[[f16; 4]]| displayed(voxels, &none);
     let expected = |voxels: &[[f32; 4]]| -> Vec<[f32; 4]> {
         let light = |p: &Place| {
             let light = read_volume(params.size, voxels, p.place.into(), p.facing.into());
@@ -267,4 +313,26 @@ fn a_volume_is_read_as_its_twin_reads_it() {
     let even = on_device(&even);
     let largest = even.iter().map(|t| (t[0] - 2.0).abs()).fold(0.0, f32::max);
     assert!(largest < 0.01, "{largest}");
+    // A display answers for surfaces as far away as its own, and for no others.
+    let pixel = |x: u32, y: u32| [0.25, 0.5, 1.0, if (x + y) % 2 == 0 { -4.0 } else { -5.0 }];
+    let texels: Vec<[f16; 4]> = (0..size.x * size.y)
+        .map(|i| pixel(i % size.x, i / size.x).map(f16::from_f32))
+        .collect();
+    let display = screen_of(&harness, [size.x, size.y], &texels);
+    let by_display = |p: &Place| {
+        let [x, y, z] = p.place;
+        let inside = x >= 0.0 && y >= 0.0 && x < size.x as f32 && y < size.y as f32;
+        let away = pixel(x.max(0.0) as u32, y.max(0.0) as u32)[3];
+        inside && (1.0 + z + away).abs() < -0.01 * away
+    };
+    let with: Vec<[f32; 4]> = (places.iter().zip(&twin))
+        // Over the exposure, and by both volumes as above.
+        .map(|(p, volume)| match by_display(p) {
+            true => [1.0, 2.0, 4.0, 1.0],
+            false => *volume,
+        })
+        .collect();
+    let shown = displayed(&voxels, &display);
+    assert_eq!(off(&shown, &with), 0);
+    assert!(off(&found, &with) * 20 > places.len());
 }

@@ -1,0 +1,615 @@
+//! Cameras that are not ours beside one that displays indirect light: they draw what they draw without the plugin, also where cameras, meshes
+//! and materials come, change and go; and the warning where no camera displays a bake.
+
+mod plugin_support;
+
+use bevy::asset::RenderAssetUsages;
+use bevy::camera::{
+    Camera3dDepthLoadOp, ClearColorConfig, Hdr, RenderTarget, ScalingMode, Viewport,
+    visibility::RenderLayers,
+};
+use bevy::core_pipeline::prepass::{
+    DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass,
+};
+use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::material::OpaqueRendererMethod;
+use bevy::pbr::DefaultOpaqueRendererMethod;
+use bevy::prelude::*;
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
+use bevy_meshless_gi::bake::{FreeSpaceLight, Preset, Recipe};
+use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings};
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use plugin_support::flip::Picture;
+use plugin_support::scenes::{Room, cornell};
+use plugin_support::stage::{bevy_lamp, keep, spawn_baked, spawn_lamp, spawn_room, view};
+
+const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
+/// The layer of what the preview camera shows.
+const PREVIEW: usize = 5;
+/// The largest difference of a pixel's channel between the pictures of two apps. They are the same draws by the same shaders.
+const MAX_DIFFERENCE: f32 = 1e-4;
+
+/// The room with a lamp that casts shadows, a grid with holes, and a ball on a layer of its own; with the plugin a bake lights it.
+struct Stage {
+    app: App,
+    images: Vec<Handle<Image>>,
+    cameras: Vec<Entity>,
+    ball: Handle<StandardMaterial>,
+    floor: Entity,
+    floor_material: Handle<StandardMaterial>,
+}
+
+impl Stage {
+    fn new(plugin: bool, plugins: impl Fn(&mut App)) -> Self {
+        let mut app = App::new();
+        app.add_plugins(headless_plugins());
+        if plugin {
+            app.add_plugins(MeshlessGiPlugin::default());
+        }
+        app.insert_resource(GlobalAmbientLight::NONE)
+            .insert_resource(bevy::light::PointLightShadowMap { size: 256 });
+        plugins(&mut app);
+        ready(&mut app);
+        if plugin {
+            spawn_room(&mut app, Transform::IDENTITY);
+        } else {
+            let root = (Transform::IDENTITY, Visibility::default());
+            let root = app.world_mut().spawn(root).id();
+            cornell().0.spawn(&mut app, root);
+        }
+        let lamp = PointLight {
+            shadow_maps_enabled: true,
+            ..bevy_lamp()
+        };
+        let place = Transform::from_translation(LAMP);
+        app.world_mut().spawn((lamp, place));
+        let (floor, floor_material) = floor(&mut app);
+        let ball = material(&mut app, Color::linear_rgb(0.1, 0.3, 0.8));
+        let mut stage = Self {
+            app,
+            images: Vec::new(),
+            cameras: Vec::new(),
+            ball: ball.clone(),
+            floor,
+            floor_material,
+        };
+        stage.ball_at(Vec3::new(-0.4, 0.3, 0.3), 0.25, RenderLayers::layer(0));
+        stage.ball_at(Vec3::new(0.0, 10.0, 0.0), 0.8, RenderLayers::layer(PREVIEW));
+        stage.grid();
+        let sun = DirectionalLight {
+            illuminance: 5000.0,
+            ..default()
+        };
+        let toward = Transform::from_xyz(1.0, 2.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
+        let layer = RenderLayers::layer(PREVIEW);
+        stage.app.world_mut().spawn((sun, toward, layer));
+        stage
+    }
+
+    fn ball_at(&mut self, place: Vec3, radius: f32, layers: RenderLayers) -> Entity {
+        let mesh = Sphere::new(radius).mesh().ico(8).unwrap();
+        let mesh = self.add(mesh);
+        let ball = MeshMaterial3d(self.ball.clone());
+        let place = Transform::from_translation(place);
+        let parts = (Mesh3d(mesh), ball, place, layers);
+        self.app.world_mut().spawn(parts).id()
+    }
+
+    /// A wall with round holes of a masked material.
+    fn grid(&mut self) {
+        let texel = |i: usize| {
+            let at = |v: usize| (v % 8) as f32 - 3.5;
+            let hole = at(i % 32).hypot(at(i / 32)) < 2.6;
+            [230, 200, 60, if hole { 0 } else { 255 }]
+        };
+        let size = Extent3d {
+            width: 32,
+            height: 32,
+            depth_or_array_layers: 1,
+        };
+        let image = Image::new(
+            size,
+            TextureDimension::D2,
+            (0..32 * 32).flat_map(texel).collect(),
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::default(),
+        );
+        let image = self.add(image);
+        let material = self.add(StandardMaterial {
+            base_color_texture: Some(image),
+            alpha_mode: AlphaMode::Mask(0.5),
+            perceptual_roughness: 1.0,
+            double_sided: true,
+            cull_mode: None,
+            ..default()
+        });
+        let mesh = self.add(Rectangle::new(0.8, 0.8).mesh().build());
+        let place = Transform::from_xyz(-0.5, 1.2, -0.3).with_rotation(Quat::from_rotation_y(0.5));
+        let parts = (Mesh3d(mesh), MeshMaterial3d(material), place);
+        self.app.world_mut().spawn(parts);
+    }
+
+    fn add<A: Asset>(&mut self, asset: A) -> Handle<A> {
+        let mut assets = self.app.world_mut().resource_mut::<Assets<A>>();
+        assets.add(asset)
+    }
+
+    /// A camera with a target of its own.
+    fn look(&mut self, kind: impl Bundle, at: Transform) -> Entity {
+        let image = target(&mut self.app);
+        let shared = (
+            Camera3d::default(),
+            RenderTarget::Image(image.clone().into()),
+            Tonemapping::None,
+            DebandDither::Disabled,
+            at,
+        );
+        let eye = self.app.world_mut().spawn(shared).insert(kind).id();
+        self.images.push(image);
+        self.cameras.push(eye);
+        eye
+    }
+
+    /// Plain cameras of three kinds, and one of four samples with a prepass.
+    fn plain_cameras(&mut self) {
+        let above = Transform::from_xyz(0.0, 1.9, 0.0).looking_at(Vec3::ZERO, Vec3::NEG_Z);
+        let map = OrthographicProjection {
+            scaling_mode: ScalingMode::FixedVertical {
+                viewport_height: 2.2,
+            },
+            ..OrthographicProjection::default_3d()
+        };
+        self.look((Projection::Orthographic(map), Msaa::Sample4), above);
+        let prepasses = (
+            DepthPrepass,
+            NormalPrepass,
+            MotionVectorPrepass,
+            Msaa::Off,
+            Hdr,
+        );
+        self.look(prepasses, view());
+        self.look((DepthPrepass, Msaa::Sample4), view());
+        let preview = Camera {
+            viewport: Some(Viewport {
+                physical_position: UVec2::new(16, 8),
+                physical_size: UVec2::new(64, 64),
+                ..default()
+            }),
+            order: 3,
+            clear_color: ClearColorConfig::Custom(Color::linear_rgb(0.05, 0.05, 0.1)),
+            ..default()
+        };
+        let layers = RenderLayers::layer(PREVIEW);
+        let eye = Transform::from_xyz(0.0, 10.3, 3.0).looking_at(Vec3::Y * 10.0, Vec3::Y);
+        self.look((preview, layers), eye);
+    }
+
+    fn pictures(&mut self) -> Vec<Picture> {
+        run(&mut self.app, 3);
+        let images = self.images.clone();
+        images.iter().map(|i| picture(&mut self.app, i)).collect()
+    }
+}
+
+fn material(app: &mut App, color: Color) -> Handle<StandardMaterial> {
+    let material = StandardMaterial {
+        base_color: color,
+        perceptual_roughness: 0.8,
+        ..default()
+    };
+    let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+    materials.add(material)
+}
+
+/// The first of the room's surfaces, and its material.
+fn floor(app: &mut App) -> (Entity, Handle<StandardMaterial>) {
+    let mut meshes = app
+        .world_mut()
+        .query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();
+    let (floor, material) = meshes.iter(app.world()).next().expect("the floor");
+    (floor, material.0.clone())
+}
+
+/// The largest difference of a channel.
+fn difference(a: &Picture, b: &Picture) -> f32 {
+    let pairs = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+/// How many pixels differ from the one in the first corner.
+fn drawn(picture: &Picture) -> usize {
+    let clear = picture.pixels[0];
+    picture.pixels.iter().filter(|p| **p != clear).count()
+}
+
+#[track_caller]
+fn assert_equal(name: &str, with: &[Picture], without: &[Picture]) {
+    assert_eq!(with.len(), without.len());
+    for (k, (with, without)) in with.iter().zip(without).enumerate() {
+        keep(&format!("cameras_{name}_{k}"), &without.beside(with));
+        let d = difference(with, without);
+        println!("{name}, camera {k}: {d}");
+        assert!(drawn(without) > 1000, "{name}, camera {k} draws something");
+        assert!(d <= MAX_DIFFERENCE, "{name}, camera {k}: {d}");
+    }
+}
+
+/// Both apps with a step of a game done in each, and their pictures compared.
+fn step(apps: &mut [Stage; 2], name: &str, change: impl Fn(&mut Stage)) -> Vec<Picture> {
+    apps.iter_mut().for_each(change);
+    let [with, without] = apps.each_mut().map(Stage::pictures);
+    assert_equal(name, &with, &without);
+    without
+}
+
+fn both() -> [Stage; 2] {
+    [true, false].map(|plugin| {
+        let mut stage = Stage::new(plugin, |_| {});
+        stage.plain_cameras();
+        stage
+    })
+}
+
+#[test]
+fn plain_cameras_beside_a_display_show_what_they_show_without_the_plugin() {
+    let mut apps = both();
+    // The display has a picture of its own, which is not compared.
+    let image = target(&mut apps[0].app);
+    let eye = (camera(&image, view()), MeshlessGiCamera::default());
+    let eye = apps[0].app.world_mut().spawn(eye).id();
+    let plain = step(&mut apps, "three_kinds", |_| {});
+    let lit = picture(&mut apps[0].app, &image);
+    keep("cameras_display", &plain[1].beside(&lit));
+    // The second camera stands where the display does, and shows direct light alone.
+    assert!(lit.mean() > 1.2 * plain[1].mean(), "{}", lit.mean());
+    let findings = apps[0].app.world().resource::<MeshlessGiFindings>();
+    assert_eq!(findings.0, [], "nothing is wrong with such cameras");
+    // The comparison can fail.
+    assert!(difference(&lit, &plain[1]) > 100.0 * MAX_DIFFERENCE);
+    apps[0].app.world_mut().despawn(eye);
+    step(&mut apps, "display_gone", |_| {});
+}
+
+#[test]
+fn changes_at_run_time_reach_plain_cameras() {
+    let mut apps = both();
+    let first = step(&mut apps, "start", |_| {});
+    let moved = step(&mut apps, "mesh_later", |s| {
+        s.ball_at(Vec3::new(0.6, 0.3, 0.7), 0.2, RenderLayers::layer(0));
+    });
+    assert!(difference(&first[1], &moved[1]) > 0.01, "the ball is seen");
+    let change = |s: &mut Stage, change: &dyn Fn(&mut StandardMaterial)| {
+        let floor = s.floor_material.clone();
+        let mut materials = s.app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        change(&mut materials.get_mut(&floor).expect("the floor"));
+    };
+    let colored = step(&mut apps, "color", |s| {
+        change(s, &|m| m.base_color = Color::linear_rgb(0.8, 0.1, 0.6));
+    });
+    assert!(
+        difference(&colored[0], &moved[0]) > 0.01,
+        "the color is seen"
+    );
+    step(&mut apps, "masked", |s| {
+        change(s, &|m| m.alpha_mode = AlphaMode::Mask(0.5));
+    });
+    step(&mut apps, "blended", |s| {
+        change(s, &|m| m.alpha_mode = AlphaMode::Blend);
+    });
+    step(&mut apps, "opaque_again", |s| {
+        change(s, &|m| m.alpha_mode = AlphaMode::Opaque);
+    });
+    step(&mut apps, "forward", |s| {
+        change(s, &|m| {
+            m.opaque_render_method = OpaqueRendererMethod::Forward
+        });
+    });
+    step(&mut apps, "other_material", |s| {
+        let ball = MeshMaterial3d(s.ball.clone());
+        let floor = s.floor;
+        s.app.world_mut().entity_mut(floor).insert(ball);
+    });
+    step(&mut apps, "camera_later", |s| {
+        let at = Transform::from_xyz(0.5, 0.5, 2.5).looking_at(Vec3::Y * 0.5, Vec3::Y);
+        s.look((NormalPrepass, Msaa::Off), at);
+    });
+    step(&mut apps, "camera_gone", |s| {
+        let eye = s.cameras.remove(0);
+        s.images.remove(0);
+        s.app.world_mut().despawn(eye);
+    });
+    step(&mut apps, "hidden", |s| {
+        let floor = s.floor;
+        s.app
+            .world_mut()
+            .entity_mut(floor)
+            .insert(Visibility::Hidden);
+    });
+    step(&mut apps, "shown_again", |s| {
+        let floor = s.floor;
+        s.app
+            .world_mut()
+            .entity_mut(floor)
+            .insert(Visibility::Inherited);
+    });
+    step(&mut apps, "mesh_gone", |s| {
+        let floor = s.floor;
+        s.app.world_mut().despawn(floor);
+    });
+}
+
+#[test]
+fn a_camera_that_becomes_a_display_and_plain_again_shows_what_it_showed() {
+    let mut apps = both();
+    let eye = apps[0].cameras[1];
+    step(&mut apps, "plain", |_| {});
+    apps[0]
+        .app
+        .world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiCamera::default());
+    let image = apps[0].images[1].clone();
+    let plain = picture(&mut apps[1].app, &image);
+    run(&mut apps[0].app, 3);
+    let lit = picture(&mut apps[0].app, &image);
+    keep("cameras_becomes_display", &plain.beside(&lit));
+    assert!(lit.mean() > 1.2 * plain.mean(), "{}", lit.mean());
+    apps[0]
+        .app
+        .world_mut()
+        .entity_mut(eye)
+        .remove::<(MeshlessGiCamera, DeferredPrepass)>();
+    step(&mut apps, "plain_again", |_| {});
+    // A prepass that goes, and one that comes.
+    step(&mut apps, "prepasses", |s| {
+        let (first, second) = (s.cameras[0], s.cameras[1]);
+        let world = s.app.world_mut();
+        world
+            .entity_mut(second)
+            .remove::<(DepthPrepass, NormalPrepass, MotionVectorPrepass)>();
+        world.entity_mut(first).insert(DepthPrepass);
+    });
+}
+
+/// A camera over the picture of another one, spawned by a plugin that does not name this one.
+struct Overlay;
+
+#[derive(Resource)]
+struct Drawn(Handle<Image>);
+
+impl Plugin for Overlay {
+    fn build(&self, app: &mut App) {
+        app.add_systems(
+            Startup,
+            |mut commands: Commands, mut images: ResMut<Assets<Image>>| {
+                let image = plugin_support::app::drawable(128, 96);
+                let image = images.add(image);
+                commands.spawn((
+                    Camera3d {
+                        depth_load_op: Camera3dDepthLoadOp::Clear(0.0),
+                        ..default()
+                    },
+                    Camera {
+                        order: 7,
+                        ..default()
+                    },
+                    RenderTarget::Image(image.clone().into()),
+                    Tonemapping::None,
+                    DebandDither::Disabled,
+                    Transform::from_xyz(0.4, 1.0, 3.5).looking_at(Vec3::Y, Vec3::Y),
+                ));
+                commands.insert_resource(Drawn(image));
+            },
+        );
+    }
+}
+
+#[test]
+fn camera_of_another_plugin_draws_the_scene() {
+    // Added before this plugin's `finish` and, in the second pair, before the plugin itself.
+    let mut apps = [true, false].map(|plugin| {
+        let mut stage = Stage::new(plugin, |app| {
+            app.add_plugins(Overlay);
+        });
+        run(&mut stage.app, 1);
+        let image = stage.app.world().resource::<Drawn>().0.clone();
+        stage.images.push(image);
+        stage
+    });
+    step(&mut apps, "second_plugin", |_| {});
+}
+
+#[test]
+fn method_that_a_game_sets_stays() {
+    let method = |app: &App| {
+        format!(
+            "{:?}",
+            app.world().resource::<DefaultOpaqueRendererMethod>()
+        )
+    };
+    let forward = format!("{:?}", DefaultOpaqueRendererMethod::forward());
+    let mut app = App::new();
+    app.add_plugins((headless_plugins(), MeshlessGiPlugin::default()));
+    assert_ne!(method(&app), forward);
+    app.insert_resource(DefaultOpaqueRendererMethod::forward());
+    ready(&mut app);
+    run(&mut app, 2);
+    assert_eq!(method(&app), forward);
+    let mut app = App::new();
+    app.add_plugins(headless_plugins())
+        .insert_resource(DefaultOpaqueRendererMethod::forward())
+        .add_plugins(MeshlessGiPlugin { deferred: false });
+    assert_eq!(method(&app), forward);
+}
+
+/// The room's bake with light in free space.
+fn with_probes() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        probes: Some(FreeSpaceLight {
+            spacing: Some(0.25),
+            rays: None,
+        }),
+        ..Recipe::default()
+    }
+}
+
+#[test]
+fn masked_materials_in_a_display_with_a_volume_are_lit_once() {
+    let bake = Room::cornell().bake_as(&with_probes());
+    let mut app = app();
+    let root = spawn_baked(&mut app, &Room::cornell(), &bake, Transform::IDENTITY);
+    app.world_mut()
+        .entity_mut(root)
+        .insert(MeshlessGiVolume::default());
+    spawn_lamp(&mut app, LAMP);
+    let image = target(&mut app);
+    let eye = (camera(&image, view()), MeshlessGiCamera::default());
+    let eye = app.world_mut().spawn(eye).id();
+    // The volume is written over some frames, and the lighting without it is compiled.
+    run(&mut app, 60);
+    let opaque = picture(&mut app, &image);
+    let all_to = |app: &mut App, mode: AlphaMode| {
+        let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
+        let ids: Vec<_> = materials.ids().collect();
+        for id in ids {
+            materials.get_mut(id).expect("it is there").alpha_mode = mode;
+        }
+        run(app, 4);
+    };
+    all_to(&mut app, AlphaMode::Mask(0.5));
+    let masked = picture(&mut app, &image);
+    keep("cameras_masked", &opaque.beside(&masked));
+    let d = masked.nrmse(&opaque);
+    println!("masked: NRMSE {d}");
+    assert!(d < 0.005, "{d}");
+    // Off, the camera shows direct light alone, masked or not; on again, all of it.
+    let enable = |app: &mut App, on: bool| {
+        let mut display = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+        display.enabled = on;
+        run(app, 4);
+        picture(app, &image)
+    };
+    let off = enable(&mut app, false);
+    assert!(off.mean() < 0.8 * opaque.mean(), "{}", off.mean());
+    let again = enable(&mut app, true);
+    assert!(again.nrmse(&opaque) < 0.005, "{}", again.nrmse(&opaque));
+}
+
+/// Findings of an app with a baked room, a camera of this kind, and so many frames.
+fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<MeshlessGiFinding> {
+    let mut app = app();
+    let root = spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let mut eye = app.world_mut().spawn(camera(&image, view()));
+    eye.insert(kind);
+    change(&mut app, root);
+    run(&mut app, 40);
+    app.world().resource::<MeshlessGiFindings>().0.clone()
+}
+
+#[test]
+fn bake_that_no_camera_displays_is_told_once() {
+    let nothing = |_: &mut App, _: Entity| {};
+    assert_eq!(told((), nothing), [MeshlessGiFinding::NoDisplay]);
+    let deferred = (DepthPrepass, NormalPrepass, DeferredPrepass, Msaa::Off);
+    assert_eq!(
+        told(deferred, nothing),
+        [MeshlessGiFinding::NoDeferredDisplay]
+    );
+    // Both cures; a camera that is turned off; one that does not see the bake; and a display that is turned off.
+    assert_eq!(told(MeshlessGiCamera::default(), nothing), []);
+    let volume = |app: &mut App, root: Entity| {
+        app.world_mut()
+            .entity_mut(root)
+            .insert(MeshlessGiVolume::default());
+    };
+    assert_eq!(told((), volume), [MeshlessGiFinding::NoFreeSpace]);
+    let inactive = Camera {
+        is_active: false,
+        ..default()
+    };
+    assert_eq!(told(inactive, nothing), []);
+    assert_eq!(told(RenderLayers::layer(3), nothing), []);
+    let off = MeshlessGiCamera {
+        enabled: false,
+        ..default()
+    };
+    assert_eq!(told(off, nothing), []);
+}
+
+#[test]
+fn advice_names_both_cures_and_the_volume_first_for_forward_cameras() {
+    let places = |finding: MeshlessGiFinding| {
+        ["MeshlessGiVolume", "MeshlessGiCamera"].map(|cure| finding.advice().find(cure))
+    };
+    let [Some(volume), Some(camera)] = places(MeshlessGiFinding::NoDisplay) else {
+        panic!("both cures");
+    };
+    assert!(volume < camera);
+    let [Some(volume), Some(camera)] = places(MeshlessGiFinding::NoDeferredDisplay) else {
+        panic!("both cures");
+    };
+    assert!(camera < volume);
+}
+
+#[test]
+fn display_that_comes_late_is_not_missed() {
+    let mut app = app();
+    spawn_room(&mut app, Transform::IDENTITY);
+    let image = target(&mut app);
+    let eye = app.world_mut().spawn(camera(&image, view())).id();
+    run(&mut app, 8);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(MeshlessGiCamera::default());
+    run(&mut app, 40);
+    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+}
+
+/// The largest jump between neighbors on the back wall, relative to their mean: light there changes slowly.
+fn roughness(picture: &Picture) -> f32 {
+    let (left, right, top, bottom) = (45, 58, 29, 46);
+    let at = |x: usize, y: usize| picture.pixels[y * picture.width + x][1];
+    let mut largest = 0.0f32;
+    for y in top..bottom {
+        for x in left..right {
+            let (here, beside, below) = (at(x, y), at(x + 1, y), at(x, y + 1));
+            assert!(here > 0.0, "the wall is lit at {x}, {y}");
+            largest = largest.max((here - beside).abs() / here);
+            largest = largest.max((here - below).abs() / here);
+        }
+    }
+    largest
+}
+
+#[test]
+fn volume_with_the_default_camera_is_smooth_at_draft() {
+    let bake = Room::cornell().bake_as(&with_probes());
+    let mut shown = [false, true].map(|deferred| {
+        let mut app = app();
+        let root = spawn_baked(&mut app, &Room::cornell(), &bake, Transform::IDENTITY);
+        app.world_mut()
+            .entity_mut(root)
+            .insert(MeshlessGiVolume::default());
+        spawn_lamp(&mut app, LAMP);
+        let image = target(&mut app);
+        let mut eye = app.world_mut().spawn(camera(&image, view()));
+        if deferred {
+            eye.insert(MeshlessGiCamera::default());
+        }
+        run(&mut app, 60);
+        let shown = picture(&mut app, &image);
+        let findings = app.world().resource::<MeshlessGiFindings>().0.clone();
+        assert_eq!(findings, []);
+        shown
+    });
+    let [forward, deferred] = &mut shown;
+    keep("cameras_draft", &deferred.beside(forward));
+    let (smooth, full) = (roughness(forward), roughness(deferred));
+    println!("largest jump: volume {smooth:.4}, display {full:.4}");
+    println!("NRMSE beside the display {}", forward.nrmse(deferred));
+    assert!(smooth < 0.03, "{smooth}");
+    assert!(forward.nrmse(deferred) < 0.15);
+}

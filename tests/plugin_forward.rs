@@ -1,0 +1,310 @@
+//! The display of cameras that are not deferred: the same light as a deferred camera shows, also with several samples a pixel, in a viewport, and beside what is transparent or transmissive.
+
+mod plugin_support;
+
+use bevy::camera::{Hdr, Viewport};
+use bevy::pbr::ViewTransmissionTexture;
+use bevy::prelude::*;
+use bevy_meshless_gi::asset::BakedScene;
+use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
+use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plugin::MeshlessGiFindings;
+use bevy_meshless_gi::prelude::*;
+use plugin_support::app::{app, camera, picture, run, target};
+use plugin_support::flip::Picture;
+use plugin_support::scenes::Room;
+use plugin_support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
+use std::sync::{Arc, OnceLock};
+
+const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
+/// The largest NRMSE between the indirect light of a forward display and of the deferred one: ten bits of normals instead of twelve, and
+/// halves.
+const MAX_ERROR: f32 = 0.012;
+
+/// The room's bake with light in free space, whose voxels are coarse: the display and the volume look different.
+fn bake() -> Arc<BakedScene> {
+    static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
+    let make = || {
+        Room::cornell().bake_as(&Recipe {
+            viewpoints: vec![[0.0, 1.0, 0.6]],
+            coarse_radius: Some(0.4),
+            levels: Some(3),
+            sender_levels: Some(2),
+            rays: Some(128),
+            probes: Some(FreeSpaceLight {
+                spacing: Some(0.5),
+                rays: None,
+            }),
+            ..Recipe::default()
+        })
+    };
+    MADE.get_or_init(make).clone()
+}
+
+struct Scene {
+    app: App,
+    root: Entity,
+    eye: Entity,
+    image: Handle<Image>,
+}
+
+impl Scene {
+    /// The room with its volume and a lamp, and a camera of this kind.
+    fn new(kind: impl Bundle) -> Self {
+        let mut app = app();
+        let root = spawn_baked(&mut app, &Room::cornell(), &bake(), Transform::IDENTITY);
+        app.world_mut()
+            .entity_mut(root)
+            .insert(MeshlessGiVolume::default());
+        spawn_lamp(&mut app, LAMP);
+        let image = target(&mut app);
+        let mut eye = app.world_mut().spawn(camera(&image, view()));
+        eye.insert(kind);
+        let eye = eye.id();
+        run(&mut app, 40);
+        Self {
+            app,
+            root,
+            eye,
+            image,
+        }
+    }
+
+    fn picture(&mut self) -> Picture {
+        run(&mut self.app, 3);
+        picture(&mut self.app, &self.image)
+    }
+
+    /// Indirect light alone: the picture less the one with direct light alone.
+    fn indirect(&mut self) -> Picture {
+        let mut shown = self.picture();
+        let world = self.app.world_mut();
+        let intensity = |world: &mut World, eye: Entity, to: f32| {
+            if let Some(mut camera) = world.get_mut::<MeshlessGiCamera>(eye) {
+                camera.intensity = to;
+            }
+            if let Some(mut camera) = world.get_mut::<MeshlessGiForwardCamera>(eye) {
+                camera.intensity = to;
+            }
+        };
+        intensity(world, self.eye, 0.0);
+        let direct = self.picture();
+        intensity(self.app.world_mut(), self.eye, 1.0);
+        let pairs = shown
+            .pixels
+            .iter_mut()
+            .flatten()
+            .zip(direct.pixels.iter().flatten());
+        pairs.for_each(|(all, direct)| *all -= direct);
+        shown
+    }
+
+    /// Has the volume alone light the camera, in the same measure.
+    fn volume_alone(&mut self) -> Picture {
+        self.insert(MeshlessGiForwardCamera {
+            enabled: false,
+            ..default()
+        });
+        self.picture()
+    }
+
+    fn insert(&mut self, parts: impl Bundle) {
+        self.app.world_mut().entity_mut(self.eye).insert(parts);
+    }
+
+    /// A pane in front of the room.
+    fn pane(&mut self, material: StandardMaterial) {
+        let world = self.app.world_mut();
+        let mesh = Rectangle::new(0.7, 0.7).mesh().build();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+        let material = world
+            .resource_mut::<Assets<StandardMaterial>>()
+            .add(material);
+        let place = Transform::from_xyz(-0.4, 0.9, 0.8);
+        world.spawn((Mesh3d(mesh), MeshMaterial3d(material), place));
+    }
+}
+
+fn forward() -> impl Bundle {
+    (MeshlessGiForwardCamera::default(), Msaa::Off, Hdr)
+}
+
+fn deferred() -> impl Bundle {
+    MeshlessGiCamera::default()
+}
+
+/// Without the pixels at edges, where several samples are mixed: those whose neighbors differ much.
+fn without_edges(of: &Picture, by: &Picture) -> Picture {
+    let mut of = of.clone();
+    let at = |x: usize, y: usize| by.pixels[y * by.width + x];
+    for y in 0..by.height {
+        for x in 0..by.width {
+            let far = |(a, b): (usize, usize)| {
+                let pairs = at(x, y).into_iter().zip(at(a, b));
+                pairs.map(|(p, q)| (p - q).abs()).fold(0.0, f32::max) > 0.05
+            };
+            let around = (-2i32..=2).flat_map(|dx| (-2i32..=2).map(move |dy| (dx, dy)));
+            let inside = around.filter_map(|(dx, dy)| {
+                let a = usize::try_from(x as i32 + dx)
+                    .ok()
+                    .filter(|a| *a < by.width)?;
+                let b = usize::try_from(y as i32 + dy)
+                    .ok()
+                    .filter(|b| *b < by.height)?;
+                Some((a, b))
+            });
+            if inside.into_iter().any(far) {
+                of.pixels[y * by.width + x] = [0.0; 3];
+            }
+        }
+    }
+    of
+}
+
+#[test]
+fn forward_camera_shows_what_a_deferred_one_does() {
+    let mut expected = Scene::new(deferred());
+    let mut shown = Scene::new(forward());
+    let display = shown.picture();
+    keep("forward_display", &expected.picture().beside(&display));
+    let (expected, light) = (expected.indirect(), shown.indirect());
+    keep("forward_indirect", &expected.beside(&light));
+    // Off: the volume alone, which is coarser.
+    let volume = shown.volume_alone();
+    keep("forward_volume", &display.beside(&volume));
+    let (d, v) = (
+        light.nrmse(&expected),
+        error_of_volume(&display, &volume, &expected),
+    );
+    println!("forward display: NRMSE {d:.5}, volume {v:.5}");
+    assert!(d < MAX_ERROR, "{d}");
+    assert!(v > 2.0 * MAX_ERROR, "the volume is told apart: {v}");
+    // On again, by subsplats; then half as bright; then removed.
+    shown.insert((
+        MeshlessGiForwardCamera::default(),
+        MeshlessGiDisplay::default(),
+    ));
+    let again = shown.picture();
+    let d = again.nrmse(&display);
+    println!("by subsplats: NRMSE {d:.5}");
+    assert!(d < MAX_ERROR, "{d}");
+    assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 10);
+    shown.insert(MeshlessGiForwardCamera {
+        intensity: 0.0,
+        ..default()
+    });
+    let dark = shown.picture();
+    assert!(dark.mean() < 0.8 * volume.mean(), "{}", dark.mean());
+    let world = shown.app.world_mut();
+    world
+        .entity_mut(shown.eye)
+        .remove::<MeshlessGiForwardCamera>();
+    let plain = shown.picture();
+    assert!(plain.nrmse(&volume) < 1e-3, "{}", plain.nrmse(&volume));
+    assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
+    let render = shown.app.sub_app_mut(bevy::render::RenderApp).world_mut();
+    let mut bound = render.query::<&ViewTransmissionTexture>();
+    assert_eq!(bound.iter(render).count(), 0, "the binding is Bevy's again");
+    let findings = shown.app.world().resource::<MeshlessGiFindings>();
+    assert_eq!(findings.0, []);
+}
+
+#[test]
+fn forward_camera_of_four_samples_shows_it_between_edges() {
+    let mut expected = Scene::new(deferred());
+    // Not high-dynamic-range either.
+    let mut shown = Scene::new((MeshlessGiForwardCamera::default(), Msaa::Sample4));
+    let (deferred, display) = (expected.picture(), shown.picture());
+    keep("forward_sampled", &deferred.beside(&display));
+    let inner = |p: &Picture| without_edges(p, &deferred);
+    let (expected, light) = (inner(&expected.indirect()), inner(&shown.indirect()));
+    let volume = inner(&shown.volume_alone());
+    let v = error_of_volume(&inner(&display), &volume, &expected);
+    let d = light.nrmse(&expected);
+    println!("four samples: NRMSE {d:.5}, volume {v:.5}");
+    assert!(d < MAX_ERROR, "{d}");
+    assert!(v > 2.0 * MAX_ERROR, "the volume is told apart: {v}");
+}
+
+/// How far the volume's light is from that of the display, relative to indirect light.
+fn error_of_volume(display: &Picture, volume: &Picture, indirect: &Picture) -> f32 {
+    let mut moved = indirect.clone();
+    let changes = volume
+        .pixels
+        .iter()
+        .flatten()
+        .zip(display.pixels.iter().flatten());
+    let all = moved.pixels.iter_mut().flatten().zip(changes);
+    all.for_each(|(light, (volume, display))| *light += volume - display);
+    moved.nrmse(indirect)
+}
+
+#[test]
+fn forward_camera_follows_light_and_viewport() {
+    let [mut expected, mut shown] = [Scene::new(deferred()), Scene::new(forward())];
+    for stage in [&mut expected, &mut shown] {
+        let mut camera = stage.app.world_mut().get_mut::<Camera>(stage.eye).unwrap();
+        camera.viewport = Some(Viewport {
+            physical_position: UVec2::new(24, 10),
+            physical_size: UVec2::new(80, 70),
+            ..default()
+        });
+        let world = stage.app.world_mut();
+        let mut lamps = world.query_filtered::<&mut Transform, With<PointLight>>();
+        lamps.single_mut(world).unwrap().translation = Vec3::new(-0.5, 1.2, 0.6);
+    }
+    let (expected, shown) = (expected.indirect(), shown.indirect());
+    keep("forward_viewport", &expected.beside(&shown));
+    let d = shown.nrmse(&expected);
+    println!("viewport: NRMSE {d:.5}");
+    assert!(d < MAX_ERROR, "{d}");
+}
+
+#[test]
+fn transparent_and_transmissive_surfaces_stay_what_they_are() {
+    let pane = StandardMaterial {
+        base_color: Color::linear_rgba(0.9, 0.8, 0.2, 0.5),
+        alpha_mode: AlphaMode::Blend,
+        perceptual_roughness: 1.0,
+        reflectance: 0.0,
+        ..default()
+    };
+    let glass = StandardMaterial {
+        base_color: Color::WHITE,
+        specular_transmission: 0.9,
+        perceptual_roughness: 0.1,
+        thickness: 0.1,
+        ior: 1.2,
+        ..default()
+    };
+    for (name, material) in [("pane", pane), ("glass", glass)] {
+        let [mut with, mut without] = [deferred_or(true), deferred_or(false)];
+        with.pane(material.clone());
+        without.pane(material);
+        let (expected, shown) = (without.picture(), with.picture());
+        keep(&format!("forward_{name}"), &expected.beside(&shown));
+        // The surface itself is lit by the volume in both; what is behind it is the display in both.
+        let d = shown.nrmse(&expected);
+        println!("{name}: NRMSE {d:.5}");
+        assert!(d < 2.0 * MAX_ERROR, "{name}: {d}");
+    }
+}
+
+fn deferred_or(is_forward: bool) -> Scene {
+    if is_forward {
+        Scene::new(forward())
+    } else {
+        Scene::new(deferred())
+    }
+}
+
+#[test]
+fn without_a_volume_nothing_is_evaluated() {
+    let mut shown = Scene::new(forward());
+    assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 0);
+    let root = shown.root;
+    let world = shown.app.world_mut();
+    world.entity_mut(root).remove::<MeshlessGiVolume>();
+    shown.picture();
+    assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
+}
