@@ -355,7 +355,7 @@ pub fn cpu_indirect_textured(
         let e = frame
             .irradiance(bake, surface.position, surface.normal)
             .or_else(|| {
-                let light = frame.in_space(bake, surface.position)?;
+                let light = frame.in_space(bake, surface.position, surface.normal)?;
                 Some(light.irradiance(surface.normal))
             })
             .unwrap_or(Vec3::ZERO);
