@@ -17,11 +17,11 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The door's middle where it is shut, and half of its edges: a panel of 4 cm in a wall of 2 cm.
+/// The door's middle where it is shut, and half of its edges: a panel of 12 mm in a wall of 20 mm, so that some of the jambs is seen.
 const MIDDLE: Vec3 = Vec3::new(4.01, 1.0, 1.95);
-const HALF: Vec3 = Vec3::new(0.02, 1.0, 0.45);
+const HALF: Vec3 = Vec3::new(0.006, 1.0, 0.45);
 /// Half of the thickness of the occluders: thicker than the door, as thick, and inside of it.
-const BOXES: [(&str, f32); 3] = [("thicker", 0.06), ("equal", 0.02), ("thinner", 0.005)];
+const BOXES: [(&str, f32); 3] = [("thicker", 0.06), ("equal", 0.006), ("thinner", 0.002)];
 /// Pixels of baked surfaces this near to the opening are its jambs and its foot, meters.
 const BESIDE: f32 = 0.15;
 /// Pixels of a picture.
@@ -219,6 +219,25 @@ fn compare(name: &str, pixels: &[Option<Pixel>], frame: &CpuFrame, scene: &Baked
         let right = p.right.element_sum() / 3.0;
         right > 0.05 * bright && e.element_sum() / 3.0 < 0.5 * right
     });
+    if std::env::var_os("MGI_DEBUG").is_some() && (name.contains("half open, behind") || name.contains("shut, front")) {
+        for (p, e) in dark.clone().step_by(9) {
+            println!("  == {:?} {:?}: {e} for {}", p.x, p.n, p.right);
+            let probes = scene.probes.as_ref().unwrap();
+            for x in [p.x, p.x + 0.1 * probes.grid.cell_size * p.n] {
+                for &j in probes.grid.near(x) {
+                    let w = bevy_meshless_gi::basis::weight_in_space(&probes.points[j as usize], &probes.planes, x, p.n);
+                    if w > 0.0 {
+                        let v = &frame.probes()[3 * j as usize..][..3];
+                        let light = bevy_meshless_gi::frame::probe::SpaceLight { parts: [v[0], v[1], v[2]] };
+                        println!("     {} w {w:.4} E {:?} c {:?} d {:?}", probes.points[j as usize].x(), light.irradiance(p.n), v[1].x[0], v[0].dot(p.n).x);
+                    }
+                }
+                println!("     --");
+            }
+            let f = splat_covered(&scene.points, &scene.display, frame.values(), p.x, p.n);
+            println!("     surfaces {:?}", f.map(|(e, c)| (e.dot(p.n), c)));
+        }
+    }
     if std::env::var_os("MGI_TEST_PIXELS").is_some() {
         for (p, e) in dark.clone() {
             println!("    {} {:?} n {:?}: {e} for {}", if p.part == Part::Door { "door" } else { "beside" }, p.x, p.n, p.right);
@@ -241,7 +260,7 @@ fn keep(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
     let right = pixels.iter().map(|p| p.map(|p| p.right));
     let right: Vec<Option<Vec3>> = right.collect();
     let (wide, zoom) = (SIZE[0] as usize, 8);
-    let byte = |v: f32| (255.0 * (1.2 * v).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8;
+    let byte = |v: f32| (255.0 * (0.25 * v).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8;
     let mut bytes = Vec::new();
     for y in 0..SIZE[1] as usize * zoom {
         for x in 0..2 * wide * zoom {

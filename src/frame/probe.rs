@@ -60,7 +60,11 @@ impl SpaceLight {
     }
 }
 
-/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. `values` are those of the probes, [`PROBE_ROWS`] each.
+/// How far before a surface it is asked for light that no probe has at the surface itself, in cells of the probes' grid, which are as large as a function's radius.
+const AHEAD: f32 = 0.1;
+
+/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
+/// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
 #[must_use]
 pub fn probe(
     probes: &Probes,
@@ -71,6 +75,17 @@ pub fn probe(
     if !x.is_finite() || !n.is_finite() {
         return None;
     }
+    let ahead = AHEAD * probes.grid.cell_size;
+    probe_at(probes, values, x, n).or_else(|| probe_at(probes, values, x + ahead * n, n))
+}
+
+/// The light at `x` for what faces `n`.
+fn probe_at(
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<SpaceLight> {
     let mut sum = SpaceLight::default();
     let (mut cover, mut all) = (0.0, 0.0);
     for &j in probes.grid.near(x) {
