@@ -19,7 +19,7 @@
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
 // Its twin: src/basis/probes.rs.
-fn weight_in_space(probe: Point, x: vec3f) -> f32 {
+fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
     let r = distance(x, probe.position);
     if r >= probe.radius {
         return 0.0;
@@ -27,14 +27,25 @@ fn weight_in_space(probe: Point, x: vec3f) -> f32 {
     let first = probe.planes & 0x00ffffffu;
     let end = first + (probe.planes >> 24u);
     for (var i = first; i < end; i++) {
-        if dot(planes[i], vec4f(x, 1.0)) < 0.0 {
+        if !is_before(i, x, n, probe.radius) {
             return 0.0;
         }
     }
     return kernel(r / probe.radius);
 }
 
-fn probe(x: vec3f) -> SpaceLight {
+// How far before a surface it is asked for light that no probe has at the surface itself, in cells.
+const AHEAD: f32 = 0.1;
+
+fn probe(x: vec3f, n: vec3f) -> SpaceLight {
+    let light = probe_at(x, n);
+    if light.reached {
+        return light;
+    }
+    return probe_at(x + (AHEAD * params.cell_size) * n, n);
+}
+
+fn probe_at(x: vec3f, n: vec3f) -> SpaceLight {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var sums = array<VectorIrradiance, 3>(nothing, nothing, nothing);
     var cover = 0.0;
@@ -42,7 +53,7 @@ fn probe(x: vec3f) -> SpaceLight {
     let near = grid_near(x, params.cell_size, params.slot_mask);
     for (var at = near.x; at < near.x + near.y; at++) {
         let j = grid_entries[at];
-        let w = weight_in_space(points[j], x);
+        let w = weight_in_space(points[j], x, n);
         if w > 0.0 {
             cover += w;
             all_weights += w * w;
@@ -87,7 +98,7 @@ fn probe_over(@builtin(global_invocation_id) id: vec3u) {
     let surface = textureLoad(gbuffer, id.xy, 0);
     if texel.a < 1.0 && depth > 0.0 && !gbuffer_is_unlit(surface) {
         let at = place(id.xy, depth, surface);
-        let light = probe(at.x);
+        let light = probe(at.x, at.n);
         if light.reached {
             let e = space_irradiance(light, at.n) * params.scale;
             texel = vec4f(min(mix(e, texel.rgb, texel.a), vec3f(LARGEST_HALF)), 1.0);
@@ -114,7 +125,7 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
         let pixel = item.cell << vec2u(k);
         let surface = textureLoad(gbuffer, pixel, 0);
         let there = place(pixel, textureLoad(depths, pixel, 0), surface);
-        let light = probe(there.x);
+        let light = probe(there.x, there.n);
         if light.reached {
             let space = to_world(around(light, there.n));
             var sum = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));

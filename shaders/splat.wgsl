@@ -25,6 +25,9 @@ struct Covered {
     covered: bool,
 }
 
+// Cosines to a function's normal from where on it counts as a surface's cover, and from where on wholly.
+const FACING: vec2f = vec2f(0.7, 0.9);
+
 // All of the light from `seam` on.
 fn share_of(cover: f32) -> f32 {
     if cover >= params.seam {
@@ -37,6 +40,7 @@ fn share_of(cover: f32) -> f32 {
 fn vector_at(x: vec3f, n: vec3f) -> Covered {
     let near = grid_near(x, params.cell_size, params.slot_mask);
     var numerator = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var sum = 0.0;
     var cover = 0.0;
     var denominator = 0.0;
     for (var at = near.x; at < near.x + near.y; at++) {
@@ -45,16 +49,17 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
         let w = weight(point, x, n);
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
-            cover += w;
+            sum += w;
+            cover += w * clamp((dot(n, point.normal) - FACING.x) / (FACING.y - FACING.x), 0.0, 1.0);
             denominator += v;
             add_scaled(&numerator, v, values[j]);
         }
     }
     var e = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
-    if cover > NO_COVER {
+    if sum > NO_COVER {
         add_scaled(&e, 1.0 / denominator, numerator);
     }
-    return Covered(e, share_of(cover), cover > NO_COVER);
+    return Covered(e, share_of(cover), sum > NO_COVER);
 }
 
 // Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the place.

@@ -201,7 +201,7 @@ fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
     });
     let up = |x| {
         frame
-            .in_space(scene, x)
+            .in_space(scene, x, Vec3::NEG_X)
             .map(|l| l.irradiance(Vec3::NEG_X).x)
     };
     places.map(|x| up(x).expect("a probe there")).collect()

@@ -4,13 +4,13 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{OccluderBox, OccluderShape, Recipe};
+use bevy_meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape, Recipe};
 use bevy_meshless_gi::frame::CpuFrame;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Room, cpu_indirect};
+use plugin_support::scenes::{Quad, Room, cpu_indirect};
 use plugin_support::stage::{
     MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
 };
@@ -18,12 +18,17 @@ use std::sync::Arc;
 
 /// The Cornell room with a screen from floor to ceiling across its middle, which no camera sees.
 fn cornell() -> (Room, Arc<BakedScene>) {
+    cornell_with(0.01, None)
+}
+
+/// The same with a screen of this thickness, halved, and light for what moves.
+fn cornell_with(half: f32, probes: Option<FreeSpaceLight>) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
     let screen = OccluderShape {
         name: "screen".into(),
         boxes: vec![OccluderBox {
             center: [-0.45, 1.0, 0.0],
-            half_edges: [0.01, 1.0, 1.0],
+            half_edges: [half, 1.0, 1.0],
         }],
     };
     let baked = room.bake_as(&Recipe {
@@ -33,6 +38,7 @@ fn cornell() -> (Room, Arc<BakedScene>) {
         sender_levels: Some(2),
         rays: Some(128),
         occluders: vec![screen],
+        probes,
         ..default()
     });
     (room, baked)
@@ -43,19 +49,33 @@ const PLACE: Vec3 = Vec3::new(-0.75, 1.5, 0.3);
 
 /// The CPU's picture where so much passes the screen.
 fn right(room: &Room, bake: &BakedScene, gain: f32) -> Picture {
+    lit_from(PLACE, room, bake, gain)
+}
+
+/// The same with the lamp elsewhere.
+fn lit_from(place: Vec3, room: &Room, bake: &BakedScene, gain: f32) -> Picture {
     let mut frame = CpuFrame::new(bake);
     frame.set_occluders(bake, &[gain]);
     let mut now = bake.clone();
-    now.operator.links = frame.links(bake)[0].to_vec();
+    let [links, of_probes] = frame.links(bake);
+    now.operator.links = links.to_vec();
+    if let Some(probes) = &mut now.probes {
+        probes.links = of_probes.to_vec();
+    }
     now.bvh = frame.bvh(bake).clone();
     let surfaces = frame.surfaces(bake);
     now.surfaces[..surfaces.len()].copy_from_slice(surfaces);
     let placed = Transform::IDENTITY;
-    cpu_indirect(room, &now, placed, view(), &[lamp(PLACE)], &settings())
+    cpu_indirect(room, &now, placed, view(), &[lamp(place)], &settings())
 }
 
 /// A room with its bake, a lamp and a camera, a few frames old.
 fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
+    stage_lit_from(PLACE, room, scene)
+}
+
+/// The same with the lamp elsewhere.
+fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let mut app = app();
     let asset = app
         .world_mut()
@@ -69,7 +89,7 @@ fn stage(room: &Room, scene: Arc<BakedScene>) -> (App, Handle<Image>) {
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     app.world_mut()
-        .spawn((bevy_lamp(), Transform::from_translation(PLACE)));
+        .spawn((bevy_lamp(), Transform::from_translation(place)));
     run(&mut app, 3);
     (app, image)
 }
@@ -125,6 +145,44 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
     run(&mut app, 1);
     assert_eq!(counters(&app).dispatches_of(Stage::Occlude), 1);
     assert_alike("gone", &open, &picture(&mut app, &image));
+}
+
+/// The lamp stands before a screen that is drawn in the farther half of an occluder three times as thick.
+#[test]
+fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
+    let (mut room, bake) = cornell_with(0.06, Some(FreeSpaceLight::default()));
+    let corner = Vec3::new(-0.505, 0.0, -1.0);
+    let (thick, high, deep) = (Vec3::X * 0.04, Vec3::Y * 2.0, Vec3::Z * 2.0);
+    let quad = |corner, u, v| Quad {
+        corner,
+        u,
+        v,
+        colour: Vec3::splat(0.6),
+    };
+    room.0.extend([
+        quad(corner, deep, high),
+        quad(corner + thick, high, deep),
+        quad(corner + deep, thick, high),
+    ]);
+    let place = Vec3::new(0.1, 1.6, 0.6);
+    let (mut app, image) = stage_lit_from(place, &room, bake.clone());
+    let name = "screen".into();
+    app.world_mut().spawn(MeshlessGiOccluder {
+        name,
+        openness: 0.0,
+    });
+    run(&mut app, 2);
+    let shut = lit_from(place, &room, &bake, 0.0);
+    assert_alike("drawn door", &shut, &picture(&mut app, &image));
+    // With planes that do not lean the screen is black.
+    let mut upright = (*bake).clone();
+    let probes = &mut upright.probes.as_mut().unwrap().planes;
+    for plane in probes.iter_mut().chain(&mut upright.display.planes) {
+        let length = Vec3::from_slice(&plane[..3]).length();
+        *plane = plane.map(|c| c / length);
+    }
+    let black = lit_from(place, &room, &upright, 0.0);
+    assert!(flip(&shut, &black) > MOST, "{}", flip(&shut, &black));
 }
 
 #[test]

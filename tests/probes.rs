@@ -247,7 +247,7 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
             let mut unit = || 0.01 + 0.98 * random.unit();
             let place = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
             let at = |x| {
-                let light = frame.in_space(&scene, x).expect("a probe reaches");
+                let light = frame.in_space(&scene, x, Vec3::ZERO).expect("a probe reaches");
                 light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
             };
             lit += at(place);
@@ -336,7 +336,7 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
                 shown.push(found);
                 behind.push(PI * read(x, -n));
             } else {
-                in_air.push(frame.in_space(&scene, x).expect("reached").irradiance(n));
+                in_air.push(frame.in_space(&scene, x, n).expect("reached").irradiance(n));
                 said.push(found);
             }
         }
@@ -373,7 +373,7 @@ fn shares_say_what_probes_say(
     let (mut found, mut right, mut aside) = (vec![], vec![], vec![]);
     for place in 0..all {
         let said = places.light(values, place);
-        let asked = probe(probes, values, shape.place(place));
+        let asked = probe(probes, values, shape.place(place), Vec3::ZERO);
         assert_eq!(said.is_some(), asked.is_some(), "place {place}");
         if let (Some(said), Some(asked)) = (said, asked) {
             for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE.normalize()] {
@@ -417,7 +417,7 @@ fn closed_forms() {
     for k in 0..40 {
         let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
         let x = Vec3::new(0.3, 0.05, -0.2);
-        let light = frame.in_space(&scene, x).expect("a probe reaches");
+        let light = frame.in_space(&scene, x, Vec3::ZERO).expect("a probe reaches");
         let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
         let found = light.irradiance(n).x;
         // What the floor hides at the probes' heights, and the part of a step that two degrees leave.
@@ -446,7 +446,7 @@ fn closed_forms() {
             let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
             let x = 0.3 + 1.4 * Vec3::new(random.unit(), random.unit(), random.unit());
             let found = frame
-                .in_space(&scene, x)
+                .in_space(&scene, x, n)
                 .expect("a probe reaches")
                 .irradiance(n);
             if shines[0] {
@@ -456,7 +456,7 @@ fn closed_forms() {
         }
         if !shines[0] {
             // In the middle a wall is a sixth of all directions, and the floor's light comes from below: d.
-            let light = frame.in_space(&scene, Vec3::ONE).expect("a probe reaches");
+            let light = frame.in_space(&scene, Vec3::ONE, Vec3::ZERO).expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
             // A mean over half a metre to all sides is some per cent more than the middle, for light falls ever more slowly away from the wall.
             // Form factor of a square of edge 2 to a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
@@ -502,7 +502,7 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
         CpuFrame::new(&without)
-            .in_space(&without, Vec3::Y)
+            .in_space(&without, Vec3::Y, Vec3::Y)
             .is_none()
     );
     // Whoever does not ask for them has the same bake.
@@ -655,7 +655,7 @@ fn surfaces_and_space_meet_without_a_seam() {
     // Must fail: whichever covers.
     let without = largest(&|x, n| {
         let surface = frame.irradiance(&scene, x, n);
-        surface.or_else(|| Some(frame.in_space(&scene, x)?.irradiance(n)))
+        surface.or_else(|| Some(frame.in_space(&scene, x, n)?.irradiance(n)))
     });
     println!(
         "largest step of a millimetre: {with:.4} of the mean, by probes alone {space:.4}, with a seam {without:.4}"

@@ -13,6 +13,16 @@ fn dist(v: vec3f, n_j: vec3f) -> f32 {
     return length(v + F_SQUASH * dot(v, n_j) * n_j);
 }
 
+// The squared length of the normal of a clip plane from where on it has a lean.
+const LEAN_FROM: f32 = 1.001;
+
+// Whether the place is on the function's side of clip plane `i`; that of an occluder moves with the normal.
+fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
+    let plane = planes[i];
+    let lean = max(dot(plane.xyz, plane.xyz) - LEAN_FROM, 0.0) * radius;
+    return dot(plane, vec4f(x, 1.0)) + lean * dot(plane.xyz, n) >= 0.0;
+}
+
 fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
     let cosine = dot(n, point.normal);
     if cosine <= 0.0 {
@@ -25,7 +35,7 @@ fn weight(point: Point, x: vec3f, n: vec3f) -> f32 {
     let first = point.planes & 0x00ffffffu;
     let end = first + (point.planes >> 24u);
     for (var i = first; i < end; i++) {
-        if dot(planes[i], vec4f(x, 1.0)) < 0.0 {
+        if !is_before(i, x, n, point.radius) {
             return 0.0;
         }
     }

@@ -169,7 +169,7 @@ impl<'a> Evaluator<'a> {
     #[must_use]
     pub fn in_space(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
         let probes = self.scene.probes.as_ref()?;
-        let light = probe::probe(probes, &self.solved.probes, x)?;
+        let light = probe::probe(probes, &self.solved.probes, x, n)?;
         Some(finite(light.irradiance(n)))
     }
 

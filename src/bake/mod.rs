@@ -142,7 +142,7 @@ pub fn bake(
     recipe.check()?;
     let occluders = occluders::find(&recipe.occluders, &source.occluders)?;
     if !occluders.is_empty() {
-        let shapes: Vec<_> = occluders.iter().map(|o| o.triangles.clone()).collect();
+        let shapes: Vec<_> = occluders.iter().map(Occluder::shapes).collect();
         let open = BakeSource {
             geometry: &Doorways::new(source.geometry, &occluders),
             bvh: source.bvh.clone().with_occluders(&shapes),

@@ -3,7 +3,7 @@
 use super::BakeError;
 use super::recipe::RecipeError;
 use crate::asset::Occluders;
-use crate::scene::{Bvh, Occluder};
+use crate::scene::{Bounds, Bvh, Occluder};
 use crate::transport::{Passage, Passing, number_sets};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -46,22 +46,12 @@ impl OccluderShape {
 }
 
 impl OccluderBox {
-    /// Its sides, two triangles each.
-    fn triangles(&self) -> [[Vec3; 3]; 12] {
+    fn bounds(&self) -> Bounds {
         let (center, half) = (Vec3::from(self.center), Vec3::from(self.half_edges));
-        // A side for each axis and sign; its corners go round it.
-        std::array::from_fn(|i| {
-            let (axis, sign) = (i / 4, if i & 2 == 0 { 1.0 } else { -1.0 });
-            let corner = |u: f32, v: f32| {
-                let mut at = Vec3::ZERO;
-                at[axis] = sign;
-                at[(axis + 1) % 3] = u;
-                at[(axis + 2) % 3] = v;
-                center + half * at
-            };
-            let last = if i & 1 == 0 { (1.0, -1.0) } else { (-1.0, 1.0) };
-            [corner(-1.0, -1.0), corner(1.0, 1.0), corner(last.0, last.1)]
-        })
+        Bounds {
+            min: center - half,
+            max: center + half,
+        }
     }
 }
 
@@ -107,22 +97,24 @@ pub(super) fn node_names(shapes: &[OccluderShape]) -> Vec<&str> {
     nodes.map(|s| s.name.as_str()).collect()
 }
 
-/// The triangles of each occluder: its boxes', or those of the part of the level that is called so.
+/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called so.
 pub(super) fn find(
     shapes: &[OccluderShape],
     parts: &[Occluder],
 ) -> Result<Vec<Occluder>, BakeError> {
     let one = |shape: &OccluderShape| {
-        let boxes = shape.boxes.iter().flat_map(OccluderBox::triangles);
-        let mut triangles: Vec<[Vec3; 3]> = boxes.collect();
-        if shape.boxes.is_empty() {
-            let part = parts.iter().find(|p| p.name == shape.name);
-            triangles.extend(part.iter().flat_map(|p| &p.triangles));
-        }
-        let name = shape.name.clone();
-        match triangles.is_empty() {
-            true => Err(BakeError::NoOccluder { name }),
-            false => Ok(Occluder { name, triangles }),
+        let part = parts.iter().find(|p| p.name == shape.name);
+        let part = part.filter(|_| shape.boxes.is_empty());
+        let occluder = Occluder {
+            name: shape.name.clone(),
+            triangles: part.map_or_else(Vec::new, |p| p.triangles.clone()),
+            boxes: shape.boxes.iter().map(OccluderBox::bounds).collect(),
+        };
+        match occluder.shapes().is_empty() {
+            true => Err(BakeError::NoOccluder {
+                name: occluder.name,
+            }),
+            false => Ok(occluder),
         }
     };
     shapes.iter().map(one).collect()
@@ -146,29 +138,4 @@ pub(super) fn known(
         links,
         probes,
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_box_has_six_sides() {
-        let b = OccluderBox {
-            center: [1.0, 2.0, 3.0],
-            half_edges: [0.5, 1.0, 2.0],
-        };
-        let all = b.triangles();
-        let area: f32 = (all.iter())
-            .map(|[a, b, c]| 0.5 * (*b - *a).cross(*c - *a).length())
-            .sum();
-        assert!(
-            (area - 2.0 * (1.0 * 2.0 + 2.0 * 4.0 + 4.0 * 1.0)).abs() < 1e-4,
-            "{area}"
-        );
-        for corner in all.iter().flatten() {
-            let off = (*corner - Vec3::from(b.center)).abs();
-            assert_eq!(off, Vec3::from(b.half_edges));
-        }
-    }
 }

@@ -8,7 +8,7 @@
 //! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each centre also looks around
 //! along its tangent plane for walls, and behind each one for surface.
 
-use super::kernel::kernel;
+use super::kernel::{before, kernel, plane_at};
 use super::{LevelBasis, support_bounds};
 use crate::samples::{Candidate, F_SQUASH, HashedGrid, Point, dist, tangents};
 use crate::scene::{Bounds, Geometry, Ray};
@@ -37,6 +37,8 @@ const WORTH: f32 = 1e-5;
 pub(super) struct Place {
     /// Metres.
     pub x: Vec3,
+    /// Its normal; zero in free space.
+    pub n: Vec3,
     /// What the function weighs there, dimensionless.
     pub weight: f32,
     /// Whether the function's centre cannot see it.
@@ -63,7 +65,7 @@ pub(super) fn choose_planes(
             }
             let mut gain = 0.0;
             for place in &*places {
-                if plane.dot(place.x.extend(1.0)) < -slack {
+                if before(plane, place.x, place.n, radius) < -slack {
                     gain += if place.blocked {
                         place.weight
                     } else {
@@ -77,7 +79,9 @@ pub(super) fn choose_planes(
         }
         let Some((_, plane)) = best else { break };
         kept.push(plane.to_array());
-        places.retain(|place| !(place.blocked && plane.dot(place.x.extend(1.0)) < -slack));
+        places.retain(|place| {
+            !(place.blocked && before(plane, place.x, place.n, radius) < -slack)
+        });
     }
     kept
 }
@@ -115,12 +119,11 @@ pub fn clip_planes(
         *rays += 1;
         let hit = geometry.cast(&ray);
         if let Some(hit) = hit {
-            let surface = geometry.surface(&ray, &hit);
-            let m = surface.normal;
-            candidates.push(m.extend(-m.dot(surface.position)));
+            candidates.push(plane_at(&geometry.barrier(&ray, &hit), radius));
         }
         places.push(Place {
             x,
+            n,
             weight: kernel(r / radius) * cosine * cosine,
             blocked: hit.is_some(),
         });

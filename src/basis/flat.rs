@@ -6,6 +6,7 @@
 //! The places asked are the points themselves, one beside each of them, and where importance particles land.
 
 use super::clip::with_planes;
+use super::kernel::before;
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
 use crate::samples::{Candidate, Point, Random, dist, tangents, trace_particles};
 use crate::scene::{Geometry, Ray};
@@ -159,13 +160,13 @@ impl Hierarchy {
             .flatten()
             .collect();
         for i in closed {
-            let x = places[i].0.extend(1.0);
+            let (x, n, _) = places[i];
             let point = &mut flat.points[nearest[i][0].0 as usize];
             let range = point.plane_range();
             let kept: Vec<[f32; 4]> = flat.planes[range.clone()]
                 .iter()
                 .copied()
-                .filter(|&plane| Vec4::from_array(plane).dot(x) >= 0.0)
+                .filter(|&plane| before(Vec4::from_array(plane), x, n, point.radius) >= 0.0)
                 .collect();
             flat.planes[range.start..range.start + kept.len()].copy_from_slice(&kept);
             point.planes = range.start as u32 | (kept.len() as u32) << 24;

@@ -6,7 +6,7 @@
 
 use super::LevelBasis;
 use super::clip::{Place, choose_planes};
-use super::kernel::{kernel, weight_inside};
+use super::kernel::{kernel, plane_at, weight_inside};
 use crate::samples::{HashedGrid, Point, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec2, Vec3, Vec4};
@@ -19,13 +19,14 @@ const MOST_LOOKS: usize = 192;
 /// Directions in which it looks for walls.
 const WALLS: u32 = 48;
 
-/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes.
+/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes, which those of occluders are for each `n` of what is lit elsewhere. Zero for no normal: the side of an occluder that is
+/// nearer.
 #[must_use]
 #[inline]
-pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3) -> f32 {
+pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     let squared = (x - probe.x()).length_squared();
     if squared < probe.radius * probe.radius {
-        weight_inside(probe, planes, x, 1.0, squared)
+        weight_inside(probe, planes, x, n, 1.0, squared)
     } else {
         0.0
     }
@@ -95,9 +96,7 @@ fn planes_of(
         rays += 1;
         let hit = geometry.cast(&ray);
         if let Some(hit) = &hit {
-            let surface = geometry.surface(&ray, hit);
-            let n = surface.normal;
-            candidates.push(n.extend(-n.dot(surface.position)));
+            candidates.push(plane_at(&geometry.barrier(&ray, hit), radius));
         }
         hit.map(|hit| hit.t)
     };
@@ -110,6 +109,7 @@ fn planes_of(
         }
         places.push(Place {
             x: y,
+            n: Vec3::ZERO,
             weight: kernel(length / radius),
             blocked: look(way / length, length, &mut candidates).is_some(),
         });
@@ -121,6 +121,7 @@ fn planes_of(
             let length = 0.5 * (t + radius);
             places.push(Place {
                 x: x + way * length,
+                n: Vec3::ZERO,
                 weight: kernel(length / radius),
                 blocked: true,
             });
@@ -178,7 +179,7 @@ mod tests {
                 false => Point { planes: 0, ..*p },
             };
             let all = basis.points.iter().map(own);
-            all.filter(|p| weight_in_space(p, &basis.planes, x) > 0.0)
+            all.filter(|p| weight_in_space(p, &basis.planes, x, Vec3::ZERO) > 0.0)
                 .map(|p| p.x())
                 .collect::<Vec<_>>()
         };

@@ -71,7 +71,7 @@ impl LevelBasis {
             }
             for &(index, cosine, squared) in &reaching[..count] {
                 let point = &self.points[index as usize];
-                let w = weight_inside(point, &self.planes, x, cosine, squared);
+                let w = weight_inside(point, &self.planes, x, n, cosine, squared);
                 if w > 0.0 {
                     sum += w;
                     out.push(WeightEntry { index, weight: w });

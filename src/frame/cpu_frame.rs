@@ -453,10 +453,10 @@ impl CpuFrame {
         }
     }
 
-    /// What arrives at `x` in free space; None where no probe reaches, or the scene has none.
+    /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero for the nearer one); None where no probe reaches, or the scene has none.
     #[must_use]
-    pub fn in_space(&self, scene: &BakedScene, x: Vec3) -> Option<SpaceLight> {
-        probe::probe(scene.probes.as_ref()?, &self.probes, x)
+    pub fn in_space(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<SpaceLight> {
+        probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
     }
 
     /// The probes' values, three each, W/m².

@@ -60,16 +60,36 @@ impl SpaceLight {
     }
 }
 
-/// The light at `x`; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
+/// How far before a surface it is asked for light that no probe has at the surface itself, in cells of the probes' grid, which are as large as a function's radius.
+const AHEAD: f32 = 0.1;
+
+/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
+/// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
 #[must_use]
-pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3) -> Option<SpaceLight> {
-    if !x.is_finite() {
+pub fn probe(
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<SpaceLight> {
+    if !x.is_finite() || !n.is_finite() {
         return None;
     }
+    let ahead = AHEAD * probes.grid.cell_size;
+    probe_at(probes, values, x, n).or_else(|| probe_at(probes, values, x + ahead * n, n))
+}
+
+/// The light at `x` for what faces `n`.
+fn probe_at(
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<SpaceLight> {
     let mut sum = SpaceLight::default();
     let (mut cover, mut all) = (0.0, 0.0);
     for &j in probes.grid.near(x) {
-        let w = weight_in_space(&probes.points[j as usize], &probes.planes, x);
+        let w = weight_in_space(&probes.points[j as usize], &probes.planes, x, n);
         if w > 0.0 {
             cover += w;
             all += w * w;
@@ -99,7 +119,7 @@ pub fn probe_pixel(
         return earlier;
     }
     let (x, n) = place(params, pixel, depth, texel);
-    match probe(probes, values, x) {
+    match probe(probes, values, x, n) {
         Some(light) => (light.irradiance(n) * params.scale)
             .lerp(Vec4::from_array(earlier).truncate(), earlier[3])
             .min(Vec3::splat(LARGEST_HALF))
@@ -124,7 +144,7 @@ pub fn probe_node(
         return;
     }
     let (x, n) = place(params, pixel, depth, texel);
-    if let Some(light) = probe(probes, values, x) {
+    if let Some(light) = probe(probes, values, x, n) {
         let mut sum = VectorIrradiance::default();
         sum.add_scaled(1.0 - missing, &node.light());
         sum.add_scaled(missing, &to_world(params, &light.around(n)));

@@ -23,6 +23,15 @@ pub const LARGEST_HALF: f32 = 65_504.0;
 /// look as they do without probes.
 pub const SEAM: f32 = 0.5;
 
+/// Cosines between the normals of a surface and of a function from where on the function counts as its cover, and from where on wholly: 46 and 26 degrees. A function knows the light of its own side; what leans
+/// farther is something else that stands beside it, as a door that is ajar beside its jamb.
+const FACING: [f32; 2] = [0.7, 0.9];
+
+/// How much of a function's weight covers what faces it under this cosine, 0 to 1.
+fn facing(cosine: f32) -> f32 {
+    ((cosine - FACING[0]) / (FACING[1] - FACING[0])).clamp(0.0, 1.0)
+}
+
 /// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all of it from `seam` on.
 #[must_use]
 pub fn share(cover: f32, seam: f32) -> f32 {
@@ -45,7 +54,7 @@ pub fn splat_vector(
     splat_covered(points, display, values, x, n).map(|(e, _)| e)
 }
 
-/// The same, with the cover: the sum of the weights there.
+/// The same, with the cover: the sum of the weights there, of functions that face about as `n` does.
 #[must_use]
 pub fn splat_covered(
     points: &[Point],
@@ -58,19 +67,20 @@ pub fn splat_covered(
         return None;
     }
     let mut numerator = VectorIrradiance::default();
-    let mut cover = 0.0;
+    let (mut sum, mut cover) = (0.0, 0.0);
     let mut denominator = 0.0;
     for &j in display.grid.near(x) {
         let point = &points[j as usize];
         let w = weight(point, &display.planes, x, n);
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
-            cover += w;
+            sum += w;
+            cover += w * facing(n.dot(point.n()));
             denominator += v;
             numerator.add_scaled(v, &values[j as usize]);
         }
     }
-    if cover <= NO_COVER {
+    if sum <= NO_COVER {
         return None;
     }
     let mut out = VectorIrradiance::default();

@@ -326,7 +326,7 @@ impl Run {
             let weights = near.iter().map(|&j| {
                 (
                     j,
-                    weight_in_space(&probes.points[j as usize], &probes.planes, x),
+                    weight_in_space(&probes.points[j as usize], &probes.planes, x, Vec3::ZERO),
                 )
             });
             reaching.extend(weights.filter(|&(_, w)| w > 0.0));

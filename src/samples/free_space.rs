@@ -55,6 +55,8 @@ pub fn fill_free_space(
     settings: &FreeSpaceSettings,
 ) -> FreeSpace {
     let mut out = FreeSpace::default();
+    // Both sides of an occluder get their own, for when it is shut.
+    let shut = geometry.shut().unwrap_or(geometry);
     let spacing = settings.spacing;
     let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
     let cell = |x: Vec3| (x / spacing).floor().as_ivec3();
@@ -78,7 +80,7 @@ pub fn fill_free_space(
                 }
                 let length = square.sqrt();
                 out.rays += 1;
-                known = length < 1e-3 * spacing || !geometry.occluded(x, out.probes[i as usize]);
+                known = length < 1e-3 * spacing || !shut.occluded(x, out.probes[i as usize]);
                 if known {
                     break;
                 }
@@ -124,6 +126,7 @@ fn candidates(
     let stride = traced.candidates.len().div_ceil(MOST_CANDIDATES / 2).max(1);
     let few: Vec<_> = traced.candidates.iter().step_by(stride).collect();
     let reach = 0.5 * settings.spacing;
+    let shut = geometry.shut().unwrap_or(geometry);
     let found: Vec<[(f32, Vec3); 2]> = few
         .par_iter()
         .enumerate()
@@ -142,7 +145,7 @@ fn candidates(
                 .cast(&up)
                 .map_or(2.0 * settings.spacing, |hit| hit.t);
             let above = up.at(room * (0.02 + 0.96 * random.unit()));
-            [along, above].map(|x| (room_around(geometry, x, reach), x))
+            [along, above].map(|x| (room_around(shut, x, reach), x))
         })
         .collect();
     let rays = traced.rays + found.len() as u64 * u64::from(1 + 2 * FEELERS);

@@ -85,15 +85,13 @@ impl Bvh {
         crossed
     }
 
-    /// How far `ray` comes before it meets what stays, metres; `ray.max_t` where it meets nothing. Occluders are looked through.
+    /// How far `ray` comes before it meets something, metres, occluders among it, open or not; `ray.max_t` where it meets nothing.
     #[must_use]
     pub fn distance(&self, ray: &Ray) -> f32 {
         let mut ray = *ray;
         let shear = Shear::new(ray.direction);
         self.walk(&ray.clone(), |triangle| {
-            if triangle.occluder == 0
-                && let Some(t) = shear.meets(&ray, triangle)
-            {
+            if let Some(t) = shear.meets(&ray, triangle) {
                 ray.max_t = t;
             }
             false

@@ -126,6 +126,17 @@ pub struct Coating {
     pub emission: Vec3,
 }
 
+/// Where a function ends at a surface: a plane, and how far light for one side may be asked for beyond it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Barrier {
+    /// Unit normal, towards the start of the ray that met it.
+    pub normal: Vec3,
+    /// A position on the plane, meters.
+    pub position: Vec3,
+    /// Half of the thickness of an occluder, meters, whose middle the plane is; none for what stays, which nothing is drawn inside of.
+    pub half_thickness: Option<f32>,
+}
+
 /// What light transport asks of a scene, and all that it asks.
 ///
 /// Implementations are pure: the same ray gives the same answer on any thread.
@@ -170,6 +181,16 @@ pub trait Geometry: Sync {
     /// The same geometry with all occluders shut, where there are any: functions end at them as at walls, open or not.
     fn shut(&self) -> Option<&dyn Geometry> {
         None
+    }
+
+    /// Where functions end at what `ray` met at `hit`.
+    fn barrier(&self, ray: &Ray, hit: &Hit) -> Barrier {
+        let surface = self.surface(ray, hit);
+        Barrier {
+            normal: surface.normal,
+            position: surface.position,
+            half_thickness: None,
+        }
     }
 
     /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.

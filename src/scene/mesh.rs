@@ -441,6 +441,11 @@ pub(super) fn has_area(corners: &[Vec3; 3]) -> bool {
     normal(corners).is_some()
 }
 
+/// Whether a mesh keeps a triangle.
+pub(super) fn is_usable(corners: &[Vec3; 3]) -> bool {
+    within_reach(corners) && normal(corners).is_some()
+}
+
 /// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that is the front.
 fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     let [a, b, c] = face.corners;

@@ -34,7 +34,7 @@ pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "cli")]
 pub use description::SceneDescription;
 pub use error::SceneError;
-pub use geometry::{Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
+pub use geometry::{Barrier, Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{LoadedScene, Resolver, load_gltf, load_gltf_bytes, load_gltf_within};
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};

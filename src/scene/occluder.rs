@@ -1,9 +1,9 @@
 //! Occluders: doors and lifts, which a game opens and shuts. The rays of a bake pass them as if they stood open, and say which they crossed; functions alone end at
 //! them, as at walls. Serves [`bake`](crate::bake) with a geometry around the level's own.
 
-use super::mesh::FaceParts;
+use super::mesh::{FaceParts, is_usable};
 use super::{
-    Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, Ray, Site, Surface,
+    Barrier, Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, Ray, Site, Surface,
     TriangleMesh,
 };
 use glam::Vec3;
@@ -15,6 +15,86 @@ pub struct Occluder {
     pub name: String,
     /// Corners of its triangles where it is shut, metres.
     pub triangles: Vec<[Vec3; 3]>,
+    /// Boxes where it is shut, meters: what is drawn may lie anywhere inside.
+    pub boxes: Vec<Bounds>,
+}
+
+/// What stands in the way of light in place of a box: its middle across the thinnest edge, and the four sides around. From one large side to the other it is as closed as the box, and
+/// what lies inside is before one of them.
+#[derive(Clone, Copy, Debug)]
+struct Shutter {
+    bounds: Bounds,
+    /// The thinnest edge.
+    axis: usize,
+}
+
+/// Triangles of a shutter: two in the middle, and two a side.
+const SHUTTER: usize = 10;
+
+impl Shutter {
+    fn new(bounds: Bounds) -> Self {
+        let size = bounds.size();
+        let axis = (0..3).fold(0, |a, k| if size[k] < size[a] { k } else { a });
+        Self { bounds, axis }
+    }
+
+    /// The middle first.
+    fn triangles(&self) -> [[Vec3; 3]; SHUTTER] {
+        let (center, half) = (self.bounds.center(), 0.5 * self.bounds.size());
+        let (u, v) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
+        let corner = |w: f32, a: f32, b: f32| {
+            let mut at = Vec3::ZERO;
+            (at[self.axis], at[u], at[v]) = (w, a, b);
+            center + half * at
+        };
+        let quad = |[a, b, c, d]: [Vec3; 4]| [[a, b, c], [a, c, d]];
+        let middle = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let sides = (0..4).map(|k| {
+            let ((a, b), (c, d)) = (middle[k], middle[(k + 1) % 4]);
+            quad([
+                corner(-1.0, a, b),
+                corner(-1.0, c, d),
+                corner(1.0, c, d),
+                corner(1.0, a, b),
+            ])
+        });
+        let all = std::iter::once(quad(middle.map(|(a, b)| corner(0.0, a, b)))).chain(sides);
+        let mut out = [[Vec3::ZERO; 3]; SHUTTER];
+        for (triangle, from) in out.iter_mut().zip(all.flatten()) {
+            *triangle = from;
+        }
+        out
+    }
+
+    /// The plane of its middle, towards `from`.
+    fn barrier(&self, from: Vec3) -> Barrier {
+        let position = self.bounds.center();
+        let mut normal = Vec3::ZERO;
+        normal[self.axis] = if from[self.axis] < position[self.axis] {
+            -1.0
+        } else {
+            1.0
+        };
+        Barrier {
+            normal,
+            position,
+            half_thickness: Some(0.5 * self.bounds.size()[self.axis]),
+        }
+    }
+
+    fn contains(&self, x: Vec3) -> bool {
+        x.cmpge(self.bounds.min).all() && x.cmple(self.bounds.max).all()
+    }
+}
+
+impl Occluder {
+    /// Triangles that stand in the way of light: its own, and for each box its middle and the sides around.
+    #[must_use]
+    pub fn shapes(&self) -> Vec<[Vec3; 3]> {
+        let boxes = self.boxes.iter().map(|&b| Shutter::new(b));
+        let boxes = boxes.flat_map(|s| s.triangles()).filter(is_usable);
+        self.triangles.iter().copied().chain(boxes).collect()
+    }
 }
 
 /// A node of the file, or an entity of the world, that triangles of a mesh came from.
@@ -34,7 +114,7 @@ impl TriangleMesh {
         let mut out: Vec<Occluder> = (names.iter())
             .map(|&name| Occluder {
                 name: name.into(),
-                triangles: Vec::new(),
+                ..Occluder::default()
             })
             .collect();
         let (nodes, node_of) = self.nodes();
@@ -69,6 +149,9 @@ pub struct Doorways<'a> {
 struct Shut<'a> {
     open: &'a dyn Geometry,
     doors: TriangleMesh,
+    /// The boxes, and for each of the doors' triangles the one that it is of, with whether it is a side.
+    shutters: Vec<Shutter>,
+    of: Vec<Option<(u32, bool)>>,
 }
 
 /// Marks hits of occluders among those of the level, which has fewer triangles.
@@ -79,9 +162,24 @@ impl<'a> Doorways<'a> {
     #[must_use]
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
         let occluders = &occluders[..occluders.len().min(Bvh::MOST_OCCLUDERS)];
-        let shapes: Vec<Vec<[Vec3; 3]>> = occluders.iter().map(|o| o.triangles.clone()).collect();
-        let all: Vec<[Vec3; 3]> = shapes.iter().flatten().copied().collect();
-        let material_of = vec![0; all.len()];
+        let shapes: Vec<Vec<[Vec3; 3]>> = occluders.iter().map(Occluder::shapes).collect();
+        let (mut all, mut of, mut shutters) = (Vec::new(), Vec::new(), Vec::new());
+        for occluder in occluders {
+            let own = occluder.triangles.iter().filter(|t| is_usable(t));
+            all.extend(own.copied());
+            of.resize(all.len(), None);
+            for &bounds in &occluder.boxes {
+                let shutter = Shutter::new(bounds);
+                let number = shutters.len() as u32;
+                for (k, triangle) in shutter.triangles().into_iter().enumerate() {
+                    if is_usable(&triangle) {
+                        all.push(triangle);
+                        of.push(Some((number, k >= 2)));
+                    }
+                }
+                shutters.push(shutter);
+            }
+        }
         let material = Material {
             double_sided: true,
             ..Material::default()
@@ -89,9 +187,45 @@ impl<'a> Doorways<'a> {
         Self {
             shut: Shut {
                 open,
-                doors: TriangleMesh::new(all, material_of, vec![material]),
+                doors: TriangleMesh::new(all, vec![0; of.len()], vec![material]),
+                shutters,
+                of,
             },
             bvh: Bvh::default().with_occluders(&shapes),
+        }
+    }
+}
+
+impl Shut<'_> {
+    /// Where functions end at a door's `primitive`: at the middle between its two sides, as seen from the ray's start.
+    fn door(&self, ray: &Ray, hit: &Hit) -> Barrier {
+        let surface = self.doors.surface(ray, hit);
+        let own = Barrier {
+            normal: surface.normal,
+            position: surface.position,
+            half_thickness: None,
+        };
+        match self.of.get(hit.primitive as usize).copied().flatten() {
+            Some((k, side)) => {
+                let shutter = &self.shutters[k as usize];
+                // From inside, a side is the frame beside the door.
+                match side && shutter.contains(ray.origin) {
+                    true => own,
+                    false => shutter.barrier(ray.origin),
+                }
+            }
+            None => {
+                let start = surface.position - surface.normal * self.lift(surface.position);
+                let through = Ray::new(start, -surface.normal);
+                let out = self.doors.cast(&through).filter(|_| surface.front);
+                let out = out.filter(|out| !self.doors.surface(&through, out).front);
+                let half = out.map_or(0.0, |out| 0.5 * out.t);
+                Barrier {
+                    position: surface.position - surface.normal * half,
+                    half_thickness: Some(half),
+                    ..own
+                }
+            }
         }
     }
 }
@@ -168,6 +302,16 @@ impl Geometry for Shut<'_> {
             _ => {
                 let primitive = hit.primitive & !DOOR;
                 self.doors.surface(ray, &Hit { primitive, ..*hit })
+            }
+        }
+    }
+
+    fn barrier(&self, ray: &Ray, hit: &Hit) -> Barrier {
+        match hit.primitive & DOOR {
+            0 => self.open.barrier(ray, hit),
+            _ => {
+                let primitive = hit.primitive & !DOOR;
+                self.door(ray, &Hit { primitive, ..*hit })
             }
         }
     }

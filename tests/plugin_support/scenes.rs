@@ -7,6 +7,7 @@ use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
+use bevy_meshless_gi::frame::splat::{SEAM, share, splat_covered};
 use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::scene::{
     Bounds, Bvh, BvhNode, BvhTriangle, Coating, Geometry, Hit, Light, MaterialFactors, Ray, Surface,
@@ -352,18 +353,25 @@ pub fn cpu_indirect_textured(
             return [0.0; 3];
         };
         let surface = textured(&seen.0[hit.primitive as usize], seen.surface(&ray, &hit));
-        let e = frame
-            .irradiance(bake, surface.position, surface.normal)
-            .or_else(|| {
-                let light = frame.in_space(bake, surface.position)?;
-                Some(light.irradiance(surface.normal))
-            })
-            .unwrap_or(Vec3::ZERO);
+        let e = light(&frame, bake, surface.position, surface.normal);
         (exposure() * surface.albedo * e / std::f32::consts::PI).to_array()
     };
     Picture {
         width: wide as usize,
         height: high as usize,
         pixels: (0..wide * high).map(pixel).collect(),
+    }
+}
+
+/// What a frame shows at a position: light of surfaces, and what their share leaves to light in free space.
+fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
+    let space = || Some(frame.in_space(bake, x, n)?.irradiance(n));
+    match splat_covered(&bake.points, &bake.display, frame.values(), x, n) {
+        Some((e, cover)) => {
+            let (e, share) = (e.dot(n).max(Vec3::ZERO), share(cover, SEAM));
+            let rest = if share < 1.0 { space() } else { None };
+            rest.map_or(e, |rest| rest.lerp(e, share))
+        }
+        None => space().unwrap_or_default(),
     }
 }

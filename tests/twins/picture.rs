@@ -188,6 +188,10 @@ fn splat_and_composite() {
     );
     for spoil in [
         |s: &mut BakedScene| s.display.planes.iter_mut().for_each(|p| p[3] -= 0.05),
+        |s: &mut BakedScene| {
+            let planes = s.display.planes.iter_mut().step_by(3);
+            planes.for_each(|p| *p = p.map(|c| 1.1 * c));
+        },
         |s: &mut BakedScene| s.points.iter_mut().for_each(|p| p.radius *= 1.01),
         |s: &mut BakedScene| {
             s.points[..200]

@@ -75,15 +75,18 @@ impl Scene {
 
     /// With a ball in the air that the bake knows nothing of, and light for it.
     fn with_ball() -> Self {
-        let scene = baked::bake_box(&Recipe {
+        let mut scene = baked::bake_box(&Recipe {
             probes: Some(FreeSpaceLight {
                 spacing: Some(0.8),
                 rays: None,
             }),
             ..baked::recipe(Rule::Bounded, BounceMode::Live)
         });
-        let probes = scene.probes.as_ref().unwrap();
+        let probes = scene.probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());
+        // Some lean, as those of occluders do.
+        let leaning = probes.planes.iter_mut().step_by(2);
+        leaning.for_each(|p| *p = p.map(|c| 1.1 * c));
         let drawn = TriangleMesh::joined(vec![box_mesh(), ball(Vec3::new(2.2, 2.4, 1.2), 0.9)]);
         Self::of(scene, &drawn)
     }
@@ -491,7 +494,7 @@ fn probe() {
     assert_eq!(frame.counters().of(Pass::ProbeOver), 1);
     let before = wide(&harness.read_texture::<[f16; 4]>(&earlier).unwrap());
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&output).unwrap());
-    let expected = |values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {
+    let of_probes = |probes, values: &[VectorIrradiance], params: &SplatParams| -> Vec<[f32; 4]> {
         (0..gpu.len())
             .map(|i| {
                 let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
@@ -500,6 +503,8 @@ fn probe() {
             })
             .collect()
     };
+    let expected =
+        |values: &[VectorIrradiance], params: &SplatParams| of_probes(probes, values, params);
     let twin = expected(&values, &probing);
     // A place within rounding of a clip plane may lie on either side of it.
     assert!(differing(&gpu, &twin) <= 2, "{}", differing(&gpu, &twin));
@@ -530,4 +535,9 @@ fn probe() {
         ..probing
     };
     assert!(differing(&gpu, &expected(&values, &brighter)) > 400);
+    let mut upright = probes.clone();
+    let leaning = upright.planes.iter_mut().step_by(2);
+    leaning.for_each(|p| *p = p.map(|c| c / 1.1));
+    let found = differing(&gpu, &of_probes(&upright, &values, &probing));
+    assert!(found > 20, "the lean of planes goes unnoticed: {found}");
 }

@@ -76,7 +76,10 @@ pub fn scene(form: SenderForm) -> BakedScene {
             for _ in 0..here {
                 // A plane that leaves the centre on its right side.
                 let m = dice.direction();
-                planes.push(m.extend(0.2 + 0.3 * dice.unit() - m.dot(x)).to_array());
+                let plane = m.extend(0.2 + 0.3 * dice.unit() - m.dot(x));
+                // Every third one is an occluder's, and leans.
+                let lean = if planes.len() % 3 == 0 { 0.3f32 } else { 0.0 };
+                planes.push((plane * (1.0 + lean).sqrt()).to_array());
             }
             p
         })
