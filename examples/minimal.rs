@@ -1,6 +1,4 @@
-//! A room of Bevy meshes with indirect light, in one file.
-//!
-//! `cargo run --release --features engine --example minimal`
+//! A room of Bevy meshes with indirect light: `cargo run --release --features engine --example minimal`
 
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
@@ -32,8 +30,7 @@ pub fn set_up(
         block([6.4, 3.4, 0.2], [0.0, 1.5, 3.1], [0.7, 0.7, 0.7]),
         block([1.2, 1.6, 1.2], [-1.0, 0.8, -1.2], [0.7, 0.7, 0.7]),
     ];
-    let root = (Transform::default(), Visibility::default(), room);
-    commands.spawn(root).bake_gi(Preset::Draft);
+    commands.spawn(room).bake_gi(Preset::Draft);
     let light = PointLight {
         intensity: 120_000.0,
         shadow_maps_enabled: true,

@@ -55,9 +55,6 @@ pub struct MeshlessGiBake {
 /// Names of a bake's materials and their assets.
 pub(super) type NamedMaterials = Vec<(String, Handle<StandardMaterial>)>;
 
-/// A bake on another thread.
-pub(crate) type Baking = Background<Result<Baked, BakeLevelError>>;
-
 /// Result of the thread of a [`MeshlessGiBake`].
 pub(super) type Outcome = Result<BakeOutput, MeshlessGiBakeError>;
 
@@ -151,19 +148,6 @@ fn remove_progress(mut world: DeferredWorld, context: HookContext) {
 /// Threads for a bake beside a running game: one less than the machine has.
 pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
-}
-
-/// Starts [`bake_level`] on a thread of its own.
-pub(crate) fn bake_in_background(
-    level: TriangleMesh,
-    recipe: Recipe,
-    progress: Arc<Progress>,
-) -> std::io::Result<Baking> {
-    Background::spawn(
-        "meshless gi bake",
-        move || bake_level(&level, &recipe, bake_threads(), &progress),
-        || Err(BakeLevelError::Threads("the bake panicked".into())),
-    )
 }
 
 /// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
