@@ -49,7 +49,9 @@ fn write_level(root: &Path) -> PathBuf {
 
 /// Tells an app that a file has changed.
 #[derive(Clone, Default)]
-struct Changes(Arc<Mutex<Option<Box<dyn Fn(&str) + Send>>>>);
+struct Changes(Arc<Mutex<Option<Sink>>>);
+
+type Sink = Box<dyn Fn(&str) + Send>;
 
 impl Changes {
     fn tell(&self, path: &str) {
