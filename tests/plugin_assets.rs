@@ -17,7 +17,6 @@ use plugin_support::log::warnings;
 use plugin_support::scenes::{Room, cornell};
 use std::path::Path;
 use std::process::Command;
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// An app without renderer and window.
