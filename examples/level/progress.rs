@@ -45,6 +45,8 @@ pub fn set_up(mut commands: Commands) {
             position_type: PositionType::Absolute,
             top: px(16),
             left: px(8),
+            // The panel has the rest.
+            max_width: percent(62),
             padding: UiRect::all(px(4)),
             ..default()
         },
