@@ -19,6 +19,7 @@ use bevy::feathers::controls::{FeathersButton, FeathersCheckbox, FeathersRadio};
 use bevy::feathers::dark_theme::create_dark_theme;
 use bevy::feathers::theme::{ThemedText, UiTheme};
 use bevy::input::mouse::AccumulatedMouseScroll;
+use bevy::input_focus::InputFocus;
 use bevy::prelude::*;
 use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
@@ -134,7 +135,19 @@ fn set_up(mut commands: Commands, capture: Option<Res<Capture>>) {
     ));
 }
 
-fn show(keys: Res<ButtonInput<KeyCode>>, mut panel: Single<&mut Node, With<TuningPanel>>) {
+fn show(
+    keys: Res<ButtonInput<KeyCode>>,
+    mut panel: Single<&mut Node, With<TuningPanel>>,
+    mut focus: ResMut<InputFocus>,
+    controls: Query<(), With<Control>>,
+) {
+    // Keys belong to the example, also after a click on a control.
+    if focus
+        .get()
+        .is_some_and(|focused| controls.contains(focused))
+    {
+        focus.clear();
+    }
     if keys.just_pressed(KeyCode::F1) {
         panel.display = match panel.display {
             Display::None => Display::Flex,

@@ -111,6 +111,8 @@ fn set_up(mut commands: Commands, stage: Res<Stage>) {
             position_type: PositionType::Absolute,
             top: px(8),
             left: px(8),
+            // The panel has the rest.
+            max_width: percent(62),
             padding: UiRect::all(px(4)),
             ..default()
         },

@@ -53,8 +53,8 @@ impl Eye {
     }
 }
 
-/// After a bake: moves the camera to the viewpoint with most room, turns it to the light, and sets its exposure. A camera that was moved by
-/// hand stays.
+/// After a bake: moves the camera to a viewpoint with room around it, turns it to where the level is wide and bright, and sets its exposure.
+/// A camera that was moved by hand stays where it is.
 pub fn look_at_light(
     event: On<MeshlessGiBakeFinished>,
     mut scenes: Query<(&MeshlessGi, &mut MeshlessGiLighting)>,
@@ -71,55 +71,66 @@ pub fn look_at_light(
     };
     let bake = &bake.scene;
     let (eye, transform, exposure) = &mut *eye;
-    let here = Outlook::of(bake, transform.translation, transform.forward().into());
     let at_start = **transform == eye.start;
-    let outlook = match at_start {
-        true => Outlook::widest(bake).unwrap_or(here),
-        false => here,
-    };
+    let outlooks = Outlook::all(bake);
+    let widest = (outlooks.iter()).max_by(|a, b| a.room.total_cmp(&b.room));
     let mut lamp = lamp.iter_mut().next();
-    if let Some((_, place)) = lamp.as_mut().filter(|_| at_start) {
-        place.translation = outlook.from + 0.4 * outlook.free * outlook.toward;
+    if let (true, Some(widest), Some((_, place))) = (at_start, widest, &mut lamp) {
+        place.translation = widest.from + 0.4 * widest.free * widest.toward;
     }
     let lights = level.lights_with(lamp.as_ref().map(|(light, at)| (*light, at.translation)));
-    let seen = Seen::new(bake, &lights, outlook.from);
-    if at_start {
-        let toward = seen.brightest(bake).unwrap_or(outlook.toward);
-        **transform = Transform::from_translation(outlook.from).looking_to(toward, Vec3::Y);
+    let lit = Lit::new(bake, &lights);
+    if let (true, Some(best)) = (at_start, lit.brightest(bake, &outlooks)) {
+        **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
     }
-    if let Some(ev100) = seen.exposure(transform.forward().into()) {
+    let seen = lit.seen(bake, transform.translation);
+    if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
         // Bevy shows emissive surfaces alike at any exposure; so shall their light be.
         lighting.emission = 1.2 * ev100.exp2();
     }
 }
 
-/// A place, a horizontal direction, and the way to the level in it.
+/// A viewpoint of the bake and a horizontal direction.
+#[derive(Clone, Copy)]
 struct Outlook {
     from: Vec3,
     toward: Vec3,
-    /// Meters.
+    /// Distance to the level straight ahead, meters.
     free: f32,
+    /// The same, with a look to both sides.
+    room: f32,
 }
 
 impl Outlook {
-    fn of(scene: &BakedScene, from: Vec3, toward: Vec3) -> Self {
-        let free = free_way(&scene.bvh, from, toward, diagonal(scene));
-        Self { from, toward, free }
-    }
-
-    /// From the viewpoint with the largest clearance, the direction with the longest way that ends at the level.
-    fn widest(scene: &BakedScene) -> Option<Self> {
+    /// All directions of the viewpoints that have half of the largest clearance or more. A direction out of the level is none.
+    fn all(scene: &BakedScene) -> Vec<Self> {
         let far = diagonal(scene);
         let viewpoints = scene.info.viewpoints.iter().take(64);
-        let rated = viewpoints.map(|at| {
-            let at = Vec3::from_array(*at);
-            (clearance(&scene.bvh, at, far), at)
-        });
-        let (_, from) = rated.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let outlooks = directions().map(|toward| Self::of(scene, from, toward));
-        let inside = outlooks.filter(|outlook| outlook.free < far);
-        inside.max_by(|a, b| a.free.total_cmp(&b.free))
+        let rated: Vec<(Vec3, f32)> = viewpoints
+            .map(|at| Vec3::from_array(*at))
+            .map(|at| (at, clearance(&scene.bvh, at, far)))
+            .collect();
+        let largest = rated.iter().map(|(_, clear)| *clear).fold(0.0, f32::max);
+        let wide = rated.iter().filter(|(_, clear)| *clear >= 0.5 * largest);
+        let mut all = Vec::new();
+        for (from, _) in wide {
+            for toward in directions() {
+                let way = |turn: f32| {
+                    let toward = Quat::from_rotation_y(turn) * toward;
+                    free_way(&scene.bvh, *from, toward, far)
+                };
+                let free = way(0.0);
+                all.push(Self {
+                    from: *from,
+                    toward,
+                    free,
+                    room: free.min(2.0 * way(-0.4)).min(2.0 * way(0.4)),
+                });
+            }
+        }
+        all.retain(|outlook| outlook.free < far);
+        all
     }
 }
 
@@ -163,15 +174,12 @@ fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     open
 }
 
-/// What is seen from a place: directions and luminances of points of the bake, cd/m².
-struct Seen {
-    from: Vec3,
-    points: Vec<(Vec3, f32)>,
-}
+/// Points of the bake in the light: positions, normals and luminances, cd/m².
+struct Lit(Vec<(Vec3, Vec3, f32)>);
 
-impl Seen {
+impl Lit {
     /// Solves the light once on the processor.
-    fn new(scene: &BakedScene, lights: &[Light], from: Vec3) -> Self {
+    fn new(scene: &BakedScene, lights: &[Light]) -> Self {
         let slots: Vec<FrameLight> = (lights.iter())
             .flat_map(|light| FrameLight::expand(light, 16))
             .collect();
@@ -186,63 +194,65 @@ impl Seen {
         let indices = (0..scene.points.len()).step_by(step);
         let points = indices.filter_map(|i| {
             let (x, n) = (scene.points[i].x(), scene.points[i].n());
-            let way = x - from;
-            let distance = way.length();
-            let toward = way / distance.max(1e-6);
-            // The front side, and nothing between: but for the last hundredth, which is the surface itself.
-            if toward.dot(n) >= 0.0
-                || (scene.bvh).occluded(&Ray::segment(from, toward, 0.99 * distance))
-            {
-                return None;
-            }
             let irradiance = frame.irradiance(scene, x, n)? + frame.direct(scene, x, n);
             let albedo = Vec3::from_array(scene.surfaces[i].albedo);
             let radiance = albedo * irradiance / PI;
             let luminance = radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722));
-            luminance.is_finite().then_some((toward, luminance))
+            luminance.is_finite().then_some((x, n, luminance))
         });
-        Self {
-            from,
-            points: points.collect(),
+        Self(points.collect())
+    }
+
+    /// Directions and luminances of the points that a place sees.
+    fn seen(&self, scene: &BakedScene, from: Vec3) -> Vec<(Vec3, f32)> {
+        let visible = |(x, n, luminance): &(Vec3, Vec3, f32)| {
+            let distance = x.distance(from);
+            let toward = (x - from) / distance.max(1e-6);
+            // The front side, with nothing between but for the surface itself in the last hundredth.
+            let clear = || {
+                let ray = Ray::segment(from, toward, 0.99 * distance);
+                !scene.bvh.occluded(&ray)
+            };
+            (toward.dot(*n) < 0.0 && clear()).then_some((toward, *luminance))
+        };
+        self.0.iter().filter_map(visible).collect()
+    }
+
+    /// The outlook with the largest product of room and mean luminance.
+    fn brightest(&self, scene: &BakedScene, outlooks: &[Outlook]) -> Option<Outlook> {
+        let mut best: Option<(f32, Outlook)> = None;
+        for same in outlooks.chunk_by(|a, b| a.from == b.from) {
+            let seen = self.seen(scene, same[0].from);
+            for outlook in same {
+                let found = around(&seen, outlook.toward);
+                let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
+                let score = outlook.room * mean;
+                if found.len() >= 8 && best.is_none_or(|(most, _)| score > most) {
+                    best = Some((score, *outlook));
+                }
+            }
         }
+        best.map(|(_, outlook)| outlook)
     }
+}
 
-    /// Luminances of the points around a direction.
-    fn around(&self, toward: Vec3) -> Vec<f32> {
-        let inside = |(way, _): &&(Vec3, f32)| way.dot(toward) > VIEW;
-        self.points.iter().filter(inside).map(|p| p.1).collect()
-    }
+/// Luminances of the points around a direction.
+fn around(seen: &[(Vec3, f32)], toward: Vec3) -> Vec<f32> {
+    let inside = seen.iter().filter(|(way, _)| way.dot(toward) > VIEW);
+    inside.map(|(_, luminance)| *luminance).collect()
+}
 
-    /// The horizontal direction in which the level is brightest, of those in which it is not close.
-    fn brightest(&self, scene: &BakedScene) -> Option<Vec3> {
-        let far = diagonal(scene);
-        let free: Vec<(Vec3, f32)> = directions()
-            .map(|toward| (toward, free_way(&scene.bvh, self.from, toward, far)))
-            .filter(|(_, free)| *free < far)
-            .collect();
-        let longest = free.iter().map(|(_, free)| *free).fold(0.0, f32::max);
-        let wide = free.into_iter().filter(|(_, free)| *free >= 0.5 * longest);
-        let rated = wide.filter_map(|(toward, _)| {
-            let found = self.around(toward);
-            let mean = found.iter().sum::<f32>() / found.len() as f32;
-            (found.len() >= 8).then_some((mean, toward))
-        });
-        rated
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, toward)| toward)
+/// The exposure (EV100) that shows the mean of luminances as middle gray; `None` in the dark.
+fn exposure_of(luminances: &[f32]) -> Option<f32> {
+    let lit: Vec<f32> = (luminances.iter().copied())
+        .filter(|luminance| *luminance > 1e-4)
+        .collect();
+    if lit.is_empty() {
+        return None;
     }
-
-    /// The exposure (EV100) that shows the mean luminance around a direction as middle gray; `None` in the dark.
-    fn exposure(&self, toward: Vec3) -> Option<f32> {
-        let mut found = self.around(toward);
-        found.retain(|luminance| *luminance > 1e-4);
-        if found.is_empty() {
-            return None;
-        }
-        let mean = found.iter().map(|l| l.ln()).sum::<f32>() / found.len() as f32;
-        // Bevy multiplies luminance by 1 / (1.2 · 2^EV100).
-        Some((mean.exp() / (1.2 * GRAY)).log2().clamp(-4.0, 16.0))
-    }
+    let mean = lit.iter().map(|l| l.ln()).sum::<f32>() / lit.len() as f32;
+    // Bevy multiplies luminance by 1 / (1.2 · 2^EV100).
+    Some((mean.exp() / (1.2 * GRAY)).log2().clamp(-4.0, 16.0))
 }
 
 /// 1, −1 or 0 by two keys.

@@ -44,6 +44,8 @@ pub fn set_up(mut commands: Commands) {
             position_type: PositionType::Absolute,
             top: px(16),
             left: px(8),
+            // The panel has the rest.
+            max_width: percent(62),
             padding: UiRect::all(px(4)),
             ..default()
         },
@@ -77,14 +79,21 @@ pub fn show(
     mut lines: Single<&mut Text, With<Lines>>,
     mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,
     mut visibility: Query<&mut Visibility>,
-    bakes: Query<&MeshlessGiBake>,
+    bakes: Query<Ref<MeshlessGiBake>>,
     camera: Single<&MeshlessGiCamera>,
     saving: Option<Res<Saving>>,
     notice: Res<Notice>,
+    mut most: Local<f32>,
 ) {
-    let baking = bakes.iter().next().map(MeshlessGiBake::progress);
-    if let Some((stage, done)) = baking {
-        bar.0.width = percent(100.0 * overall(stage, done));
+    let baking = bakes.iter().next().map(|bake| {
+        let (stage, done) = bake.progress();
+        // A bake gathers light more than once, and the bar goes on.
+        let before = if bake.is_added() { 0.0 } else { *most };
+        *most = before.max(overall(stage, done));
+        (stage, *most)
+    });
+    if let Some((_, done)) = baking {
+        bar.0.width = percent(100.0 * done);
     }
     if let Ok(mut of_bar) = visibility.get_mut(bar.1.parent()) {
         of_bar.set_if_neq(match baking {
@@ -94,8 +103,7 @@ pub fn show(
     }
     let state = match baking {
         Some((stage, done)) => {
-            let percent = 100.0 * overall(stage, done);
-            format!("baking {percent:.0} %: {}", stage.name())
+            format!("baking {:.0} %: {}", 100.0 * done, stage.name())
         }
         None => {
             let on = if camera.enabled { "on" } else { "off" };
