@@ -212,8 +212,7 @@ fn forward_camera_shows_what_a_deferred_one_does() {
 #[test]
 fn forward_camera_of_four_samples_shows_it_between_edges() {
     let mut expected = Scene::new(deferred());
-    // Not high-dynamic-range either.
-    let mut shown = Scene::new((MeshlessGiForwardCamera::default(), Msaa::Sample4));
+    let mut shown = Scene::new((MeshlessGiForwardCamera::default(), Msaa::Sample4, Hdr));
     let (deferred, display) = (expected.picture(), shown.picture());
     keep("forward_sampled", &deferred.beside(&display));
     let inner = |p: &Picture| without_edges(p, &deferred);
@@ -224,6 +223,20 @@ fn forward_camera_of_four_samples_shows_it_between_edges() {
     println!("four samples: NRMSE {d:.5}, volume {v:.5}");
     assert!(d < MAX_ERROR, "{d}");
     assert!(v > 2.0 * MAX_ERROR, "the volume is told apart: {v}");
+}
+
+#[test]
+fn forward_camera_of_low_dynamic_range_shows_it_in_its_steps() {
+    let mut expected = Scene::new(deferred()).picture();
+    let all = expected.pixels.iter_mut().flatten();
+    all.for_each(|light| *light = light.min(1.0));
+    let mut shown = Scene::new((MeshlessGiForwardCamera::default(), Msaa::Off));
+    let display = shown.picture();
+    keep("forward_low", &expected.beside(&display));
+    let volume = shown.volume_alone();
+    let [d, v] = [&display, &volume].map(|p| p.nrmse(&expected));
+    println!("low dynamic range: NRMSE {d:.5}, volume {v:.5}");
+    assert!(d < 0.5 * MAX_ERROR && v > 1.5 * d, "{d}, {v}");
 }
 
 /// How far the volume's light is from that of the display, relative to indirect light.

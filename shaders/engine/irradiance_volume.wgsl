@@ -12,9 +12,10 @@
     irradiance_volume,
     irradiance_volume_sampler,
     light_probes,
-    view,
-    view_transmission_texture,
 };
+#ifdef MESHLESS_GI_DISPLAY
+#import bevy_pbr::mesh_view_bindings::{view, view_transmission_texture}
+#endif
 #import bevy_pbr::clustered_forward::ClusterableObjectIndexRanges
 
 #ifdef LIGHTMAP
@@ -33,6 +34,7 @@ const MESHLESS_GI_BEYOND: f32 = 0.03;
 // Where so little is left of the eight voxels, all of them count.
 const MESHLESS_GI_LEAST: f32 = 1e-3;
 
+#ifdef MESHLESS_GI_DISPLAY
 // How much of its distance from the eye a surface may be away from that of the display.
 const MESHLESS_GI_SAME_SURFACE: f32 = 0.01;
 
@@ -41,18 +43,12 @@ const MESHLESS_GI_SAME_SURFACE: f32 = 0.01;
 fn meshless_gi_display(world_position: vec3<f32>) -> vec4<f32> {
     let h = view.clip_from_world * vec4f(world_position, 1.0);
     let uv = h.xy / h.w * vec2f(0.5, -0.5) + 0.5;
-    let pixel = vec2i(floor(view.viewport.xy + uv * view.viewport.zw));
-    let size = vec2i(textureDimensions(view_transmission_texture));
-    if h.w <= 0.0 || any(pixel < vec2i(0)) || any(pixel >= size) {
-        return vec4f(0.0);
-    }
-    let shown = textureLoad(view_transmission_texture, pixel, 0);
+    let shown = textureLoad(view_transmission_texture, vec2i(floor(view.viewport.xy + uv * view.viewport.zw)), 0);
     let away = (view.view_from_world * vec4f(world_position, 1.0)).z;
-    if shown.a >= 0.0 || abs(away - shown.a) > -MESHLESS_GI_SAME_SURFACE * shown.a {
-        return vec4f(0.0);
-    }
-    return vec4f(shown.rgb / view.exposure, 1.0);
+    let same = shown.a < 0.0 && abs(away - shown.a) < -MESHLESS_GI_SAME_SURFACE * shown.a;
+    return select(vec4f(0.0), vec4f(shown.rgb / view.exposure, 1.0), same);
 }
+#endif
 
 fn irradiance_volume_light(
     world_position: vec3<f32>,
@@ -95,14 +91,14 @@ fn irradiance_volume_light(
         let z = textureSampleLevel(voxels, irradiance_volume_sampler, corner + vec3f(0.0, half.z, 2.0 * third), 0.0);
         var here = x.rgb * square.x + y.rgb * square.y + z.rgb * square.z;
 
-        var display = vec4f(0.0);
-        if x.a < 0.0 {
-            display = meshless_gi_display(world_position);
-        }
+        var is_shown = false;
+#ifdef MESHLESS_GI_DISPLAY
+        let display = meshless_gi_display(world_position);
+        is_shown = x.a < 0.0 && display.a > 0.0;
+        here = select(here, display.rgb, is_shown);
+#endif
         // In an open place all six texels of all eight voxels say so.
-        if display.a > 0.0 {
-            here = display.rgb;
-        } else if x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
+        if !is_shown && x.a < 0.0 && x.a > MESHLESS_GI_OPEN {
             let first = vec3u(place - 0.5);
             var sum = vec3f(0.0);
             var all_weights = 0.0;

@@ -5,6 +5,7 @@
 //! written for stays as it is, and that is told: walls then let light of the next room through.
 
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
+use super::forward_camera::MeshlessGiForwardCamera;
 use super::volume::MeshlessGiVolume;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
@@ -19,32 +20,58 @@ const CALLED: &str = "fnirradiance_volume_light(world_position:vec3<f32>,N:vec3<
 /// What that looks up, without spaces.
 const LOOKS_UP: &str = "light_probe_iterator_next(&iterator)";
 
-/// Replaces the module once, in the frame in which Bevy has loaded it and a level has a volume. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
+/// What says in the module that a camera may have a display ([`super::forward_display`]).
+const DISPLAY: &str = "MESHLESS_GI_DISPLAY";
+
+/// What became of the module.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) enum Module {
+    /// It is Bevy's.
+    #[default]
+    Theirs,
+    /// It is Bevy's and stays so: it looks unlike the one that this was written for.
+    Unknown,
+    /// It is ours; it reads the display of forward cameras, or does not.
+    Ours { display: bool },
+}
+
+/// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once more where the first display of a forward camera
+/// comes later. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
 pub(crate) fn replace(
     volumes: Query<(), With<MeshlessGiVolume>>,
+    displays: Query<(), With<MeshlessGiForwardCamera>>,
     shaders: Option<ResMut<Assets<Shader>>>,
     mut findings: ResMut<MeshlessGiFindings>,
-    mut done: Local<bool>,
+    mut module: Local<Module>,
 ) {
-    let Some(mut shaders) = shaders.filter(|_| !*done && !volumes.is_empty()) else {
+    let display = !displays.is_empty();
+    let wanted = match *module {
+        Module::Theirs => true,
+        Module::Unknown => false,
+        Module::Ours { display: has } => display && !has,
+    };
+    let Some(mut shaders) = shaders.filter(|_| wanted && !volumes.is_empty()) else {
         return;
     };
     let found = shaders.iter().find(|(_, shader)| is_module(shader));
-    let Some((id, ours)) = found.map(|(id, shader)| (id, is_known(shader).then(|| ours(shader))))
-    else {
+    let Some((id, theirs)) = found else {
         return;
     };
-    *done = true;
-    let Some(ours) = ours else {
+    if *module == Module::Theirs && !is_known(theirs) {
+        *module = Module::Unknown;
         tell(vec![MeshlessGiFinding::VolumeShader], &mut findings);
         return;
-    };
+    }
+    let ours = ours(theirs, display);
+    *module = Module::Ours { display };
     // The place is there, so nothing can be wrong with it.
     let _ = shaders.insert(id, ours);
 }
 
-fn ours(theirs: &Shader) -> Shader {
-    Shader::from_wgsl_with_defs(OURS, &theirs.path, theirs.shader_defs.clone())
+fn ours(theirs: &Shader, display: bool) -> Shader {
+    let mut defs = theirs.shader_defs.clone();
+    defs.extend(display.then(|| DISPLAY.into()));
+    Shader::from_wgsl_with_defs(OURS, &theirs.path, defs)
 }
 
 fn is_module(shader: &Shader) -> bool {

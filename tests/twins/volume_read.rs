@@ -195,7 +195,10 @@ fn a_volume_is_read_as_its_twin_reads_it() {
         "/shaders/engine/irradiance_volume.wgsl"
     );
     let text = std::fs::read_to_string(path).unwrap();
-    let module = preprocessed(&text, &["IRRADIANCE_VOLUMES_ARE_USABLE"]);
+    let module = preprocessed(
+        &text,
+        &["IRRADIANCE_VOLUMES_ARE_USABLE", "MESHLESS_GI_DISPLAY"],
+    );
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: None,
         source: wgpu::ShaderSource::Wgsl(format!("{BEVY}{module}").into()),
