@@ -43,7 +43,7 @@ pub use light::Light;
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
-pub use occluder::{Doorways, Occluder};
+pub use occluder::{Doorways, Occluder, Shutter};
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, write_ply};
 pub use points::{LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes};
 pub use sky::SkyRadiance;
