@@ -28,6 +28,9 @@ struct Covered {
 // Cosines to a function's normal from where on it counts as a surface's cover, and from where on wholly.
 const FACING: vec2f = vec2f(0.7, 0.9);
 
+// Least share of a pixel that functions reach.
+const MIN_SHARE: f32 = 1.0 / 1024.0;
+
 // All of the light from `seam` on.
 fn share_of(cover: f32) -> f32 {
     if cover >= params.seam {
@@ -65,7 +68,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
 // Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the place.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
-    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, found.share, found.covered));
+    return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));
 }
 
 fn splat_node(pixel: vec2u, node: Node) -> Node {

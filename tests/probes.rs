@@ -247,7 +247,9 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
             let mut unit = || 0.01 + 0.98 * random.unit();
             let place = Vec3::new(3.0 * unit(), 2.5 * unit(), 3.0 * unit());
             let at = |x| {
-                let light = frame.in_space(&scene, x, Vec3::ZERO).expect("a probe reaches");
+                let light = frame
+                    .in_space(&scene, x, Vec3::ZERO)
+                    .expect("a probe reaches");
                 light.irradiance(Vec3::Y).x + light.irradiance(Vec3::NEG_X).x
             };
             lit += at(place);
@@ -417,7 +419,9 @@ fn closed_forms() {
     for k in 0..40 {
         let n = uniform_sphere(lattice(k, 40, Vec2::ZERO)).normalize();
         let x = Vec3::new(0.3, 0.05, -0.2);
-        let light = frame.in_space(&scene, x, Vec3::ZERO).expect("a probe reaches");
+        let light = frame
+            .in_space(&scene, x, Vec3::ZERO)
+            .expect("a probe reaches");
         let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
         let found = light.irradiance(n).x;
         // What the floor hides at the probes' heights, and the part of a step that two degrees leave.
@@ -456,7 +460,9 @@ fn closed_forms() {
         }
         if !shines[0] {
             // In the middle a wall is a sixth of all directions, and the floor's light comes from below: d.
-            let light = frame.in_space(&scene, Vec3::ONE, Vec3::ZERO).expect("a probe reaches");
+            let light = frame
+                .in_space(&scene, Vec3::ONE, Vec3::ZERO)
+                .expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
             // A mean over half a metre to all sides is some per cent more than the middle, for light falls ever more slowly away from the wall.
             // Form factor of a square of edge 2 to a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.

@@ -140,7 +140,7 @@ pub fn bake(
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     recipe.check()?;
-    let occluders = occluders::find(&recipe.occluders, &source.occluders)?;
+    let occluders = occluders::find(&recipe.occluders, &source.occluders, source.geometry)?;
     if !occluders.is_empty() {
         let shapes: Vec<_> = occluders.iter().map(Occluder::shapes).collect();
         let open = BakeSource {

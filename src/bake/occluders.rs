@@ -3,7 +3,7 @@
 use super::BakeError;
 use super::recipe::RecipeError;
 use crate::asset::Occluders;
-use crate::scene::{Bounds, Bvh, Occluder};
+use crate::scene::{Bounds, Bvh, Geometry, Occluder, Shutter};
 use crate::transport::{Passage, Passing, number_sets};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -97,10 +97,11 @@ pub(super) fn node_names(shapes: &[OccluderShape]) -> Vec<&str> {
     nodes.map(|s| s.name.as_str()).collect()
 }
 
-/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called so.
+/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called so. `geometry` is the level without them.
 pub(super) fn find(
     shapes: &[OccluderShape],
     parts: &[Occluder],
+    geometry: &dyn Geometry,
 ) -> Result<Vec<Occluder>, BakeError> {
     let one = |shape: &OccluderShape| {
         let part = parts.iter().find(|p| p.name == shape.name);
@@ -108,7 +109,9 @@ pub(super) fn find(
         let occluder = Occluder {
             name: shape.name.clone(),
             triangles: part.map_or_else(Vec::new, |p| p.triangles.clone()),
-            boxes: shape.boxes.iter().map(OccluderBox::bounds).collect(),
+            boxes: (shape.boxes.iter())
+                .map(|b| Shutter::new(b.bounds(), geometry))
+                .collect(),
         };
         match occluder.shapes().is_empty() {
             true => Err(BakeError::NoOccluder {

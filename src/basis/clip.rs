@@ -79,9 +79,7 @@ pub(super) fn choose_planes(
         }
         let Some((_, plane)) = best else { break };
         kept.push(plane.to_array());
-        places.retain(|place| {
-            !(place.blocked && before(plane, place.x, place.n, radius) < -slack)
-        });
+        places.retain(|place| !(place.blocked && before(plane, place.x, place.n, radius) < -slack));
     }
     kept
 }

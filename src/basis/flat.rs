@@ -6,7 +6,7 @@
 //! The places asked are the points themselves, one beside each of them, and where importance particles land.
 
 use super::clip::with_planes;
-use super::kernel::before;
+use super::kernel::{before, leans};
 use super::{Hierarchy, HierarchySettings, LevelBasis, WeightEntry};
 use crate::samples::{Candidate, Point, Random, dist, tangents, trace_particles};
 use crate::scene::{Geometry, Ray};
@@ -144,7 +144,7 @@ impl Hierarchy {
     }
 
     /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say
-    /// otherwise.
+    /// otherwise; but those of occluders stay.
     fn open(
         &self,
         flat: &mut LevelBasis,
@@ -161,12 +161,23 @@ impl Hierarchy {
             .collect();
         for i in closed {
             let (x, n, _) = places[i];
-            let point = &mut flat.points[nearest[i][0].0 as usize];
+            let before =
+                |plane: &[f32; 4], radius| before(Vec4::from_array(*plane), x, n, radius) >= 0.0;
+            // Those on the other side of an occluder stay there.
+            let reaches = |&&(j, _): &&(u32, f32)| {
+                let point = &flat.points[j as usize];
+                let mut occluders = flat.planes[point.plane_range()].iter();
+                occluders.all(|p| !leans(Vec4::from_array(*p)) || before(p, point.radius))
+            };
+            let Some(&(j, _)) = nearest[i].iter().find(reaches) else {
+                continue;
+            };
+            let point = &mut flat.points[j as usize];
             let range = point.plane_range();
             let kept: Vec<[f32; 4]> = flat.planes[range.clone()]
                 .iter()
                 .copied()
-                .filter(|&plane| before(Vec4::from_array(plane), x, n, point.radius) >= 0.0)
+                .filter(|plane| before(plane, point.radius))
                 .collect();
             flat.planes[range.start..range.start + kept.len()].copy_from_slice(&kept);
             point.planes = range.start as u32 | (kept.len() as u32) << 24;

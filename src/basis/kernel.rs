@@ -34,6 +34,11 @@ pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     })
 }
 
+/// Whether a clip plane is that of an occluder.
+pub(super) fn leans(plane: Vec4) -> bool {
+    plane.truncate().length_squared() > LEAN_FROM
+}
+
 /// Above zero where the place is on the function's side of a clip plane. The plane of an occluder lies in its middle and moves with the normal of what is lit: by its lean away from the function for what
 /// faces it, and towards it for what faces away. So all that lies in a shut door is lit from the side that it faces, and floor and jambs from the nearer one.
 #[inline]

@@ -66,12 +66,7 @@ const AHEAD: f32 = 0.1;
 /// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
 /// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
 #[must_use]
-pub fn probe(
-    probes: &Probes,
-    values: &[VectorIrradiance],
-    x: Vec3,
-    n: Vec3,
-) -> Option<SpaceLight> {
+pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> Option<SpaceLight> {
     if !x.is_finite() || !n.is_finite() {
         return None;
     }
@@ -80,12 +75,7 @@ pub fn probe(
 }
 
 /// The light at `x` for what faces `n`.
-fn probe_at(
-    probes: &Probes,
-    values: &[VectorIrradiance],
-    x: Vec3,
-    n: Vec3,
-) -> Option<SpaceLight> {
+fn probe_at(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> Option<SpaceLight> {
     let mut sum = SpaceLight::default();
     let (mut cover, mut all) = (0.0, 0.0);
     for &j in probes.grid.near(x) {

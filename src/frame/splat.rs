@@ -27,6 +27,9 @@ pub const SEAM: f32 = 0.5;
 /// farther is something else that stands beside it, as a door that is ajar beside its jamb.
 const FACING: [f32; 2] = [0.7, 0.9];
 
+/// A pixel that functions reach has this share at least: none would be one that nothing reaches.
+const MIN_SHARE: f32 = 1.0 / 1024.0;
+
 /// How much of a function's weight covers what faces it under this cosine, 0 to 1.
 fn facing(cosine: f32) -> f32 {
     ((cosine - FACING[0]) / (FACING[1] - FACING[0])).clamp(0.0, 1.0)
@@ -119,7 +122,7 @@ pub fn splat_pixel(
     match splat_covered(&scene.points, &scene.display, values, x, n) {
         Some((e, cover)) => (e.dot(n).max(Vec3::ZERO) * params.scale)
             .min(Vec3::splat(LARGEST_HALF))
-            .extend(share(cover, params.seam))
+            .extend(share(cover, params.seam).max(MIN_SHARE))
             .to_array(),
         None => [0.0; 4],
     }

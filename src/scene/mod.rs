@@ -44,7 +44,7 @@ pub use light::Light;
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
-pub use occluder::{Doorways, MeshNode, Occluder};
+pub use occluder::{Doorways, MeshNode, Occluder, Shutter};
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
 pub use points::{
     LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes, load_ply_within,

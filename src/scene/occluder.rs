@@ -15,53 +15,77 @@ pub struct Occluder {
     pub name: String,
     /// Corners of its triangles where it is shut, metres.
     pub triangles: Vec<[Vec3; 3]>,
-    /// Boxes where it is shut, meters: what is drawn may lie anywhere inside.
-    pub boxes: Vec<Bounds>,
+    /// Boxes where it is shut.
+    pub boxes: Vec<Shutter>,
 }
 
-/// What stands in the way of light in place of a box: its middle across the thinnest edge, and the four sides around. From one large side to the other it is as closed as the box, and
-/// what lies inside is before one of them.
-#[derive(Clone, Copy, Debug)]
-struct Shutter {
+/// What stands in the way of light in place of a box, inside of which what is drawn may lie anywhere: its middle across the thinnest edge, and those of the four sides around that no wall adjoins. From one
+/// large side to the other it is as closed as the box, and what lies inside is before one of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shutter {
     bounds: Bounds,
     /// The thinnest edge.
     axis: usize,
+    /// Which of the four sides stand.
+    sides: [bool; 4],
 }
 
-/// Triangles of a shutter: two in the middle, and two a side.
-const SHUTTER: usize = 10;
+/// Corners of the middle, in halves of the two other edges. Side k runs from corner k to the next one.
+const CORNERS: [(f32, f32); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+/// Rays that look for a wall along a side.
+const LOOKS: usize = 9;
 
 impl Shutter {
-    fn new(bounds: Bounds) -> Self {
+    /// Of a box, meters, in the opening that `geometry` leaves for it.
+    #[must_use]
+    pub fn new(bounds: Bounds, geometry: &dyn Geometry) -> Self {
         let size = bounds.size();
         let axis = (0..3).fold(0, |a, k| if size[k] < size[a] { k } else { a });
-        Self { bounds, axis }
+        let sides = [true; 4];
+        let mut shutter = Self {
+            bounds,
+            axis,
+            sides,
+        };
+        shutter.sides = std::array::from_fn(|k| !shutter.adjoins(geometry, k));
+        shutter
     }
 
-    /// The middle first.
-    fn triangles(&self) -> [[Vec3; 3]; SHUTTER] {
-        let (center, half) = (self.bounds.center(), 0.5 * self.bounds.size());
-        let (u, v) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
-        let corner = |w: f32, a: f32, b: f32| {
-            let mut at = Vec3::ZERO;
-            (at[self.axis], at[u], at[v]) = (w, a, b);
-            center + half * at
+    /// Whether a wall adjoins the middle all along a side.
+    fn adjoins(&self, geometry: &dyn Geometry, side: usize) -> bool {
+        let ((a, b), (c, d)) = (CORNERS[side], CORNERS[(side + 1) % 4]);
+        let (from, to) = (self.corner(0.0, a, b), self.corner(0.0, c, d));
+        let depth = 0.5 * (from + to) - self.bounds.center();
+        let thickness = self.bounds.size()[self.axis];
+        let way = depth.normalize_or_zero();
+        let inset = thickness.min(0.5 * depth.length());
+        (0..LOOKS).all(|i| {
+            let edge = from.lerp(to, (i as f32 + 0.5) / LOOKS as f32);
+            let ray = Ray::segment(edge - way * inset, way, inset + 0.25 * thickness);
+            way != Vec3::ZERO && geometry.cast(&ray).is_some()
+        })
+    }
+
+    fn corner(&self, w: f32, a: f32, b: f32) -> Vec3 {
+        let mut at = Vec3::ZERO;
+        at[self.axis] = w;
+        at[(self.axis + 1) % 3] = a;
+        at[(self.axis + 2) % 3] = b;
+        self.bounds.center() + 0.5 * self.bounds.size() * at
+    }
+
+    /// The middle first, then sides, which it says.
+    fn triangles(&self) -> Vec<([Vec3; 3], bool)> {
+        let mut out = Vec::new();
+        let mut quad = |[a, b, c, d]: [Vec3; 4], side| {
+            let both = [[a, b, c], [a, c, d]].into_iter();
+            out.extend(both.filter(is_usable).map(|t| (t, side)));
         };
-        let quad = |[a, b, c, d]: [Vec3; 4]| [[a, b, c], [a, c, d]];
-        let middle = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-        let sides = (0..4).map(|k| {
-            let ((a, b), (c, d)) = (middle[k], middle[(k + 1) % 4]);
-            quad([
-                corner(-1.0, a, b),
-                corner(-1.0, c, d),
-                corner(1.0, c, d),
-                corner(1.0, a, b),
-            ])
-        });
-        let all = std::iter::once(quad(middle.map(|(a, b)| corner(0.0, a, b)))).chain(sides);
-        let mut out = [[Vec3::ZERO; 3]; SHUTTER];
-        for (triangle, from) in out.iter_mut().zip(all.flatten()) {
-            *triangle = from;
+        quad(CORNERS.map(|(a, b)| self.corner(0.0, a, b)), false);
+        for k in (0..4).filter(|&k| self.sides[k]) {
+            let ((a, b), (c, d)) = (CORNERS[k], CORNERS[(k + 1) % 4]);
+            let at = [(-1.0, a, b), (-1.0, c, d), (1.0, c, d), (1.0, a, b)];
+            quad(at.map(|(w, a, b)| self.corner(w, a, b)), true);
         }
         out
     }
@@ -91,8 +115,8 @@ impl Occluder {
     /// Triangles that stand in the way of light: its own, and for each box its middle and the sides around.
     #[must_use]
     pub fn shapes(&self) -> Vec<[Vec3; 3]> {
-        let boxes = self.boxes.iter().map(|&b| Shutter::new(b));
-        let boxes = boxes.flat_map(|s| s.triangles()).filter(is_usable);
+        let boxes = self.boxes.iter().flat_map(Shutter::triangles);
+        let boxes = boxes.map(|(triangle, _)| triangle);
         self.triangles.iter().copied().chain(boxes).collect()
     }
 }
@@ -168,16 +192,13 @@ impl<'a> Doorways<'a> {
             let own = occluder.triangles.iter().filter(|t| is_usable(t));
             all.extend(own.copied());
             of.resize(all.len(), None);
-            for &bounds in &occluder.boxes {
-                let shutter = Shutter::new(bounds);
+            for shutter in &occluder.boxes {
                 let number = shutters.len() as u32;
-                for (k, triangle) in shutter.triangles().into_iter().enumerate() {
-                    if is_usable(&triangle) {
-                        all.push(triangle);
-                        of.push(Some((number, k >= 2)));
-                    }
+                for (triangle, side) in shutter.triangles() {
+                    all.push(triangle);
+                    of.push(Some((number, side)));
                 }
-                shutters.push(shutter);
+                shutters.push(*shutter);
             }
         }
         let material = Material {
@@ -410,5 +431,70 @@ mod tests {
         assert!(shut.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
         assert!(!doorways.occluded(ray.origin, Vec3::new(0.0, 0.0, 1.5)));
         assert!(rest.shut().is_none());
+    }
+
+    /// A box in a frame is its middle; with nothing around it, its sides too, and both hold back what crosses it.
+    #[test]
+    fn boxes_are_their_middle_and_the_sides_that_no_wall_adjoins() {
+        let bounds = Bounds {
+            min: Vec3::new(-0.5, 0.0, -0.1),
+            max: Vec3::new(0.5, 2.0, 0.1),
+        };
+        let none = TriangleMesh::new(Vec::new(), Vec::new(), Vec::new());
+        let free = Shutter::new(bounds, &none);
+        assert_eq!((free.axis, free.sides), (2, [true; 4]));
+        // A floor under it.
+        let at = |x, z| Vec3::new(x, 0.0, z);
+        let floor = [at(-9.0, -9.0), at(9.0, -9.0), at(0.0, 20.0)];
+        let floor = TriangleMesh::new(vec![floor], vec![0], vec![Material::default()]);
+        let stands = Shutter::new(bounds, &floor);
+        assert_eq!(stands.sides.iter().filter(|s| **s).count(), 3);
+        for (shutter, triangles) in [(free, 10), (stands, 8)] {
+            let occluder = Occluder {
+                boxes: vec![shutter],
+                ..Occluder::default()
+            };
+            assert_eq!(occluder.shapes().len(), triangles);
+            let doorways = Doorways::new(&none, &[occluder]);
+            let through = |x: f32, from: f32, to: f32| {
+                let start = Vec3::new(x, 1.0, from);
+                doorways.crossed(&Ray::segment(start, Vec3::Z, to - from))
+            };
+            assert_eq!(through(0.3, -1.0, 1.0), 1);
+            assert_eq!(through(0.6, -1.0, 1.0), 0);
+            // From inside of its nearer half out, and from its farther half.
+            assert_eq!(
+                (through(0.3, -1.0, -0.05), through(0.3, -1.0, 0.05)),
+                (0, 1)
+            );
+            let ray = Ray::new(Vec3::new(0.3, 1.0, -1.0), Vec3::Z);
+            let shut = doorways.shut().unwrap();
+            let barrier = shut.barrier(&ray, &shut.cast(&ray).unwrap());
+            assert_eq!((barrier.normal, barrier.position.z), (Vec3::NEG_Z, 0.0));
+            assert!((barrier.half_thickness.unwrap() - 0.1).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn thickness_of_triangles_is_that_behind_their_front() {
+        let back = |z: f32| {
+            let [a, b, c] = tile(z);
+            [a, c, b]
+        };
+        let thick = vec![tile(1.0), back(0.8)];
+        let occluder = |triangles| Occluder {
+            triangles,
+            ..Occluder::default()
+        };
+        let none = TriangleMesh::new(Vec::new(), Vec::new(), Vec::new());
+        let ray = Ray::new(Vec3::new(0.0, 0.0, 2.0), Vec3::NEG_Z);
+        for (triangles, half) in [(thick, 0.1), (vec![tile(1.0)], 0.0)] {
+            let doorways = Doorways::new(&none, &[occluder(triangles)]);
+            let shut = doorways.shut().unwrap();
+            let barrier = shut.barrier(&ray, &shut.cast(&ray).unwrap());
+            let found = barrier.half_thickness.unwrap();
+            assert!((found - half).abs() < 1e-3, "{found}");
+            assert!((barrier.position.z - (1.0 - half)).abs() < 1e-3);
+        }
     }
 }
