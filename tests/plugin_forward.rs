@@ -216,7 +216,9 @@ fn forward_camera_of_four_samples_shows_it_between_edges() {
     let (deferred, display) = (expected.picture(), shown.picture());
     keep("forward_sampled", &deferred.beside(&display));
     let inner = |p: &Picture| without_edges(p, &deferred);
-    let (expected, light) = (inner(&expected.indirect()), inner(&shown.indirect()));
+    let (expected, light) = (expected.indirect(), shown.indirect());
+    keep("forward_sampled_indirect", &expected.beside(&light));
+    let (expected, light) = (inner(&expected), inner(&light));
     let volume = inner(&shown.volume_alone());
     let v = error_of_volume(&inner(&display), &volume, &expected);
     let d = light.nrmse(&expected);
