@@ -49,11 +49,16 @@ fn gbuffer_of_one(@builtin(position) position: vec4f) -> Texel {
     return texel(textureLoad(depths, pixel, 0), textureLoad(normals, pixel, 0));
 }
 
-// The first sample stands for the pixel.
+// The mean depth of a pixel's samples: that of its middle where one flat surface has them all, and that of no surface where several share it.
 @fragment
 fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
     let pixel = vec2u(position.xy);
-    return texel(textureLoad(depths_sampled, pixel, 0), textureLoad(normals_sampled, pixel, 0));
+    let count = textureNumSamples(depths_sampled);
+    var sum = 0.0;
+    for (var k = 0u; k < count; k++) {
+        sum += textureLoad(depths_sampled, pixel, k);
+    }
+    return texel(sum / f32(count), textureLoad(normals_sampled, pixel, 0));
 }
 
 // The light of a white surface in rgb, exposed, and in a how far it is from the eye, negative: nothing else that is bound in this place is.
