@@ -44,9 +44,7 @@ pub struct Capture {
 /// Bevy's plugins: with a window, or without one where a picture is asked for.
 pub fn default_plugins(capture: Option<&Capture>) -> PluginGroupBuilder {
     match capture {
-        None => DefaultPlugins
-            .build()
-            .add_group(bevy_picking::DefaultPickingPlugins),
+        None => DefaultPlugins.build(),
         Some(_) => windowless(),
     }
 }

@@ -360,6 +360,8 @@ impl GiRender {
             counters.bytes += of_scene;
             if runtime.frame.is_some() {
                 counters.scene_bytes.insert(id.0, of_scene);
+                let bake = Arc::as_ptr(&runtime.bake) as usize;
+                counters.scene_bakes.insert(id.0, bake);
             }
         }
         if let Some(reflections) = &self.reflections {

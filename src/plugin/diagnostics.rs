@@ -14,6 +14,7 @@
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
 //! frame is one behind the main world's.
 
+use crate::asset::BakedScene;
 use crate::frame::SubsplatCounts;
 use crate::plan::{Plan, Stage};
 use bevy::app::{App, Plugin, PreUpdate};
@@ -35,6 +36,8 @@ pub struct MeshlessGiCounters {
     pub bytes: u64,
     /// Bytes of each scene whose bake is on the device, by the bits of its root.
     pub scene_bytes: BTreeMap<u64, u64>,
+    /// Addresses of the bakes that these bytes hold.
+    pub(crate) scene_bakes: BTreeMap<u64, usize>,
     /// Baked scenes that any pass touched.
     pub active_scenes: u32,
     /// Light slots projected.
@@ -72,10 +75,12 @@ impl MeshlessGiStatus {
             .clone()
     }
 
-    /// A copy of [`MeshlessGiCounters::scene_bytes`].
-    pub(crate) fn scene_bytes(&self) -> BTreeMap<u64, u64> {
+    /// Bytes on the device of the scene on the root with these bits; `None` if the device does not hold `bake`.
+    pub(crate) fn bytes_of(&self, root: u64, bake: &Arc<BakedScene>) -> Option<u64> {
         let counters = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        counters.scene_bytes.clone()
+        let held = counters.scene_bakes.get(&root)?;
+        let bytes = counters.scene_bytes.get(&root).copied();
+        bytes.filter(|_| *held == Arc::as_ptr(bake) as usize)
     }
 
     pub(crate) fn set(&self, counters: MeshlessGiCounters) {

@@ -31,20 +31,23 @@ pub(crate) fn log_scenes(
     mut logged: Local<HashMap<Entity, Logged>>,
 ) {
     logged.retain(|entity, _| scenes.contains(*entity));
-    let lit = status.scene_bytes();
     for (entity, gi, name) in &scenes {
-        let (Some(bytes), Some(asset)) = (lit.get(&entity.to_bits()), assets.get(&gi.0)) else {
+        let Some(asset) = assets.get(&gi.0) else {
             continue;
         };
         let (bake, last) = logged.entry(entity).or_default();
         if bake.as_ptr() == Arc::as_ptr(&asset.scene) {
             continue;
         }
+        // The device may still hold the bake before.
+        let Some(bytes) = status.bytes_of(entity.to_bits(), &asset.scene) else {
+            continue;
+        };
         *bake = Arc::downgrade(&asset.scene);
         let line = format!(
             "indirect light on {}: {}",
             entity_label(entity, name),
-            summary(&asset.scene, *bytes)
+            summary(&asset.scene, bytes)
         );
         // A file that was loaded again unchanged adds no line.
         if *last != line {
