@@ -94,26 +94,22 @@ fn exported_room_is_lit_by_its_volume() {
         assert!(data.path().join(file).exists(), "no {file}");
     }
     let direct = drawn("exported", &["--data", folder, "--press", "Space"]);
-    // The ceiling gets no direct light: it is lit by what the room reflects, by red from the left and by green from
-    // the right.
-    let strip = |picture: &RgbImage, left: f32| {
-        let (w, h) = picture.dimensions();
-        let at = |x: f32, y: f32| {
-            picture
-                .get_pixel((x * w as f32) as u32, (y * h as f32) as u32)
-                .0
-        };
-        let pixels = (0..20).map(|i| at(left + 0.002 * i as f32, 0.08));
+    // Two sides of the blocks get no direct light: one faces the red wall, the other the green one.
+    let patch = |picture: &RgbImage, [left, top]: [u32; 2]| {
+        let pixels = (0..200).map(|i| picture.get_pixel(left + i % 5, top + i / 5).0);
         pixels.fold([0.0; 3], |sum, p| {
-            [0, 1, 2].map(|k| sum[k] + f64::from(p[k]) / 20.0)
+            [0, 1, 2].map(|k| sum[k] + f64::from(p[k]) / 200.0)
         })
     };
-    let [left, right] = [0.33, 0.62].map(|x| strip(&lit, x));
-    println!("ceiling: {left:?} on the left, {right:?} on the right");
-    assert!(left[0] > 1.05 * left[1] && left[0] > 20.0, "{left:?}");
-    assert!(right[1] > right[0] && right[1] > 20.0, "{right:?}");
-    let dark = strip(&direct, 0.33);
-    assert!(dark[0] < 0.2 * left[0], "{dark:?}");
+    let (red, green) = ([385, 300], [588, 380]);
+    println!("{:?}, {:?}", patch(&lit, red), patch(&lit, green));
+    let [r, g, _] = patch(&lit, red);
+    assert!(r > 40.0 && r > 1.5 * g, "{r}, {g}");
+    let [r, g, _] = patch(&lit, green);
+    assert!(g > 40.0 && g > 1.2 * r, "{r}, {g}");
+    for dark in [red, green] {
+        assert!(patch(&direct, dark).iter().all(|v| *v < 5.0));
+    }
 }
 
 #[test]

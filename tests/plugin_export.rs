@@ -167,6 +167,6 @@ fn exported_volume_shows_the_light_of_the_plugins_volume() {
 }
 
 /// Largest mean FLIP between both pictures.
-const MAX_FLIP: f32 = 0.03;
+const MAX_FLIP: f32 = 0.01;
 /// Largest NRMSE between both pictures.
-const MAX_NRMSE: f32 = 0.04;
+const MAX_NRMSE: f32 = 0.01;
