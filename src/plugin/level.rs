@@ -153,10 +153,7 @@ impl RecipeInputs {
         let baked = bake_level(&level, &self.recipe, threads, progress);
         let Baked { mut scene, stats } = baked.map_err(|why| self.failed(why))?;
         scene.info.level_digest = self.level.digest();
-        info!(
-            "baked `{}` in {:.1} s",
-            self.path, stats.seconds.total
-        );
+        info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
         Ok(scene)
     }
 

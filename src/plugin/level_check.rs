@@ -11,9 +11,9 @@ use crate::asset::BakeInfo;
 use crate::bake::{BakeInputs, Staleness};
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
-use bevy::reflect::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
+use bevy::reflect::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
 

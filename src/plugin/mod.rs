@@ -66,12 +66,12 @@ mod asset_folders;
 mod background;
 mod bake_error;
 mod bake_finished;
-mod bake_progress;
-mod bake_summary;
 #[cfg(feature = "gltf")]
 mod bake_processor;
+mod bake_progress;
 #[cfg(feature = "gltf")]
 mod bake_store;
+mod bake_summary;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_copy;
@@ -126,11 +126,11 @@ mod volume_shader;
 pub use asset::MeshlessGiAsset;
 pub use bake_error::MeshlessGiBakeError;
 pub use bake_finished::MeshlessGiBakeFinished;
+#[cfg(feature = "gltf")]
+pub use bake_processor::MeshlessGiBakeProcessor;
 pub use bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
 pub use bake_summary::MeshlessGiBakeSummary;
 pub use bake_task::MeshlessGiBake;
-#[cfg(feature = "gltf")]
-pub use bake_processor::MeshlessGiBakeProcessor;
 #[cfg(feature = "gltf")]
 pub use build_step::{AssetBuild, AssetBuildError, AssetBuildFailure, process_assets};
 pub use capture::MeshlessGiCaptureGraph;

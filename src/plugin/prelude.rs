@@ -5,10 +5,10 @@ pub use super::{
     MeshlessGiBakeExclude, MeshlessGiBakeFinished, MeshlessGiBakeProgress, MeshlessGiBakeRequest,
     MeshlessGiBakeStage, MeshlessGiBakeSummary, MeshlessGiBakeWarning, MeshlessGiBouncer,
     MeshlessGiCamera, MeshlessGiChannels, MeshlessGiDisplay, MeshlessGiFinding, MeshlessGiFindings,
-    MeshlessGiForwardCamera,
-    MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder,
-    MeshlessGiPlugin, MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality,
-    MeshlessGiReflective, MeshlessGiSettings, MeshlessGiSky, MeshlessGiSoftShadow,
-    MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView, MeshlessGiVolume,
+    MeshlessGiForwardCamera, MeshlessGiGloss, MeshlessGiLight, MeshlessGiLighting,
+    MeshlessGiMaterials, MeshlessGiOccluder, MeshlessGiPlugin, MeshlessGiPointCloud,
+    MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective, MeshlessGiSettings, MeshlessGiSky,
+    MeshlessGiSoftShadow, MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView,
+    MeshlessGiVolume,
 };
 pub use crate::bake::{Preset, Recipe};

@@ -22,7 +22,11 @@ impl Package {
         let measure = root.join("tests/first_game/measure.rs");
         for (name, text) in programs {
             let runs = "\n        .run();";
-            assert_eq!(text.matches(runs).count(), 1, "{name} runs one app:\n{text}");
+            assert_eq!(
+                text.matches(runs).count(),
+                1,
+                "{name} runs one app:\n{text}"
+            );
             let added = format!("\n        .add_plugins(measure::MeasurePlugin){runs}");
             let text = text.replacen(runs, &added, 1);
             let text = format!("#[path = {measure:?}]\nmod measure;\n\n{text}");
@@ -69,7 +73,10 @@ fn target_folder() -> PathBuf {
 
 /// A section of this package's manifest, without its heading.
 fn section<'a>(manifest: &'a str, heading: &str) -> &'a str {
-    let at = manifest.find(heading).expect("the manifest has the section") + heading.len();
+    let at = manifest
+        .find(heading)
+        .expect("the manifest has the section")
+        + heading.len();
     let rest = &manifest[at..];
     &rest[..rest.find("\n[").unwrap_or(rest.len())]
 }

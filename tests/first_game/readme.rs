@@ -4,11 +4,15 @@ const README: &str = include_str!("../../README.md");
 
 /// The code blocks of a language, in order.
 fn blocks(language: &str) -> impl Iterator<Item = &'static str> {
-    README.split("\n```").skip(1).step_by(2).filter_map(move |block| {
-        let (info, code) = block.split_once('\n')?;
-        let first = info.split(',').next()?;
-        (first == language).then_some(code)
-    })
+    README
+        .split("\n```")
+        .skip(1)
+        .step_by(2)
+        .filter_map(move |block| {
+            let (info, code) = block.split_once('\n')?;
+            let first = info.split(',').next()?;
+            (first == language).then_some(code)
+        })
 }
 
 /// The first complete program that contains `part`.

@@ -92,5 +92,9 @@ fn content_hash(info: &BakeInfo, level: &Path) -> Result<[u8; 32], SceneError> {
     let viewpoints: Vec<Vec3> = (viewpoints.unwrap_or_default().iter())
         .map(|&v| v.into())
         .collect();
-    Ok(load_geometry_within(level, &viewpoints, &mut input::budget())?.mesh.content_hash())
+    Ok(
+        load_geometry_within(level, &viewpoints, &mut input::budget())?
+            .mesh
+            .content_hash(),
+    )
 }

@@ -6,7 +6,7 @@ use super::collect::Collected;
 use super::request::MeshlessGiBakeRequest;
 use super::warning::MeshlessGiBakeWarning as Warning;
 use crate::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
-use crate::bake::{Progress, Recipe, Stage, bake_level};
+use crate::bake::{BAKE_VERSION, Progress, Recipe, Stage, bake_level};
 use crate::scene::TriangleMesh;
 use bevy::log::{debug, info};
 use std::path::Path;
@@ -61,7 +61,7 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
         &mesh.content_hash(),
         ron::to_string(&recipe).unwrap_or_default().as_bytes(),
         held.finalize().as_bytes(),
-        env!("CARGO_PKG_VERSION").as_bytes(),
+        &BAKE_VERSION.to_le_bytes(),
     ])
 }
 

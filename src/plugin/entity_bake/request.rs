@@ -6,8 +6,8 @@ use crate::bake::{Preset, Recipe};
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
-use bevy::reflect::prelude::*;
 use bevy::ecs::world::DeferredWorld;
+use bevy::reflect::prelude::*;
 use bevy::transform::components::Transform;
 use std::path::PathBuf;
 
