@@ -26,10 +26,16 @@ struct Covered {
 }
 
 // Cosines to a function's normal from where on it counts as a surface's cover, and from where on wholly.
-const FACING: vec2f = vec2f(0.7, 0.9);
+const MIN_COVER_COSINE: f32 = 0.7;
+const FULL_COVER_COSINE: f32 = 0.9;
 
 // Least share of a pixel that functions reach.
 const MIN_SHARE: f32 = 1.0 / 1024.0;
+
+// Part of a function's weight that covers a surface, by the cosine between their normals.
+fn cover_of(cosine: f32) -> f32 {
+    return clamp((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE), 0.0, 1.0);
+}
 
 // All of the light from `seam` on.
 fn share_of(cover: f32) -> f32 {
@@ -53,7 +59,7 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
             sum += w;
-            cover += w * clamp((dot(n, point.normal) - FACING.x) / (FACING.y - FACING.x), 0.0, 1.0);
+            cover += w * cover_of(dot(n, point.normal));
             denominator += v;
             add_scaled(&numerator, v, values[j]);
         }

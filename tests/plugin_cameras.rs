@@ -610,6 +610,6 @@ fn volume_with_the_default_camera_is_smooth_at_draft() {
     let (smooth, full) = (roughness(forward), roughness(deferred));
     println!("largest jump: volume {smooth:.4}, display {full:.4}");
     println!("NRMSE beside the display {}", forward.nrmse(deferred));
-    assert!(smooth < 0.03, "{smooth}");
-    assert!(forward.nrmse(deferred) < 0.15);
+    assert!(smooth < full, "the volume is smoother than the display");
+    assert!(forward.nrmse(deferred) < 0.08);
 }

@@ -61,7 +61,7 @@ impl Scene {
         let mut eye = app.world_mut().spawn(camera(&image, view()));
         eye.insert(kind);
         let eye = eye.id();
-        run(&mut app, 40);
+        run(&mut app, 16);
         Self {
             app,
             root,

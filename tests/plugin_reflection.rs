@@ -171,7 +171,8 @@ fn full_world() -> App {
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     let material = materials.add(StandardMaterial::default());
     let recipe = Recipe {
-        preset: Preset::Draft,
+        preset: Preset::High,
+        rays: Some(60_000),
         ..default()
     };
     let world = app.world_mut();
@@ -197,7 +198,15 @@ fn full_world() -> App {
     // The point cloud has one part: its own. This one has no cloud.
     world.spawn(MeshlessGiPointCloudPart);
     world.spawn(MeshlessGiBakeExclude);
-    world.spawn(MeshlessGiBake::spawn(mesh_of_quads(&cornell_box()), recipe));
+    let forward = (camera(&image, view()), MeshlessGiForwardCamera::default());
+    world.spawn(forward);
+    // Bakes that last longer than the test.
+    let mesh = mesh_of_quads(&cornell_box());
+    world.spawn(MeshlessGiBake::spawn(mesh, recipe.clone()));
+    world.spawn(MeshlessGiBakeRequest {
+        recipe,
+        ..default()
+    });
     run(&mut app, 3);
     app
 }

@@ -4,7 +4,7 @@
 #![cfg(feature = "gpu")]
 
 use bevy_meshless_gi::asset::PointSurface;
-use bevy_meshless_gi::basis::{NO_COVER, WeightEntry};
+use bevy_meshless_gi::basis::{LEAN_FROM, NO_COVER, WeightEntry};
 use bevy_meshless_gi::frame::fmm_layout::{
     FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MOST_FMM_TERMS, NO_TERM,
 };
@@ -374,6 +374,13 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("AHEAD", Some(volume::AHEAD as f64)),
         ("FACING", Some(f64::from(volume_faces::FACING))),
         ("SAME", Some(f64::from(volume_faces::SAME))),
+        ("LEAN_FROM", Some(f64::from(LEAN_FROM))),
+        ("MIN_COVER_COSINE", Some(f64::from(splat::MIN_COVER_COSINE))),
+        (
+            "FULL_COVER_COSINE",
+            Some(f64::from(splat::FULL_COVER_COSINE)),
+        ),
+        ("MIN_SHARE", Some(f64::from(splat::MIN_SHARE))),
         ("FREE", Some(f64::from(volume_ways::FREE))),
         ("WHOLE", Some(f64::from(volume_ways::WHOLE))),
         ("ALL_FREE", Some(f64::from(u32::MAX))),

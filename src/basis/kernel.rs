@@ -15,8 +15,8 @@ pub fn kernel(t: f32) -> f32 {
     }
 }
 
-/// The squared length of the normal of a clip plane from where on it has a lean.
-const LEAN_FROM: f32 = 1.001;
+/// Squared length of the normal of a clip plane from which on the plane has a lean.
+pub const LEAN_FROM: f32 = 1.001;
 /// How much further than half of an occluder's thickness its clip plane leans, in radii: for what is drawn on the occluder itself, and rounding.
 const LEAN_MARGIN: f32 = 0.01;
 /// Longest lean, in radii: no function reaches further.

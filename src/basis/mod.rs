@@ -15,7 +15,7 @@ mod weights;
 pub use cells::{CellPart, find_cells};
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
-pub use kernel::{kernel, weight};
+pub use kernel::{LEAN_FROM, kernel, weight};
 pub use places::find_places;
 pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
 pub use rival::{

@@ -23,16 +23,19 @@ pub const LARGEST_HALF: f32 = 65_504.0;
 /// look as they do without probes.
 pub const SEAM: f32 = 0.5;
 
-/// Cosines between the normals of a surface and of a function from where on the function counts as its cover, and from where on wholly: 46 and 26 degrees. A function knows the light of its own side; what leans
-/// farther is something else that stands beside it, as a door that is ajar beside its jamb.
-const FACING: [f32; 2] = [0.7, 0.9];
+/// Smallest cosine between the normals of a function and of a surface that it covers: 46 degrees. A
+/// function has the light of its own side. A surface that tilts farther is another one beside it,
+/// as a door that is ajar is beside its jamb.
+pub const MIN_COVER_COSINE: f32 = 0.7;
+/// Cosine from which on a function covers a surface with all of its weight: 26 degrees.
+pub const FULL_COVER_COSINE: f32 = 0.9;
 
-/// A pixel that functions reach has this share at least: none would be one that nothing reaches.
-const MIN_SHARE: f32 = 1.0 / 1024.0;
+/// Smallest share of a pixel that functions reach. A share of zero is that of a pixel without any.
+pub const MIN_SHARE: f32 = 1.0 / 1024.0;
 
-/// How much of a function's weight covers what faces it under this cosine, 0 to 1.
-fn facing(cosine: f32) -> f32 {
-    ((cosine - FACING[0]) / (FACING[1] - FACING[0])).clamp(0.0, 1.0)
+/// Part of a function's weight that covers a surface, by the cosine between their normals.
+fn cover_of(cosine: f32) -> f32 {
+    ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
 /// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all of it from `seam` on.
@@ -78,7 +81,7 @@ pub fn splat_covered(
         if w > 0.0 {
             let v = (w / point.radius) * (w / point.radius);
             sum += w;
-            cover += w * facing(n.dot(point.n()));
+            cover += w * cover_of(n.dot(point.n()));
             denominator += v;
             numerator.add_scaled(v, &values[j as usize]);
         }

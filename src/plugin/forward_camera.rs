@@ -12,7 +12,7 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::query::QueryData;
 use bevy::reflect::prelude::*;
 
-/// Displays the whole bake on a camera that draws forward, with any number of samples a pixel and without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the
+/// Displays the whole bake on a camera that draws forward, with one sample a pixel, with and without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the
 /// display reads.
 ///
 /// Needs [`MeshlessGiVolume`](super::MeshlessGiVolume) on the scene's root, and so a bake with light in free space: Bevy's forward shader asks
