@@ -34,15 +34,15 @@ fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
     return kernel(r / probe.radius);
 }
 
-// How far before a surface it is asked for light that no probe has at the surface itself, in cells.
-const AHEAD: f32 = 0.1;
+// Distance before a surface at which light is read where no probe reaches the surface, in cells.
+const RETRY_OFFSET: f32 = 0.1;
 
 fn probe(x: vec3f, n: vec3f) -> SpaceLight {
     let light = probe_at(x, n);
     if light.reached {
         return light;
     }
-    return probe_at(x + (AHEAD * params.cell_size) * n, n);
+    return probe_at(x + (RETRY_OFFSET * params.cell_size) * n, n);
 }
 
 fn probe_at(x: vec3f, n: vec3f) -> SpaceLight {

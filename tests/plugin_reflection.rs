@@ -168,8 +168,10 @@ fn full_world() -> App {
     let lamp = spawn_lamp(&mut app, Vec3::new(-0.3, 1.5, 0.3));
     let ball = Mesh::from(Sphere::new(0.2));
     let ball = app.world_mut().resource_mut::<Assets<Mesh>>().add(ball);
+    let baked = Mesh3d(ball.clone());
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     let material = materials.add(StandardMaterial::default());
+    let gray = material.clone();
     let recipe = Recipe {
         preset: Preset::High,
         rays: Some(60_000),
@@ -203,10 +205,11 @@ fn full_world() -> App {
     // Bakes that last longer than the test.
     let mesh = mesh_of_quads(&cornell_box());
     world.spawn(MeshlessGiBake::spawn(mesh, recipe.clone()));
-    world.spawn(MeshlessGiBakeRequest {
+    let request = MeshlessGiBakeRequest {
         recipe,
         ..default()
-    });
+    };
+    world.spawn((request, baked, MeshMaterial3d(gray)));
     run(&mut app, 3);
     app
 }

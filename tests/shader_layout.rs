@@ -15,8 +15,8 @@ use bevy_meshless_gi::frame::{
     GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
     SoftLight, SoftParams, SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance,
     VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf, compress, fog, fog_voxels, gbuffer,
-    gloss, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces, volume_places,
-    volume_read, volume_ways, vpl,
+    gloss, probe, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces,
+    volume_places, volume_read, volume_ways, vpl,
 };
 use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
 use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
@@ -375,6 +375,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("FACING", Some(f64::from(volume_faces::FACING))),
         ("SAME", Some(f64::from(volume_faces::SAME))),
         ("LEAN_FROM", Some(f64::from(LEAN_FROM))),
+        ("RETRY_OFFSET", Some(f64::from(probe::RETRY_OFFSET))),
         ("MIN_COVER_COSINE", Some(f64::from(splat::MIN_COVER_COSINE))),
         (
             "FULL_COVER_COSINE",

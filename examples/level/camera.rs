@@ -53,7 +53,8 @@ impl Eye {
     }
 }
 
-/// After a bake: moves the camera to a viewpoint with room around it, turns it to where the level is wide and bright, and sets its exposure.
+/// After a bake: moves the camera to a viewpoint with room around it, turns it to where most of the
+/// level is in view and lit, and sets its exposure. The lamp of a level without lights goes there.
 /// A camera that was moved by hand stays where it is.
 pub fn look_at_light(
     event: On<MeshlessGiBakeFinished>,
@@ -73,16 +74,16 @@ pub fn look_at_light(
     let (eye, transform, exposure) = &mut *eye;
     let at_start = **transform == eye.start;
     let outlooks = Outlook::all(bake);
-    let widest = (outlooks.iter()).max_by(|a, b| a.room.total_cmp(&b.room));
     let mut lamp = lamp.iter_mut().next();
-    if let (true, Some(widest), Some((_, place))) = (at_start, widest, &mut lamp) {
-        place.translation = widest.from + 0.4 * widest.free * widest.toward;
+    let best = Lit::new(bake, &level.lights_with(None)).best(bake, &outlooks);
+    if let (true, Some(best)) = (at_start, best) {
+        **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
+        if let Some((_, place)) = &mut lamp {
+            place.translation = best.from + 0.4 * best.free * best.toward;
+        }
     }
     let lights = level.lights_with(lamp.as_ref().map(|(light, at)| (*light, at.translation)));
     let lit = Lit::new(bake, &lights);
-    if let (true, Some(best)) = (at_start, lit.brightest(bake, &outlooks)) {
-        **transform = Transform::from_translation(best.from).looking_to(best.toward, Vec3::Y);
-    }
     let seen = lit.seen(bake, transform.translation);
     if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
@@ -98,8 +99,6 @@ struct Outlook {
     toward: Vec3,
     /// Distance to the level straight ahead, meters.
     free: f32,
-    /// The same, with a look to both sides.
-    room: f32,
 }
 
 impl Outlook {
@@ -116,16 +115,10 @@ impl Outlook {
         let mut all = Vec::new();
         for (from, _) in wide {
             for toward in directions() {
-                let way = |turn: f32| {
-                    let toward = Quat::from_rotation_y(turn) * toward;
-                    free_way(&scene.bvh, *from, toward, far)
-                };
-                let free = way(0.0);
                 all.push(Self {
                     from: *from,
                     toward,
-                    free,
-                    room: free.min(2.0 * way(-0.4)).min(2.0 * way(0.4)),
+                    free: free_way(&scene.bvh, *from, toward, far),
                 });
             }
         }
@@ -218,15 +211,16 @@ impl Lit {
         self.0.iter().filter_map(visible).collect()
     }
 
-    /// The outlook with the largest product of room and mean luminance.
-    fn brightest(&self, scene: &BakedScene, outlooks: &[Outlook]) -> Option<Outlook> {
+    /// The outlook with the most points of the bake in view. Points are dense where a level has
+    /// detail. Of two such outlooks the brighter one is better; luminance counts by its fourth root.
+    fn best(&self, scene: &BakedScene, outlooks: &[Outlook]) -> Option<Outlook> {
         let mut best: Option<(f32, Outlook)> = None;
         for same in outlooks.chunk_by(|a, b| a.from == b.from) {
             let seen = self.seen(scene, same[0].from);
             for outlook in same {
                 let found = around(&seen, outlook.toward);
                 let mean = found.iter().sum::<f32>() / found.len().max(1) as f32;
-                let score = outlook.room * mean;
+                let score = found.len() as f32 * (mean + 1e-6).powf(0.25);
                 if found.len() >= 8 && best.is_none_or(|(most, _)| score > most) {
                     best = Some((score, *outlook));
                 }

@@ -60,8 +60,9 @@ impl SpaceLight {
     }
 }
 
-/// How far before a surface it is asked for light that no probe has at the surface itself, in cells of the probes' grid, which are as large as a function's radius.
-const AHEAD: f32 = 0.1;
+/// Distance before a surface at which light is read where no probe reaches the surface itself, in
+/// cells of the probes' grid. A cell is as large as a function's radius.
+pub const RETRY_OFFSET: f32 = 0.1;
 
 /// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
 /// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
@@ -70,7 +71,7 @@ pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> 
     if !x.is_finite() || !n.is_finite() {
         return None;
     }
-    let ahead = AHEAD * probes.grid.cell_size;
+    let ahead = RETRY_OFFSET * probes.grid.cell_size;
     probe_at(probes, values, x, n).or_else(|| probe_at(probes, values, x + ahead * n, n))
 }
 
