@@ -276,7 +276,6 @@ fn field_written_by_reflection_is_set_in_the_component() {
     };
     let field = fields.field_mut("emission").expect("a field");
     field.apply(&0.25f32);
-    drop(value);
     let lighting = app.world().get::<MeshlessGiLighting>(root).unwrap();
     assert_eq!(lighting.emission, 0.25);
 }

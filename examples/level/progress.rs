@@ -75,6 +75,10 @@ pub fn keep_error(event: On<MeshlessGiBakeFinished>, mut notice: ResMut<Notice>)
 }
 
 /// Updates bar and text.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a system's parameters are its inputs"
+)]
 pub fn show(
     mut lines: Single<&mut Text, With<Lines>>,
     mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,

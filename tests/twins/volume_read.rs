@@ -317,7 +317,18 @@ fn a_volume_is_read_as_its_twin_reads_it() {
     let largest = even.iter().map(|t| (t[0] - 2.0).abs()).fold(0.0, f32::max);
     assert!(largest < 0.01, "{largest}");
     // A display answers for surfaces as far away as its own, and for no others.
-    let pixel = |x: u32, y: u32| [0.25, 0.5, 1.0, if (x + y) % 2 == 0 { -4.0 } else { -5.0 }];
+    let pixel = |x: u32, y: u32| {
+        [
+            0.25,
+            0.5,
+            1.0,
+            if (x + y).is_multiple_of(2) {
+                -4.0
+            } else {
+                -5.0
+            },
+        ]
+    };
     let texels: Vec<[f16; 4]> = (0..size.x * size.y)
         .map(|i| pixel(i % size.x, i / size.x).map(f16::from_f32))
         .collect();
