@@ -1,4 +1,4 @@
-//! What the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
+//! Parts that the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;

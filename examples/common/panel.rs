@@ -59,7 +59,7 @@ pub enum Control {
     Preset(Preset),
     /// Starts a bake.
     BakeAgain,
-    /// Whether a light takes part in indirect light.
+    /// Switch of a light's part in indirect light.
     Light(Entity),
 }
 
@@ -156,7 +156,7 @@ fn show(
     }
 }
 
-/// What the sections depend on.
+/// Input of the sections.
 type Lights<'w, 's> = Query<
     'w,
     's,

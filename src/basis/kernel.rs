@@ -17,7 +17,8 @@ pub fn kernel(t: f32) -> f32 {
 
 /// Squared length of the normal of a clip plane from which on the plane has a lean.
 pub const LEAN_FROM: f32 = 1.001;
-/// How much further than half of an occluder's thickness its clip plane leans, in radii: for what is drawn on the occluder itself, and rounding.
+/// Lean of an occluder's clip plane beyond half of the occluder's thickness, in radii. It covers
+/// surfaces drawn on the occluder itself, and rounding.
 const LEAN_MARGIN: f32 = 0.01;
 /// Longest lean, in radii: no function reaches further.
 const LONGEST_LEAN: f32 = 2.0;
@@ -34,7 +35,7 @@ pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     })
 }
 
-/// Whether a clip plane is that of an occluder.
+/// Returns true if a clip plane is that of an occluder.
 pub(super) fn leans(plane: Vec4) -> bool {
     plane.truncate().length_squared() > LEAN_FROM
 }

@@ -18,7 +18,7 @@ use std::time::SystemTime;
 /// Name of the list of files that the step made, in the folder of the kept bakes.
 const LIST: &str = "files.txt";
 
-/// Action that a `.meta` file asks for.
+/// Action that a `.meta` file names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Action {
     /// Load with the loader of this type path.
