@@ -8,7 +8,7 @@
 //! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each centre also looks around
 //! along its tangent plane for walls, and behind each one for surface.
 
-use super::kernel::{before, kernel, plane_at};
+use super::kernel::{before, kernel, leans, plane_at};
 use super::{LevelBasis, support_bounds};
 use crate::samples::{Candidate, F_SQUASH, HashedGrid, Point, dist, tangents};
 use crate::scene::{Bounds, Geometry, Ray};
@@ -45,17 +45,24 @@ pub(super) struct Place {
     pub blocked: bool,
 }
 
-/// Of the `candidates` (n, d) the planes that cut off most blocked weight of `places` and no more visible weight than that is worth; one that cuts off the
-/// centre is none. Places that are cut off leave the list. `radius` is that of the support, metres.
+/// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of `places`
+/// and no more visible weight than that is worth. A candidate that cuts off the center is left out.
+/// Places that are cut off leave the list. `radius` is that of the support, meters.
 pub(super) fn choose_planes(
     places: &mut Vec<Place>,
+    first: &[Vec4],
     candidates: &[Vec4],
     center: Vec3,
     radius: f32,
 ) -> Vec<[f32; 4]> {
-    let mut kept: Vec<[f32; 4]> = Vec::new();
     // A hair's breadth, so that the wall's own foot is on neither side by rounding.
     let slack = 1e-3 * radius;
+    let cut_off = |place: &Place, plane: Vec4| {
+        place.blocked && before(plane, place.x, place.n, radius) < -slack
+    };
+    let first = &first[..first.len().min(MOST_PLANES)];
+    places.retain(|place| !first.iter().any(|&plane| cut_off(place, plane)));
+    let mut kept: Vec<[f32; 4]> = first.iter().map(Vec4::to_array).collect();
     while kept.len() < MOST_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
         for &plane in candidates {
@@ -79,7 +86,7 @@ pub(super) fn choose_planes(
         }
         let Some((_, plane)) = best else { break };
         kept.push(plane.to_array());
-        places.retain(|place| !(place.blocked && before(plane, place.x, place.n, radius) < -slack));
+        places.retain(|place| !cut_off(place, plane));
     }
     kept
 }
@@ -100,7 +107,7 @@ pub fn clip_planes(
     let eye = x_j + n_j * height;
     let mut places: Vec<Place> = Vec::new();
     let mut candidates: Vec<Vec4> = Vec::new();
-    let behind = behind_walls(geometry, point, eye, rays);
+    let (behind, occluders) = behind_walls(geometry, point, eye, rays);
     for (x, n) in around.chain(behind) {
         let cosine = n.dot(n_j);
         let r = dist(x - x_j, n_j);
@@ -126,7 +133,7 @@ pub fn clip_planes(
             blocked: hit.is_some(),
         });
     }
-    choose_planes(&mut places, &candidates, x_j, radius)
+    choose_planes(&mut places, &occluders, &candidates, x_j, radius)
 }
 
 /// How far above its centre (x, n), metres, a function of this radius has its eye: high enough to see over gravel and round a bend, and no higher than half-way to whatever is
@@ -145,24 +152,33 @@ pub(super) fn eye_height(
     geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
 }
 
-/// Surface places within a function's support behind whatever stands on its tangent plane, as seen from `eye`.
+/// Surface places within a function's support behind whatever stands on its tangent plane, as seen from
+/// `eye`, and the planes of the occluders that stand there. A jamb beyond a door may be so narrow that
+/// no place of it is found.
 fn behind_walls(
     geometry: &dyn Geometry,
     point: &Point,
     eye: Vec3,
     rays: &mut u64,
-) -> Vec<(Vec3, Vec3)> {
+) -> (Vec<(Vec3, Vec3)>, Vec<Vec4>) {
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let (t, b) = tangents(n_j);
     let tall = TALL * radius;
     let mut found = Vec::new();
+    let mut occluders: Vec<Vec4> = Vec::new();
     for k in 0..DIRECTIONS {
         let angle = core::f32::consts::TAU * (k as f32 + 0.5) / DIRECTIONS as f32;
         let way = t * libm::cosf(angle) + b * libm::sinf(angle);
         *rays += 1;
-        let Some(wall) = geometry.cast(&Ray::segment(eye, way, radius)) else {
+        let ray = Ray::segment(eye, way, radius);
+        let Some(wall) = geometry.cast(&ray) else {
             continue;
         };
+        let plane = plane_at(&geometry.barrier(&ray, &wall), radius);
+        let before_it = before(plane, x_j, n_j, radius) > 0.0;
+        if leans(plane) && before_it && !occluders.contains(&plane) {
+            occluders.push(plane);
+        }
         for place in 0..BEHIND {
             let across = wall.t + (radius - wall.t) * (place as f32 + 0.5) / BEHIND as f32;
             let above = x_j + way * across + n_j * tall;
@@ -174,7 +190,7 @@ fn behind_walls(
             }
         }
     }
-    found
+    (found, occluders)
 }
 
 /// Gives each function its clip planes, looking at the places in `around`. Also says how many rays it took.

@@ -127,7 +127,10 @@ fn planes_of(
             });
         }
     }
-    (choose_planes(&mut places, &candidates, x, radius), rays)
+    (
+        choose_planes(&mut places, &[], &candidates, x, radius),
+        rays,
+    )
 }
 
 #[cfg(test)]
