@@ -28,12 +28,12 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::SoftShadows;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::cornell_box;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
+use meshless_gi::bake::SoftShadows;
+use meshless_gi::scene::cornell_box;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -6,17 +6,15 @@
 //!
 //! Each time is the least of three, that of the device from submission until it is done. The CPU's are in single precision too.
 
-#[path = "fmm/room.rs"]
-#[allow(dead_code, reason = "the rooms serve several examples")]
-mod room;
+use meshless_gi_lab::fixtures::fmm as room;
 
-use bevy_meshless_gi::frame::VectorIrradiance;
-use bevy_meshless_gi::frame::fmm_down::fmm_down;
-use bevy_meshless_gi::frame::fmm_up::fmm_up;
 use bevy_meshless_gi::gpu::{GpuCounters, GpuFmm, Harness, Kernels};
-use bevy_meshless_gi::transport::fmm::passes::Field;
-use bevy_meshless_gi::transport::fmm::{Fmm, FmmSettings, Passes};
 use glam::Vec3;
+use meshless_gi::frame::VectorIrradiance;
+use meshless_gi::frame::fmm_down::fmm_down;
+use meshless_gi::frame::fmm_up::fmm_up;
+use meshless_gi::transport::fmm::passes::Field;
+use meshless_gi::transport::fmm::{Fmm, FmmSettings, Passes};
 use room::{glow, with_ball};
 use std::error::Error;
 use std::time::Instant;

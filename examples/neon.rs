@@ -26,10 +26,10 @@ mod common;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
+use meshless_gi::scene::{Material, Quad};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

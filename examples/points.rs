@@ -25,16 +25,16 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Recipe};
 use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiPoints};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::samples::scatter;
-use bevy_meshless_gi::scene::{
-    Bounds, PlyPoints, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, read_ply, statue,
-};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
+use meshless_gi::bake::{Preset, Recipe};
+use meshless_gi::samples::scatter;
+use meshless_gi::scene::{
+    Bounds, PlyPoints, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, read_ply, statue,
+};
 use std::path::Path;
 use std::process::ExitCode;
 

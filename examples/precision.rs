@@ -5,16 +5,16 @@
 //! cargo run --no-default-features --features cli,gpu --example precision -- draft|medium
 //! ```
 
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
-use bevy_meshless_gi::basis::{NO_COVER, weight};
-use bevy_meshless_gi::frame::apply::apply_row;
-use bevy_meshless_gi::frame::apply_one::apply_one_row;
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, SolveParams, VectorIrradiance};
 use bevy_meshless_gi::gpu::{Harness, KERNELS};
-use bevy_meshless_gi::scene::{Light, Material, Quad, cornell_box, mesh_of_quads};
 use bytemuck::NoUninit;
 use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::basis::{NO_COVER, weight};
+use meshless_gi::frame::apply::apply_row;
+use meshless_gi::frame::apply_one::apply_one_row;
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, SolveParams, VectorIrradiance};
+use meshless_gi::scene::{Light, Material, Quad, cornell_box, mesh_of_quads};
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
 use std::hint::black_box;

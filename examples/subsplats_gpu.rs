@@ -9,19 +9,18 @@
 
 #[path = "../tests/twins/depth.rs"]
 mod depth;
-#[path = "../tests/subsplat_support/mod.rs"]
-mod subsplat_support;
+use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
-use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
-use bevy_meshless_gi::frame::{
-    CompositeParams, SubsplatSettings, VectorIrradiance, Vpl, VplParams, VplViewParams, splat,
-};
 use bevy_meshless_gi::gpu::{
     GpuFrame, Harness, Kernels, NodeLights, Pass, ReflectiveMaps, SplatTargets, SubsplatBuffers,
     SubsplatTargets, ViewBuffers,
 };
 use half::f16;
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::frame::{
+    CompositeParams, SubsplatSettings, VectorIrradiance, Vpl, VplParams, VplViewParams, splat,
+};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

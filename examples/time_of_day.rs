@@ -27,12 +27,12 @@ mod common;
 use bevy::camera::Exposure;
 use bevy::light::{CascadeShadowConfigBuilder, FogVolume, VolumetricFog, VolumetricLight};
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{FreeSpaceLight, Sky};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad, SkyRadiance};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
+use meshless_gi::bake::{FreeSpaceLight, Sky};
+use meshless_gi::scene::{Material, Quad, SkyRadiance};
 use std::f32::consts::{PI, TAU};
 use std::process::ExitCode;
 

@@ -25,12 +25,12 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad};
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems, spawn_lamp};
+use meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape};
+use meshless_gi::scene::{Material, Quad};
 use std::f32::consts::PI;
 use std::process::ExitCode;
 

@@ -1,51 +1,31 @@
 //! Instant, noise-free indirect light for Bevy.
 //!
-//! A bake scatters points over a level, builds a meshless hierarchical basis on them and computes a sparse operator
-//! from direct to indirect light. A frame projects the lights that changed, applies the operator and splats the
-//! result over the screen.
+//! [`meshless_gi`] bakes a scene and defines what a frame computes. This crate records the frame on a GPU:
+//! the kernels on any wgpu device (feature `gpu`), and `MeshlessGiPlugin` (feature `bevy`).
 //!
 //! Data flows down this list, and so do imports:
 //!
-//! | module | what lives there |
+//! | module | content |
 //! |---|---|
-//! | [`scene`] | what light meets: the [`scene::Geometry`] trait, triangle meshes, point clouds, implicit surfaces, lights, readers |
-//! | [`samples`] | where light is known: importance particles, Poisson disks, the hashed grid |
-//! | [`basis`] | how light is written down: weights, the hierarchy, Shepard sums, pull-push, clip planes |
-//! | [`transport`] | how light travels: the gather, refinement, the sparse operator, bounces |
-//! | [`asset`] | the baked scene and its container: format, write, read, validate |
-//! | [`frame`] | the CPU twins of the frame's kernels, in the order of a frame |
-//! | [`accuracy`] | the reference integrator and the metrics |
-//! | [`export`] | light for fixed lights in files that engines read by themselves |
-//! | [`bake`] | recipe, stages, progress, statistics: the whole bake as one call |
-//! | [`report`] | what accuracy costs: sweeps over recipes, Pareto fronts, charts and a text |
-//! | [`plan`] | what this frame's scene calls for |
-//! | `gpu` | the same kernels on any wgpu device (feature `gpu`) |
+//! | [`plan`] | effects that a frame's scene calls for |
+//! | `gpu` | the kernels on any wgpu device (feature `gpu`) |
 //! | `plugin` | `MeshlessGiPlugin` (feature `bevy`) |
 #![warn(missing_docs)]
 
-pub mod accuracy;
-pub mod asset;
-pub mod bake;
-pub mod basis;
-pub mod export;
-pub mod frame;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod plan;
 #[cfg(feature = "bevy")]
 pub mod plugin;
-pub mod report;
-pub mod samples;
-pub mod scene;
-pub mod transport;
 
+pub use meshless_gi;
 #[cfg(feature = "bevy")]
 pub use plugin::prelude;
 
 // The documents' examples are compiled as documentation tests.
-#[cfg(all(doctest, feature = "engine"))]
+#[cfg(all(doctest, feature = "bevy"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
-#[cfg(all(doctest, feature = "engine"))]
+#[cfg(all(doctest, feature = "bevy"))]
 #[doc = include_str!("../docs/GUIDE.md")]
 struct Guide;

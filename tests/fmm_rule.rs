@@ -1,20 +1,17 @@
 //! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on both in one room, beside rule `bounded`; tiers with links below the octree, energy,
 //! threads, the file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail there.
-#![cfg(feature = "cli")]
 
-use bevy_meshless_gi::accuracy::{
-    Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all,
-};
-use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::{Picker, Quality, TierChoice};
-use bevy_meshless_gi::samples::{Random, scatter, uniform_sphere};
-use bevy_meshless_gi::scene::{
+use glam::{Vec2, Vec3};
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::scene::{
     Geometry, Light, Material, PlyPoints, PointCloud, Quad, Ray, TriangleMesh, cornell_box,
     mesh_of_quads,
 };
-use glam::{Vec2, Vec3};
 
 const REFLECTIONS: u32 = 4;
 
@@ -319,7 +316,7 @@ fn what_a_recipe_may_not_say() {
         ("sources", |r| r.sources = Some(65)),
         ("pair_rays", |r| r.pair_rays = Some(0)),
         ("bounce_mode", |r| {
-            r.bounce_mode = bevy_meshless_gi::bake::BounceMode::Baked;
+            r.bounce_mode = meshless_gi::bake::BounceMode::Baked;
         }),
     ];
     for (field, change) in wrong {

@@ -433,7 +433,7 @@ fn the_stranger_check_objects() {
         0
     );
     assert_eq!(
-        strangers("src/bin/tool/main.rs", "use bevy_meshless_gi::bake;").len(),
+        strangers("src/bin/tool/main.rs", "use meshless_gi::bake;").len(),
         0
     );
 }

@@ -3,11 +3,11 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape, Recipe};
-use bevy_meshless_gi::frame::CpuFrame;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape, Recipe};
+use meshless_gi::frame::CpuFrame;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room, cpu_indirect};

@@ -7,10 +7,10 @@ mod plugin_support;
 mod scenes;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
-use bevy_meshless_gi::frame::Channels;
 use bevy_meshless_gi::plan::{PickedChannels, Stage};
 use bevy_meshless_gi::plugin::MeshlessGiCounters;
+use meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
+use meshless_gi::frame::Channels;
 use plugin_support::app::{app, run};
 use plugin_support::stage::counters;
 use scenes::{SCENES, bakes, spawn, step};

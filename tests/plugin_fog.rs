@@ -8,18 +8,18 @@ use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{FreeSpaceLight, Recipe};
-use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
-use bevy_meshless_gi::frame::volume::volume_texels;
-use bevy_meshless_gi::frame::{
-    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumePlaces,
-    VolumeShape, VolumeValues, fog, voxels_of,
-};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Geometry, Ray};
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{FreeSpaceLight, Recipe};
+use meshless_gi::frame::fog_voxels::fog_voxels;
+use meshless_gi::frame::volume::volume_texels;
+use meshless_gi::frame::{
+    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumePlaces,
+    VolumeShape, VolumeValues, fog, voxels_of,
+};
+use meshless_gi::scene::{Geometry, Ray};
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::Picture;
 use plugin_support::scenes::{Room, exposure};

@@ -3,13 +3,13 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
     MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::frame::{CpuFrame, FrameLight};
+use meshless_gi::scene::Light;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
@@ -469,7 +469,7 @@ fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
     let room = Room::wall(0.8);
     // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the normal does.
     let radiance = 700.0;
-    let bake = bevy_meshless_gi::bake::Recipe {
+    let bake = meshless_gi::bake::Recipe {
         viewpoints: vec![[0.0, 0.0, 1.0]],
         coarse_radius: Some(0.5),
         levels: Some(2),
@@ -528,7 +528,7 @@ fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
 
 #[test]
 fn bevys_units_are_ours_for_every_kind_of_lamp() {
-    use bevy_meshless_gi::frame::project::unshadowed;
+    use meshless_gi::frame::project::unshadowed;
     let mut app = app();
     let room = Room::wall(0.6);
     let root = app

@@ -14,7 +14,7 @@ use bevy_meshless_gi::plugin::{
     MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiSettings,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{cornell, cpu_indirect};

@@ -4,12 +4,12 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Recipe, Rule};
-use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::plan::{Stage, TierChoice};
 use bevy_meshless_gi::plugin::MeshlessGiCost;
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Recipe, Rule};
+use meshless_gi::frame::FrameSettings;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::scenes::{Room, cpu_indirect};
 use plugin_support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};

@@ -8,10 +8,10 @@ use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::bake::Preset;
 use bevy_meshless_gi::plugin::{MeshlessGiLighting, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
 use common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
+use meshless_gi::bake::Preset;
 use plugin_support::app::{headless_plugins, ready, run};
 use plugin_support::stage::{lit_room, spawn_lamp};
 

@@ -6,14 +6,14 @@ use bevy::light::RectLight;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
-use bevy_meshless_gi::frame::{Channels, FrameSettings};
 use bevy_meshless_gi::plan::{
     Census, Colours, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
     Work, bounces_at,
 };
 use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::frame::{Channels, FrameSettings};
+use meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cornell, cpu_indirect};

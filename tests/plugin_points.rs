@@ -5,11 +5,11 @@ mod plugin_support;
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
 use bevy_meshless_gi::plugin::{MeshlessGiPointCloudPart, MeshlessGiPoints};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::samples::scatter;
-use bevy_meshless_gi::scene::{
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::samples::scatter;
+use meshless_gi::scene::{
     Material, PlyEncoding, PlyPoints, PointCloud, Quad, TriangleMesh, mesh_of_quads, write_ply,
 };
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
@@ -101,7 +101,7 @@ fn a_room_of_points_looks_like_the_room() {
     let expected = shown(&mesh, folder.path(), |app, root| {
         Room::cornell().spawn(app, root);
     });
-    let loaded = bevy_meshless_gi::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
+    let loaded = meshless_gi::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
     let (cells, _) = loaded.cloud.mesh();
     let count = loaded.cloud.len();
     let drawn = shown(&cells, folder.path(), |app, root| {

@@ -11,11 +11,11 @@ use bevy::image::{CompressedImageFormats, ImageLoader, ImagePlugin};
 use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
-use bevy_meshless_gi::asset::{BakedScene, Limits};
 use bevy_meshless_gi::plugin::{
     AssetBuild, AssetBuildError, MeshlessGiRecipeProgress, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::asset::{BakedScene, Limits};
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
 use plugin_support::assets::{bare_app_with, shipped, until};
 use plugin_support::glb::{glb, gltf, textured_glb};

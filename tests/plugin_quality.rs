@@ -5,11 +5,11 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::plan::TierChoice;
 use bevy_meshless_gi::plugin::{MeshlessGiCost, MeshlessGiTier};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::frame::FrameSettings;
+use meshless_gi::scene::Light;
 use plugin_support::app::{app, headless_plugins, picture, ready, run};
 use plugin_support::scenes::{cornell, cpu_indirect};
 use plugin_support::stage::{assert_alike, counters, lamp, lit_room, settings, view};

@@ -9,7 +9,7 @@ use bevy_meshless_gi::plugin::{
     CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
 use plugin_support::flip::{Picture, flip};

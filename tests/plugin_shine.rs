@@ -3,17 +3,17 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Recipe, Sky};
-use bevy_meshless_gi::frame::FrameSettings;
-use bevy_meshless_gi::frame::materials::live_surfaces;
 use bevy_meshless_gi::plan::{Stage, bounces_at};
 use bevy_meshless_gi::plugin::{
     MeshlessGiFinding, MeshlessGiFindings, MeshlessGiMaterials, MeshlessGiSky,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::SkyRadiance;
 use glam::Mat3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Recipe, Sky};
+use meshless_gi::frame::FrameSettings;
+use meshless_gi::frame::materials::live_surfaces;
+use meshless_gi::scene::SkyRadiance;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cpu_indirect};

@@ -3,19 +3,19 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::accuracy::DrawnView;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Recipe, SoftShadows};
-use bevy_meshless_gi::frame::project::extent;
-use bevy_meshless_gi::frame::shade::{self, ShadeParams, Shading};
-use bevy_meshless_gi::frame::soft::{self, Rays};
-use bevy_meshless_gi::frame::{SoftLight, SplatParams, gbuffer, splat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
     MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Geometry;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Recipe, SoftShadows};
+use meshless_gi::frame::project::extent;
+use meshless_gi::frame::shade::{self, ShadeParams, Shading};
+use meshless_gi::frame::soft::{self, Rays};
+use meshless_gi::frame::{SoftLight, SplatParams, gbuffer, splat};
+use meshless_gi::scene::Geometry;
+use meshless_gi_lab::accuracy::DrawnView;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::bounce::Things;
 use plugin_support::flip::Picture;

@@ -6,12 +6,12 @@ use bevy::asset::AssetPath;
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::{BakedScene, Limits};
-use bevy_meshless_gi::bake::Staleness;
 use bevy_meshless_gi::plugin::{
     AssetBuild, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStaleBakes, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::Staleness;
 use plugin_support::app::ready;
 use plugin_support::assets::until;
 use plugin_support::glb::{glb, gltf};

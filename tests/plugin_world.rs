@@ -16,7 +16,7 @@ use bevy_meshless_gi::plugin::{
     MeshlessGiSettings,
 };
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::scene::Light;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
@@ -526,10 +526,10 @@ fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_l
     change(&mut app, |l| l.bounces = Some(1));
     change(&mut app, |l| l.emission = 0.0);
     change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
-    let changed = bevy_meshless_gi::frame::FrameSettings {
+    let changed = meshless_gi::frame::FrameSettings {
         sky: Vec3::new(30.0, 40.0, 60.0).into(),
         emission: 0.0,
-        ..bevy_meshless_gi::frame::FrameSettings::bounces(1)
+        ..meshless_gi::frame::FrameSettings::bounces(1)
     };
     let cpu = cpu_indirect(
         &room,

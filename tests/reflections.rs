@@ -1,12 +1,11 @@
 //! How many reflections a level's surfaces call for, beside all of them at once: what the picked number leaves out, on the two rooms that have references, and what it costs.
-#![cfg(feature = "cli")]
 
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::{BouncePicker, LEFT, bounces_at};
-use bevy_meshless_gi::scene::{Material, Quad, SceneDescription, load_gltf, mesh_of_quads};
 use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{Material, Quad, SceneDescription, load_gltf, mesh_of_quads};
 use std::path::Path;
 use std::time::Instant;
 

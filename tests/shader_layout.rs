@@ -1,16 +1,16 @@
 //! The shaders against the Rust side, read from the WGSL by naga; needs no GPU. Structs, constants, bindings, entry points and workgroup sizes must be what the
 //! kernel table and the shared types say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run on a shader
 //! that was spoiled, and must object.
-#![cfg(feature = "gpu")]
 
-use bevy_meshless_gi::asset::PointSurface;
-use bevy_meshless_gi::basis::{LEAN_FROM, NO_COVER, WeightEntry};
-use bevy_meshless_gi::frame::fmm_layout::{
+use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
+use meshless_gi::asset::PointSurface;
+use meshless_gi::basis::{LEAN_FROM, NO_COVER, WeightEntry};
+use meshless_gi::frame::fmm_layout::{
     FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MOST_FMM_TERMS, NO_TERM,
 };
-use bevy_meshless_gi::frame::pyramid::{self, CellRange};
-use bevy_meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
-use bevy_meshless_gi::frame::{
+use meshless_gi::frame::pyramid::{self, CellRange};
+use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
+use meshless_gi::frame::{
     CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
     GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
     SoftLight, SoftParams, SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance,
@@ -18,13 +18,12 @@ use bevy_meshless_gi::frame::{
     gloss, probe, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces,
     volume_places, volume_read, volume_ways, vpl,
 };
-use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
-use bevy_meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
-use bevy_meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use bevy_meshless_gi::transport::pca::{
+use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
+use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
+use meshless_gi::transport::pca::{
     Column, MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint,
 };
-use bevy_meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Passage, Row};
+use meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Passage, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,8 +1,6 @@
 //! Every kernel against its CPU twin, on whatever adapter there is (a software one will do). Without one the tests fail, unless `MGI_ALLOW_NO_GPU=1`
 //! says that nothing is to be compared. Each comparison is also run on a twin with one spoiled input, and must object.
-#![cfg(feature = "gpu")]
 
-#[cfg(feature = "gltf")]
 #[path = "twins/baked.rs"]
 mod baked;
 #[path = "twins/channels.rs"]
@@ -17,8 +15,7 @@ mod fmm;
 mod fog;
 #[path = "twins/gloss.rs"]
 mod gloss;
-mod gloss_support;
-#[cfg(feature = "gltf")]
+use meshless_gi_lab::fixtures::gloss as gloss_support;
 #[path = "twins/occlude.rs"]
 mod occlude;
 #[path = "twins/picture.rs"]
@@ -27,28 +24,24 @@ mod picture;
 mod reflective;
 #[path = "twins/screen.rs"]
 mod screen;
-#[cfg(feature = "gltf")]
 #[path = "twins/shade.rs"]
 mod shade;
-#[cfg(feature = "gltf")]
 #[path = "twins/soft.rs"]
 mod soft;
-#[cfg(feature = "gltf")]
 #[path = "twins/subsplats.rs"]
 mod subsplats;
-#[path = "twins/synthetic.rs"]
-mod synthetic;
+use meshless_gi_lab::fixtures::synthetic;
 #[path = "twins/volume_read.rs"]
 mod volume_read;
 
-use bevy_meshless_gi::asset::{BakedScene, SkySight};
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
 use bevy_meshless_gi::gpu::{GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers};
-use bevy_meshless_gi::scene::SkyRadiance;
-use bevy_meshless_gi::transport::pca::Column;
-use bevy_meshless_gi::transport::{Link, Row, SenderForm};
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
+use meshless_gi::asset::{BakedScene, SkySight};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
+use meshless_gi::scene::SkyRadiance;
+use meshless_gi::transport::pca::Column;
+use meshless_gi::transport::{Link, Row, SenderForm};
 
 /// The device, or None where the caller allowed that there is none.
 fn harness() -> Option<Harness> {
@@ -315,7 +308,7 @@ const VALUES: Checked = (
 );
 
 /// Adds a percent to the weight of entry `at`.
-fn heavier(weights: &mut bevy_meshless_gi::basis::Weights, at: usize) {
+fn heavier(weights: &mut meshless_gi::basis::Weights, at: usize) {
     weights.entries[at].weight *= 1.01;
 }
 
@@ -607,10 +600,9 @@ fn links_that_do_not_fit_one_binding_are_cut() {
 }
 
 /// The whole frame of real bakes, from lights to vector irradiance, the projection included.
-#[cfg(feature = "gltf")]
 #[test]
 fn bakes_of_the_cornell_box() {
-    use bevy_meshless_gi::bake::{BounceMode, Rule};
+    use meshless_gi::bake::{BounceMode, Rule};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     for (rule, mode) in [
@@ -668,11 +660,10 @@ fn bakes_of_the_cornell_box() {
 }
 
 /// An octree carries the light alone, and where the device does not hold it the links on the same points do, if there are any.
-#[cfg(feature = "gltf")]
 #[test]
 fn an_octree_that_does_not_fit_leaves_the_links() {
-    use bevy_meshless_gi::bake::{BounceMode, Rule};
     use bevy_meshless_gi::plan::{NoOctree, falls_back};
+    use meshless_gi::bake::{BounceMode, Rule};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     let mut scene = baked::cornell(Rule::Fmm, BounceMode::Live);

@@ -12,8 +12,8 @@ use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{MeshlessGiGizmos, MeshlessGiPlugin};
-use bevy_meshless_gi::scene::{Material, Quad};
 use capture::{Capture, default_plugins};
+use meshless_gi::scene::{Material, Quad};
 use std::process::ExitCode;
 
 /// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it makes a picture where one is asked for.

@@ -23,11 +23,11 @@ use bevy::input_focus::InputFocus;
 use bevy::prelude::*;
 use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::bake::Preset;
 use bevy_meshless_gi::plugin::{
     MeshlessGiLighting, MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView,
 };
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::bake::Preset;
 
 /// Shows the panel and applies its controls.
 pub struct TuningPanelPlugin;

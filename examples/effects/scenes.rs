@@ -6,11 +6,11 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{OccluderBox, OccluderShape, Progress, Recipe, bake_level};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{OccluderBox, OccluderShape, Progress, Recipe, bake_level};
+use meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
 use std::sync::Arc;
 
 /// What changes in a scene's frames, and what it has.

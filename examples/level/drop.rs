@@ -6,9 +6,9 @@ use super::progress::Notice;
 use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
-use bevy_meshless_gi::bake::Recipe;
 use bevy_meshless_gi::plugin::MeshlessGiBake;
-use bevy_meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
+use meshless_gi::bake::Recipe;
+use meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 

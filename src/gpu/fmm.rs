@@ -5,11 +5,11 @@ use super::frame::MOST_GROUPS;
 use super::pipelines::Kernels;
 use super::scene_buffers::binding_limit;
 use super::{GpuCounters, GpuError};
-use crate::frame::Span;
-use crate::frame::fmm_layout::{FmmParams, fmm_terms};
 use crate::plan::{NoOctree, octree_fits};
-use crate::transport::fmm::FmmOperator;
 use bytemuck::NoUninit;
+use meshless_gi::frame::Span;
+use meshless_gi::frame::fmm_layout::{FmmParams, fmm_terms};
+use meshless_gi::transport::fmm::FmmOperator;
 
 /// An octree on the device, and what is recorded of it.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use super::kernels::{FOG, KERNELS};
 use super::pipelines::{Draw, Kernels};
 use super::scene_buffers::uniform;
 use super::{GpuCounters, Pass};
-use crate::frame::{FogParams, FogVoxelsParams};
+use meshless_gi::frame::{FogParams, FogVoxelsParams};
 
 /// What a level sends to the eye through fog of one asymmetry.
 #[derive(Debug)]

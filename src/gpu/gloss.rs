@@ -1,5 +1,5 @@
 //! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by level, and its pixels, in the order of
-//! [`GlossView::run`](crate::frame::gloss::GlossView::run). Which lights are evaluated where is decided on the device; nothing is read back.
+//! [`GlossView::run`](meshless_gi::frame::gloss::GlossView::run). Which lights are evaluated where is decided on the device; nothing is read back.
 
 use super::Pass;
 use super::frame::compute;
@@ -7,8 +7,8 @@ use super::pipelines::Kernels;
 use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
-use crate::frame::subsplat::LEVELS;
-use crate::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
+use meshless_gi::frame::subsplat::LEVELS;
+use meshless_gi::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
 
 /// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many of those from 2: about 6.6 bytes a pixel.
 #[derive(Debug)]
@@ -25,7 +25,7 @@ pub struct GlossBuffers {
 }
 
 impl GlossBuffers {
-    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what [`GlossSettings::params`](crate::frame::GlossSettings::params) gives).
+    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what [`GlossSettings::params`](meshless_gi::frame::GlossSettings::params) gives).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.

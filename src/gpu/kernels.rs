@@ -6,20 +6,20 @@ use super::kernel::Kind::{
     Depth, Float, Layers, Output, Read, Sampler, Samples, Space, Span, Uint, Uniform, Voxels, Write,
 };
 use super::kernel::{Binding, Entry, Kernel, Kind, bind, each, node, tile};
-use crate::asset::PointSurface;
-use crate::basis::WeightEntry;
-use crate::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
-use crate::frame::pyramid::CellRange;
-use crate::frame::{
+use meshless_gi::asset::PointSurface;
+use meshless_gi::basis::WeightEntry;
+use meshless_gi::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
+use meshless_gi::frame::pyramid::CellRange;
+use meshless_gi::frame::{
     CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
     GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
     SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams, VectorIrradiance,
     VolumeParams, Vpl, VplParams, VplViewParams, Ways, rsm,
 };
-use crate::samples::{GridSlot, LitPlace, Point};
-use crate::scene::{BvhNode, BvhTriangle};
-use crate::transport::pca::{Column, VisibilityCluster, VisiblePoint};
-use crate::transport::{BounceLink, Link, Passage, Row};
+use meshless_gi::samples::{GridSlot, LitPlace, Point};
+use meshless_gi::scene::{BvhNode, BvhTriangle};
+use meshless_gi::transport::pca::{Column, VisibilityCluster, VisiblePoint};
+use meshless_gi::transport::{BounceLink, Link, Passage, Row};
 
 /// Joins a shader and the parts of the library that it needs.
 macro_rules! shader {
@@ -143,7 +143,7 @@ pub const KERNELS: [Kernel; 26] = [
         entries: &[Entry {
             pass: Pass::Compress,
             name: "compress",
-            workgroup: [crate::frame::compress::LANES, 1, 1],
+            workgroup: [meshless_gi::frame::compress::LANES, 1, 1],
             items: 1,
             bindings: &[2, 3, 4, 5, 6],
         }],
@@ -163,7 +163,7 @@ pub const KERNELS: [Kernel; 26] = [
             pass: Pass::Apply,
             name: "apply",
             workgroup: [64, 1, 1],
-            items: 64 / crate::frame::apply::LANES,
+            items: 64 / meshless_gi::frame::apply::LANES,
             bindings: &[1, 2, 3, 4, 5, 6],
         }],
     },
@@ -183,7 +183,7 @@ pub const KERNELS: [Kernel; 26] = [
             pass: Pass::ApplyOne,
             name: "apply_one",
             workgroup: [64, 1, 1],
-            items: 64 / crate::frame::apply::LANES,
+            items: 64 / meshless_gi::frame::apply::LANES,
             bindings: &[0, 1, 2, 3, 4, 5, 6],
         }],
     },

@@ -1,4 +1,4 @@
-//! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](crate::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or
+//! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](meshless_gi::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or
 //! a [`Harness`] without a window, brings device, queue and encoder.
 //!
 //! | type | does |

@@ -5,8 +5,8 @@ use super::links::cut;
 use super::pipelines::Kernels;
 use super::scene_buffers::{Maker, SpanList, SpanTable, ViewBuffers, part_span};
 use super::{GpuError, GpuFrame, Pass};
-use crate::asset::Probes;
-use crate::frame::{GridShape, SplatParams, VectorIrradiance};
+use meshless_gi::asset::Probes;
+use meshless_gi::frame::{GridShape, SplatParams, VectorIrradiance};
 
 /// The probes of a baked scene.
 #[derive(Debug)]

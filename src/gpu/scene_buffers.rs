@@ -6,13 +6,13 @@ use super::fmm::GpuFmm;
 use super::links::{LinkPart, cut};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
-use crate::asset::BakedScene;
-use crate::frame::{
+use bytemuck::Pod;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{
     CompositeParams, FrameLight, GridShape, SceneShape, SolveParams, Span, SplatParams,
     VectorIrradiance,
 };
-use crate::transport::{Row, SenderForm, row_order};
-use bytemuck::Pod;
+use meshless_gi::transport::{Row, SenderForm, row_order};
 use std::ops::Range;
 
 /// Spans of one kind, and where each is in the uniform buffer of spans.

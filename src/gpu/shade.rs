@@ -6,7 +6,7 @@ use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::soft::SoftBuffers;
 use super::{GpuCounters, Pass};
-use crate::frame::{ShadeParams, SoftLight};
+use meshless_gi::frame::{ShadeParams, SoftLight};
 
 /// The lamps that one view shows of one scene.
 #[derive(Debug)]
@@ -105,7 +105,7 @@ impl ShadeBuffers {
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade). `tables` are two layers, see [`Tables`](crate::frame::shade::Tables).
+    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade). `tables` are two layers, see [`Tables`](meshless_gi::frame::shade::Tables).
     #[expect(
         clippy::too_many_arguments,
         reason = "a scene in a view, and what it is recorded with"

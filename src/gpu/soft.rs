@@ -6,9 +6,9 @@ use super::frame::{MOST_GROUPS, compute};
 use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, uniform};
 use super::{GpuCounters, Pass};
-use crate::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
-use crate::transport::pca::Visibility;
 use bytemuck::Pod;
+use meshless_gi::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
+use meshless_gi::transport::pca::Visibility;
 
 /// The visibility of a baked scene on the device, its soft lights, and what is missing of their light.
 #[derive(Debug)]

@@ -1,4 +1,4 @@
-//! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and `upsample`, in the order of [`crate::frame::subsplats`]. Which cells are
+//! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and `upsample`, in the order of [`meshless_gi::frame::subsplats`]. Which cells are
 //! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing is read back.
 
 use super::Pass;
@@ -7,9 +7,9 @@ use super::pipelines::Kernels;
 use super::rsm::{ReflectiveMaps, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::{GpuCounters, GpuError};
-use crate::frame::pyramid::CellRange;
-use crate::frame::subsplat::LEVELS;
-use crate::frame::{Levels, Node, Span, SubsplatParams};
+use meshless_gi::frame::pyramid::CellRange;
+use meshless_gi::frame::subsplat::LEVELS;
+use meshless_gi::frame::{Levels, Node, Span, SubsplatParams};
 
 /// Words of a count: an indirect dispatch, how many items, how many cells were divided for them, the rest not used.
 const COUNT: u64 = 8;
@@ -30,9 +30,9 @@ pub struct SubsplatTargets<'a> {
 pub struct NodeLights<'a> {
     /// The lights.
     pub maps: &'a ReflectiveMaps,
-    /// A uniform buffer with [`VplViewParams`](crate::frame::VplViewParams).
+    /// A uniform buffer with [`VplViewParams`](meshless_gi::frame::VplViewParams).
     pub view: &'a wgpu::Buffer,
-    /// A uniform buffer with [`VplParams`](crate::frame::VplParams).
+    /// A uniform buffer with [`VplParams`](meshless_gi::frame::VplParams).
     pub lit: &'a wgpu::Buffer,
     /// What shadows them.
     pub shadows: Option<VplShadows<'a>>,

@@ -5,8 +5,8 @@ use super::frame::compute;
 use super::pipelines::Kernels;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
-use crate::frame::volume_places::{VolumePlaces, VolumeShape};
-use crate::frame::{Face, VolumeParams};
+use meshless_gi::frame::volume_places::{VolumePlaces, VolumeShape};
+use meshless_gi::frame::{Face, VolumeParams};
 
 /// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls, and how far it sees.
 #[derive(Debug)]

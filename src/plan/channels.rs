@@ -2,8 +2,8 @@
 //! [`ChannelPicker`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another colour.
 
 use super::Colours;
-use crate::frame::Channels;
 use glam::Vec3;
+use meshless_gi::frame::Channels;
 use std::fmt;
 
 /// Frames of one colour, one after another, before a scene that had several is one channel again.

@@ -5,7 +5,7 @@
 //! gives the right rate.
 
 use super::{FogState, FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
-use crate::frame::Channels;
+use meshless_gi::frame::Channels;
 use std::collections::BTreeMap;
 use std::fmt;
 

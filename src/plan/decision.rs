@@ -281,10 +281,10 @@ impl DecisionLog {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Channels;
     use crate::plan::{
         FrameState, Picked, PickedChannels, SceneState, SkyUse, SlotChange, ViewState,
     };
+    use meshless_gi::frame::Channels;
 
     const A: SceneId = SceneId(1);
 

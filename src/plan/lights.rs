@@ -6,9 +6,9 @@
 //! counts, and frames in which the scene was out of view are caught up by themselves.
 
 use super::SlotChange;
-use crate::frame::{FrameLight, SoftLight};
-use crate::scene::Bounds;
 use glam::Vec3;
+use meshless_gi::frame::{FrameLight, SoftLight};
+use meshless_gi::scene::Bounds;
 use std::collections::BTreeMap;
 
 /// True when a projection made for `a` serves `b`: lengths alike within `tolerance` metres, directions and the numbers of a cone

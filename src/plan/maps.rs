@@ -12,9 +12,9 @@
 
 use super::Skip;
 use super::lights::reaches;
-use crate::frame::FrameLight;
-use crate::scene::Bounds;
 use glam::{Mat3, Quat, Vec3};
+use meshless_gi::frame::FrameLight;
+use meshless_gi::scene::Bounds;
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most texels at their rims.

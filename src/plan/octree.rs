@@ -1,8 +1,8 @@
 //! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links on the same points, if the bake has any.
 
-use crate::asset::BakedScene;
-use crate::frame::fmm_layout::MOST_FMM_ORDER;
-use crate::transport::fmm::FmmOperator;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::fmm_layout::MOST_FMM_ORDER;
+use meshless_gi::transport::fmm::FmmOperator;
 use std::fmt;
 
 /// Why a device does not hold an octree.

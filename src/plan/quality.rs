@@ -8,7 +8,7 @@
 //! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake measures.
 
 use super::Picked;
-use crate::asset::BakedScene;
+use meshless_gi::asset::BakedScene;
 
 /// Solves in a row over the budget before the picker goes down.
 const OVER: u32 = 3;

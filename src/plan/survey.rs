@@ -3,9 +3,9 @@
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
 use super::{Cameras, Colours, Inventory, LightSort, SceneColours, SceneId, Skies};
-use crate::asset::{BakedScene, LiveMaterials};
-use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use glam::Vec3;
+use meshless_gi::asset::{BakedScene, LiveMaterials};
+use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 
@@ -406,10 +406,10 @@ fn count_scene(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::asset::MaterialShare;
-    use crate::bake::{Progress, Recipe, bake_level};
     use crate::plan::Census;
-    use crate::scene::{Material, cornell_box, mesh_of_quads};
+    use meshless_gi::asset::MaterialShare;
+    use meshless_gi::bake::{Progress, Recipe, bake_level};
+    use meshless_gi::scene::{Material, cornell_box, mesh_of_quads};
 
     fn lamp(at: Vec3, intensity: Vec3) -> Light {
         Light::Point {

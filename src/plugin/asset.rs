@@ -5,11 +5,11 @@
 
 use super::level_check::{LevelChecker, LevelReports, MeshlessGiStaleBakes, warn_stale};
 use super::{MeshlessGiLoader, MeshlessGiSystems};
-use crate::asset::BakedScene;
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::{Asset, AssetApp};
 use bevy::ecs::prelude::*;
 use bevy::reflect::TypePath;
+use meshless_gi::asset::BakedScene;
 use std::sync::Arc;
 
 /// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake changes.

@@ -1,7 +1,7 @@
 //! Errors of a bake in a running app.
 
 use super::entity_bake::MeshlessGiBakeWarning;
-use crate::bake::BakeLevelError;
+use meshless_gi::bake::BakeLevelError;
 use std::sync::Arc;
 
 /// Reason why a bake in a running app has no result.

@@ -1,8 +1,8 @@
 //! Progress of a bake, as a component that user interfaces and inspectors read.
 
-use crate::bake::{Progress, Stage};
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
+use meshless_gi::bake::{Progress, Stage};
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in
 /// [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect), removed when the bake ends.

@@ -6,9 +6,9 @@
 //! alone, and an entry that is damaged counts as none.
 
 use super::asset_folders::source_file;
-use crate::asset::write_file;
 use bevy::asset::AssetPath;
 use bevy::log::{debug, warn};
+use meshless_gi::asset::write_file;
 use std::path::{Component, Path, PathBuf};
 
 /// First bytes of an entry.

@@ -26,15 +26,15 @@ use super::bake_summary::MeshlessGiBakeSummary;
 use super::components::MeshlessGi;
 use super::entity_bake::{MeshlessGiBakeRequest, MeshlessGiBakeWarning};
 use super::materials::MeshlessGiMaterials;
-use crate::asset::BakedScene;
-use crate::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
-use crate::scene::TriangleMesh;
 use bevy::asset::{Assets, Handle};
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
+use meshless_gi::scene::TriangleMesh;
 use std::sync::Arc;
 
 /// A bake under way. When it ends, the entity gets the event [`MeshlessGiBakeFinished`], and after
@@ -128,7 +128,7 @@ impl MeshlessGiBake {
     }
 
     /// Requests that the bake stops. It ends soon after with
-    /// [`BakeError::Cancelled`](crate::bake::BakeError::Cancelled).
+    /// [`BakeError::Cancelled`](meshless_gi::bake::BakeError::Cancelled).
     pub fn cancel(&self) {
         self.progress.cancel();
     }

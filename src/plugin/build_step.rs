@@ -25,7 +25,6 @@ use super::level::{MeshlessGiBakeSettings, RECIPE_EXTENSION, RecipeInputs, Recip
 use super::level_files::ReadFile;
 use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
 use super::recipe_progress::RecipeBakes;
-use crate::asset::write_file;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{
     AssetAction, AssetMeta, AssetMetaDyn, ProcessDependencyInfo, ProcessedInfo,
@@ -33,6 +32,7 @@ use bevy::asset::meta::{
 use bevy::log::{debug, error};
 use bevy::reflect::TypePath;
 use bevy::tasks::block_on;
+use meshless_gi::asset::write_file;
 use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};

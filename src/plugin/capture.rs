@@ -10,8 +10,6 @@
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, LightKey, LightKind};
 use super::reflective::{AskingLight, AskingLights};
-use crate::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
-use crate::frame::{RsmParams, VplViewParams};
 use crate::gpu::{
     DrawnMap, GpuCounters, GpuError, Kernels, ReflectiveMaps, SceneBuffers, SplatTargets,
     VplShadows,
@@ -30,6 +28,8 @@ use bevy::render::render_phase::ViewBinnedRenderPhases;
 use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
+use meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::{RsmParams, VplViewParams};
 
 /// What a camera of a map runs instead of `Core3d`.
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]

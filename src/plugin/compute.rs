@@ -16,19 +16,19 @@ use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
-use crate::asset::BakedScene;
-use crate::frame::{Channels, FrameLight, FrameSettings};
 use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, Kernels, Pass};
 use crate::plan::{
     DisplayUse, FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId,
     ViewState, falls_back,
 };
-use crate::scene::{Bounds, MaterialFactors};
 use bevy::ecs::prelude::*;
 use bevy::log::{error, warn, warn_once};
 use bevy::math::Vec3;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{Channels, FrameLight, FrameSettings};
+use meshless_gi::scene::{Bounds, MaterialFactors};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

@@ -14,12 +14,12 @@
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
 //! frame is one behind the main world's.
 
-use crate::asset::BakedScene;
-use crate::frame::SubsplatCounts;
 use crate::plan::{Plan, Stage};
 use bevy::app::{App, Plugin, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::SubsplatCounts;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -2,17 +2,17 @@
 //!
 //! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many subsplats there were, is here too.
 
-use crate::frame::subsplat::LEVELS;
-use crate::frame::{
-    DepthTest, Levels, NormalTest, SubsplatCounts, SubsplatParams, SubsplatSettings, VplParams,
-    VplViewParams,
-};
 use crate::gpu::{
     GpuCounters, GpuError, Kernels, NodeLights, ReflectiveMaps, SceneBuffers, SubsplatBuffers,
     SubsplatTargets, ViewBuffers, VplShadows,
 };
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
+use meshless_gi::frame::subsplat::LEVELS;
+use meshless_gi::frame::{
+    DepthTest, Levels, NormalTest, SubsplatCounts, SubsplatParams, SubsplatSettings, VplParams,
+    VplViewParams,
+};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 

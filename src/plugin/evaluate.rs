@@ -10,7 +10,6 @@ use super::costs::view_span;
 use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
 use super::extract::{ExtractedGi, ExtractedGiView};
 use super::gloss::{GlossView, ViewGloss};
-use crate::frame::{CompositeParams, SplatParams, SubsplatParams};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::log::warn_once;
@@ -19,6 +18,7 @@ use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
 use bevy::render::view::ExtractedView;
+use meshless_gi::frame::{CompositeParams, SplatParams, SubsplatParams};
 
 /// A view's surfaces, as textures of the size of its target.
 pub(super) struct Surfaces<'a> {

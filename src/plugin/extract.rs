@@ -20,9 +20,7 @@ use super::reflective::MeshlessGiCapture;
 use super::sky::MeshlessGiSky;
 use super::transform::Placement;
 use super::volume::MeshlessGiVolume;
-use crate::asset::BakedScene;
 use crate::plan::{Inventory, Picked, PickedBounces, PickedChannels, SceneId, ViewId};
-use crate::scene::{Light, MaterialFactors, SkyRadiance};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::camera::{Camera, Hdr, primitives::Aabb, primitives::Frustum};
@@ -39,6 +37,8 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::reflect::prelude::*;
 use bevy::render::{Extract, view::Msaa};
 use bevy::transform::components::GlobalTransform;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient light; behind that, kernel [`fog`](crate::frame::fog) adds what the fog sends to the eye of the level's
+//! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient light; behind that, kernel [`fog`](meshless_gi::frame::fog) adds what the fog sends to the eye of the level's
 //! light in free space, which it reads from the level's [`MeshlessGiVolume`].
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and [`VolumetricFog`] on the camera.
@@ -12,7 +12,6 @@ use super::reflective::MeshlessGiCapture;
 use super::volume::{
     DisplayParts, ExtractedVolumes, FoundParts, MeshlessGiVolume, Voxels, displays,
 };
-use crate::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 use crate::gpu::{FogTextures, draw_fog};
 use crate::plan::{FogState, Pass, SceneId, Stage, ViewId};
 use bevy::asset::AssetId;
@@ -34,6 +33,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
+use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 
 /// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is placed in the world.
 struct Level {

@@ -1,11 +1,11 @@
-//! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](crate::frame::gloss).
+//! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
 
 use super::display::ViewLights;
-use crate::frame::{GlossSettings, VplParams, VplViewParams};
 use crate::gpu::{GlossBuffers, GpuCounters, GpuError, Kernels, NodeLights, SubsplatTargets};
 use bevy::ecs::prelude::*;
 use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
+use meshless_gi::frame::{GlossSettings, VplParams, VplViewParams};
 
 /// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the highlights of the virtual lights that [`MeshlessGiReflective`](super::MeshlessGiReflective) lamps make. Goes
 /// beside [`MeshlessGiCamera`](super::MeshlessGiCamera). Each light is evaluated where it changes on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing

@@ -7,7 +7,6 @@ use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
 };
 use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
-use crate::frame::FrameLight;
 use crate::plan::{
     BouncePicker, Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches,
 };
@@ -18,6 +17,7 @@ use bevy::light::FogVolume;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
+use meshless_gi::frame::FrameLight;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

@@ -24,16 +24,16 @@ use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
 use super::level_files::{LevelFiles, ReadFile};
 use super::loader::{MeshlessGiLoadError, read_bake};
 use super::recipe_progress::RecipeBakes;
-use crate::asset::{BakedScene, FORMAT_VERSION, Limits, fingerprint, is_container};
-use crate::bake::{
-    BAKE_VERSION, BakeLevelError, Baked, Preset, Progress, Recipe, RecipeError, bake_level,
-    canonical_recipe,
-};
-use crate::scene::SceneError;
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
 use bevy::log::{debug, info, warn};
 use bevy::reflect::prelude::*;
+use meshless_gi::asset::{BakedScene, FORMAT_VERSION, Limits, fingerprint, is_container};
+use meshless_gi::bake::{
+    BAKE_VERSION, BakeLevelError, Baked, Preset, Progress, Recipe, RecipeError, bake_level,
+    canonical_recipe,
+};
+use meshless_gi::scene::SceneError;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

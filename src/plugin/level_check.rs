@@ -7,13 +7,13 @@
 
 use super::check::{MeshlessGiFinding, MeshlessGiFindings};
 use super::components::MeshlessGi;
-use crate::asset::BakeInfo;
-use crate::bake::{BakeInputs, Staleness};
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
+use meshless_gi::asset::BakeInfo;
+use meshless_gi::bake::{BakeInputs, Staleness};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -114,8 +114,8 @@ impl LevelChecker {
     ) {
         use super::level::ContextReader;
         use super::level_files::LevelFiles;
-        use crate::bake::Recipe;
         use bevy::log::debug;
+        use meshless_gi::bake::Recipe;
 
         let is_recipe = is_recipe(&report.path);
         // The asset processor bakes such recipes again by itself.

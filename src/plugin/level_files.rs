@@ -2,12 +2,14 @@
 //! the folder of the sources.
 
 use super::level::RecipeLoadError;
-use crate::asset::fingerprint;
-use crate::scene::{SceneError, TriangleMesh, load_gltf_bytes, load_ply_bytes};
 use bevy::asset::AssetPath;
 use bevy::log::warn;
 use bevy::math::Vec3;
 use bevy::tasks::ConditionalSendFuture;
+use meshless_gi::asset::fingerprint;
+use meshless_gi::scene::{
+    SceneError, TriangleMesh, external_files, load_gltf_bytes, load_ply_bytes,
+};
 use std::collections::BTreeMap;
 
 /// Source of the files that a recipe and a level name.
@@ -57,7 +59,7 @@ impl LevelFiles {
         })
     }
 
-    /// Digest of all bytes, as [`BakeInfo::level_digest`](crate::asset::BakeInfo) holds it.
+    /// Digest of all bytes, as [`BakeInfo::level_digest`](meshless_gi::asset::BakeInfo) holds it.
     pub fn digest(&self) -> String {
         let mut parts: Vec<&[u8]> = vec![&self.bytes];
         for (name, content) in &self.files {
@@ -106,71 +108,4 @@ fn resolve(base: &AssetPath<'_>, name: &str) -> Result<AssetPath<'static>, Recip
             path: name.into(),
             why,
         })
-}
-
-/// Files that a glTF names beside itself: buffers and images that are neither embedded nor data
-/// URIs. Empty for bytes that are no glTF; reading those fails later, with a better message.
-fn external_files(bytes: &[u8]) -> Vec<String> {
-    let Ok(document) = gltf::Gltf::from_slice_without_validation(bytes) else {
-        return Vec::new();
-    };
-    let json = document.document.into_json();
-    let buffers = json.buffers.into_iter().filter_map(|b| b.uri);
-    let images = json.images.into_iter().filter_map(|i| i.uri);
-    buffers
-        .chain(images)
-        .filter(|uri| !uri.starts_with("data:"))
-        .map(|uri| percent_decoded(&uri))
-        .collect()
-}
-
-/// A URI's `%20` is a space in the file's name. What decodes to no text stays as it is.
-fn percent_decoded(uri: &str) -> String {
-    let digit = |b: Option<&u8>| b.and_then(|b| char::from(*b).to_digit(16));
-    let bytes = uri.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut at = 0;
-    while at < bytes.len() {
-        match (
-            bytes[at],
-            digit(bytes.get(at + 1)),
-            digit(bytes.get(at + 2)),
-        ) {
-            (b'%', Some(high), Some(low)) => {
-                out.push((16 * high + low) as u8);
-                at += 3;
-            }
-            (byte, ..) => {
-                out.push(byte);
-                at += 1;
-            }
-        }
-    }
-    String::from_utf8(out).unwrap_or_else(|_| uri.into())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn external_files_of_a_level_are_named() {
-        let text = br#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":1,"uri":"a%20b.bin"},{"byteLength":0,"uri":"data:,"}],
-            "images":[{"uri":"tex/wall.png"},{"bufferView":0,"mimeType":"image/png"}]}"#;
-        assert_eq!(external_files(text), ["a b.bin", "tex/wall.png"]);
-        assert_eq!(external_files(b"no glTF"), [] as [&str; 0]);
-    }
-
-    #[test]
-    fn percent_decoded_partial_escape_stays() {
-        for (uri, name) in [
-            ("100%.png", "100%.png"),
-            ("%C3%BC", "\u{fc}"),
-            ("%FF", "%FF"),
-            ("a%2", "a%2"),
-            ("", ""),
-        ] {
-            assert_eq!(percent_decoded(uri), name);
-        }
-    }
 }

@@ -2,9 +2,9 @@
 
 use super::asset::MeshlessGiAsset;
 use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
-use crate::asset::{AssetError, BakedScene, Limits};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
 use bevy::reflect::prelude::*;
+use meshless_gi::asset::{AssetError, BakedScene, Limits};
 use serde::{Deserialize, Serialize};
 
 /// Loads `.mgi` files, and what the asset processor makes of recipes.

@@ -1,9 +1,6 @@
 //! Live materials: base colours and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
 
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use crate::asset::BakedScene;
-use crate::frame::materials::sound_factors;
-use crate::scene::MaterialFactors;
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -11,6 +8,9 @@ use bevy::image::Image;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::materials::sound_factors;
+use meshless_gi::scene::MaterialFactors;
 use std::sync::{Arc, Weak};
 
 /// Which asset a material of the bake is in this world: its name in the level's file, and the [`StandardMaterial`] that is drawn. Goes beside

@@ -1,8 +1,8 @@
 //! Occluders: doors and lifts of a bake that a game opens and shuts, in the frame in which they move.
 
-use crate::asset::Occluders;
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
+use meshless_gi::asset::Occluders;
 
 /// How far an occluder of a bake stands open. Goes on any entity, the door's own as a rule; it lights nothing and is found by its name in every bake that knows it. Needs a
 /// bake whose recipe names it (`occluders: [(name: "door")]`, or `--occluder door`).

@@ -6,7 +6,6 @@
 //! Each cell has a face to either side, the back's a little behind the front's: at the edge of a bent surface one looks at the backs of cells that stick out past it, and they would be dark where
 //! no light gets.
 
-use crate::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
 use bevy::asset::RenderAssetUsages;
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetEvent, AssetId, AssetLoader, Assets, Handle, LoadContext};
@@ -20,6 +19,7 @@ use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
 use bevy::transform::components::Transform;
+use meshless_gi::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -11,4 +11,4 @@ pub use super::{
     MeshlessGiSoftShadow, MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView,
     MeshlessGiVolume,
 };
-pub use crate::bake::{Preset, Recipe};
+pub use meshless_gi::bake::{Preset, Recipe};

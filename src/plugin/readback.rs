@@ -3,8 +3,8 @@
 //! The render world copies the vector irradiances of a scene to a mappable buffer and maps it; when the map is done, some
 //! frames later, their lengths are put where the main world reads them. Nothing of this exists while nobody asks.
 
-use crate::frame::VectorIrradiance;
 use bevy::ecs::prelude::*;
+use meshless_gi::frame::VectorIrradiance;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,10 +1,10 @@
 //! Progress of recipes that are baked: in the log, and as messages of the main world.
 
 use super::asset::MeshlessGiAsset;
-use crate::bake::{Progress, Stage};
 use bevy::asset::{AssetId, AssetPath, AssetServer};
 use bevy::ecs::prelude::*;
 use bevy::log::info;
+use meshless_gi::bake::{Progress, Stage};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

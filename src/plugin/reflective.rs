@@ -8,10 +8,7 @@
 
 use super::components::MeshlessGiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
-use crate::frame::FrameLight;
-use crate::frame::reflective::side;
 use crate::plan::{Lens, MapView, Skip, map_views};
-use crate::scene::Bounds;
 use bevy::asset::{AssetEvent, Assets};
 use bevy::camera::primitives::{Aabb, MeshAabb};
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
@@ -37,6 +34,9 @@ use bevy::render::camera::CameraRenderGraph;
 use bevy::render::render_resource::TextureUsages;
 use bevy::render::view::{Msaa, NoIndirectDrawing};
 use bevy::transform::components::{GlobalTransform, Transform};
+use meshless_gi::frame::FrameLight;
+use meshless_gi::frame::reflective::side;
+use meshless_gi::scene::Bounds;
 
 /// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
 pub const CAPTURE_LAYER: usize = 61;

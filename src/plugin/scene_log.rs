@@ -3,13 +3,13 @@
 use super::asset::MeshlessGiAsset;
 use super::components::MeshlessGi;
 use super::diagnostics::MeshlessGiStatus;
-use crate::asset::BakedScene;
-use crate::bake::{Preset, Recipe, Settings};
 use bevy::asset::Assets;
 use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::log::info;
 use bevy::platform::collections::HashMap;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Recipe, Settings};
 use std::sync::{Arc, Weak};
 
 /// Returns an entity as the log prints it: its name and its number, or its number alone.

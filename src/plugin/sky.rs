@@ -3,7 +3,6 @@
 //! It lights the level through the bake, and is not drawn: what a camera shows behind the level (`Skybox`, a clear colour) stays its own affair. Bevy's own
 //! environment light adds its diffuse part on top of it, which [`check`](super::check) tells.
 
-use crate::scene::SkyRadiance;
 use bevy::asset::{Assets, RenderAssetUsages};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -12,6 +11,7 @@ use bevy::light::EnvironmentMapLight;
 use bevy::math::{Quat, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureFormat};
+use meshless_gi::scene::SkyRadiance;
 
 /// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q symmetric and without trace. Goes beside
 /// [`MeshlessGi`](super::MeshlessGi), may change in any frame, and is added to [`MeshlessGiLighting::sky`](super::MeshlessGiLighting::sky). A bake made

@@ -1,5 +1,5 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps as the render world needs them, and what scenes and views hold of them on the device. The kernels are
-//! [`soft`](crate::frame::soft) and [`shade`](crate::frame::shade).
+//! [`soft`](meshless_gi::frame::soft) and [`shade`](meshless_gi::frame::shade).
 //!
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
@@ -9,14 +9,11 @@ use super::components::{MeshlessGi, MeshlessGiSettings};
 use super::composite::screen_texture;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use super::transform::Placement;
-use crate::asset::BakedScene;
-use crate::frame::SoftLight;
 use crate::gpu::{
     GpuCounters, GpuError, Kernels, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
     ViewBuffers,
 };
 use crate::plan::{SceneId, SoftState, reaches_softly, softly_alike};
-use crate::scene::{Bounds, Light};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::ecs::prelude::*;
@@ -26,6 +23,9 @@ use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::SoftLight;
+use meshless_gi::scene::{Bounds, Light};
 use std::collections::BTreeMap;
 
 /// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is a sphere

@@ -1,7 +1,7 @@
 //! From the world into the local space of a bake: lights go in, pixels go in, irradiance stays what it is.
 //!
 //! With a uniform scale s the local space is the world divided by s: lengths / s, intensities (W/sr) / s², irradiance and
-//! radiance unchanged ([`FrameLight::to_local`](crate::frame::FrameLight::to_local)).
+//! radiance unchanged ([`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local)).
 
 use bevy::math::{Affine3A, DMat4, Mat3A, Mat4};
 use bevy::transform::components::GlobalTransform;
@@ -63,7 +63,7 @@ impl Placement {
         }
     }
 
-    /// World to local as a matrix: what [`FrameLight::to_local`](crate::frame::FrameLight::to_local) takes.
+    /// World to local as a matrix: what [`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local) takes.
     #[must_use]
     pub fn matrix(&self) -> Mat4 {
         self.local_from_world().into()
@@ -89,9 +89,9 @@ impl Placement {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{FrameLight, project::unshadowed};
     use bevy::math::{Quat, Vec3};
     use bevy::transform::components::Transform;
+    use meshless_gi::frame::{FrameLight, project::unshadowed};
 
     fn placement(transform: Transform) -> Placement {
         Placement::new(&GlobalTransform::from(transform)).unwrap()

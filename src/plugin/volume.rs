@@ -1,4 +1,4 @@
-//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](crate::frame::volume) writes whenever the light changes. [`super::fog`] reads it too.
+//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](meshless_gi::frame::volume) writes whenever the light changes. [`super::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
@@ -9,8 +9,6 @@ use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
 use super::reflective::MeshlessGiCapture;
-use crate::asset::BakedScene;
-use crate::frame::{VolumeParams, VolumePlaces, VolumeShape};
 use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
@@ -31,6 +29,8 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, T
 use bevy::render::texture::GpuImage;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{VolumeParams, VolumePlaces, VolumeShape};
 use std::any::TypeId;
 use std::sync::Arc;
 

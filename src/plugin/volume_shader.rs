@@ -1,5 +1,5 @@
 //! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one in its place as soon as a level has a [`MeshlessGiVolume`], one that knows which voxels lie behind a
-//! wall (`shaders/engine/irradiance_volume.wgsl`; twin: [`read_volume`](crate::frame::volume_read::read_volume)). Volumes that are not ours look as before.
+//! wall (`shaders/engine/irradiance_volume.wgsl`; twin: [`read_volume`](meshless_gi::frame::volume_read::read_volume)). Volumes that are not ours look as before.
 //!
 //! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and pipelines that import it are made anew. A module that does not look as it does in the release that this was
 //! written for stays as it is, and that is told: walls then let light of the next room through.

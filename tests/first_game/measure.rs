@@ -16,13 +16,13 @@ use bevy::prelude::*;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages};
 use bevy::render::view::screenshot::{Screenshot, save_to_disk};
-use bevy_meshless_gi::accuracy::{Image as LinearImage, flip};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi_lab::accuracy::{Image as LinearImage, flip};
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::BouncePicker;
 use bevy_meshless_gi::plugin::{MeshlessGiStatus, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::scene::Light;
 use std::f32::consts::PI;
 use std::path::PathBuf;
 

@@ -8,8 +8,8 @@ use bevy::image::Image;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy::world_serialization::WorldSerializationPlugin;
-use bevy_meshless_gi::asset::BakedScene;
 use bevy_meshless_gi::prelude::*;
+use meshless_gi::asset::BakedScene;
 use std::path::Path;
 use std::sync::Arc;
 

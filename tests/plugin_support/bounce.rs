@@ -4,18 +4,18 @@ use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
 use super::scenes::{Quad, Room, exposure};
 use bevy::prelude::*;
-use bevy_meshless_gi::accuracy::DrawnView;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::gloss::{GlossView, Lights};
-use bevy_meshless_gi::frame::project::extent;
-use bevy_meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
-use bevy_meshless_gi::frame::{
+use bevy_meshless_gi::plan::{Lens, map_views};
+use bevy_meshless_gi::plugin::MeshlessGiReflective;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::gloss::{GlossView, Lights};
+use meshless_gi::frame::project::extent;
+use meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::{
     FrameLight, GlossSettings, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams,
     VplViewParams, gbuffer, pyramid, rsm, vpl,
 };
-use bevy_meshless_gi::plan::{Lens, map_views};
-use bevy_meshless_gi::plugin::MeshlessGiReflective;
-use bevy_meshless_gi::scene::{Bounds, Bvh, Geometry, Hit, Light, Ray, Surface};
+use meshless_gi::scene::{Bounds, Bvh, Geometry, Hit, Light, Ray, Surface};
+use meshless_gi_lab::accuracy::DrawnView;
 use std::f32::consts::{FRAC_PI_4, PI};
 
 /// A matte ball.

@@ -1,6 +1,6 @@
 //! Pictures that tests compare, with [ANA20]'s FLIP from the library.
 
-use bevy_meshless_gi::accuracy::{self, Image};
+use meshless_gi_lab::accuracy::{self, Image};
 
 /// A picture in linear RGB.
 #[derive(Clone, Debug, PartialEq)]

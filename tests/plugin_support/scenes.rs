@@ -5,11 +5,11 @@ use super::flip::Picture;
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
-use bevy_meshless_gi::frame::splat::{SEAM, share, splat_covered};
-use bevy_meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use bevy_meshless_gi::scene::{
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
+use meshless_gi::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{
     Bounds, Bvh, BvhNode, BvhTriangle, Coating, Geometry, Hit, Light, MaterialFactors, Ray, Surface,
 };
 use std::sync::{Arc, OnceLock};

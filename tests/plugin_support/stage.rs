@@ -4,12 +4,12 @@ use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
 use super::scenes::{Room, cornell};
 use bevy::prelude::*;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::FrameSettings;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus, MeshlessGiView};
 use bevy_meshless_gi::prelude::*;
-use bevy_meshless_gi::scene::Light;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::FrameSettings;
+use meshless_gi::scene::Light;
 use std::f32::consts::PI;
 use std::sync::Arc;
 

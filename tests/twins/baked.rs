@@ -1,10 +1,10 @@
 //! Bakes of the Cornell box, as a game would have them.
 
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake};
-use bevy_meshless_gi::frame::FrameLight;
-use bevy_meshless_gi::scene::{Light, load_gltf};
 use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake};
+use meshless_gi::frame::FrameLight;
+use meshless_gi::scene::{Light, load_gltf};
 
 /// A quick bake.
 pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {

@@ -1,15 +1,14 @@
 //! `apply_one` against its twin, for every form of coefficients, with sweeps and without, and at probes; and beside `apply`, where one channel is all that there is.
 
-#[cfg(feature = "gltf")]
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};
 use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::{Channels, CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
 use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass};
-use bevy_meshless_gi::scene::SkyRadiance;
-use bevy_meshless_gi::transport::SenderForm;
 use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{Channels, CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
+use meshless_gi::scene::SkyRadiance;
+use meshless_gi::transport::SenderForm;
 
 const HUE: Vec3 = Vec3::new(0.4, 1.0, 0.7);
 const FORMS: [SenderForm; 3] = [
@@ -103,10 +102,9 @@ fn where_all_is_grey_one_channel_says_as_much_as_three() {
     }
 }
 
-#[cfg(feature = "gltf")]
 #[test]
 fn light_in_free_space_takes_one_channel_too() {
-    use bevy_meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
+    use meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     let scene = bake_box(&Recipe {

@@ -1,19 +1,17 @@
 //! `fmm_up` and `fmm_down` against their twins, over a room with all four lists, parts of visibility, and several orders.
 
-#[path = "../../examples/fmm/room.rs"]
-#[allow(dead_code, reason = "the rooms serve several examples and tests")]
-mod room;
+use meshless_gi_lab::fixtures::fmm as room;
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::frame::VectorIrradiance;
-use bevy_meshless_gi::frame::fmm_down::fmm_down;
-use bevy_meshless_gi::frame::fmm_up::fmm_up;
 use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, Harness, Kernels, Pass};
-use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
-use bevy_meshless_gi::transport::fmm::passes::Field;
-use bevy_meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 use glam::Vec3;
+use meshless_gi::frame::VectorIrradiance;
+use meshless_gi::frame::fmm_down::fmm_down;
+use meshless_gi::frame::fmm_up::fmm_up;
+use meshless_gi::scene::{cornell_box, mesh_of_quads};
+use meshless_gi::transport::fmm::passes::Field;
+use meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 
 /// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of roundings.
 const SUMS: f32 = 1e-4;
@@ -137,7 +135,7 @@ fn fmm_up_and_down() {
         let expected = twin(&operator, &light);
         let (found, counters) = device(&harness, &kernels, &operator, &light);
         // One point that is half as bright again is noticed in all three, and so is the sky in the last.
-        let lit = |p: &&bevy_meshless_gi::transport::fmm::FmmPlace| p.share > 0.0;
+        let lit = |p: &&meshless_gi::transport::fmm::FmmPlace| p.share > 0.0;
         let mut sources = operator.places.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;
         let spoil = |light: &mut [[f32; 4]], at: usize| {

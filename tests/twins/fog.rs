@@ -6,11 +6,11 @@ use super::harness;
 use super::picture::wide;
 use super::synthetic::Dice;
 use super::volume_read::{linear, space_of, with_walls};
-use bevy_meshless_gi::frame::fog_voxels::fog_voxels;
-use bevy_meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VolumeShape, fog};
 use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, Pass, draw_fog};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
+use meshless_gi::frame::fog_voxels::fog_voxels;
+use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VolumeShape, fog};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];

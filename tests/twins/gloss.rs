@@ -5,18 +5,18 @@ use super::depth::depth_texture;
 use super::gloss_support::{Scene, room, virtual_lights};
 use super::picture::wide;
 use super::{harness, synthetic};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::gloss::Glosses;
-use bevy_meshless_gi::frame::{
-    CompositeParams, GlossNode, GlossSettings, VplParams, composite, project,
-};
 use bevy_meshless_gi::gpu::{
     Draw, GlossBuffers, GpuFrame, Harness, Kernels, NodeLights, Pass, ReflectiveMaps,
     SubsplatTargets, ViewBuffers, VplShadows, draw_gloss,
 };
-use bevy_meshless_gi::transport::SenderForm;
 use glam::{Mat4, Vec3};
 use half::f16;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::gloss::Glosses;
+use meshless_gi::frame::{
+    CompositeParams, GlossNode, GlossSettings, VplParams, composite, project,
+};
+use meshless_gi::transport::SenderForm;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// Not a multiple of anything.

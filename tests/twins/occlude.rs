@@ -3,15 +3,15 @@
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
 use crate::{harness, output, projection_problems};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{
+use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, SceneBuffers};
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{
     BounceMode, FreeSpaceLight, OccluderBox, OccluderShape, Recipe, Rule, Sky,
 };
-use bevy_meshless_gi::frame::{CpuFrame, FrameSettings, VectorIrradiance};
-use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, SceneBuffers};
-use bevy_meshless_gi::scene::SkyRadiance;
-use bevy_meshless_gi::transport::Link;
-use glam::Vec3;
+use meshless_gi::frame::{CpuFrame, FrameSettings, VectorIrradiance};
+use meshless_gi::scene::SkyRadiance;
+use meshless_gi::transport::Link;
 
 /// The Cornell box with a shutter across its middle and one in its opening.
 fn scene() -> BakedScene {

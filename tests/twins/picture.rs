@@ -3,13 +3,13 @@
 use super::compare::{HALF, Scale, differing};
 use super::screen::{self, SIZE, Screen};
 use super::{cpu, depth, harness, settings, synthetic};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::{
+use bevy_meshless_gi::gpu::{GpuFrame, Harness, Kernels, Pass, SplatTargets, ViewBuffers};
+use half::f16;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::{
     CompositeParams, CpuFrame, SplatParams, VectorIrradiance, composite, splat,
 };
-use bevy_meshless_gi::gpu::{GpuFrame, Harness, Kernels, Pass, SplatTargets, ViewBuffers};
-use bevy_meshless_gi::transport::SenderForm;
-use half::f16;
+use meshless_gi::transport::SenderForm;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// The textures of a picture, and what the kernels make of them.

@@ -6,18 +6,18 @@ use super::picture::wide;
 use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
 use super::{cpu, harness, settings};
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::reflective::{light_in_space, local_from_space, space_from_clip};
-use bevy_meshless_gi::frame::{
-    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
-    VplViewParams, gbuffer, project, rsm, vpl,
-};
 use bevy_meshless_gi::gpu::{
     DrawnMap, GpuFrame, Harness, Kernels, Pass, ReflectiveMaps, SplatTargets, VplShadows,
 };
-use bevy_meshless_gi::transport::SenderForm;
 use glam::{Mat4, Vec3};
 use half::f16;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::reflective::{light_in_space, local_from_space, space_from_clip};
+use meshless_gi::frame::{
+    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
+    VplViewParams, gbuffer, project, rsm, vpl,
+};
+use meshless_gi::transport::SenderForm;
 use wgpu::{TextureFormat, TextureUsages, TextureView, TextureViewDescriptor};
 
 const SIDE: u32 = 32;

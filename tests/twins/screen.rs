@@ -1,8 +1,8 @@
 //! Textures of a made-up picture: every pixel has its own random depth and normal.
 
 use super::synthetic::Dice;
-use bevy_meshless_gi::frame::gbuffer;
 use glam::{Mat4, Vec3};
+use meshless_gi::frame::gbuffer;
 
 pub const SIZE: [u32; 2] = [67, 41];
 

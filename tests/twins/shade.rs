@@ -5,19 +5,19 @@ use super::harness;
 use super::picture::{pixels_differing, wide};
 use super::screen::SIZE;
 use super::soft::{baked, lights};
-use bevy_meshless_gi::accuracy::DrawnView;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::frame::shade::{self, ShadeParams, Tables};
-use bevy_meshless_gi::frame::{
-    CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
-};
 use bevy_meshless_gi::gpu::{
     Harness, Kernels, Pass, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets, ViewBuffers,
     draw_shade,
 };
-use bevy_meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
 use glam::{Mat4, Vec3};
 use half::f16;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::shade::{self, ShadeParams, Tables};
+use meshless_gi::frame::{
+    CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
+};
+use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
+use meshless_gi_lab::accuracy::DrawnView;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// What an earlier scene left in every third pixel, and what the picture was.

@@ -2,13 +2,13 @@
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
-use bevy_meshless_gi::frame::project::extent;
-use bevy_meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
 use bevy_meshless_gi::gpu::{Kernels, Pass, SceneBuffers, SoftBuffers};
-use bevy_meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
 use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use meshless_gi::frame::project::extent;
+use meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
+use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
 
 /// The box, whose senders remember what they see.
 pub fn baked() -> BakedScene {

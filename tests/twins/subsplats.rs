@@ -7,20 +7,20 @@ use super::compare::HALF;
 use super::depth::depth_texture;
 use super::picture::wide;
 use super::{baked, cpu, harness, settings, solved};
-use bevy_meshless_gi::accuracy::DrawnView;
-use bevy_meshless_gi::asset::BakedScene;
-use bevy_meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
-use bevy_meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
-use bevy_meshless_gi::frame::{
-    CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
-    SubsplatSettings, Subsplats, VectorIrradiance, probe, splat, subsplats,
-};
 use bevy_meshless_gi::gpu::{
     GpuFrame, Harness, Kernels, Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
-use bevy_meshless_gi::scene::{Material, TriangleMesh, load_gltf};
 use glam::{Mat4, Vec3};
 use half::f16;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
+use meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
+use meshless_gi::frame::{
+    CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
+    SubsplatSettings, Subsplats, VectorIrradiance, probe, splat, subsplats,
+};
+use meshless_gi::scene::{Material, TriangleMesh, load_gltf};
+use meshless_gi_lab::accuracy::DrawnView;
 use std::collections::BTreeSet;
 use std::f32::consts::{PI, TAU};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
@@ -419,7 +419,7 @@ fn probe_nodes() {
     }
 }
 
-type Spoil = fn(&mut bevy_meshless_gi::asset::Probes);
+type Spoil = fn(&mut meshless_gi::asset::Probes);
 
 #[test]
 fn probe() {

@@ -4,13 +4,11 @@ use super::Scene;
 use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solved};
-use bevy_meshless_gi::frame::volume::{AHEAD, volume_texels};
-use bevy_meshless_gi::frame::{
-    VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
-};
 use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
+use meshless_gi::frame::volume::{AHEAD, volume_texels};
+use meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape, VolumeValues};
 use wgpu::{TextureUsages, TextureViewDescriptor};
 
 #[test]

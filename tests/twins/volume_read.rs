@@ -4,12 +4,12 @@ use crate::compare::{HALF, Scale, differing};
 use crate::harness;
 use crate::picture::wide;
 use crate::synthetic::Dice;
-use bevy_meshless_gi::frame::volume_read::read_volume;
-use bevy_meshless_gi::frame::{VolumeParams, VolumeShape};
 use bevy_meshless_gi::gpu::Harness;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
+use meshless_gi::frame::volume_read::read_volume;
+use meshless_gi::frame::{VolumeParams, VolumeShape};
 use wgpu::util::DeviceExt;
 
 /// Two volumes are at every place: the second one counts half, and shines four times as bright.

@@ -7,9 +7,9 @@ use super::material::{ENCODINGS, SurfaceMaterial};
 use super::mesh_data::MeshData;
 use super::texture::{Encoding, texture};
 use super::warning::MeshlessGiBakeWarning as Warning;
-use crate::scene::{Material, MeshProblems, Texture, TriangleMesh, TriangleUvs};
 use bevy::math::{Vec2, Vec3, Vec4};
 use bevy::platform::collections::HashMap;
+use meshless_gi::scene::{Material, MeshProblems, Texture, TriangleMesh, TriangleUvs};
 
 /// Largest number of triangles of a bake.
 const MAX_TRIANGLES: u64 = 1 << 25;

@@ -13,7 +13,6 @@ use super::texture::unreadable;
 use super::wait::{State, asset_state, scene_state};
 use super::walk::{StaticMesh, Walk};
 use super::warning::MeshlessGiBakeWarning as Warning;
-use crate::scene::MeshNode;
 use bevy::asset::{Asset, AssetId, AssetServer, Assets, Handle};
 use bevy::ecs::prelude::*;
 use bevy::image::Image;
@@ -21,6 +20,7 @@ use bevy::math::DMat4;
 use bevy::mesh::Mesh;
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::platform::collections::{HashMap, HashSet};
+use meshless_gi::scene::MeshNode;
 
 /// Copies of everything that a bake of a root reads.
 pub(super) struct Collected {

@@ -5,10 +5,10 @@ use super::assemble::assemble;
 use super::collect::Collected;
 use super::request::MeshlessGiBakeRequest;
 use super::warning::MeshlessGiBakeWarning as Warning;
-use crate::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
-use crate::bake::{BAKE_VERSION, Progress, Recipe, Stage, bake_level};
-use crate::scene::TriangleMesh;
 use bevy::log::{debug, info};
+use meshless_gi::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
+use meshless_gi::bake::{BAKE_VERSION, Progress, Recipe, bake_level};
+use meshless_gi::scene::TriangleMesh;
 use std::path::Path;
 use std::time::Instant;
 
@@ -19,7 +19,6 @@ pub(super) fn run(
     progress: &Progress,
 ) -> Outcome {
     let began = Instant::now();
-    progress.set(Stage::Bvh, 0.0);
     let mut warnings = Vec::new();
     let mesh = assemble(collected, &mut warnings)?;
     let key = key(&mesh, &request.recipe);

@@ -1,7 +1,6 @@
 //! A `StandardMaterial` as a material of the bake.
 
 use super::texture::Encoding;
-use crate::scene::Material;
 use bevy::asset::Handle;
 use bevy::color::LinearRgba;
 use bevy::image::Image;
@@ -10,6 +9,7 @@ use bevy::math::{Affine2, Vec3, Vec4};
 use bevy::mesh::UvChannel;
 use bevy::pbr::StandardMaterial;
 use bevy::render::render_resource::Face;
+use meshless_gi::scene::Material;
 
 /// A material with its textures: base color, metallic, emissive.
 #[derive(Clone, Debug)]

@@ -2,13 +2,13 @@
 
 use super::super::bake_progress::MeshlessGiBakeProgress;
 use super::super::bake_task::MeshlessGiBake;
-use crate::bake::{Preset, Recipe};
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::reflect::prelude::*;
 use bevy::transform::components::Transform;
+use meshless_gi::bake::{Preset, Recipe};
 use std::path::PathBuf;
 
 /// Requests a bake of the static meshes on this entity and below it. Insert it with

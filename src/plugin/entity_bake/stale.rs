@@ -8,10 +8,10 @@ use super::collect::{Collected, collect};
 use super::request::MeshlessGiBakeRequest;
 use super::walk::walk;
 use super::{label, wait};
-use crate::bake::is_stale;
 use bevy::asset::{AssetId, AssetServer, Assets};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
+use meshless_gi::bake::is_stale;
 
 /// Comparison of a root's bake with its meshes.
 #[derive(Component)]

@@ -1,9 +1,9 @@
 //! A Bevy image as a texture of the bake.
 
-use crate::scene::{Texture, Wrap};
 use bevy::color::{ColorToComponents, ColorToPacked, LinearRgba, Srgba};
 use bevy::image::{Image, ImageAddressMode, ImageSampler, TextureFormatPixelInfo};
 use bevy::render::render_resource::{TextureDimension, TextureFormat};
+use meshless_gi::scene::{Texture, Wrap};
 
 /// Encoding of a texture's texels in the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

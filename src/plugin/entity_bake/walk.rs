@@ -6,7 +6,6 @@ use crate::plugin::{
     MeshlessGi, MeshlessGiBouncer, MeshlessGiOccluder, MeshlessGiPointCloud,
     MeshlessGiPointCloudPart,
 };
-use crate::scene::MeshNode;
 use bevy::asset::Handle;
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::prelude::*;
@@ -15,6 +14,7 @@ use bevy::mesh::skinning::SkinnedMesh;
 use bevy::mesh::{Mesh, Mesh3d};
 use bevy::transform::components::Transform;
 use bevy::world_serialization::{DynamicWorldRoot, WorldAssetRoot};
+use meshless_gi::scene::MeshNode;
 
 /// Everything below a root that matters to a bake.
 pub(super) struct Walk {

@@ -1,0 +1,280 @@
+//! The outer shell of a `.mgi` file: header, section table, checksums, compression. Knows no scene. `docs/FORMAT.md` has the layout.
+
+use super::error::{AssetError, Limits};
+use std::borrow::Cow;
+
+/// The first eight bytes. Not text, and damaged by whatever takes it for text.
+pub(super) const MAGIC: [u8; 8] = *b"\x89MGI\r\n\x1a\n";
+/// Version of the format. It changes with the layout only.
+pub const VERSION: u32 = 2;
+/// Bytes of the header before the table.
+const HEADER: usize = 32;
+/// Bytes of one row of the table.
+const ENTRY: usize = 40;
+/// More sections than any version has.
+const MOST_SECTIONS: u32 = 64;
+/// LZ4 cannot expand a byte to more than this.
+const LZ4_RATIO: u64 = 255;
+
+/// Bytes of memory that reading takes beyond what grows with the file: ends of arrays, messages.
+const SLACK: u64 = 1 << 16;
+
+/// How a section's bytes are stored.
+const STORED: u16 = 0;
+const LZ4: u16 = 1;
+
+/// What a section holds: what the table must say about it, and what it takes in memory.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kind {
+    /// Number in the table. Sections stand in ascending order of it.
+    pub code: u32,
+    /// For messages.
+    pub name: &'static str,
+    /// Version of the section's own layout.
+    pub version: u16,
+    /// Raw bytes of an item.
+    pub raw: u64,
+    /// Bytes of memory that an item takes once decoded.
+    pub memory: u64,
+    /// More items make no sense.
+    pub most: u64,
+}
+
+/// A section on its way to a file.
+pub(super) struct Section {
+    pub kind: &'static Kind,
+    pub items: usize,
+    pub raw: Vec<u8>,
+}
+
+/// Sections to a file. The same sections give the same bytes.
+pub(super) fn assemble(sections: &[Section]) -> Vec<u8> {
+    let bodies: Vec<(u16, Cow<'_, [u8]>)> = sections
+        .iter()
+        .map(|s| {
+            let packed = lz4_flex::block::compress(&s.raw);
+            if packed.len() < s.raw.len() {
+                (LZ4, packed.into())
+            } else {
+                (STORED, s.raw.as_slice().into())
+            }
+        })
+        .collect();
+    let start = HEADER + ENTRY * sections.len();
+    let length = start + bodies.iter().map(|(_, b)| b.len()).sum::<usize>();
+    let mut out = Vec::with_capacity(length);
+    out.extend(MAGIC);
+    out.extend(VERSION.to_le_bytes());
+    out.extend((sections.len() as u32).to_le_bytes());
+    out.extend((length as u64).to_le_bytes());
+    out.extend([0; 8]);
+    for (section, (compression, body)) in sections.iter().zip(&bodies) {
+        out.extend(section.kind.code.to_le_bytes());
+        out.extend(section.kind.version.to_le_bytes());
+        out.extend(compression.to_le_bytes());
+        out.extend((section.items as u64).to_le_bytes());
+        out.extend((body.len() as u64).to_le_bytes());
+        out.extend((section.raw.len() as u64).to_le_bytes());
+        out.extend(crc32fast::hash(body).to_le_bytes());
+        out.extend([0; 4]);
+    }
+    let crc = header_crc(&out);
+    out[24..28].copy_from_slice(&crc.to_le_bytes());
+    for (_, body) in &bodies {
+        out.extend_from_slice(body);
+    }
+    out
+}
+
+/// CRC-32 of header and table, the field that holds it taken as zero.
+fn header_crc(header: &[u8]) -> u32 {
+    let mut crc = crc32fast::Hasher::new();
+    crc.update(&header[..24]);
+    crc.update(&[0; 4]);
+    crc.update(&header[28..]);
+    crc.finalize()
+}
+
+/// A row of the table, and where its bytes are.
+struct Entry<'a> {
+    kind: &'static Kind,
+    compression: u16,
+    items: u64,
+    raw: u64,
+    crc: u32,
+    body: &'a [u8],
+}
+
+/// How many items a section has, and its raw bytes.
+pub(super) type Content<'a> = (usize, Cow<'a, [u8]>);
+
+/// A file whose header and table are sound, and small enough.
+pub(super) struct Container<'a> {
+    entries: Vec<Entry<'a>>,
+    /// Bytes of memory that the decoded items and the decoding take at most.
+    pub memory: u64,
+}
+
+/// Returns true if `bytes` start as a `.mgi` file does, whole or not.
+#[must_use]
+pub fn is_container(bytes: &[u8]) -> bool {
+    bytes.starts_with(&MAGIC)
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap_or_default())
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap_or_default())
+}
+
+impl<'a> Container<'a> {
+    /// Reads header and table, and checks both against the bytes, `kinds` and `limits`.
+    pub fn parse(
+        bytes: &'a [u8],
+        kinds: &'static [Kind],
+        limits: &Limits,
+    ) -> Result<Self, AssetError> {
+        let header = |problem: String| AssetError::Header { problem };
+        let found = bytes.len() as u64;
+        if bytes.len() < MAGIC.len() || bytes[..MAGIC.len()] != MAGIC {
+            return Err(AssetError::NotMgi);
+        }
+        let cut = |needed: u64| AssetError::Truncated { needed, found };
+        if bytes.len() < HEADER {
+            return Err(cut(HEADER as u64));
+        }
+        let version = u32_at(bytes, 8);
+        if version != VERSION {
+            return Err(AssetError::Version {
+                found: version,
+                expected: VERSION,
+            });
+        }
+        let count = u32_at(bytes, 12);
+        if count > MOST_SECTIONS {
+            return Err(header(format!("{count} sections")));
+        }
+        let start = HEADER + ENTRY * count as usize;
+        let length = u64_at(bytes, 16);
+        if found < length || bytes.len() < start {
+            return Err(cut(length.max(start as u64)));
+        }
+        if found > length {
+            return Err(header(format!("{} bytes behind the end", found - length)));
+        }
+        if header_crc(&bytes[..start]) != u32_at(bytes, 24) {
+            return Err(AssetError::Checksum { place: "header" });
+        }
+        if u32_at(bytes, 28) != 0 {
+            return Err(header("a reserved field is not zero".into()));
+        }
+        let mut entries: Vec<Entry<'a>> = Vec::with_capacity(count as usize);
+        let mut rest = &bytes[start..];
+        for row in bytes[HEADER..start].chunks_exact(ENTRY) {
+            let code = u32_at(row, 0);
+            let Some(kind) = kinds.iter().find(|k| k.code == code) else {
+                return Err(header(format!("unknown section {code}")));
+            };
+            if entries.last().is_some_and(|e| e.kind.code >= code) {
+                return Err(header(format!("section `{}` is out of order", kind.name)));
+            }
+            let wrong = |problem: String| AssetError::Section {
+                section: kind.name,
+                problem,
+            };
+            let version = u32_at(row, 4) as u16;
+            let compression = (u32_at(row, 4) >> 16) as u16;
+            let (items, stored, raw) = (u64_at(row, 8), u64_at(row, 16), u64_at(row, 24));
+            if version != kind.version {
+                return Err(wrong(format!(
+                    "version {version}, expected {}",
+                    kind.version
+                )));
+            }
+            if items > kind.most || items.checked_mul(kind.raw) != Some(raw) {
+                return Err(wrong(format!("{items} items cannot be {raw} bytes")));
+            }
+            let possible = match compression {
+                STORED => raw == stored,
+                LZ4 => raw <= stored.saturating_mul(LZ4_RATIO),
+                other => return Err(wrong(format!("unknown compression {other}"))),
+            };
+            if !possible {
+                return Err(wrong(format!("{stored} bytes cannot hold {raw}")));
+            }
+            if u32_at(row, 36) != 0 {
+                return Err(wrong("a reserved field is not zero".into()));
+            }
+            if stored > rest.len() as u64 {
+                return Err(wrong(format!(
+                    "{stored} bytes, but {} are left",
+                    rest.len()
+                )));
+            }
+            let (body, behind) = rest.split_at(stored as usize);
+            rest = behind;
+            entries.push(Entry {
+                kind,
+                compression,
+                items,
+                raw,
+                crc: u32_at(row, 32),
+                body,
+            });
+        }
+        if !rest.is_empty() {
+            return Err(header(format!("{} bytes belong to no section", rest.len())));
+        }
+        let decoded = entries.iter().fold(0u64, |sum, e| {
+            sum.saturating_add(e.items.saturating_mul(e.kind.memory))
+        });
+        let largest = entries.iter().map(|e| e.raw).max().unwrap_or(0);
+        let memory = decoded.saturating_add(largest).saturating_add(SLACK);
+        if memory > limits.max_bytes {
+            return Err(AssetError::Limit {
+                what: "the scene",
+                needed: memory,
+                allowed: limits.max_bytes,
+            });
+        }
+        Ok(Self { entries, memory })
+    }
+
+    /// True when the file has a section of this kind.
+    pub fn has(&self, kind: &Kind) -> bool {
+        self.entries.iter().any(|e| e.kind.code == kind.code)
+    }
+
+    /// Items and raw bytes of a section; None where the file has none of this kind.
+    pub fn section(&self, kind: &Kind) -> Result<Option<Content<'a>>, AssetError> {
+        let Some(entry) = self.entries.iter().find(|e| e.kind.code == kind.code) else {
+            return Ok(None);
+        };
+        if crc32fast::hash(entry.body) != entry.crc {
+            return Err(AssetError::Checksum { place: kind.name });
+        }
+        let raw = if entry.compression == STORED {
+            Cow::Borrowed(entry.body)
+        } else {
+            let mut raw = vec![0; entry.raw as usize];
+            match lz4_flex::block::decompress_into(entry.body, &mut raw) {
+                Ok(length) if length == raw.len() => raw.into(),
+                Ok(length) => {
+                    return Err(AssetError::Section {
+                        section: kind.name,
+                        problem: format!("unpacks to {length} bytes instead of {}", entry.raw),
+                    });
+                }
+                Err(e) => {
+                    return Err(AssetError::Section {
+                        section: kind.name,
+                        problem: format!("does not unpack: {e}"),
+                    });
+                }
+            }
+        };
+        Ok(Some((entry.items as usize, raw)))
+    }
+}

@@ -1,0 +1,36 @@
+//! The baked scene: what a frame needs, and its `.mgi` container (`docs/FORMAT.md`).
+//!
+//! [`BakedScene::to_bytes`] and [`BakedScene::from_bytes`] are each other's inverse; [`BakedScene::read`] and [`BakedScene::write`] are
+//! the same for files. No bytes, however hostile, make reading panic or take more memory than [`Limits`] says, and what comes out has
+//! passed [`BakedScene::validate`].
+
+mod baked;
+mod codec;
+mod container;
+mod error;
+mod file;
+mod fingerprint;
+mod fmm;
+mod info;
+mod materials;
+mod occluders;
+mod probes;
+mod sections;
+mod sky;
+mod stats;
+mod validate;
+mod validate_columns;
+mod visibility;
+
+pub use baked::{BakedScene, Display, Places, PointSurface};
+pub use container::{VERSION as FORMAT_VERSION, is_container};
+pub use error::{AssetError, Limits};
+pub use file::{check_writable, write_file};
+pub use fingerprint::fingerprint;
+pub use info::{BakeInfo, EnergyInfo, TierInfo};
+pub use materials::{LiveMaterials, MaterialShare};
+pub use occluders::Occluders;
+pub use probes::Probes;
+pub use sky::SkySight;
+pub use stats::BakedStats;
+pub use validate::Violation;

@@ -1,0 +1,262 @@
+//! A baked scene under lights, evaluated at single places: what a frame shows there, direct and indirect light apart.
+//!
+//! In a frame the light that comes straight from the sky and from emissive surfaces travels through links, with the indirect light. By linearity it
+//! can be taken out again: a solve on black surfaces has that part alone, and the difference of the two is what was reflected at least once. In its
+//! place the direct light is integrated as it is. Emission takes its first step through a link where the light of lamps takes it by projection, so
+//! that it needs one sweep more for as many reflections: it is solved on its own.
+
+use super::GlowLight;
+use crate::asset::BakedScene;
+use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe, project, splat};
+use crate::scene::{Light, SkyRadiance, TriangleMesh};
+use glam::Vec3;
+
+/// Patches of a rectangle light where it is projected onto the points.
+pub(crate) const PATCHES: u32 = 64;
+/// Patches of a rectangle light where its direct light is asked for.
+const FINE_PATCHES: u32 = 1024;
+/// What further reflections may add, relative to the light, where they are left out.
+const CONVERGED: f32 = 1e-4;
+
+/// How many diffuse reflections count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounces {
+    /// So many; one at least, and at most one more than [`FrameSettings::MOST_SWEEPS`].
+    Count(u32),
+    /// As many as change anything.
+    All,
+}
+
+/// Light at a place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Evaluated {
+    /// Irradiance that comes straight from lamps, sky and emissive surfaces, W/m².
+    pub direct: Vec3,
+    /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis function nor a probe reaches.
+    pub indirect: Option<Vec3>,
+}
+
+/// What a solve leaves: values at the points, and at the probes where there are any.
+struct Solved {
+    points: Vec<VectorIrradiance>,
+    probes: Vec<VectorIrradiance>,
+}
+
+impl Solved {
+    fn of(frame: &CpuFrame) -> Self {
+        Self {
+            points: frame.values().to_vec(),
+            probes: frame.probes().to_vec(),
+        }
+    }
+
+    fn add(&mut self, weight: f32, more: &Self) {
+        let points = self.points.iter_mut().zip(&more.points);
+        for (value, more) in points.chain(self.probes.iter_mut().zip(&more.probes)) {
+            value.add_scaled(weight, more);
+        }
+    }
+}
+
+/// A baked scene under lights.
+pub struct Evaluator<'a> {
+    scene: &'a BakedScene,
+    /// Reflected light only.
+    solved: Solved,
+    lamps: Vec<FrameLight>,
+    glow: GlowLight<'a>,
+    /// Reflections that were simulated one by one; none where the bake's own were used, or all at once.
+    bounces: Option<u32>,
+}
+
+impl<'a> Evaluator<'a> {
+    /// Solves `scene` under `lights`. `meshes` is the scene's geometry, for what emissive surfaces and the sky send directly.
+    #[must_use]
+    pub fn new(
+        scene: &'a BakedScene,
+        meshes: &'a [TriangleMesh],
+        lights: &[Light],
+        bounces: Bounces,
+    ) -> Self {
+        Self::with_tier(scene, meshes, lights, bounces, FrameSettings::ALL_TIERS)
+    }
+
+    /// As [`new`](Self::new), with the links of a tier of the operator ([`FrameSettings::tier`]).
+    #[must_use]
+    pub fn with_tier(
+        scene: &'a BakedScene,
+        meshes: &'a [TriangleMesh],
+        lights: &[Light],
+        bounces: Bounces,
+        tier: u32,
+    ) -> Self {
+        let expand = |patches: u32| -> Vec<FrameLight> {
+            lights
+                .iter()
+                .flat_map(|light| FrameLight::expand(light, patches))
+                .collect()
+        };
+        let sky: SkyRadiance = lights
+            .iter()
+            .filter_map(|light| match light {
+                Light::Sky { radiance } => Some(*radiance),
+                _ => None,
+            })
+            .sum();
+        let (frame, used) = solve(scene, &expand(PATCHES), &settings(sky, 1, tier), bounces);
+        let mut solved = Solved::of(&frame);
+        let emits = scene.surfaces.iter().any(|s| s.emission != [0.0; 3]);
+        if emits {
+            let once_more = match bounces {
+                Bounces::Count(count) => Bounces::Count(count.max(1).saturating_add(1)),
+                Bounces::All => Bounces::All,
+            };
+            solved.add(1.0, &solve_emission(scene, once_more, tier));
+        }
+        if emits || !sky.is_black() {
+            let mut black = scene.clone();
+            for surface in &mut black.surfaces {
+                surface.albedo = [0.0; 3];
+            }
+            let mut unreflected = CpuFrame::new(&black);
+            let both = FrameSettings {
+                emission: 1.0,
+                ..settings(sky, 1, tier)
+            };
+            unreflected.solve(&black, &both);
+            solved.add(-1.0, &Solved::of(&unreflected));
+        }
+        Self {
+            scene,
+            solved,
+            lamps: expand(FINE_PATCHES),
+            glow: GlowLight::new(meshes, sky),
+            bounces: used,
+        }
+    }
+
+    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see [`GlowLight::irradiance`].
+    #[must_use]
+    pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
+        let scene = self.scene;
+        let extent = project::extent(scene);
+        let above = x + n * self.glow.roughness(x);
+        let lamps: Vec3 = self
+            .lamps
+            .iter()
+            .map(|light| {
+                Vec3::from_array(light.color)
+                    * project::project_at(&scene.bvh, extent, light, above, n)
+            })
+            .sum();
+        let values = &self.solved.points;
+        let (points, display) = (&scene.points, &scene.display);
+        let indirect = match splat::splat_covered(points, display, values, x, n) {
+            Some((e, cover)) => {
+                let (e, share) = (e.dot(n).max(Vec3::ZERO), splat::share(cover, splat::SEAM));
+                let rest = (share < 1.0).then(|| self.in_space(x, n)).flatten();
+                Some(rest.map_or(e, |space| space.lerp(e, share)))
+            }
+            None => self.in_space(x, n),
+        };
+        Evaluated {
+            direct: finite(lamps + self.glow.irradiance(x, n, stream)),
+            indirect: indirect.map(finite),
+        }
+    }
+
+    /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none reaches.
+    #[must_use]
+    pub fn in_space(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
+        let probes = self.scene.probes.as_ref()?;
+        let light = probe::probe(probes, &self.solved.probes, x, n)?;
+        Some(finite(light.irradiance(n)))
+    }
+
+    /// Reflections that were simulated one by one; none where the bake's own further bounces were used, or all of them at once.
+    #[must_use]
+    pub fn bounces(&self) -> Option<u32> {
+        self.bounces
+    }
+}
+
+/// Live settings for so many reflections, without emission.
+fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
+    FrameSettings {
+        sky,
+        tier,
+        baked_bounces: false,
+        emission: 0.0,
+        ..FrameSettings::bounces(bounces)
+    }
+}
+
+/// Solves a frame with so many reflections, whatever `settings` says of them; those of the bake where it holds as many. Returns how many were simulated one by one; none for the bake's own, or
+/// all at once.
+pub(crate) fn solve(
+    scene: &BakedScene,
+    lamps: &[FrameLight],
+    settings: &FrameSettings,
+    bounces: Bounces,
+) -> (CpuFrame, Option<u32>) {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, lamps);
+    if scene.bounces.is_some() && bounces == Bounces::Count(scene.info.bounces) {
+        let baked = FrameSettings {
+            sweeps: scene.info.bounces.max(1) - 1,
+            baked_bounces: true,
+            ..*settings
+        };
+        frame.solve(scene, &baked);
+        return (frame, None);
+    }
+    let live = FrameSettings {
+        baked_bounces: false,
+        ..*settings
+    };
+    let count = sweep(scene, &mut frame, &live, bounces);
+    (frame, count)
+}
+
+/// The light of emissive surfaces, the first step through links counted as a reflection.
+fn solve_emission(scene: &BakedScene, bounces: Bounces, tier: u32) -> Solved {
+    let mut frame = CpuFrame::new(scene);
+    let alone = FrameSettings {
+        emission: 1.0,
+        ..settings(SkyRadiance::BLACK, 1, tier)
+    };
+    sweep(scene, &mut frame, &alone, bounces);
+    Solved::of(&frame)
+}
+
+/// Solves with so many reflections and returns how many those were; none for all at once.
+fn sweep(
+    scene: &BakedScene,
+    frame: &mut CpuFrame,
+    settings: &FrameSettings,
+    bounces: Bounces,
+) -> Option<u32> {
+    let Bounces::Count(count) = bounces else {
+        frame.converge(scene, settings, CONVERGED);
+        return None;
+    };
+    let sweeps = (count.max(1) - 1).min(FrameSettings::MOST_SWEEPS);
+    let settings = FrameSettings {
+        sweeps,
+        ..*settings
+    };
+    frame.solve(scene, &settings);
+    Some(sweeps + 1)
+}
+
+/// Light too bright for a number becomes the largest number.
+fn finite(e: Vec3) -> Vec3 {
+    let one = |c: f32| {
+        if c.is_nan() {
+            0.0
+        } else {
+            c.clamp(0.0, f32::MAX)
+        }
+    };
+    Vec3::new(one(e.x), one(e.y), one(e.z))
+}

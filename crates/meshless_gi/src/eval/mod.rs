@@ -1,0 +1,15 @@
+//! Irradiance at single points: of a baked scene, and by the reference integrator, which shares nothing
+//! with the baked path but the geometry.
+
+mod direct_emission;
+mod evaluate;
+mod reference;
+mod test_lights;
+
+pub use direct_emission::GlowLight;
+pub use evaluate::{Bounces, Evaluated, Evaluator};
+pub(crate) use evaluate::{PATCHES, solve};
+pub use reference::{
+    Irradiance, ReferenceSettings, direct_irradiance, irradiance, irradiance_at_all,
+};
+pub use test_lights::{Lit, RAYS_A_PLACE, roomy_places};

@@ -1,0 +1,198 @@
+//! One of Bevy's irradiance volumes for one set of lights: a frame is solved on the CPU, and kernel
+//! [`volume`](crate::frame::volume) fills the voxels.
+
+use super::VolumePlacement;
+use super::ktx2;
+use crate::asset::{BakedScene, write_file};
+use crate::eval::{Bounces, PATCHES, solve};
+use crate::frame::splat::LARGEST_HALF;
+use crate::frame::volume::volume_texels;
+use crate::frame::{
+    FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+};
+use crate::scene::{Light, SkyRadiance};
+use glam::Mat4;
+use half::f16;
+use std::io;
+use std::path::Path;
+
+/// Scale of the light while it is computed: the kernel bounds texels to what a half float holds. No
+/// light of a frame is above 10¹⁸.
+const SMALL: f32 = 1.0 / (1u128 << 64) as f32;
+
+/// What a volume is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VolumeExport {
+    /// Edge of a voxel, meters in the space of the bake. `None`: half of the distance between the
+    /// bake's probes.
+    pub voxel: Option<f32>,
+    /// Largest number of voxels; 2²⁰ at most. Voxels become larger where there would be more.
+    /// Default: 65,536. A voxel takes 48 bytes.
+    pub max_voxels: u32,
+    /// Diffuse reflections. `None`: as many as the bake's recipe asks for.
+    pub bounces: Option<Bounces>,
+    /// Radiance that an emissive factor of 1 stands for, cd/m²; 0 or more. Default: 1.
+    pub emission: f32,
+}
+
+impl Default for VolumeExport {
+    fn default() -> Self {
+        Self {
+            voxel: None,
+            max_voxels: 1 << 16,
+            bounces: None,
+            emission: 1.0,
+        }
+    }
+}
+
+/// Reason why there is no volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// The bake has no light in free space.
+    #[error(
+        "the bake has no light in free space: bake the level with `--probes`, or with `probes: ()` in its recipe"
+    )]
+    NoFreeSpace,
+    /// A sky varies, and the bake has a uniform one.
+    #[error(
+        "the bake has a uniform sky: bake the level with `--sky harmonics` for one that varies"
+    )]
+    UniformSky,
+}
+
+/// An irradiance volume as Bevy reads it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportedVolume {
+    /// Box and voxels, in the space of the bake.
+    pub shape: VolumeShape,
+    /// Multiplies the texels; a power of two.
+    pub intensity: f32,
+    /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
+    /// fourth number says how far it is to a wall ([`Ways::stored`](crate::frame::Ways::stored));
+    /// Bevy does not read it, and this crate's plugin does.
+    pub texels: Vec<[f16; 4]>,
+}
+
+impl ExportedVolume {
+    /// Computes the volume of a bake under `lights`: their reflected light, and all light of the
+    /// sky and of emissive surfaces. Light in W is light in lm, W/sr is cd and W/m² is lx. The same
+    /// for any number of threads.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    pub fn new(
+        scene: &BakedScene,
+        lights: &[Light],
+        export: &VolumeExport,
+    ) -> Result<Self, ExportError> {
+        let shape = VolumeShape::around(scene, export.voxel, export.max_voxels)
+            .ok_or(ExportError::NoFreeSpace)?;
+        let sky: SkyRadiance = (lights.iter())
+            .filter_map(|light| match light {
+                Light::Sky { radiance } => Some(*radiance),
+                _ => None,
+            })
+            .sum();
+        if scene.sky.is_none() && !sky.is_uniform() {
+            return Err(ExportError::UniformSky);
+        }
+        let slots = lights.iter().flat_map(|l| FrameLight::expand(l, PATCHES));
+        let slots: Vec<FrameLight> = slots.collect();
+        let settings = FrameSettings {
+            sky,
+            emission: export.emission,
+            ..FrameSettings::default()
+        };
+        let bounces = export.bounces.unwrap_or(Bounces::Count(scene.info.bounces));
+        let (frame, _) = solve(scene, &slots, &settings, bounces);
+        let mut params = VolumeParams::new(&shape, &Mat4::IDENTITY);
+        params.scale *= SMALL;
+        let values = VolumeValues {
+            points: frame.values(),
+            probes: frame.probes(),
+        };
+        let texels = volume_texels(&params, &VolumePlaces::of(shape, scene), values);
+        let peak = texels
+            .iter()
+            .flat_map(|t| &t[..3])
+            .fold(0.0, |peak: f32, v| peak.max(*v));
+        let intensity = intensity(peak / SMALL);
+        let scale = 1.0 / SMALL / intensity;
+        let stored =
+            |[r, g, b, way]: [f32; 4]| [r * scale, g * scale, b * scale, way].map(f16::from_f32);
+        Ok(Self {
+            shape,
+            intensity,
+            texels: texels.into_iter().map(stored).collect(),
+        })
+    }
+
+    /// Returns the texture as a KTX 2.0 file: three-dimensional, `Rgba16Float`, one level.
+    #[must_use]
+    pub fn ktx2(&self) -> Vec<u8> {
+        ktx2::write(self.shape.texels().to_array(), &self.texels)
+    }
+
+    /// Returns the description of the volume, for a texture and lights of these names.
+    #[must_use]
+    pub fn placement(&self, texture: &str, lights: &str) -> VolumePlacement {
+        VolumePlacement {
+            version: VolumePlacement::VERSION,
+            texture: texture.into(),
+            lights: lights.into(),
+            translation: self.shape.center().to_array(),
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            scale: self.shape.edges().to_array(),
+            resolution: self.shape.size().to_array(),
+            intensity: self.intensity,
+        }
+    }
+
+    /// Writes the texture to `path`, and its description beside it with the ending `.ron`. Returns
+    /// the bytes of the texture.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub fn write(&self, path: &Path, lights: &str) -> io::Result<u64> {
+        let texture = path.file_name().unwrap_or_default().to_string_lossy();
+        let placement = self.placement(&texture, lights).to_ron();
+        let placement = placement.map_err(io::Error::other)?;
+        let bytes = self.ktx2();
+        write_file(path, &bytes)?;
+        write_file(&path.with_extension("ron"), placement.as_bytes())?;
+        Ok(bytes.len() as u64)
+    }
+}
+
+/// The power of two by which the brightest texel, `peak`, is divided: 1 where a half float holds it
+/// well.
+fn intensity(peak: f32) -> f32 {
+    let mut intensity = 1.0f32;
+    while peak / intensity > LARGEST_HALF {
+        intensity *= 2.0;
+    }
+    while peak > 0.0 && peak / intensity < 1.0 && intensity > f32::MIN_POSITIVE {
+        intensity *= 0.5;
+    }
+    intensity
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intensity_keeps_the_brightest_texel_in_the_range_of_halves() {
+        for peak in [0.0, 1.0, 300.0, LARGEST_HALF] {
+            assert_eq!(intensity(peak), 1.0, "{peak}");
+        }
+        assert_eq!(intensity(65_505.0), 2.0);
+        assert_eq!(intensity(0.75), 0.5);
+        for peak in [1e-30f32, 1e-5, 1e6, 1e30, f32::MAX] {
+            let stored = peak / intensity(peak);
+            assert!((1.0..=LARGEST_HALF).contains(&stored), "{peak}: {stored}");
+        }
+    }
+}

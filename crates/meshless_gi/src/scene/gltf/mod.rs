@@ -1,0 +1,605 @@
+//! Reading `.glb` and `.gltf` levels (glTF 2.0): triangles of the default scene in world space, materials, lights.
+//!
+//! The gltf crate parses the JSON; everything behind an index, an offset or a length is checked here, because its own
+//! readers take them on trust. What is read and what it becomes:
+//!
+//! | glTF | here |
+//! |---|---|
+//! | nodes, instances, mirrored scales | triangles in metres, the winding turned with the mirror |
+//! | triangles, strips, fans, with and without indices | triangles; points and lines are left out and noted |
+//! | base colour, metallic, emissive factor, texture, strength | [`Material`]; metal reflects nothing diffusely |
+//! | KHR_materials_pbrSpecularGlossiness | diffuse part, less the specular factor |
+//! | alphaMode MASK; BLEND | cut out below the cutoff; below 0.5 |
+//! | KHR_texture_transform, KHR_mesh_quantization | applied |
+//! | KHR_lights_punctual | [`Light`]: candela as W/sr, lux as W/m², one for one, because only ratios of light matter to a bake |
+//! | skins, morph targets | the pose that the vertices are stored in, noted |
+//! | cameras, animations, normals, vertex colours | not read |
+
+mod accessor;
+mod claims;
+mod container;
+mod external_files;
+mod material;
+
+use super::occluder::MeshNode;
+use super::{InputBudget, Light, Material, MeshProblems, SceneError, TriangleMesh, TriangleUvs};
+use ::gltf::json::extensions::scene::khr_lights_punctual as punctual;
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::validation::Checked;
+use ::gltf::json::{Root, scene};
+use accessor::Buffers;
+pub use external_files::external_files;
+use glam::{DMat4, DQuat, DVec3, Vec2, Vec3};
+use material::Placed;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// More triangles than this are not taken on.
+const MOST_TRIANGLES: u64 = 1 << 25;
+/// More texels than this are not taken on.
+const MOST_TEXELS: u64 = 1 << 29;
+/// Largest number of JSON objects. A parsed node takes up to a hundred times the bytes of its text.
+const MAX_OBJECTS: u64 = 1 << 22;
+/// Nodes may be nested this deep.
+const DEEPEST: usize = 256;
+/// Extensions without which a file may say that it can't be read, and that are read here or do not matter to diffuse light.
+const READABLE: [&str; 4] = [
+    "KHR_lights_punctual",
+    "KHR_texture_transform",
+    "KHR_mesh_quantization",
+    "KHR_xmp_json_ld",
+];
+
+/// Supplies the bytes of a file that a scene names, by its name relative to the scene.
+pub type Resolver<'a> = dyn FnMut(&str) -> Result<Vec<u8>, SceneError> + 'a;
+
+/// A level as it was read.
+#[derive(Debug)]
+pub struct LoadedScene {
+    /// Its triangles, in metres.
+    pub mesh: TriangleMesh,
+    /// Its lights.
+    pub lights: Vec<Light>,
+    /// A name for each light; empty where the file has none.
+    pub light_names: Vec<String>,
+    /// What was left out or corrected in the mesh.
+    pub problems: MeshProblems,
+    /// What the file holds that was not read as it was meant, in words.
+    pub notes: Vec<String>,
+}
+
+/// Reads a level. What can't be read at all is [`SceneError::Io`]; all other errors are about what is in the files.
+pub fn load_gltf(path: impl AsRef<Path>) -> Result<LoadedScene, SceneError> {
+    load_gltf_within(path, &mut InputBudget::default())
+}
+
+/// As [`load_gltf`]; the file and those that it names are together within `budget`.
+///
+/// # Errors
+/// Those of [`load_gltf`].
+pub fn load_gltf_within(
+    path: impl AsRef<Path>,
+    budget: &mut InputBudget,
+) -> Result<LoadedScene, SceneError> {
+    let path = path.as_ref();
+    let mut read = |path: &Path| {
+        let bytes = budget.read(path);
+        bytes.map_err(|error| SceneError::reading(path, error))
+    };
+    let bytes = read(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    load_gltf_bytes(&bytes, &path.display().to_string(), &mut |name| {
+        read(&folder.join(name))
+    })
+}
+
+/// Reads a level from bytes. `file` is what errors call it; `resolve` supplies the files that it names.
+pub fn load_gltf_bytes(
+    bytes: &[u8],
+    file: &str,
+    resolve: &mut Resolver<'_>,
+) -> Result<LoadedScene, SceneError> {
+    let format = |reason: String| SceneError::Format {
+        file: file.into(),
+        reason,
+    };
+    let (json, binary) = container::split(bytes).map_err(format)?;
+    let too_large = |what, count, limit| SceneError::TooLarge {
+        file: file.into(),
+        what,
+        count,
+        limit,
+    };
+    let objects = claims::objects(json);
+    if objects > MAX_OBJECTS {
+        return Err(too_large("JSON objects", objects, MAX_OBJECTS));
+    }
+    let root: Root =
+        ::gltf::json::deserialize::from_slice(json).map_err(|e| format(e.to_string()))?;
+    if !root.asset.version.starts_with("2.") {
+        return Err(format(format!(
+            "glTF version {}, only 2 can be read",
+            root.asset.version
+        )));
+    }
+    let readable =
+        |name: &String| READABLE.contains(&name.as_str()) || name.starts_with("KHR_materials_");
+    if let Some(name) = root.extensions_required.iter().find(|name| !readable(name)) {
+        return Err(format(format!(
+            "it can't be read without {name}, which is not supported"
+        )));
+    }
+    let buffers = Buffers {
+        bytes: load_buffers(&root, binary, file, resolve)?,
+        root: &root,
+    };
+    let first = first_nodes(&root).map_err(format)?;
+    let triangles = claims::triangles(&buffers, &first);
+    if triangles > MOST_TRIANGLES {
+        return Err(too_large("triangles", triangles, MOST_TRIANGLES));
+    }
+    let mut builder = Builder::new(file, &buffers, resolve)?;
+    for node in first {
+        builder.node(node, DMat4::IDENTITY, None, 0)?;
+    }
+    builder.finish()
+}
+
+fn load_buffers<'a>(
+    root: &Root,
+    binary: Option<&'a [u8]>,
+    file: &str,
+    resolve: &mut Resolver<'_>,
+) -> Result<Vec<Cow<'a, [u8]>>, SceneError> {
+    let mut out = Vec::with_capacity(root.buffers.len());
+    for (i, buffer) in root.buffers.iter().enumerate() {
+        let wrong = |reason: String| SceneError::Format {
+            file: file.into(),
+            reason: format!("buffer {i}: {reason}"),
+        };
+        let bytes: Cow<'a, [u8]> = match (&buffer.uri, binary) {
+            (None, Some(binary)) if i == 0 => Cow::Borrowed(binary),
+            (None, _) => return Err(wrong("it has no bytes".into())),
+            (Some(uri), _) => Cow::Owned(match container::data_uri(uri) {
+                Some(bytes) => bytes.map_err(wrong)?,
+                None => resolve(&container::file_name(uri))?,
+            }),
+        };
+        if (bytes.len() as u64) < buffer.byte_length.0 {
+            return Err(wrong(format!(
+                "{} bytes, {} are announced",
+                bytes.len(),
+                buffer.byte_length.0
+            )));
+        }
+        out.push(bytes);
+    }
+    Ok(out)
+}
+
+/// The nodes of the default scene; where there is none, all nodes that are nobody's child.
+fn first_nodes(root: &Root) -> Result<Vec<usize>, String> {
+    let scene = match root.scene {
+        Some(index) => Some(
+            root.scenes
+                .get(index.value())
+                .ok_or_else(|| format!("scene {} is not there", index.value()))?,
+        ),
+        None => root.scenes.first(),
+    };
+    if let Some(scene) = scene {
+        return Ok(scene.nodes.iter().map(|n| n.value()).collect());
+    }
+    let mut child = vec![false; root.nodes.len()];
+    for index in root.nodes.iter().flat_map(|n| n.children.iter().flatten()) {
+        if let Some(c) = child.get_mut(index.value()) {
+            *c = true;
+        }
+    }
+    Ok((0..child.len()).filter(|&i| !child[i]).collect())
+}
+
+/// Collects triangles and lights while it walks the nodes.
+struct Builder<'a> {
+    file: &'a str,
+    buffers: &'a Buffers<'a>,
+    visited: Vec<bool>,
+    triangles: Vec<[Vec3; 3]>,
+    material_of: Vec<u32>,
+    uvs: Vec<TriangleUvs>,
+    nodes: Vec<MeshNode>,
+    /// The node of each triangle that the mesh keeps.
+    node_of: Vec<u32>,
+    materials: Vec<Placed>,
+    textures: Vec<super::Texture>,
+    lights: Vec<Light>,
+    light_names: Vec<String>,
+    bad_indices: u64,
+    notes: Vec<String>,
+}
+
+impl<'a> Builder<'a> {
+    fn new(
+        file: &'a str,
+        buffers: &'a Buffers<'a>,
+        resolve: &mut Resolver<'_>,
+    ) -> Result<Self, SceneError> {
+        let root = buffers.root;
+        let mut materials = Vec::with_capacity(root.materials.len() + 1);
+        for (i, m) in root.materials.iter().enumerate() {
+            let placed = material::material(m, root.textures.len()).map_err(|reason| {
+                SceneError::Format {
+                    file: file.into(),
+                    reason: format!("material {i}: {reason}"),
+                }
+            })?;
+            materials.push(placed);
+        }
+        materials.push(material::plain());
+        let textures = used_textures(file, buffers, &mut materials, resolve)?;
+        Ok(Self {
+            file,
+            buffers,
+            visited: vec![false; root.nodes.len()],
+            triangles: Vec::new(),
+            material_of: Vec::new(),
+            uvs: Vec::new(),
+            nodes: Vec::new(),
+            node_of: Vec::new(),
+            materials,
+            textures,
+            lights: Vec::new(),
+            light_names: Vec::new(),
+            bad_indices: 0,
+            notes: Vec::new(),
+        })
+    }
+
+    fn note(&mut self, text: String) {
+        if !self.notes.contains(&text) && self.notes.len() < 100 {
+            self.notes.push(text);
+        }
+    }
+
+    fn wrong(&self, reason: String) -> SceneError {
+        SceneError::Format {
+            file: self.file.into(),
+            reason,
+        }
+    }
+
+    fn node(
+        &mut self,
+        index: usize,
+        parent: DMat4,
+        above: Option<u32>,
+        depth: usize,
+    ) -> Result<(), SceneError> {
+        let root = self.buffers.root;
+        let Some(node) = root.nodes.get(index) else {
+            return Err(self.wrong(format!("node {index} is not there")));
+        };
+        if depth > DEEPEST {
+            return Err(self.wrong(format!("nodes are nested more than {DEEPEST} deep")));
+        }
+        if std::mem::replace(&mut self.visited[index], true) {
+            return Err(self.wrong(format!("node {index} has more than one parent")));
+        }
+        let transform = parent * local_transform(node);
+        let own = self.nodes.len() as u32;
+        self.nodes.push(MeshNode {
+            name: node.name.clone().unwrap_or_default(),
+            parent: above,
+        });
+        if let Some(mesh) = node.mesh {
+            if node.skin.is_some() {
+                self.note(
+                    "skinned meshes are taken in the pose that their vertices are stored in".into(),
+                );
+            }
+            let first = self.triangles.len();
+            self.mesh(mesh.value(), &transform)?;
+            let kept = self.triangles[first..]
+                .iter()
+                .filter(|t| TriangleMesh::keeps(t))
+                .count();
+            self.node_of.extend(std::iter::repeat_n(own, kept));
+        }
+        if let Some(light) = node
+            .extensions
+            .as_ref()
+            .and_then(|e| e.khr_lights_punctual.as_ref())
+        {
+            self.light(light.light.value(), &transform, node.name.as_deref())?;
+        }
+        for child in node.children.iter().flatten() {
+            self.node(child.value(), transform, Some(own), depth + 1)?;
+        }
+        Ok(())
+    }
+
+    fn mesh(&mut self, index: usize, transform: &DMat4) -> Result<(), SceneError> {
+        let root = self.buffers.root;
+        let Some(mesh) = root.meshes.get(index) else {
+            return Err(self.wrong(format!("mesh {index} is not there")));
+        };
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            self.primitive(primitive, transform)
+                .map_err(|reason| SceneError::Mesh {
+                    file: self.file.into(),
+                    mesh: mesh
+                        .name
+                        .as_ref()
+                        .map_or(index.to_string(), |n| format!("{index} ({n})")),
+                    primitive: p,
+                    reason,
+                })?;
+        }
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &Primitive, transform: &DMat4) -> Result<(), String> {
+        let Checked::Valid(mode) = primitive.mode else {
+            return Err("its mode is not known".into());
+        };
+        if !matches!(
+            mode,
+            Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
+        ) {
+            self.note("points and lines are left out".into());
+            return Ok(());
+        }
+        if primitive.targets.as_ref().is_some_and(|t| !t.is_empty()) {
+            self.note(
+                "morphed meshes are taken in the pose that their vertices are stored in".into(),
+            );
+        }
+        let material = match primitive.material {
+            None => self.materials.len() - 1,
+            Some(m) if m.value() < self.materials.len() - 1 => m.value(),
+            Some(m) => {
+                return Err(format!("material {} is not there", m.value()));
+            }
+        };
+        let positions = primitive
+            .attributes
+            .get(&Checked::Valid(Semantic::Positions))
+            .ok_or("it has no positions")?;
+        let positions = self.buffers.vectors::<3>(*positions)?;
+        let order = match primitive.indices {
+            Some(index) => self.buffers.indices(index)?,
+            None => (0..positions.len() as u32).collect(),
+        };
+        let corners = assemble(mode, &order);
+        let world: Vec<Vec3> = positions
+            .iter()
+            .map(|p| {
+                transform
+                    .transform_point3(Vec3::from_array(*p).as_dvec3())
+                    .as_vec3()
+            })
+            .collect();
+        let uvs = self.coordinates(primitive, material)?;
+        // A mirroring transform turns the winding round; the front stays the front.
+        let mirrored = transform.determinant() < 0.0;
+        for mut corner in corners {
+            if mirrored {
+                corner.swap(1, 2);
+            }
+            let [Some(&a), Some(&b), Some(&c)] = corner.map(|v| world.get(v as usize)) else {
+                self.bad_indices += 1;
+                continue;
+            };
+            self.triangles.push([a, b, c]);
+            self.material_of.push(material as u32);
+            if !self.textures.is_empty() {
+                let at =
+                    |set: &[Vec2]| corner.map(|v| set.get(v as usize).copied().unwrap_or_default());
+                self.uvs.push(TriangleUvs {
+                    base_color: at(&uvs[0]),
+                    metallic: at(&uvs[1]),
+                    emissive: at(&uvs[2]),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The texture coordinates of each of a material's textures, placed.
+    fn coordinates(
+        &mut self,
+        primitive: &Primitive,
+        material: usize,
+    ) -> Result<[Vec<Vec2>; 3], String> {
+        let mut out = [const { Vec::new() }; 3];
+        for (k, placement) in self.materials[material].placements.into_iter().enumerate() {
+            let Some(set) = placement.set else {
+                continue;
+            };
+            match primitive
+                .attributes
+                .get(&Checked::Valid(Semantic::TexCoords(set)))
+            {
+                Some(&accessor) => {
+                    let read = self.buffers.vectors::<2>(accessor)?;
+                    out[k] = read
+                        .into_iter()
+                        .map(|uv| placement.apply(Vec2::from_array(uv)))
+                        .collect();
+                }
+                None => self.note(format!(
+                    "a textured mesh has no texture coordinates {set}: taken as 0"
+                )),
+            }
+        }
+        Ok(out)
+    }
+
+    fn light(
+        &mut self,
+        index: usize,
+        transform: &DMat4,
+        node_name: Option<&str>,
+    ) -> Result<(), SceneError> {
+        let extension = self.buffers.root.extensions.as_ref();
+        let lights = extension.and_then(|e| e.khr_lights_punctual.as_ref());
+        let Some(light) = lights.and_then(|l| l.lights.get(index)) else {
+            return Err(self.wrong(format!("light {index} is not there")));
+        };
+        let Checked::Valid(kind) = light.type_ else {
+            return Err(self.wrong(format!("light {index} is of no known type")));
+        };
+        let strength = Vec3::from_array(light.color) * light.intensity;
+        let position = transform.w_axis.truncate().as_vec3();
+        let direction = transform
+            .transform_vector3(DVec3::NEG_Z)
+            .normalize_or_zero()
+            .as_vec3();
+        if !(strength.is_finite()
+            && strength.min_element() >= 0.0
+            && position.is_finite()
+            && direction != Vec3::ZERO)
+        {
+            return Err(self.wrong(format!(
+                "light {index}: its strength or its place is not a number that light can have"
+            )));
+        }
+        let range = light.range.filter(|r| *r > 0.0).unwrap_or(f32::INFINITY);
+        self.lights.push(match kind {
+            punctual::Type::Directional => Light::Directional {
+                direction,
+                irradiance: strength,
+            },
+            punctual::Type::Point => Light::Point {
+                position,
+                intensity: strength,
+                range,
+            },
+            punctual::Type::Spot => {
+                let (inner, outer) = light
+                    .spot
+                    .as_ref()
+                    .map_or((0.0, core::f32::consts::FRAC_PI_4), |s| {
+                        (s.inner_cone_angle, s.outer_cone_angle)
+                    });
+                if !(inner >= 0.0 && inner <= outer && outer <= core::f32::consts::PI) {
+                    return Err(
+                        self.wrong(format!("light {index}: a cone from {inner} to {outer} rad"))
+                    );
+                }
+                Light::Spot {
+                    position,
+                    direction,
+                    intensity: strength,
+                    inner,
+                    outer,
+                    range,
+                }
+            }
+        });
+        let name = node_name.or(light.name.as_deref()).unwrap_or_default();
+        self.light_names.push(name.to_owned());
+        Ok(())
+    }
+
+    fn finish(self) -> Result<LoadedScene, SceneError> {
+        let materials: Vec<Material> = self.materials.into_iter().map(|m| m.material).collect();
+        let mut mesh = TriangleMesh::textured(
+            self.triangles,
+            self.material_of,
+            materials,
+            self.uvs,
+            self.textures,
+        );
+        mesh.add_bad_indices(self.bad_indices);
+        mesh.set_nodes(self.nodes, self.node_of);
+        let problems = *mesh.problems();
+        if mesh.is_empty() {
+            return Err(SceneError::Empty {
+                file: self.file.into(),
+                dropped: problems.dropped(),
+            });
+        }
+        Ok(LoadedScene {
+            mesh,
+            lights: self.lights,
+            light_names: self.light_names,
+            problems,
+            notes: self.notes,
+        })
+    }
+}
+
+/// Decodes the textures that some material uses, and renumbers the materials' indices to them.
+fn used_textures(
+    file: &str,
+    buffers: &Buffers<'_>,
+    materials: &mut [Placed],
+    resolve: &mut Resolver<'_>,
+) -> Result<Vec<super::Texture>, SceneError> {
+    let mut renumbered = vec![None; buffers.root.textures.len()];
+    let (mut out, mut texels) = (Vec::new(), 0u64);
+    for m in materials.iter_mut().map(|m| &mut m.material) {
+        let slots = [
+            &mut m.base_color_texture,
+            &mut m.metallic_texture,
+            &mut m.emissive_texture,
+        ];
+        for slot in slots.into_iter().flatten() {
+            let number = &mut renumbered[*slot as usize];
+            if number.is_none() {
+                let left = MOST_TEXELS - texels;
+                let texture = material::texture(file, buffers, *slot as usize, left, resolve)?;
+                texels += texture.len();
+                *number = Some(out.len() as u32);
+                out.push(texture);
+            }
+            *slot = number.unwrap_or(0);
+        }
+    }
+    Ok(out)
+}
+
+fn local_transform(node: &scene::Node) -> DMat4 {
+    if let Some(columns) = node.matrix {
+        return DMat4::from_cols_array(&columns.map(f64::from));
+    }
+    let scale = node.scale.unwrap_or([1.0; 3]);
+    let turn = DQuat::from_array(node.rotation.unwrap_or_default().0.map(f64::from));
+    let turn = if turn.length_squared() > 0.0 {
+        turn.normalize()
+    } else {
+        DQuat::IDENTITY
+    };
+    let shift = node.translation.unwrap_or([0.0; 3]);
+    DMat4::from_scale_rotation_translation(
+        DVec3::from_array(scale.map(f64::from)),
+        turn,
+        DVec3::from_array(shift.map(f64::from)),
+    )
+}
+
+/// Triangles of a list, strip or fan, all wound alike.
+fn assemble(mode: Mode, order: &[u32]) -> Vec<[u32; 3]> {
+    match mode {
+        Mode::TriangleStrip => order
+            .windows(3)
+            .enumerate()
+            .map(|(i, w)| {
+                if i % 2 == 0 {
+                    [w[0], w[1], w[2]]
+                } else {
+                    [w[1], w[0], w[2]]
+                }
+            })
+            .collect(),
+        Mode::TriangleFan => match order.split_first() {
+            Some((&hub, rim)) => rim.windows(2).map(|w| [hub, w[0], w[1]]).collect(),
+            None => Vec::new(),
+        },
+        _ => order.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

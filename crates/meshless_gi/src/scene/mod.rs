@@ -1,0 +1,57 @@
+//! What light meets. Basis and transport know a scene only through [`Geometry`] (\[L08\] §5.1); everything here may be
+//! swapped for another representation without touching them.
+//!
+//! Lengths are metres, right-handed, Y up; light is linear RGB.
+
+mod bvh;
+mod bvh_build;
+mod cornell;
+#[cfg(feature = "json")]
+mod description;
+mod error;
+mod geometry;
+#[cfg(feature = "gltf")]
+mod gltf;
+mod implicit;
+mod join;
+#[cfg(feature = "gltf")]
+mod level;
+mod light;
+mod material;
+mod mesh;
+mod mesh_problems;
+mod occluder;
+mod ply;
+mod points;
+mod read;
+mod ringing;
+mod sky;
+mod statue;
+mod watertight;
+
+pub use bvh::{Bvh, BvhNode, BvhTriangle};
+pub use cornell::{Quad, cornell_box, mesh_of_quads};
+#[cfg(feature = "json")]
+pub use description::SceneDescription;
+pub use error::SceneError;
+pub use geometry::{Barrier, Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
+#[cfg(feature = "gltf")]
+pub use gltf::{
+    LoadedScene, Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within,
+};
+pub use implicit::{ImplicitObject, ImplicitScene, Shape};
+#[cfg(feature = "gltf")]
+pub use level::{LoadedGeometry, load_geometry, load_geometry_within};
+pub use light::Light;
+pub use material::{Material, MaterialFactors, Texture, Wrap};
+pub use mesh::{TriangleMesh, TriangleUvs};
+pub use mesh_problems::MeshProblems;
+pub use occluder::{Doorways, MeshNode, Occluder, Shutter};
+pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
+pub use points::{
+    LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes, load_ply_within,
+};
+pub use read::{InputBudget, ReadError, read_file};
+pub use sky::SkyRadiance;
+pub use statue::{statue, statue_room};
+pub use watertight::{TriangleHit, WatertightRay};

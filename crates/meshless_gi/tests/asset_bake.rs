@@ -1,0 +1,141 @@
+//! What a bake makes passes validation and comes back from its file as it was: each rule, each way to many bounces, any number of threads.
+
+use glam::Vec3;
+use meshless_gi::asset::{BakeInfo, BakedScene, Limits, TierInfo, fingerprint};
+use meshless_gi::bake::{
+    BAKE_VERSION, BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake,
+};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{Material, TriangleMesh};
+
+/// A closed room of 4 by 3 by 3 metres with a wall half-way across it.
+fn room() -> TriangleMesh {
+    let mut triangles = Vec::new();
+    let mut quad = |a: Vec3, u: Vec3, v: Vec3| {
+        triangles.push([a, a + u, a + u + v]);
+        triangles.push([a, a + u + v, a + v]);
+    };
+    let (x, y, z) = (Vec3::X * 4.0, Vec3::Y * 3.0, Vec3::Z * 3.0);
+    quad(Vec3::ZERO, z, x);
+    quad(y, x, z);
+    quad(Vec3::ZERO, x, y);
+    quad(z, y, x);
+    quad(Vec3::ZERO, y, z);
+    quad(x, z, y);
+    quad(Vec3::X * 2.0, y, z * 0.5);
+    TriangleMesh::new(triangles, vec![0; 14], vec![Material::default()])
+}
+
+fn baked(recipe: &Recipe, threads: usize) -> BakedScene {
+    let mesh = room();
+    let source = BakeSource {
+        geometry: &mesh,
+        bvh: mesh.bvh(),
+        primitives: mesh.len() as u64,
+        content_hash: mesh.content_hash(),
+        occluders: Vec::new(),
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    pool.install(|| bake(&source, recipe, &Progress::default()))
+        .unwrap()
+        .scene
+}
+
+/// Recipe that bakes the room in a moment.
+fn small() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        coarse_radius: Some(0.8),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        rays: Some(64),
+        epsilon: Some(0.06),
+        tolerance: Some(0.03),
+        ..Recipe::default()
+    }
+}
+
+/// Bakes that are kept are found by the bake version: it must rise with every change of what equal input bakes to. Where this
+/// fails, raise [`BAKE_VERSION`], and take the new digest over.
+#[test]
+fn bake_of_one_version_is_always_the_same() {
+    let mut scene = baked(&small(), 2);
+    // Facts about the bake are no part of it.
+    scene.info = BakeInfo {
+        tiers: TierInfo::of(&scene),
+        ..BakeInfo::default()
+    };
+    let digest = fingerprint(&[&scene.to_bytes().unwrap()]);
+    assert_eq!(
+        (BAKE_VERSION, digest.as_str()),
+        (
+            1,
+            "63536e51059f2294afe79a6591e378486ed881ad3fffc9ad56791bad43db02ce"
+        )
+    );
+}
+
+#[test]
+fn bakes_come_back_from_their_files() {
+    let small = small();
+    for recipe in [
+        small.clone(),
+        Recipe {
+            bounce_mode: BounceMode::Baked,
+            ..small.clone()
+        },
+        Recipe {
+            rule: Rule::L08,
+            ..small.clone()
+        },
+    ] {
+        let scene = baked(&recipe, 2);
+        let stats = scene
+            .validate()
+            .unwrap_or_else(|v| panic!("{:?}: {}", recipe.rule, v[0]));
+        assert!(stats.links > 100 && stats.senders > 10, "{stats:?}");
+        assert_eq!(
+            stats.bounce_links > 0,
+            recipe.bounce_mode == BounceMode::Baked
+        );
+        let bytes = scene.to_bytes().unwrap();
+        let back = BakedScene::from_bytes(&bytes, &Limits::default()).unwrap();
+        assert!(back == scene);
+        // The grid takes more than anything else in memory, and is not in the file.
+        assert!(
+            (bytes.len() as u64) < stats.memory / 2,
+            "{} of {}",
+            bytes.len(),
+            stats.memory
+        );
+        // And the frame that runs on it is lit.
+        let mut frame = CpuFrame::new(&back);
+        frame.set_lights(
+            &back,
+            &[FrameLight::point(
+                Vec3::new(1.0, 2.0, 1.5),
+                Vec3::ONE,
+                f32::INFINITY,
+            )],
+        );
+        frame.solve(&back, &FrameSettings::bounces(2));
+        let e = frame
+            .irradiance(&back, Vec3::new(1.0, 0.0, 1.5), Vec3::Y)
+            .unwrap();
+        assert!(e.min_element() > 0.01, "{e}");
+    }
+    // Twice, on one thread and on two: the same bytes.
+    let bytes = |recipe: &Recipe, threads| baked(recipe, threads).to_bytes().unwrap();
+    let two = bytes(&small, 2);
+    assert!(bytes(&small, 1) == two);
+    // Must fail: another seed is another bake.
+    let other = Recipe {
+        seed: 7,
+        ..small.clone()
+    };
+    assert!(bytes(&other, 2) != two);
+}

@@ -1,0 +1,566 @@
+//! A door between two rooms, and a shutter before an open box: how much of the light beyond them is left when they shut, beside bakes of levels that are closed there; what
+//! is half open; and what is refused. Every comparison is made a second time with a wrong input, where it must fail.
+#![allow(clippy::float_cmp, reason = "what is shut is nothing, to the bit")]
+
+use glam::Vec3;
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::{
+    BakeError, BakeLevelError, FreeSpaceLight, OccluderBox, OccluderShape, Preset, Progress,
+    Recipe, Rule, Sky, bake_level,
+};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{
+    Light, Material, Quad, SkyRadiance, TriangleMesh, load_gltf, mesh_of_quads,
+};
+use meshless_gi::transport::Passage;
+use std::path::Path;
+
+/// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Metres.
+const SIZE: Vec3 = Vec3::new(8.0, 2.6, 3.6);
+const WALL: [f32; 2] = [3.9, 4.1];
+const OPENING: [f32; 3] = [1.4, 2.4, 2.0];
+
+/// How the opening is.
+#[derive(Clone, Copy, PartialEq)]
+enum Opening {
+    Open,
+    /// A black panel in the middle of the wall: what a shut door is.
+    Panel,
+}
+
+fn quad(origin: Vec3, u: Vec3, v: Vec3, albedo: f32) -> Quad {
+    Quad {
+        corners: [origin, origin + u, origin + u + v, origin + v],
+        material: Material::diffuse(Vec3::splat(albedo)),
+    }
+}
+
+/// Two rooms.
+fn rooms(opening: Opening) -> TriangleMesh {
+    level(&[4.0], opening)
+}
+
+/// Rooms one behind the other, with a wall between them at each of these x, and an opening in each.
+fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
+    let [w, h, d] = SIZE.to_array();
+    let [left, right, top] = OPENING;
+    let mut quads = vec![
+        quad(Vec3::ZERO, d * z, w * x, 0.6),
+        quad(h * y, w * x, d * z, 0.7),
+        quad(Vec3::ZERO, w * x, h * y, 0.7),
+        quad(d * z, h * y, w * x, 0.7),
+        quad(Vec3::ZERO, h * y, d * z, 0.7),
+        quad(w * x, d * z, h * y, 0.7),
+    ];
+    for &wall in walls {
+        let [from_x, to_x] = [wall - 0.1, wall + 0.1];
+        for [from, to, low, high] in [
+            [0.0, left, 0.0, h],
+            [right, d, 0.0, h],
+            [left, right, top, h],
+        ] {
+            let corner = from * z + low * y;
+            let (across, up) = ((to - from) * z, (high - low) * y);
+            quads.push(quad(from_x * x + corner, across, up, 0.7));
+            quads.push(quad(to_x * x + corner, up, across, 0.7));
+        }
+        let (foot, thick) = (from_x * x + left * z, (to_x - from_x) * x);
+        let across = (right - left) * z;
+        quads.push(quad(foot, thick, top * y, 0.7));
+        quads.push(quad(foot + across, top * y, thick, 0.7));
+        quads.push(quad(foot + top * y, thick, across, 0.7));
+        if opening == Opening::Panel {
+            let foot = (wall - 0.02) * x + left * z;
+            quads.push(quad(foot, across, top * y, 0.0));
+            let foot = (wall + 0.02) * x + left * z;
+            quads.push(quad(foot, top * y, across, 0.0));
+        }
+    }
+    mesh_of_quads(&quads)
+}
+
+/// The door between two rooms.
+fn door() -> OccluderShape {
+    door_at("door", 4.0)
+}
+
+/// A door in the middle of the wall at x, four centimetres thick.
+fn door_at(name: &str, x: f32) -> OccluderShape {
+    let [left, right, top] = OPENING;
+    OccluderShape {
+        name: name.into(),
+        boxes: vec![OccluderBox {
+            center: [x, 0.5 * top, 0.5 * (left + right)],
+            half_edges: [0.02, 0.5 * top, 0.5 * (right - left)],
+        }],
+    }
+}
+
+fn recipe(occluders: Vec<OccluderShape>) -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
+        probes: Some(FreeSpaceLight::default()),
+        occluders,
+        ..Recipe::default()
+    }
+}
+
+fn baked(mesh: &TriangleMesh, recipe: &Recipe) -> BakedScene {
+    bake_level(mesh, recipe, 0, &Progress::default())
+        .expect("a bake")
+        .scene
+}
+
+fn lamp() -> Vec<FrameLight> {
+    let lamp = Light::Point {
+        position: Vec3::new(2.2, 2.1, 1.3),
+        intensity: Vec3::splat(10.0),
+        range: f32::INFINITY,
+    };
+    FrameLight::expand(&lamp, 1)
+}
+
+/// Places on walls, floor and ceiling from x to x, with their normals, centimetres from the door and far.
+fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
+    let mut out = Vec::new();
+    let steps = 16;
+    for i in 0..steps {
+        let x = from + (to - from) * (i as f32 + 0.5) / steps as f32;
+        for k in 0..steps {
+            let t = (k as f32 + 0.5) / steps as f32;
+            let (y, z) = (t * SIZE.y, t * SIZE.z);
+            out.extend([
+                (Vec3::new(x, 0.0, z), Vec3::Y),
+                (Vec3::new(x, SIZE.y, z), Vec3::NEG_Y),
+                (Vec3::new(x, y, 0.0), Vec3::Z),
+                (Vec3::new(x, y, SIZE.z), Vec3::NEG_Z),
+            ]);
+        }
+    }
+    out
+}
+
+fn lit_room() -> Vec<(Vec3, Vec3)> {
+    places(0.02, 3.88)
+}
+
+/// The room behind the door, the side of the wall that looks into it, and what of the opening lies beyond the door.
+fn dark_room() -> Vec<(Vec3, Vec3)> {
+    let mut out = places(4.12, 7.98);
+    let [left, right, top] = OPENING;
+    for k in 0..20 {
+        let t = (k as f32 + 0.5) / 20.0;
+        let (x, y, z) = (4.025 + 0.075 * t, 0.99 * t * top, left + t * (right - left));
+        out.extend([
+            (Vec3::new(WALL[1], 2.1 + 0.02 * k as f32, z), Vec3::X),
+            (Vec3::new(WALL[1], y, 0.9 * left * t), Vec3::X),
+            (Vec3::new(x, 0.0, z), Vec3::Y),
+            (Vec3::new(x, y, left), Vec3::Z),
+            (Vec3::new(x, y, right), Vec3::NEG_Z),
+        ]);
+    }
+    out
+}
+
+/// Direct and indirect light together at the places, and the mean over all around at probes' height in the second room.
+fn light(frame: &CpuFrame, scene: &BakedScene, places: &[(Vec3, Vec3)]) -> Vec<f32> {
+    let at = |&(x, n): &(Vec3, Vec3)| {
+        let e = frame.irradiance(scene, x, n).expect("a function there");
+        e.x + frame.direct(scene, x + n * 1e-4, n).x
+    };
+    places.iter().map(at).collect()
+}
+
+fn root_mean_square(values: &[f32]) -> f64 {
+    let sum: f64 = values.iter().map(|&v| f64::from(v) * f64::from(v)).sum();
+    (sum / values.len() as f64).sqrt()
+}
+
+/// Root mean square of the differences, over that of `right`.
+fn error(found: &[f32], right: &[f32]) -> f64 {
+    let off: Vec<f32> = found.iter().zip(right).map(|(a, b)| a - b).collect();
+    root_mean_square(&off) / root_mean_square(right)
+}
+
+/// The frame of a scene under the lamp, with these gains.
+fn lit(scene: &BakedScene, gains: &[f32]) -> CpuFrame {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, &lamp());
+    frame.set_occluders(scene, gains);
+    frame.solve(scene, &FrameSettings::bounces(4));
+    frame
+}
+
+fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
+    let places = (0..40).map(|i| {
+        let t = (i as f32 + 0.5) / 40.0;
+        Vec3::new(4.2 + 3.7 * t, 0.2 + 2.2 * t, 0.3 + 3.0 * (1.0 - t))
+    });
+    let up = |x| {
+        frame
+            .in_space(scene, x, Vec3::NEG_X)
+            .map(|l| l.irradiance(Vec3::NEG_X).x)
+    };
+    places.map(|x| up(x).expect("a probe there")).collect()
+}
+
+#[test]
+fn a_shut_door_leaves_nothing_beyond_it() {
+    let open_rooms = rooms(Opening::Open);
+    let with = baked(&open_rooms, &recipe(vec![door()]));
+    let without = baked(&open_rooms, &recipe(Vec::new()));
+    let closed = baked(&rooms(Opening::Panel), &recipe(Vec::new()));
+    let known = with.occluders.as_ref().expect("a door");
+    assert_eq!(known.names, ["door"]);
+    assert_eq!(known.sets, [0, 1]);
+    assert!(!known.probes.is_empty());
+    assert!(without.occluders.is_none());
+    // Half of a level does not look through the door.
+    let share = known.links.len() as f64 / with.operator.links.len() as f64;
+    println!(
+        "{} of {} links' parts, {share:.3}",
+        known.links.len(),
+        with.operator.links.len()
+    );
+    assert!(share < 0.7, "{share}");
+
+    let (near, beyond) = (lit_room(), dark_room());
+    let open = lit(&with, &[]);
+    let right = lit(&without, &[]);
+    let [a, b] = [(&open, &with), (&right, &without)].map(|(f, s)| light(f, s, &beyond));
+    println!(
+        "open, beyond: {:.4} of the bake without a door",
+        error(&a, &b)
+    );
+    assert!(error(&a, &b) < 0.1, "{}", error(&a, &b));
+    let bright = root_mean_square(&b);
+
+    let shut = lit(&with, &[0.0]);
+    let black = light(&lit(&closed, &[]), &closed, &beyond);
+    let dark = light(&shut, &with, &beyond);
+    let off: Vec<f32> = dark.iter().zip(&black).map(|(a, b)| a - b).collect();
+    let left = root_mean_square(&off) / bright;
+    println!("shut, beyond: {left:.2e} of the open light");
+    assert!(left <= 0.01, "{left}");
+    let worst = off.iter().fold(0.0f32, |a, o| a.max(o.abs()));
+    println!(
+        "the brightest of {} places: {worst:.2e}, {bright:.2e} when open",
+        off.len()
+    );
+    assert!(f64::from(worst) <= 0.01 * bright, "{worst}");
+    let space = in_space(&shut, &with);
+    let open_space = in_space(&open, &with);
+    let left = root_mean_square(&space) / root_mean_square(&open_space);
+    println!("shut, in free space beyond: {left:.2e} of the open light");
+    assert!(left <= 0.01, "{left}");
+    // The room before it, beside one with a black panel where the door is.
+    let before = light(&lit(&closed, &[]), &closed, &near);
+    let found = light(&shut, &with, &near);
+    println!(
+        "shut, before: {:.4} of the bake with a panel",
+        error(&found, &before)
+    );
+    assert!(error(&found, &before) < 0.1);
+
+    // Ajar, it lets through what it says: of what passes once, half.
+    let half = lit(&with, &[0.5]);
+    let ajar = light(&half, &with, &beyond);
+    let between = root_mean_square(&ajar) / root_mean_square(&a);
+    println!("half open, beyond: {between:.4} of the open light");
+    assert!((0.3..0.55).contains(&between), "{between}");
+    let nearly = light(&lit(&with, &[0.1]), &with, &beyond);
+    assert!(
+        root_mean_square(&nearly) > 0.01 * bright,
+        "a gap is no shut door"
+    );
+}
+
+/// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and what lies before it stays lit.
+#[test]
+fn two_doors_in_a_row() {
+    let mesh = level(&[3.0, 5.5], Opening::Open);
+    let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| places(from, to));
+    let viewpoints = vec![[1.5, 1.3, 1.8], [4.2, 1.3, 1.8], [6.7, 1.3, 1.8]];
+    let recipe = |occluders| Recipe {
+        viewpoints: viewpoints.clone(),
+        ..recipe(occluders)
+    };
+    let doors = vec![door_at("first", 3.0), door_at("second", 5.5)];
+    let scene = baked(&mesh, &recipe(doors));
+    // None, the first, the second, both.
+    let known = scene.occluders.as_ref().expect("two doors");
+    assert_eq!(known.sets, [0, 1, 2, 3]);
+    let of = |gains: [f32; 2]| {
+        let frame = lit(&scene, &gains);
+        rooms
+            .each_ref()
+            .map(|room| root_mean_square(&light(&frame, &scene, room)))
+    };
+    let open = of([1.0, 1.0]);
+    let without = baked(&mesh, &recipe(Vec::new()));
+    let frame = lit(&without, &[]);
+    for (k, room) in rooms.iter().enumerate() {
+        let right = root_mean_square(&light(&frame, &without, room));
+        println!("open, room {k}: {:.3e} beside {right:.3e}", open[k]);
+        assert!((open[k] / right - 1.0).abs() < 0.1, "{k}");
+    }
+    for (gains, dark) in [
+        ([0.0, 1.0], [false, true, true]),
+        ([1.0, 0.0], [false, false, true]),
+        ([0.0, 0.0], [false, true, true]),
+    ] {
+        let found = of(gains);
+        for k in 0..3 {
+            let part = found[k] / open[k];
+            println!("doors {gains:?}, room {k}: {part:.2e} of the open light");
+            assert!(if dark[k] { part <= 0.01 } else { part > 0.5 }, "{gains:?}");
+        }
+    }
+    // What passes both passes a half of a half; what comes back and forth takes a little more away.
+    let half = of([0.5, 0.5])[2] / open[2];
+    let one = of([0.5, 1.0])[2] / open[2];
+    println!("half open in the last room, both {half:.3}, the first {one:.3}");
+    assert!((0.15..0.3).contains(&half) && (0.35..0.55).contains(&one));
+}
+
+#[test]
+fn a_frame_follows_the_door_and_comes_back() {
+    let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
+    let settings = FrameSettings::bounces(4);
+    let mut frame = lit(&scene, &[]);
+    let open = frame.values().to_vec();
+    assert!(!frame.set_occluders(&scene, &[1.0]), "nothing changed");
+    assert!(
+        !frame.set_occluders(&scene, &[7.0, 3.0]),
+        "no more than open"
+    );
+    assert!(!frame.solve(&scene, &settings));
+    let projected = frame.counters().projected;
+    assert!(frame.set_occluders(&scene, &[0.25]));
+    assert_eq!(
+        frame.counters().projected,
+        projected + 1,
+        "its shadow moved"
+    );
+    assert!(frame.solve(&scene, &settings));
+    assert_ne!(frame.values(), open);
+    assert!(frame.set_occluders(&scene, &[1.0]));
+    frame.solve(&scene, &settings);
+    assert_eq!(frame.values(), open, "open again, to the bit");
+    assert_eq!(frame.links(&scene)[0], scene.operator.links);
+    // A level without a door has none to shut.
+    let bytes = scene.to_bytes().unwrap();
+    assert_eq!(
+        BakedScene::from_bytes(&bytes, &Limits::default()).unwrap(),
+        scene
+    );
+}
+
+/// A box open to +Z, and a shutter before the opening.
+fn open_box() -> (TriangleMesh, Recipe) {
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+        .join("tests/data/cornell/cornell.glb");
+    let mesh = load_gltf(&file).unwrap().mesh;
+    let bounds = meshless_gi::scene::Geometry::bounds(&mesh);
+    let (center, size) = (bounds.center(), bounds.size());
+    // The box is open at its front: where z is least.
+    let shutter = |name: &str, z: f32| OccluderShape {
+        name: name.into(),
+        boxes: vec![OccluderBox {
+            center: [center.x, center.y, z],
+            half_edges: [0.6 * size.x, 0.6 * size.y, 0.01],
+        }],
+    };
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        sky: Sky::Harmonics,
+        live_materials: true,
+        probes: Some(FreeSpaceLight::default()),
+        occluders: vec![
+            shutter("outer", bounds.min.z - 0.4),
+            shutter("inner", bounds.min.z - 0.1),
+        ],
+        ..Recipe::default()
+    };
+    (mesh, recipe)
+}
+
+#[test]
+fn the_sky_is_shut_out() {
+    let (mesh, recipe) = open_box();
+    let scene = baked(&mesh, &recipe);
+    let known = scene.occluders.as_ref().unwrap();
+    // Who looks past the edge of one may still look through the other.
+    assert!(known.sets.contains(&0b11), "{:?}", known.sets);
+    let mut sky = SkyRadiance::from(Vec3::splat(2.0));
+    sky.terms[0] = Vec3::new(0.3, 0.2, 0.1);
+    sky.terms[5] = Vec3::new(-0.1, 0.2, 0.1);
+    let settings = FrameSettings {
+        sky,
+        ..FrameSettings::bounces(3)
+    };
+    let sun = Light::Directional {
+        direction: Vec3::new(0.2, -0.3, 1.0).normalize(),
+        irradiance: Vec3::splat(3.0),
+    };
+    let sum = |gains: &[f32]| -> f64 {
+        let mut frame = CpuFrame::new(&scene);
+        let lights = FrameLight::expand(&sun, 1);
+        frame.set_lights(&scene, &lights);
+        frame.set_occluders(&scene, gains);
+        frame.solve(&scene, &settings);
+        let all = frame.values().iter().zip(&scene.points);
+        let sum: f64 = all.map(|(e, p)| f64::from(e.dot(p.n()).x)).sum();
+        // The second of a probe's three rows starts with what comes from all around.
+        let around = frame.probes().chunks_exact(3).map(|e| f64::from(e[1].x[0]));
+        let space: f64 = around.sum();
+        println!("{gains:?}: {sum:.4} on surfaces, {space:.4} in free space");
+        sum + space
+    };
+    let open = sum(&[]);
+    assert!(open > 100.0, "{open}");
+    let inner = sum(&[1.0, 0.0]);
+    assert!(inner.abs() < 0.01 * open, "{inner} of {open}");
+    // Both half open let a quarter through.
+    let both = sum(&[0.5, 0.5]) / open;
+    assert!((0.2..0.3).contains(&both), "{both}");
+    let one = sum(&[0.5, 1.0]) / open;
+    assert!((0.45..0.6).contains(&one), "{one}");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let mesh = rooms(Opening::Open);
+    let fails =
+        |recipe: &Recipe| bake_level(&mesh, recipe, 0, &Progress::default()).expect_err("no bake");
+    let named = |names: &[&str]| Recipe {
+        occluders: names.iter().map(|&n| OccluderShape::node(n)).collect(),
+        ..Recipe::default()
+    };
+    let missing = fails(&named(&["gate"]));
+    assert!(
+        matches!(&missing, BakeLevelError::Bake(BakeError::NoOccluder { name }) if name == "gate"),
+        "{missing}"
+    );
+    assert!(missing.to_string().contains("`gate`"));
+    let many: Vec<String> = (0..65).map(|i| format!("door {i}")).collect();
+    let many: Vec<&str> = many.iter().map(String::as_str).collect();
+    let with_box = |center: [f32; 3], half_edges: [f32; 3]| Recipe {
+        occluders: vec![OccluderShape {
+            name: "door".into(),
+            boxes: vec![OccluderBox { center, half_edges }],
+        }],
+        ..Recipe::default()
+    };
+    let baked_bounces = Recipe {
+        bounce_mode: meshless_gi::bake::BounceMode::Baked,
+        ..with_box([0.0; 3], [1.0; 3])
+    };
+    let other_rule = Recipe {
+        rule: Rule::L08,
+        ..with_box([0.0; 3], [1.0; 3])
+    };
+    for (wrong, says) in [
+        (named(&[""]), "0 bytes"),
+        (named(&["a", "b", "a"]), "two called `a`"),
+        (named(&many), "65 of them"),
+        (with_box([f32::NAN, 0.0, 0.0], [1.0; 3]), "boxes"),
+        (with_box([0.0; 3], [1.0, 0.0, 1.0]), "boxes"),
+        (with_box([0.0; 3], [1.0, -1.0, 1.0]), "boxes"),
+        (baked_bounces, "bounces Live"),
+        (other_rule, "rule Bounded"),
+    ] {
+        let error = fails(&wrong).to_string();
+        assert!(
+            error.contains("occluders") && error.contains(says),
+            "{error}"
+        );
+    }
+    let text = "(occluders: [(name: \"door\", boxes: [(center: (0, 1, 2), half_edges: (1, 1, 1))]), (name: \"lift\")])";
+    let read = Recipe::from_ron(text).expect("a recipe");
+    assert_eq!(read.occluders[0].boxes[0].center, [0.0, 1.0, 2.0]);
+    assert_eq!(read.occluders[1], OccluderShape::node("lift"));
+    assert!(Recipe::from_ron("(occluders: [(name: \"door\", gain: 3)])").is_err());
+}
+
+#[test]
+fn a_damaged_bake_is_refused() {
+    let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
+    scene.validate().expect("a sound bake");
+    type Damage = fn(&mut BakedScene);
+    let damages: [(&str, Damage); 14] = [
+        ("occluder triangles", |s| s.occluders = None),
+        ("occluder triangles", |s| s.bvh.triangles[0].occluder = 1),
+        ("occluder triangles", |s| s.bvh.triangles[0].gain = 0.5),
+        ("occluder triangles", |s| {
+            s.bvh.triangles.last_mut().unwrap().occluder = 2;
+        }),
+        ("occluder triangles", |s| {
+            s.bvh.triangles.last_mut().unwrap().gain = 7.0;
+        }),
+        ("occluder names", |s| {
+            s.occluders.as_mut().unwrap().names[0].clear()
+        }),
+        ("occluder names", |s| {
+            let names = &mut s.occluders.as_mut().unwrap().names;
+            *names = vec!["door".into(); 2];
+        }),
+        ("occluder sets", |s| {
+            s.occluders.as_mut().unwrap().sets[1] = 2
+        }),
+        ("occluder sets", |s| {
+            s.occluders.as_mut().unwrap().sets.reverse()
+        }),
+        ("passages", |s| {
+            s.occluders.as_mut().unwrap().sets.truncate(1)
+        }),
+        ("passages", |s| {
+            s.occluders.as_mut().unwrap().links[0].link = u32::MAX
+        }),
+        ("passages", |s| {
+            s.occluders.as_mut().unwrap().links[3].xy ^= 0x40
+        }),
+        ("passages", |s| {
+            s.occluders.as_mut().unwrap().links.swap(0, 1)
+        }),
+        ("probe passages", |s| {
+            s.occluders
+                .as_mut()
+                .unwrap()
+                .probes
+                .push(Passage::default());
+        }),
+    ];
+    for (place, damage) in damages {
+        let mut broken = scene.clone();
+        damage(&mut broken);
+        let found = broken.validate().expect_err(place);
+        assert!(found.iter().any(|v| v.place == place), "{place}: {found:?}");
+        assert!(broken.to_bytes().is_err());
+    }
+    // Parts that cancel out when open would make light when one is shut.
+    let mut bright = scene.clone();
+    let known = bright.occluders.as_mut().unwrap();
+    let row = (bright.operator.rows.iter())
+        .find(|r| r.count > 0 && known.links.iter().any(|p| p.link == r.start))
+        .copied();
+    if let Some(row) = row {
+        let at = known.links.partition_point(|p| p.link < row.start);
+        let one = 0x3c00_3c00;
+        known.links[at].xy = one;
+        assert!(bright.validate().is_err());
+    }
+    // Every byte of the new sections counts.
+    let bytes = scene.to_bytes().unwrap();
+    let behind = bytes.len() - 2000;
+    for at in (behind..bytes.len()).step_by(97) {
+        let mut broken = bytes.clone();
+        broken[at] ^= 0x10;
+        assert!(
+            BakedScene::from_bytes(&broken, &Limits::default()).is_err(),
+            "{at}"
+        );
+    }
+}

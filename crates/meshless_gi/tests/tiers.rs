@@ -1,0 +1,178 @@
+//! The operator's tiers (design D11): a prefix of the links is an operator that is as bright as the whole, cheaper, and little worse.
+
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
+use meshless_gi::samples::trace_particles;
+use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::transport::{Row, TIERS};
+use std::path::Path;
+
+struct Level {
+    mesh: TriangleMesh,
+    lights: Vec<FrameLight>,
+}
+
+fn level(name: &str) -> Level {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+        .join("tests/data")
+        .join(name);
+    let scene = SceneDescription::read(folder.join("L0.json")).unwrap();
+    let lights = scene.lights.iter();
+    Level {
+        mesh: load_gltf(&scene.geometry[0]).unwrap().mesh,
+        lights: lights.flat_map(|l| FrameLight::expand(l, 16)).collect(),
+    }
+}
+
+fn baked(level: &Level, recipe: Recipe) -> BakedScene {
+    bake_level(&level.mesh, &recipe, 0, &Progress::default())
+        .unwrap()
+        .scene
+}
+
+fn draft() -> Recipe {
+    Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    }
+}
+
+fn solve(scene: &BakedScene, lights: &[FrameLight], tier: u32) -> CpuFrame {
+    let mut frame = CpuFrame::new(scene);
+    frame.set_lights(scene, lights);
+    let settings = FrameSettings {
+        tier,
+        ..FrameSettings::bounces(4)
+    };
+    frame.solve(scene, &settings);
+    frame
+}
+
+/// Irradiance at places where light lands, drawn without regard to the bake's points.
+fn seen(scene: &BakedScene, level: &Level, tier: u32) -> Vec<Vec3> {
+    let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
+    let frame = solve(scene, &level.lights, tier);
+    trace_particles(&level.mesh, &viewpoints, 0..2048, 0x7469_6572, false)
+        .candidates
+        .iter()
+        .map(|c| (c.surface.position, c.surface.normal))
+        .map(|(x, n)| frame.irradiance(scene, x, n).unwrap_or_default())
+        .collect()
+}
+
+/// Mean difference to `whole`, and its root mean square, relative to the mean and the root mean square of `whole`.
+fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
+    let (mut bias, mut mean, mut square, mut power) = (0.0, 0.0, 0.0, 0.0);
+    for (a, b) in part.iter().zip(whole) {
+        bias += f64::from((*a - *b).element_sum());
+        mean += f64::from(b.element_sum());
+        square += f64::from((*a - *b).length_squared());
+        power += f64::from(b.length_squared());
+    }
+    (bias / mean, (square / power).sqrt())
+}
+
+/// Every tier is as bright as the whole, within half a percent, and a higher tier is nearer to it.
+fn neither_darker_nor_brighter(name: &str) {
+    let level = level(name);
+    let scene = baked(&level, draft());
+    assert_eq!(scene.operator.tiers(), TIERS);
+    let whole = seen(&scene, &level, TIERS);
+    let mut last = f64::INFINITY;
+    for (tier, info) in (1..TIERS).zip(&scene.info.tiers) {
+        let (bias, rms) = compare(&seen(&scene, &level, tier), &whole);
+        let share = info.links as f64 / scene.operator.links.len() as f64;
+        println!(
+            "{name}, tier {tier}, {:.1} % of the links: bias {:+.3} %, difference {:.2} %",
+            100.0 * share,
+            100.0 * bias,
+            100.0 * rms
+        );
+        assert!(bias.abs() <= 0.005, "{name}, tier {tier}: {bias}");
+        assert!(rms < last && rms > 0.0, "{name}, tier {tier}: {rms}");
+        // An eighth, a quarter and half of the links, about.
+        let wanted = 0.5f64.powi((TIERS - tier) as i32);
+        assert!((share / wanted - 1.0).abs() < 0.1, "tier {tier}: {share}");
+        last = rms;
+    }
+    // Must fail: rows that are left out and not made up for.
+    let mut orphans = scene.clone();
+    orphans.operator.rows.iter_mut().for_each(|row| {
+        if row.tier > 1 {
+            *row = Row {
+                tier: 1,
+                ..Row::default()
+            };
+        }
+    });
+    let (bias, _) = compare(&seen(&orphans, &level, 1), &whole);
+    assert!(bias < -0.05, "{name}: darkness goes unnoticed: {bias}");
+}
+
+#[test]
+fn tiers_of_the_cornell_box() {
+    neither_darker_nor_brighter("cornell");
+}
+
+#[test]
+fn tiers_of_open_rooms() {
+    neither_darker_nor_brighter("rooms_open");
+}
+
+/// What a frame of a tier needs of the links is a prefix of them.
+#[test]
+fn a_prefix_of_the_links_is_the_operator_of_a_tier() {
+    let level = level("cornell");
+    let recipe = Recipe {
+        levels: Some(4),
+        extra_levels: Some(1),
+        rays: Some(64),
+        ..draft()
+    };
+    let scene = baked(&level, recipe.clone());
+    for (tier, info) in (1..).zip(&scene.info.tiers) {
+        let mut part = scene.clone();
+        part.operator.links.truncate(info.links as usize);
+        let rows = &mut part.operator.rows;
+        rows.iter_mut()
+            .filter(|row| row.tier > tier)
+            .for_each(|row| *row = Row::default());
+        assert_eq!(
+            rows.iter().filter(|row| row.tier > 0).count() as u64,
+            info.rows
+        );
+        part.info.tiers.truncate(tier as usize);
+        part.validate().unwrap();
+        let values = |scene: &BakedScene, t: u32| -> Vec<VectorIrradiance> {
+            solve(scene, &level.lights, t).values().to_vec()
+        };
+        assert!(values(&part, FrameSettings::ALL_TIERS) == values(&scene, tier));
+        if tier > 1 {
+            assert!(values(&part, FrameSettings::ALL_TIERS) != values(&scene, tier - 1));
+        }
+    }
+    // What is beyond the tiers is all of them, and there is none below the first.
+    let values = |t| solve(&scene, &level.lights, t).values().to_vec();
+    assert!(values(99) == values(TIERS) && values(0) == values(1));
+    // The same tiers again, whatever the threads.
+    let alone = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    assert!(alone.install(|| baked(&level, recipe)).operator == scene.operator);
+}
+
+/// Differences are not left out.
+#[test]
+fn the_papers_rule_has_one_tier() {
+    let recipe = Recipe {
+        rule: Rule::L08,
+        levels: Some(3),
+        rays: Some(64),
+        ..draft()
+    };
+    let scene = baked(&level("cornell"), recipe);
+    assert_eq!((scene.operator.tiers(), scene.info.tiers.len()), (1, 1));
+}

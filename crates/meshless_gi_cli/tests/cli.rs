@@ -1,0 +1,641 @@
+//! The tool as a user has it: the built program, its exit codes, its files and what it prints.
+
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+const DONE: i32 = 0;
+const INPUT: i32 = 1;
+const USAGE: i32 = 2;
+const IO: i32 = 3;
+
+fn data(path: &str) -> String {
+    format!(
+        "{}/tests/data/{path}",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
+    )
+}
+
+fn tool(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the tool starts")
+}
+
+/// Runs the tool and returns what it prints, after a look at its exit code. No panic ever, and nothing on standard output but results.
+fn expect(code: i32, arguments: &[&str]) -> (String, String) {
+    let ran = tool(arguments);
+    let out = String::from_utf8(ran.stdout).expect("text");
+    let err = String::from_utf8(ran.stderr).expect("text");
+    assert_eq!(ran.status.code(), Some(code), "{arguments:?}: {out}{err}");
+    assert!(!err.contains("panicked"), "{arguments:?}: {err}");
+    assert!(
+        !out.contains('\u{1b}') && !err.contains('\u{1b}'),
+        "bars are for terminals: {err}"
+    );
+    if code == INPUT || code == IO {
+        assert!(err.contains("error: "), "{arguments:?} says nothing");
+    }
+    (out, err)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("text")
+}
+
+/// A recipe that bakes in less than a second.
+const QUICK: &str =
+    "(preset: Draft, rays: 64, levels: 4, sender_levels: 3, extra_levels: 0, epsilon: 0.03)";
+
+/// The Cornell box, baked with [`QUICK`], and its statistics: once for all tests.
+fn baked() -> &'static (TempDir, PathBuf, Value) {
+    static BAKED: OnceLock<(TempDir, PathBuf, Value)> = OnceLock::new();
+    BAKED.get_or_init(|| {
+        // Never dropped: below the build folder, not in everybody's.
+        let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("quick.gi.ron"), QUICK).unwrap();
+        let (out, stats) = (at("cornell.mgi"), at("stats.json"));
+        let (printed, _) = expect(
+            DONE,
+            &[
+                "bake",
+                &data("cornell/cornell.glb"),
+                "-o",
+                text(&out),
+                "--recipe",
+                text(&at("quick.gi.ron")),
+                "--stats",
+                text(&stats),
+                "--threads",
+                "2",
+                "--yardstick",
+            ],
+        );
+        for word in ["points", "links", "estimated error", "seconds", "yardstick"] {
+            assert!(printed.contains(word), "no {word}: {printed}");
+        }
+        let stats = serde_json::from_slice(&fs::read(stats).unwrap()).expect("JSON");
+        (folder, out, stats)
+    })
+}
+
+#[test]
+fn statistics_have_their_fields() {
+    let (_, out, stats) = baked();
+    let seconds = &stats["seconds"];
+    let mut parts = 0.0;
+    for name in [
+        "load", "bvh", "points", "gather", "refine", "bounces", "write", "estimate",
+    ] {
+        let s = seconds[name].as_f64().unwrap_or(f64::NAN);
+        assert!(s >= 0.0, "{name}: {s}");
+        parts += s;
+    }
+    let total = seconds["total"].as_f64().unwrap();
+    assert!(
+        parts <= total * 1.001 && parts > 0.5 * total,
+        "{parts} of {total}"
+    );
+    for (name, value) in [("triangles", 30), ("threads", 2)] {
+        assert_eq!(stats[name], value);
+    }
+    for name in ["rays", "links", "gather_rays"] {
+        assert!(stats[name].as_u64().unwrap() > 1000, "{name}");
+    }
+    assert_eq!(
+        stats["bytes"].as_u64().unwrap(),
+        fs::metadata(out).unwrap().len()
+    );
+    assert_eq!(stats["points_per_level"].as_array().unwrap().len(), 4);
+    assert!(stats["estimated_nrmse"].as_f64().unwrap() >= 0.0);
+    assert!(stats["yardstick_seconds"].as_f64().unwrap() > 0.0);
+    assert!(stats["total_over_yardstick"].as_f64().unwrap() > 1.0);
+}
+
+#[test]
+fn the_same_bytes_for_any_number_of_threads() {
+    let (folder, out, _) = baked();
+    let again = folder.path().join("one.mgi");
+    let recipe = folder.path().join("quick.gi.ron");
+    let bake = |more: &[&str]| {
+        let scene = data("cornell/cornell.glb");
+        let mut all = vec![
+            "bake",
+            &scene,
+            "-o",
+            text(&again),
+            "--recipe",
+            text(&recipe),
+        ];
+        all.extend(more);
+        expect(DONE, &all);
+        fs::read(&again).unwrap()
+    };
+    let first = fs::read(out).unwrap();
+    assert!(
+        bake(&["--threads", "1"]) == first,
+        "one thread, other bytes"
+    );
+    assert!(bake(&["--seed", "7"]) != first, "the seed changes nothing");
+}
+
+/// Columns of a CSV file by name, as numbers.
+fn columns(csv: &str, names: [&str; 3]) -> Vec<[f64; 3]> {
+    let mut lines = csv.lines();
+    let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let at = names.map(|n| header.iter().position(|h| *h == n).expect("a column"));
+    lines
+        .map(|l| {
+            let cells: Vec<&str> = l.split(',').collect();
+            at.map(|i| cells[i].parse().expect("a number"))
+        })
+        .collect()
+}
+
+fn nrmse(values: &[[f64; 3]], reference: &[[f64; 3]]) -> f64 {
+    assert_eq!(values.len(), reference.len());
+    let (mut square, mut power) = (0.0, 0.0);
+    for (a, b) in values.as_flattened().iter().zip(reference.as_flattened()) {
+        square += (a - b).powi(2);
+        power += b * b;
+    }
+    (square / power).sqrt()
+}
+
+#[test]
+fn evaluation_is_near_the_ground_truth() {
+    let (folder, bake, _) = baked();
+    let truth = fs::read_to_string(data("cornell/L0.csv")).unwrap();
+    let out = folder.path().join("out.csv");
+    let eval = |more: &[&str]| {
+        let (scene, points) = (data("cornell/L0.json"), data("cornell/L0.csv"));
+        let mut all = vec![
+            "eval",
+            text(bake),
+            "--scene",
+            &scene,
+            "--points",
+            &points,
+            "-o",
+            text(&out),
+        ];
+        all.extend(more);
+        let (printed, _) = expect(DONE, &all);
+        assert_eq!(printed, "");
+        fs::read_to_string(&out).unwrap()
+    };
+    let direct = ["direct_r", "direct_g", "direct_b"];
+    let indirect = ["indirect_r", "indirect_g", "indirect_b"];
+    let mut last = 0.0;
+    for (bounces, name) in [
+        ("1", "ind1"),
+        ("2", "ind2"),
+        ("4", "ind4"),
+        ("all", "indinf"),
+    ] {
+        let ours = eval(&["--bounces", bounces]);
+        let header = ours.lines().next().unwrap();
+        assert_eq!(
+            header,
+            "px,py,pz,nx,ny,nz,direct_r,direct_g,direct_b,indirect_r,indirect_g,indirect_b,covered"
+        );
+        let truth_of = |prefix: &str| {
+            let names = ["r", "g", "b"].map(|c| format!("{prefix}_{c}"));
+            columns(&truth, [&names[0], &names[1], &names[2]])
+        };
+        assert!(nrmse(&columns(&ours, direct), &truth_of("direct")) < 0.01);
+        let found = columns(&ours, indirect);
+        let error = nrmse(&found, &truth_of(name));
+        assert!(error < 0.2, "{bounces}: {error}");
+        let sum: f64 = found.as_flattened().iter().sum();
+        assert!(sum > last, "{bounces} bounces are not more than fewer");
+        last = sum;
+        let places = ["px", "py", "pz"];
+        assert_eq!(columns(&ours, places), columns(&truth, places));
+        assert!(
+            ours.lines()
+                .skip(1)
+                .all(|l| l.ends_with(",1") || l.ends_with(",0"))
+        );
+    }
+    // What is left out is what the recipe asks for.
+    assert_eq!(eval(&[]), eval(&["--bounces", "4"]));
+    // Tiers differ, and the last of them is all.
+    let (json, _) = expect(DONE, &["inspect", text(bake), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let tiers = json["tiers"].as_array().unwrap();
+    let truth = columns(&truth, ["ind4_r", "ind4_g", "ind4_b"]);
+    let mut last = (String::new(), 0);
+    for (number, tier) in (1..).zip(tiers) {
+        assert_eq!(tier["tier"], number);
+        assert!(tier["estimated_nrmse"].as_f64().unwrap() > 0.0);
+        let links = tier["links"].as_u64().unwrap();
+        assert!(links > last.1 && tier["bytes"] == 8 * links);
+        let ours = eval(&["--tier", &number.to_string()]);
+        assert!(ours != last.0, "tier {number}");
+        let error = nrmse(&columns(&ours, indirect), &truth);
+        assert!(error < 0.2, "tier {number}: {error}");
+        last = (ours, links);
+    }
+    assert_eq!(last.0, eval(&[]));
+    assert_eq!(tiers.last().unwrap()["share"], 1.0);
+    assert_eq!(json["info"]["tiers"].as_array().unwrap().len(), tiers.len());
+}
+
+#[test]
+fn points_may_be_few_and_far_off() {
+    let (folder, bake, _) = baked();
+    let at = |name: &str| folder.path().join(name);
+    let (points, out, scene) = (at("p.csv"), at("few.csv"), data("cornell/L0.json"));
+    let eval = |code: i32, csv: &str| {
+        fs::write(&points, csv).unwrap();
+        expect(
+            code,
+            &[
+                "eval",
+                text(bake),
+                "--scene",
+                &scene,
+                "--points",
+                text(&points),
+                "-o",
+                text(&out),
+            ],
+        )
+    };
+    eval(DONE, "nz,ny,nx,name,pz,py,px\r\n");
+    assert_eq!(fs::read_to_string(&out).unwrap().lines().count(), 1);
+    eval(DONE, "nz,ny,nx,name,pz,py,px\r\n0,1,0,far,1e3,1e30,0\r\n");
+    let written = fs::read_to_string(&out).unwrap();
+    assert!(
+        written.ends_with(",0,0,0,0\n") && !written.contains("NaN"),
+        "{written}"
+    );
+    for (csv, place) in [
+        ("", "empty"),
+        ("px,py,pz,nx,ny\n", "`nz`"),
+        (
+            "px,py,pz,nx,ny,nz\n0,0,0,0,1,0\n0,0,x,0,1,0\n",
+            "line 3, column `pz`",
+        ),
+        ("px,py,pz,nx,ny,nz\n0,0,0,0,0,0\n", "line 2"),
+        ("px,py,pz,nx,ny,nz\n0,0\n", "line 2, column `pz`"),
+    ] {
+        let (_, why) = eval(INPUT, csv);
+        assert!(why.contains(place) && why.contains("p.csv"), "{why}");
+    }
+}
+
+#[test]
+fn wrong_input_of_eval_has_its_exit_code() {
+    let (folder, bake, _) = baked();
+    let at = |name: &str| text(&folder.path().join(name)).to_string();
+    let (scene, points, out) = (data("cornell/L0.json"), data("cornell/L0.csv"), at("e.csv"));
+    let bake = text(bake);
+    let eval = |code, bake: &str, scene: &str, points: &str, out: &str| {
+        expect(
+            code,
+            &[
+                "eval", bake, "--scene", scene, "--points", points, "-o", out,
+            ],
+        )
+        .1
+    };
+    eval(IO, &at("no.mgi"), &scene, &points, &out);
+    eval(IO, bake, &at("no.json"), &points, &out);
+    eval(IO, bake, &scene, &at("no.csv"), &out);
+    eval(IO, bake, &scene, &points, text(folder.path()));
+    eval(INPUT, &data("cornell/cornell.glb"), &scene, &points, &out);
+    eval(INPUT, bake, &points, &points, &out);
+    eval(INPUT, bake, &scene, &scene, &out);
+    // The sky's direct light needs the geometry; lamps do not.
+    let sky = r#"{"geometry":[{"file":"gone.glb"}],"lights":[{"type":"sky","radiance":[1,1,1]}]}"#;
+    fs::write(at("sky.json"), sky).unwrap();
+    eval(IO, bake, &at("sky.json"), &points, &out);
+    fs::write(
+        at("dark.json"),
+        r#"{"geometry":[{"file":"gone.glb"}],"lights":[]}"#,
+    )
+    .unwrap();
+    let note = eval(DONE, bake, &at("dark.json"), &points, &out);
+    assert!(note.contains("gone.glb"), "{note}");
+    fs::write(
+        at("bad.json"),
+        r#"{"lights":[{"type":"sky","radiance":[1,-1,1]}]}"#,
+    )
+    .unwrap();
+    assert!(eval(INPUT, bake, &at("bad.json"), &points, &out).contains("lights[0]"));
+    // The bake was not asked for a sky that varies.
+    fs::write(
+        at("varies.json"),
+        r#"{"lights":[{"type":"sky","zenith":[1,1,1],"horizon":[0,0,0],"ground":[0,0,0]}]}"#,
+    )
+    .unwrap();
+    let why = eval(INPUT, bake, &at("varies.json"), &points, &out);
+    assert!(why.contains("--sky harmonics"), "{why}");
+    for (code, wrong) in [
+        (INPUT, ["--tier", "9"]),
+        (INPUT, ["--tier", "0"]),
+        (USAGE, ["--tier", "some"]),
+        (USAGE, ["--bounces", "0"]),
+        (USAGE, ["--bounces", "some"]),
+    ] {
+        let mut all = vec![
+            "eval", bake, "--scene", &scene, "--points", &points, "-o", &out,
+        ];
+        all.extend(wrong);
+        let (_, why) = expect(code, &all);
+        assert!(
+            code == USAGE || why.contains("tiers") || why.contains("1 to 4"),
+            "{why}"
+        );
+    }
+}
+
+#[test]
+fn wrong_input_of_bake_has_its_exit_code() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| text(&folder.path().join(name)).to_string();
+    let write = |name: &str, bytes: &[u8]| {
+        fs::write(at(name), bytes).unwrap();
+        at(name)
+    };
+    let (level, out) = (data("cornell/cornell.glb"), at("out.mgi"));
+    let glb = fs::read(&level).unwrap();
+    let bake = |code, scene: &str, more: &[&str]| {
+        let mut all = vec!["bake", scene, "-o", &out];
+        all.extend(more);
+        expect(code, &all).1
+    };
+    bake(IO, &at("no.glb"), &[]);
+    bake(IO, &at("no.gi.ron"), &[]);
+    bake(IO, text(folder.path()), &[]);
+    let cut = bake(INPUT, &write("cut.glb", &glb[..glb.len() / 2]), &[]);
+    assert!(cut.contains("cut.glb"), "{cut}");
+    bake(INPUT, &write("empty.gltf", b""), &[]);
+    bake(INPUT, &write("noise.glb", &[0xa7; 4000]), &[]);
+    assert!(bake(INPUT, &write("cloud.ply", b"ply\n"), &[]).contains("no end_header"));
+    assert!(bake(INPUT, &write("a.gi.ron", b"(preset: Best)"), &[]).contains("a.gi.ron"));
+    assert!(bake(INPUT, &write("b.gi.ron", b"(preset: Draft)"), &[]).contains("names no level"));
+    bake(INPUT, &write("c.gi.ron", b"(scene: \"c.gi.ron\")"), &[]);
+    bake(INPUT, &write("d.gi.ron", &[0xff, 0xfe]), &[]);
+    bake(IO, &write("e.gi.ron", b"(scene: \"gone.glb\")"), &[]);
+    let few = write("f.gi.ron", b"(levels: 2, sender_levels: 3)");
+    assert!(bake(INPUT, &level, &["--recipe", &few]).contains("sender_levels"));
+    bake(INPUT, &level, &["--viewpoint", "1e6,1e6,1e6"]);
+
+    for wrong in [
+        &["--rays", "0"][..],
+        &["--rays", "-5"],
+        &["--coarse-radius", "-1"],
+        &["--coarse-radius", "NaN"],
+        &["--levels", "99"],
+        &["--levels", "2", "--sender-levels", "3"],
+        &["--max-error", "0"],
+        &["--epsilon", "inf"],
+        &["--viewpoint", "1,2"],
+        &["--viewpoint", "1,2,nan"],
+        &["--preset", "best"],
+        &["--rule", "none"],
+        &["--threads", "-1"],
+        &["--unknown"],
+        &["--stats", &out],
+    ] {
+        bake(USAGE, &level, wrong);
+    }
+    expect(USAGE, &[]);
+    expect(USAGE, &["bake", &level]);
+    expect(USAGE, &["bake", &few, "-o", &out, "--recipe", &few]);
+    // What is read is not written over.
+    let mine = write("mine.glb", &glb);
+    expect(USAGE, &["bake", &mine, "-o", &mine]);
+    assert!(fs::read(&mine).unwrap() == glb);
+
+    // Noticed before the bake, not after it: at this level of care it would take minutes.
+    let slow = ["--preset", "high"];
+    for target in [text(folder.path()), &at("no/such/folder.mgi")] {
+        expect(IO, &[&["bake", &level, "-o", target][..], &slow].concat());
+    }
+    let stats = at("no/such/stats.json");
+    bake(IO, &level, &[&["--stats", &stats][..], &slow].concat());
+    assert!(!Path::new(&out).exists(), "a bake that failed left a file");
+    let left: Vec<_> = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|f| f.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".tmp"))
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+#[test]
+fn recipes_name_their_level_and_options_go_before_them() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::create_dir(at("levels")).unwrap();
+    fs::copy(data("cornell/cornell.glb"), at("levels/box.glb")).unwrap();
+    let recipe = QUICK.replace('(', "(scene: \"levels/box.glb\", bounces: 3, seed: 5, ");
+    fs::write(at("box.gi.ron"), recipe).unwrap();
+    expect(
+        DONE,
+        &[
+            "bake",
+            text(&at("box.gi.ron")),
+            "-o",
+            text(&at("box.mgi")),
+            "--viewpoint",
+            "-0.5,2.5,-1",
+            "--viewpoint",
+            "2.5,2.5,2.5",
+            "--bounces",
+            "2",
+        ],
+    );
+    let (json, _) = expect(DONE, &["inspect", text(&at("box.mgi")), "--json"]);
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    let info = &json["info"];
+    assert_eq!(info["bounces"], 2);
+    assert_eq!(info["viewpoints"][0][0], -0.5);
+    assert_eq!(info["viewpoints"].as_array().unwrap().len(), 2);
+    assert!(
+        info["recipe"].as_str().unwrap().contains("seed:5"),
+        "{info}"
+    );
+    assert!(
+        info["recipe"].as_str().unwrap().contains("rays:64"),
+        "{info}"
+    );
+}
+
+#[test]
+fn inspect_tells_what_is_there() {
+    let (_, bake, stats) = baked();
+    let (json, _) = expect(DONE, &["inspect", text(bake), "--json"]);
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["bytes"], stats["bytes"]);
+    assert_eq!(json["stats"]["links"], stats["links"]);
+    assert_eq!(json["stats"]["points_per_level"], stats["points_per_level"]);
+    assert_eq!(json["info"]["triangles"], 30);
+    let fingerprint = json["info"]["fingerprint"].as_str().unwrap();
+    assert_eq!(fingerprint.len(), 64);
+    let (table, _) = expect(DONE, &["inspect", text(bake)]);
+    for word in [fingerprint, "estimated error", "recipe", "links", "memory"] {
+        assert!(table.contains(word), "no {word}: {table}");
+    }
+}
+
+#[test]
+fn validate_finds_what_is_stale() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (level, bake) = (at("level.glb"), at("level.mgi"));
+    for (options, level_of) in [
+        (
+            &["--preset", "draft", "--rays", "64"][..],
+            "cornell/cornell.glb",
+        ),
+        (
+            &["--preset", "draft", "--rays", "64", "--viewpoint", "0,1,0"][..],
+            "cornell/cornell.glb",
+        ),
+    ] {
+        fs::copy(data(level_of), &level).unwrap();
+        let mut arguments = vec!["bake", text(&level), "-o", text(&bake)];
+        arguments.extend(options);
+        expect(DONE, &arguments);
+        let check = ["validate", text(&bake), "--level", text(&level)];
+        assert!(expect(DONE, &check).0.contains(": valid"));
+        fs::copy(data("rooms_open/rooms_open.glb"), &level).unwrap();
+        let (list, why) = expect(INPUT, &check);
+        assert!(
+            list.contains("stale") && list.contains("level.glb"),
+            "{list}"
+        );
+        assert!(why.contains("stale") && why.contains("level.mgi"), "{why}");
+        // Without the level it is a valid bake.
+        expect(DONE, &["validate", text(&bake)]);
+    }
+}
+
+#[test]
+fn a_part_of_a_level_is_an_occluder_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (level, out) = (
+        data("rooms_open/rooms_open.glb"),
+        folder.path().join("o.mgi"),
+    );
+    let bake = |name: &str, code: i32| {
+        let all = [
+            "bake",
+            &level,
+            "-o",
+            text(&out),
+            "--preset",
+            "draft",
+            "--rays",
+            "64",
+        ];
+        expect(code, &[&all[..], &["--occluder", name]].concat())
+    };
+    bake("blue", DONE);
+    assert!(expect(DONE, &["inspect", text(&out)]).0.contains("blue, "));
+    // It is part of the level: the bake is not stale.
+    expect(DONE, &["validate", text(&out), "--level", &level]);
+    let (_, why) = bake("gate", INPUT);
+    assert!(why.contains("`gate`"), "{why}");
+    let (_, why) = bake("", USAGE);
+    assert!(why.contains("occluders"), "{why}");
+}
+
+#[test]
+fn validate_finds_what_is_damaged() {
+    let (folder, bake, _) = baked();
+    assert!(
+        expect(DONE, &["validate", text(bake)])
+            .0
+            .contains(": valid")
+    );
+    let bytes = fs::read(bake).unwrap();
+    let damaged = folder.path().join("damaged.mgi");
+    let mut turned = bytes.clone();
+    let last = turned.len() - 100;
+    turned[last] ^= 0x10;
+    for (bytes, word) in [
+        (&bytes[..bytes.len() / 2], "cut off"),
+        (&bytes[..3], "not a .mgi file"),
+        (&turned, "checksum"),
+        (&[], "not a .mgi file"),
+    ] {
+        fs::write(&damaged, bytes).unwrap();
+        let (list, why) = expect(INPUT, &["validate", text(&damaged)]);
+        assert!(list.contains("not valid") && list.contains(word), "{list}");
+        assert!(why.contains(word) && why.contains("damaged.mgi"), "{why}");
+        expect(INPUT, &["inspect", text(&damaged)]);
+    }
+    for command in ["validate", "inspect"] {
+        expect(IO, &[command, text(&folder.path().join("no.mgi"))]);
+        expect(IO, &[command, text(folder.path())]);
+        expect(USAGE, &[command]);
+    }
+}
+
+#[test]
+fn help_is_a_result() {
+    for arguments in [&["--help"][..], &["bake", "--help"], &["--version"]] {
+        let (out, err) = expect(DONE, arguments);
+        assert!(!out.is_empty() && err.is_empty(), "{out}{err}");
+    }
+    let (help, _) = expect(DONE, &["bake", "--help"]);
+    for option in [
+        "--recipe",
+        "--preset",
+        "--viewpoint",
+        "--coarse-radius",
+        "--levels",
+        "--sender-levels",
+        "--rays",
+        "--bounces",
+        "--rule",
+        "--epsilon",
+        "--max-error",
+        "--seed",
+        "--threads",
+        "--stats",
+    ] {
+        assert!(help.contains(option), "no {option}");
+    }
+    expect(USAGE, &["demo", "--unknown"]);
+    // A file where the folder should be.
+    expect(IO, &["demo", "-o", &data("cornell/L0.csv")]);
+}
+
+/// Whoever closes the pipe has read enough; a full disk is an error.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_closed_pipe_is_no_failure_and_a_full_disk_is() {
+    let (_, bake, _) = baked();
+    let run = |stdout: Stdio| {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
+            .args(["inspect", text(bake)])
+            .stdout(stdout)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let ran = child.wait_with_output().unwrap();
+        (ran.status.code(), String::from_utf8(ran.stderr).unwrap())
+    };
+    assert_eq!(run(Stdio::piped()), (Some(DONE), String::new()));
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let (code, why) = run(full.into());
+    assert_eq!(code, Some(IO), "{why}");
+    assert!(
+        why.contains("standard output") && !why.contains("panicked"),
+        "{why}"
+    );
+}

@@ -1,0 +1,87 @@
+//! `meshless_gi validate` on bakes whose level, recipe or bake version has changed.
+
+use meshless_gi::asset::{BakedScene, Limits};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+fn data(path: &str) -> String {
+    format!(
+        "{}/tests/data/{path}",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
+    )
+}
+
+/// Runs the tool and returns its standard output, after a look at its exit code.
+fn tool(code: i32, arguments: &[&str]) -> String {
+    let ran = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the tool starts");
+    let text = String::from_utf8_lossy(&ran.stderr);
+    assert_eq!(ran.status.code(), Some(code), "{arguments:?}: {text}");
+    String::from_utf8(ran.stdout).expect("text")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("text")
+}
+
+#[test]
+fn validate_with_level_names_each_difference() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (level, recipe, bake) = (at("level.glb"), at("level.gi.ron"), at("level.mgi"));
+    let quick = r#"(scene: "level.glb", preset: Draft, rays: 64, levels: 4, sender_levels: 3)"#;
+    fs::copy(data("cornell/cornell.glb"), &level).unwrap();
+    fs::write(&recipe, quick).unwrap();
+    tool(0, &["bake", text(&recipe), "-o", text(&bake)]);
+    let by_level = ["validate", text(&bake), "--level", text(&level)];
+    let by_recipe = ["validate", text(&bake), "--level", text(&recipe)];
+    let by_both = [&by_level[..], &["--recipe", text(&recipe)]].concat();
+    for check in [&by_level[..], &by_recipe, &by_both] {
+        assert!(tool(0, check).contains(": valid"));
+    }
+    let kinds = |list: &str| {
+        let starts = |kind: &&str| list.lines().any(|l| l.starts_with(&format!("  {kind}: ")));
+        let kinds = ["content", "settings", "version"];
+        kinds.into_iter().filter(starts).collect::<Vec<_>>()
+    };
+
+    // The recipe: its text may change, its values may not.
+    fs::write(&recipe, quick.replace(", ", ",\n  ")).unwrap();
+    tool(0, &by_recipe);
+    fs::write(&recipe, quick.replace("rays: 64", "rays: 128")).unwrap();
+    for check in [&by_recipe[..], &by_both] {
+        let list = tool(1, check);
+        assert_eq!(kinds(&list), ["settings"], "{list}");
+        assert!(list.contains("level.gi.ron"), "{list}");
+    }
+    tool(0, &by_level);
+
+    // The level.
+    fs::copy(data("rooms_open/rooms_open.glb"), &level).unwrap();
+    let list = tool(1, &by_level);
+    assert_eq!(kinds(&list), ["content"], "{list}");
+    assert!(list.contains("level.glb"), "{list}");
+    assert_eq!(kinds(&tool(1, &by_recipe)), ["content", "settings"]);
+
+    // The version of the bake, and not that of the crate.
+    let mut scene = BakedScene::read(&bake, &Limits::default()).unwrap();
+    scene.info.version = "0.0.0".into();
+    scene.write(&bake).unwrap();
+    assert_eq!(kinds(&tool(1, &by_level)), ["content"]);
+    scene.info.bake_version += 1;
+    scene.write(&bake).unwrap();
+    assert_eq!(kinds(&tool(1, &by_level)), ["content", "version"]);
+    fs::copy(data("cornell/cornell.glb"), &level).unwrap();
+    let list = tool(1, &by_level);
+    assert_eq!(kinds(&list), ["version"], "{list}");
+    assert!(list.contains("bake version 2"), "{list}");
+
+    // Wrong usage.
+    tool(2, &["validate", text(&bake), "--recipe", text(&recipe)]);
+    let twice = [&by_recipe[..], &["--recipe", text(&recipe)]].concat();
+    tool(2, &twice);
+}

@@ -1,0 +1,123 @@
+//! Writes docs/ACCURACY.md and its charts: a report on each of several levels, and what holds on all of them.
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb
+//! ```
+//!
+//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's irradiance at places); the report compares presets with that too.
+//! `--quick` before the levels makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
+
+use meshless_gi::asset::write_file;
+use meshless_gi::bake::Progress;
+use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi_lab::accuracy::Truth;
+use meshless_gi_lab::report::{Known, Part, Sweep, document, figures, sweep};
+use std::error::Error;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut plan = Sweep::full();
+    let mut folder = PathBuf::from("docs");
+    let mut levels = Vec::new();
+    let mut command =
+        "cargo run --release --no-default-features --features cli --example accuracy_doc --"
+            .to_string();
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "--quick" => plan = Sweep::quick(),
+            "--minutes" => {
+                let minutes: f64 = args.next().ok_or("--minutes needs a number")?.parse()?;
+                plan.limit = Duration::try_from_secs_f64(60.0 * minutes)?;
+                let _ = write!(command, " --minutes {minutes}");
+                continue;
+            }
+            "-o" => {
+                folder = args.next().ok_or("-o needs a folder")?.into();
+                continue;
+            }
+            _ => {
+                let path = PathBuf::from(&arg);
+                // Where it lies on this machine is nobody's business.
+                let shown = match path.is_absolute() {
+                    true => Path::new("path/to").join(path.file_name().unwrap_or_default()),
+                    false => path.clone(),
+                };
+                let _ = write!(command, " {}", shown.display());
+                levels.push(path);
+                continue;
+            }
+        }
+        let _ = write!(command, " {arg}");
+    }
+    if levels.is_empty() {
+        return Err(
+            "usage: accuracy_doc [--quick] [--minutes M] [-o FOLDER] LEVEL.glb|FOLDER...".into(),
+        );
+    }
+    std::fs::create_dir_all(folder.join("accuracy"))?;
+    let mut parts = Vec::new();
+    for path in &levels {
+        let (mesh, known) = level(path)?;
+        let plan = Sweep {
+            known,
+            ..plan.clone()
+        };
+        let name = path.file_stem().unwrap_or_default();
+        let name = name.to_string_lossy().into_owned();
+        eprintln!("{name}");
+        let report = sweep(&mesh, &plan, &Progress::default(), &|step| {
+            eprintln!("  {} of {}: {}", step.done + 1, step.of, step.what);
+        })?;
+        let figures = figures(&name, &report);
+        for figure in &figures {
+            let file = folder.join(format!("accuracy/{name}_{}", figure.file));
+            write_file(&file, figure.chart.svg().as_bytes())?;
+        }
+        println!(
+            "{name}: {} rows in {:.0} s",
+            report.rows.len(),
+            report.seconds
+        );
+        parts.push(Part {
+            charts: format!("accuracy/{name}_"),
+            name,
+            report,
+            figures,
+        });
+    }
+    write_file(
+        &folder.join("ACCURACY.md"),
+        document(&parts, &command).as_bytes(),
+    )?;
+    Ok(())
+}
+
+/// A level and what another program says of it: a folder with both, or a file without the latter.
+fn level(path: &Path) -> Result<(TriangleMesh, Vec<Known>), Box<dyn Error>> {
+    if !path.is_dir() {
+        return Ok((load_gltf(path)?.mesh, Vec::new()));
+    }
+    let mut mesh = None;
+    let mut known = Vec::new();
+    for i in 0.. {
+        let file = path.join(format!("L{i}.json"));
+        if !file.exists() {
+            break;
+        }
+        let description = SceneDescription::read(&file)?;
+        if mesh.is_none() {
+            let geometry = description.geometry.first();
+            mesh = Some(load_gltf(geometry.ok_or("a scene without geometry")?)?.mesh);
+        }
+        known.push(Known {
+            name: format!("L{i}"),
+            lights: description.lights,
+            truth: Truth::read(file.with_extension("csv"))?,
+        });
+    }
+    let mesh = mesh.ok_or_else(|| format!("{}: no L0.json", path.display()))?;
+    Ok((mesh, known))
+}

@@ -1,0 +1,347 @@
+//! What the fast multipole method ([G08]) does to error and time: by order, by the number of points, by the care for points that look away from each other, and with
+//! visibility against the reference integrator. Writes `FMM.md` and its charts.
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example fmm -- -o docs [--most POINTS]
+//! ```
+//!
+//! `--most` leaves larger scenes out (1,024,000 points by default).
+
+mod document;
+use meshless_gi_lab::fixtures::fmm as room;
+
+use glam::Vec3;
+use meshless_gi::eval::{ReferenceSettings, irradiance_at_all};
+use meshless_gi::samples::Random;
+use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
+use meshless_gi::transport::fmm::harmonics::inverse_fourth;
+use meshless_gi::transport::fmm::lists::ListCounts;
+use meshless_gi::transport::fmm::{Fmm, FmmSettings, direct};
+use meshless_gi_lab::accuracy::{Errors, errors};
+use room::{Room, cornell, glow, lit, with_ball};
+use std::error::Error;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Receivers of the sums over all pairs.
+const RECEIVERS: usize = 1000;
+/// Most bounces: enough for every variant that does not diverge.
+pub const BOUNCES: u32 = 16;
+/// Rounds over all numbers of points.
+pub const ROUNDS: usize = 5;
+/// Points of the errors by order and by slack.
+const POINTS: usize = 10_000;
+
+/// The method with one order.
+pub struct Order {
+    /// The order.
+    pub order: usize,
+    /// Median relative error of \[G08\] Eq. (5) at r_y / r_x = 0.4.
+    pub series: f64,
+    /// NRMSE of the irradiance, against the sum over all pairs.
+    pub error: f64,
+    /// Seconds of one pass up and down.
+    pub pass: f64,
+}
+
+/// The method with one number of points.
+pub struct Size {
+    /// Points.
+    pub points: usize,
+    /// Nodes.
+    pub nodes: usize,
+    /// Seconds: tree, lists, upward pass, downward pass.
+    pub seconds: [f64; 4],
+    /// Seconds of the sum over all pairs, from that of some receivers.
+    pub direct: f64,
+    /// NRMSE against it.
+    pub error: f64,
+    /// Pairs of points in the near list.
+    pub point_pairs: u64,
+}
+
+/// The method with one slack.
+pub struct Slack {
+    /// The slack.
+    pub slack: f32,
+    /// NRMSE against the sum over all pairs.
+    pub error: f64,
+    /// Seconds of the downward pass.
+    pub down: f64,
+    /// The lists.
+    pub counts: ListCounts,
+}
+
+/// The Cornell box with visibility.
+pub struct Seen {
+    /// Points.
+    pub points: usize,
+    /// Points a leaf.
+    pub leaf: usize,
+    /// What it is.
+    pub name: &'static str,
+    /// Many bounces against the reference integrator.
+    pub errors: Errors,
+    /// Seconds: lists with their rays, all bounces.
+    pub seconds: [f64; 2],
+    /// Bounces.
+    pub bounces: u32,
+    /// The lists.
+    pub counts: ListCounts,
+}
+
+/// Everything that the document says.
+pub struct Found {
+    /// By order.
+    pub orders: Vec<Order>,
+    /// By points.
+    pub sizes: Vec<Size>,
+    /// By slack.
+    pub slacks: Vec<Slack>,
+    /// With visibility.
+    pub seen: Vec<Seen>,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: fmm -o FOLDER [--most POINTS]";
+    let (mut folder, mut most) = (None, 1_024_000);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--most" => most = args.next().ok_or(usage)?.parse()?,
+            _ => return Err(usage.into()),
+        }
+    }
+    let folder = folder.ok_or(usage)?;
+    let found = Found {
+        orders: orders()?,
+        slacks: slacks()?,
+        seen: seen()?,
+        sizes: sizes(most)?,
+    };
+    std::fs::create_dir_all(folder.join("fmm"))?;
+    for (file, chart) in document::charts(&found) {
+        std::fs::write(folder.join("fmm").join(file), chart.svg())?;
+    }
+    std::fs::write(folder.join("FMM.md"), document::text(&found)?)?;
+    Ok(())
+}
+
+/// Without noise of the reference: the root mean square of the difference over that of what is right.
+fn nrmse(values: &[Vec3], right: &[Vec3]) -> f64 {
+    errors(values, right, &vec![Vec3::ZERO; right.len()]).nrmse
+}
+
+fn some(room: &Room) -> Vec<u32> {
+    let step = room.points.len().div_ceil(RECEIVERS).max(1);
+    (0..room.points.len() as u32).step_by(step).collect()
+}
+
+fn at(values: &[Vec3], receivers: &[u32]) -> Vec<Vec3> {
+    receivers.iter().map(|&i| values[i as usize]).collect()
+}
+
+/// The kernel of [G08] as it stands, and no slack: what is compared is the expansions alone.
+fn exact() -> FmmSettings {
+    FmmSettings {
+        disks: false,
+        slack: 0.0,
+        ..FmmSettings::default()
+    }
+}
+
+/// Median errors of [G08] Eq. (5) up to each n, at r_y / r_x = 0.4.
+fn series() -> Vec<f64> {
+    let mut random = Random::new(1, 0x67_30_38, 0);
+    let mut found = vec![Vec::new(); 17];
+    for _ in 0..501 {
+        let mut direction = || {
+            let v = Vec3::from_array([0; 3].map(|_| random.unit() - 0.5));
+            v.as_dvec3().normalize()
+        };
+        let (x, y) = (direction(), direction() * 0.4);
+        let exact = x.distance_squared(y).powi(-2);
+        let mut sum = 0.0;
+        for (n, term) in inverse_fourth(16, x.to_array(), y.to_array())
+            .into_iter()
+            .enumerate()
+        {
+            sum += term;
+            found[n].push((sum / exact - 1.0f64).abs());
+        }
+    }
+    let median = |mut errors: Vec<f64>| {
+        errors.sort_by(f64::total_cmp);
+        errors[errors.len() / 2]
+    };
+    found.into_iter().map(median).collect()
+}
+
+fn orders() -> Result<Vec<Order>, Box<dyn Error>> {
+    let room = with_ball(POINTS);
+    let radiosity = glow(&room);
+    let receivers = some(&room);
+    let right = direct(&room.points, &radiosity, &receivers, false, None);
+    let mut out = Vec::new();
+    for (order, series) in series().into_iter().enumerate() {
+        let settings = FmmSettings { order, ..exact() };
+        let fmm = Fmm::new(&room.points, &settings, None)?;
+        let start = Instant::now();
+        let (e, _) = fmm.irradiance(&radiosity)?;
+        out.push(Order {
+            order,
+            series,
+            pass: start.elapsed().as_secs_f64(),
+            error: nrmse(&at(&e, &receivers), &right),
+        });
+        eprintln!("order {order}");
+    }
+    Ok(out)
+}
+
+fn slacks() -> Result<Vec<Slack>, Box<dyn Error>> {
+    let room = with_ball(POINTS);
+    let radiosity = glow(&room);
+    let receivers = some(&room);
+    let right = direct(&room.points, &radiosity, &receivers, false, None);
+    let mut out = Vec::new();
+    for slack in [0.0, 0.03, 0.1, 0.3, 1.0] {
+        let settings = FmmSettings {
+            slack,
+            order: 6,
+            ..exact()
+        };
+        let fmm = Fmm::new(&room.points, &settings, None)?;
+        let (e, times) = fmm.irradiance(&radiosity)?;
+        out.push(Slack {
+            slack,
+            error: nrmse(&at(&e, &receivers), &right),
+            down: times.down.as_secs_f64(),
+            counts: fmm.lists().counts,
+        });
+        eprintln!("slack {slack}");
+    }
+    Ok(out)
+}
+
+/// Numbers of points: from a thousand on two an octave, so that no fit hangs on how full the leaves of one of them happen to be.
+fn numbers(most: usize) -> Vec<usize> {
+    let large = (0..=20).map(|k| (1000.0 * f64::powf(2.0, f64::from(k) / 2.0)) as usize);
+    let all = [60, 120, 250, 500].into_iter().chain(large);
+    all.filter(|&n| n <= most).collect()
+}
+
+fn sizes(most: usize) -> Result<Vec<Size>, Box<dyn Error>> {
+    let numbers = numbers(most);
+    let mut out: Vec<Size> = Vec::new();
+    // Round after round over all sizes, and the fastest run counts: what else the machine does for a while does not hit one of them alone. What takes microseconds
+    // is run more often.
+    for round in 0..ROUNDS {
+        for (k, &points) in numbers.iter().enumerate() {
+            let room = with_ball(points);
+            let radiosity = glow(&room);
+            let receivers = some(&room);
+            for run in 0..(20_000 / points).clamp(1, 20) {
+                let start = Instant::now();
+                let right = direct(&room.points, &radiosity, &receivers, true, None);
+                let slow = start.elapsed().as_secs_f64() * room.points.len() as f64
+                    / receivers.len() as f64;
+                let fmm = Fmm::new(&room.points, &FmmSettings::default(), None)?;
+                let (e, times) = fmm.irradiance(&radiosity)?;
+                let [tree, lists] = fmm.build;
+                let seconds = [tree, lists, times.up, times.down].map(|t| t.as_secs_f64());
+                if round == 0 && run == 0 {
+                    out.push(Size {
+                        points: room.points.len(),
+                        nodes: fmm.tree().nodes.len(),
+                        seconds,
+                        direct: slow,
+                        error: nrmse(&at(&e, &receivers), &right),
+                        point_pairs: fmm.lists().counts.point_pairs,
+                    });
+                }
+                let size = &mut out[k];
+                size.direct = size.direct.min(slow);
+                for (least, time) in size.seconds.iter_mut().zip(seconds) {
+                    *least = least.min(time);
+                }
+            }
+        }
+        eprintln!("sizes, round {round}");
+    }
+    Ok(out)
+}
+
+fn seen() -> Result<Vec<Seen>, Box<dyn Error>> {
+    let mesh = mesh_of_quads(&cornell_box());
+    let lamp = Light::Point {
+        position: Vec3::new(0.0, 1.8, 0.2),
+        intensity: Vec3::splat(10.0),
+        range: f32::INFINITY,
+    };
+    let reference = ReferenceSettings {
+        paths: 4096,
+        bounces: None,
+        seed: 5,
+    };
+    let default = FmmSettings::default();
+    let mut out = Vec::new();
+    for points in [2000, 8000, 32_000] {
+        let room = cornell(points);
+        let emission = lit(&room, &mesh, &lamp);
+        let receivers: Vec<u32> = (0..room.points.len() as u32)
+            .step_by(room.points.len() / 400)
+            .collect();
+        let places: Vec<_> = receivers
+            .iter()
+            .map(|&i| &room.points[i as usize])
+            .map(|p| (p.position, p.normal))
+            .collect();
+        let right = irradiance_at_all(&mesh, std::slice::from_ref(&lamp), &places, &reference);
+        let (values, noise): (Vec<_>, Vec<_>) =
+            right.iter().map(|r| (r.indirect, r.indirect_error)).unzip();
+        let leaves = |leaf| FmmSettings { leaf, ..default };
+        let variants = [
+            ("as it comes", default, true),
+            ("small leaves", leaves(8), true),
+            (
+                "64 rays",
+                FmmSettings {
+                    rays: 64,
+                    ..default
+                },
+                true,
+            ),
+            (
+                "points, not disks",
+                FmmSettings {
+                    disks: false,
+                    ..default
+                },
+                true,
+            ),
+            ("no visibility", default, false),
+        ];
+        for (name, settings, visibility) in variants {
+            let start = Instant::now();
+            let fmm = match visibility {
+                true => Fmm::new(&room.points, &settings, Some(&mesh))?,
+                false => Fmm::new(&room.points, &settings, None)?,
+            };
+            let built = start.elapsed().as_secs_f64();
+            let solved = fmm.solve(&room.albedo, &emission, BOUNCES, 1e-3)?;
+            out.push(Seen {
+                points: room.points.len(),
+                leaf: settings.leaf,
+                name,
+                errors: errors(&at(&solved.irradiance, &receivers), &values, &noise),
+                seconds: [built, (solved.times.up + solved.times.down).as_secs_f64()],
+                bounces: solved.bounces,
+                counts: fmm.lists().counts,
+            });
+        }
+        eprintln!("{points} points with visibility");
+    }
+    Ok(out)
+}

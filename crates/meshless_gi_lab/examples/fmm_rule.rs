@@ -1,0 +1,281 @@
+//! Rule `fmm` beside `bounded` and `pca`: error, time of a frame, bytes and time of the bake on the same axes, for the Cornell box as triangles and as points, and for a statue of
+//! points in a room of triangles. Writes `FMM_RULE.md` and its charts.
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example fmm_rule -- -o docs
+//! ```
+
+use glam::Vec3;
+use meshless_gi::bake::{Preset, Progress, Recipe, Rule, Settings, bake_level};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::samples::scatter;
+use meshless_gi::scene::{
+    Light, PlyEncoding, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, parse_ply,
+    statue_room, write_ply,
+};
+use meshless_gi_lab::report::{
+    Factor, Figure, Report, Run, Sweep, Variant, beside_octree, figures, sweep,
+};
+use std::error::Error;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// No bake begins that would end later than this.
+const LIMIT: Duration = Duration::from_mins(5);
+/// Points are at least this far apart, metres, in a room of two.
+const SPACING: f32 = 0.035;
+
+/// Rules at what presets make of them, and what is rule `fmm`'s own.
+fn choose(_: &Settings) -> Vec<Variant> {
+    let of = |name: &str, factor, cost, recipe| Variant {
+        factor,
+        name: name.into(),
+        recipe,
+        run: Run::default(),
+        cost,
+    };
+    let draft = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let rule = |rule| Recipe {
+        rule,
+        ..draft.clone()
+    };
+    let epsilon = |e| Recipe {
+        epsilon: Some(e),
+        tolerance: Some(2.0 * e),
+        ..draft.clone()
+    };
+    let fmm = rule(Rule::Fmm);
+    let sources = |k| Recipe {
+        sources: Some(k),
+        ..fmm.clone()
+    };
+    let order = |k| Recipe {
+        order: Some(k),
+        ..fmm.clone()
+    };
+    let levels = |k, recipe: &Recipe| Recipe {
+        sender_levels: Some(k),
+        ..recipe.clone()
+    };
+    let finer = |e, rays| Recipe {
+        rays: Some(rays),
+        ..levels(5, &epsilon(e))
+    };
+    vec![
+        of("bounded, ε 0.1", Factor::Epsilon, 0.8, epsilon(0.1)),
+        of("fmm", Factor::RuleFmm, 0.8, fmm.clone()),
+        of(
+            "fmm, 5 sender levels",
+            Factor::RuleFmm,
+            2.0,
+            levels(5, &fmm),
+        ),
+        of(
+            "bounded, 5 sender levels, 1024 rays, ε 0.015",
+            Factor::Several,
+            5.0,
+            finer(0.015, 1024),
+        ),
+        of("fmm, 1 source", Factor::RuleFmm, 0.6, sources(1)),
+        of("fmm, 16 sources", Factor::RuleFmm, 1.2, sources(16)),
+        of(
+            "fmm, 3 sender levels",
+            Factor::RuleFmm,
+            0.7,
+            levels(3, &fmm),
+        ),
+        of("fmm, order 1", Factor::RuleFmm, 0.6, order(1)),
+        of("fmm, order 4", Factor::RuleFmm, 1.0, order(4)),
+        of(
+            "bounded, 5 sender levels",
+            Factor::Several,
+            1.5,
+            finer(0.03, 256),
+        ),
+        of("pca", Factor::RulePca, 1.3, rule(Rule::Pca)),
+    ]
+}
+
+/// The points of some of a level.
+fn cloud(
+    level: &TriangleMesh,
+    spacing: f32,
+    keep: impl Fn(Vec3) -> bool,
+) -> Result<TriangleMesh, Box<dyn Error>> {
+    let mut all = scatter(level, spacing, 1).ok_or("no points")?;
+    let kept: Vec<bool> = all.positions.iter().map(|&p| keep(p)).collect();
+    let part = |values: &mut Vec<Vec3>| {
+        let mut kept = kept.iter();
+        values.retain(|_| kept.next().copied().unwrap_or(false));
+    };
+    part(&mut all.positions);
+    all.normals.iter_mut().for_each(part);
+    all.albedo.iter_mut().for_each(part);
+    Ok(PointCloud::new(all, &[])?.mesh().0)
+}
+
+/// Seconds that something takes, and what it makes.
+fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let made = run();
+    (made, start.elapsed().as_secs_f64())
+}
+
+/// A bake's seconds, milliseconds of the least of three solves under a lamp, and its own estimate of its error.
+fn cost(level: &TriangleMesh, rule: Rule) -> Result<[f64; 3], Box<dyn Error>> {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        rule,
+        ..Recipe::default()
+    };
+    let (baked, seconds) = timed(|| bake_level(level, &recipe, 0, &Progress::default()));
+    let scene = baked?.scene;
+    let lamp = Light::Point {
+        position: Vec3::new(0.1, 1.7, 0.6),
+        intensity: Vec3::ONE,
+        range: 20.0,
+    };
+    let solves = (0..3).map(|_| {
+        // A frame at rest solves nothing.
+        let mut frame = CpuFrame::new(&scene);
+        frame.set_lights(&scene, &FrameLight::expand(&lamp, 1));
+        timed(|| frame.solve(&scene, &FrameSettings::bounces(4))).1
+    });
+    let solve = solves.min_by(f64::total_cmp).unwrap_or_default();
+    Ok([seconds, 1e3 * solve, scene.info.estimated_nrmse.into()])
+}
+
+/// What a file of points takes, from reading it to a frame, by how many points it holds.
+fn by_number() -> Result<String, Box<dyn Error>> {
+    let mut out = "\n## A `.ply` by its number of points\n\n\
+         A statue in the Cornell box, all of it points (`meshless_gi scatter`), preset `Draft`. Read: from the bytes of the file to the cells that rays meet. Solve: four reflections of one lamp on the \
+         CPU, projection not counted. Errors are the bakes' own estimates.\n\n\
+         | points | triangles of their cells | read, s | points/s | bake by `bounded`, s | solve, ms | error, % | bake by `fmm`, s | solve, ms | error, % |\n|---|---|---|---|---|---|---|---|---|---|\n"
+        .to_string();
+    for spacing in [0.08, 0.04, 0.02, 0.01] {
+        let points = scatter(&statue_room(), spacing, 1).ok_or("no points")?;
+        let (normals, albedo) = (points.normals.as_deref(), points.albedo.as_deref());
+        let mut file = Vec::new();
+        let (normals, albedo) = (normals.unwrap_or_default(), albedo.unwrap_or_default());
+        write_ply(
+            &mut file,
+            PlyEncoding::LittleEndian,
+            &points.positions,
+            normals,
+            albedo,
+        )?;
+        let (read, seconds) = timed(|| -> Result<_, Box<dyn Error>> {
+            let cloud = PointCloud::new(parse_ply(&file)?, &[])?;
+            Ok((cloud.len(), cloud.mesh().0))
+        });
+        let (count, level) = read?;
+        eprintln!("{count} points");
+        let [bounded, fmm] = [cost(&level, Rule::Bounded)?, cost(&level, Rule::Fmm)?];
+        let _ = write!(
+            out,
+            "| {count} | {} | {seconds:.2} | {:.0} |",
+            level.len(),
+            count as f64 / seconds
+        );
+        for [bake, solve, error] in [bounded, fmm] {
+            let _ = write!(out, " {bake:.1} | {solve:.1} | {:.1} |", 100.0 * error);
+        }
+        out += "\n";
+    }
+    Ok(out)
+}
+
+/// The levels and what they are called.
+fn levels() -> Result<Vec<(&'static str, TriangleMesh)>, Box<dyn Error>> {
+    let solid = mesh_of_quads(&cornell_box());
+    let points = cloud(&solid, SPACING, |_| true)?;
+    // The room's walls as triangles, all else as points.
+    let walls = mesh_of_quads(&cornell_box()[..5]);
+    let statue = cloud(&statue_room(), 0.6 * SPACING, |p| {
+        p.x.abs() < 0.95 && p.z.abs() < 0.95 && p.y > 0.01 && p.y < 1.95
+    })?;
+    Ok(vec![
+        ("The Cornell box of triangles", solid),
+        ("The Cornell box of points", points),
+        (
+            "A statue of points in a room of triangles",
+            TriangleMesh::joined(vec![walls, statue]),
+        ),
+    ])
+}
+
+/// A level's part of the document.
+fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
+    let mut out = format!(
+        "\n## {name}\n\n{} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lamps, against the reference integrator; frame is the CPU's, \
+         one lamp moved, all reflections, on {} threads. Links of `fmm` are entries of its lists.\n\n\
+         | rule | what | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|---|\n",
+        report.triangles, report.bounces, report.places, report.lamps, report.threads
+    );
+    for rule in [Rule::Bounded, Rule::Pca, Rule::Fmm] {
+        for r in (report.rows.iter()).filter(|r| r.settings.baked.rule == rule) {
+            let _ = writeln!(
+                out,
+                "| `{}` | {} | {:.1} ± {:.1} | {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",
+                format!("{rule:?}").to_lowercase(),
+                r.settings.name,
+                100.0 * r.nrmse,
+                100.0 * r.nrmse_interval,
+                100.0 * r.bias,
+                r.links as f64 / 1e6,
+                r.bytes as f64 / 1e6,
+                r.bake_seconds,
+                r.frame_ms,
+            );
+        }
+    }
+    if !report.left_out.is_empty() {
+        let left = report.left_out.join("; ");
+        let _ = writeln!(out, "\nLeft out for lack of time: {left}.");
+    }
+    for figure in charts {
+        let _ = writeln!(out, "\n![{}](fmm/{})", figure.chart.title, figure.file);
+    }
+    let _ = writeln!(out, "\n{}", beside_octree(&report.rows));
+    out
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let folder = match arguments.as_slice() {
+        [flag, folder] if flag == "-o" => PathBuf::from(folder),
+        _ => return Err("usage: fmm_rule -o FOLDER".into()),
+    };
+    let threads = rayon::current_num_threads();
+    let mut out = format!(
+        "# Rule `fmm` beside links\n\n\
+         Made by `cargo run --release --no-default-features --features cli --example fmm_rule -- -o docs` on {threads} threads. Do not edit. What the method itself does to error \
+         and time: [FMM.md](FMM.md).\n"
+    );
+    let charts = folder.join("fmm");
+    std::fs::create_dir_all(&charts)?;
+    out += &by_number()?;
+    for (k, (name, level)) in levels()?.into_iter().enumerate() {
+        let plan = Sweep {
+            choose,
+            limit: LIMIT,
+            ..Sweep::quick()
+        };
+        let report = sweep(&level, &plan, &Progress::default(), &|step| {
+            eprintln!("{name}: {} of {}: {}", step.done + 1, step.of, step.what);
+        })?;
+        let mut all = figures(name, &report);
+        all.retain(|f| ["error_frame_time.svg", "error_bake_time.svg"].contains(&&*f.file));
+        for figure in &mut all {
+            figure.file = format!("rule_{k}_{}", figure.file);
+            std::fs::write(charts.join(&figure.file), figure.chart.svg())?;
+        }
+        out += &section(name, &report, &all);
+        std::fs::write(folder.join("FMM_RULE.md"), &out)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,86 @@
+//! How much light comes through walls, and what does it cost to stop it there? Bakes two rooms with our rule and with [L08]'s, with functions that
+//! stop at walls and without, and prints a row of each.
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example leaks -- draft
+//! ```
+
+use meshless_gi_lab::fixtures::leaks as leak_support;
+
+use leak_support::{Door, Walled, open, rooms};
+use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use std::error::Error;
+
+/// Paths of the reference at each place in the lit room.
+const PATHS: u32 = 2048;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let preset = match std::env::args().nth(1).as_deref() {
+        Some("draft") => Preset::Draft,
+        Some("medium") => Preset::Medium,
+        Some("high") => Preset::High,
+        _ => return Err("usage: leaks draft|medium|high".into()),
+    };
+    println!(
+        "| wall | light behind it | rule | walls | leak ratio | NRMSE lit | NRMSE dark | not covered | rays beside the gather | seconds | bytes |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    let scenes = [
+        rooms("2 cm", 0.02, Door::Closed, PATHS),
+        rooms("a sheet", 0.0, Door::Closed, PATHS),
+        rooms("50 cm, door", 0.5, Door::Open, PATHS),
+        rooms("2 cm, door", 0.02, Door::Open, PATHS),
+        open(),
+    ];
+    for scene in &scenes {
+        for rule in [Rule::Bounded, Rule::L08] {
+            let mut without = None;
+            for walls in [false, true] {
+                row(scene, preset, rule, walls, &mut without)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Bakes and prints one row; `without` holds rays, seconds and bytes of the bake without walls, once it is known.
+fn row(
+    scene: &Walled,
+    preset: Preset,
+    rule: Rule,
+    walls: bool,
+    without: &mut Option<[f64; 3]>,
+) -> Result<(), Box<dyn Error>> {
+    let recipe = Recipe {
+        preset,
+        rule,
+        walls: Some(walls),
+        viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
+        ..Recipe::default()
+    };
+    let baked = bake_level(&scene.mesh, &recipe, 0, &Progress::default())?;
+    let leak = scene.measure(&baked.scene);
+    let bytes = baked.scene.to_bytes()?.len() as f64;
+    // The estimate is no part of what walls cost.
+    let seconds = baked.stats.seconds.total - baked.stats.seconds.estimate;
+    let rays = (baked.stats.rays - baked.stats.gather_rays) as f64;
+    let [r, s, b] = *without.get_or_insert([rays, seconds, bytes]);
+    let per_cent = |v: f64| match v {
+        0.0 => "–".to_string(),
+        _ => format!("{:.1} %", 100.0 * v),
+    };
+    println!(
+        "| {} | {} | {rule:?} | {} | {:.1e} | {} | {} | {} | {rays} ({:+.0} %) | {seconds:.1} ({:+.0} %) | {bytes} ({:+.1} %) |",
+        scene.name,
+        per_cent(leak.dim),
+        if walls { "on" } else { "off" },
+        leak.ratio,
+        per_cent(leak.lit.nrmse),
+        per_cent(leak.dark.nrmse),
+        leak.uncovered.iter().sum::<usize>(),
+        100.0 * (rays / r - 1.0),
+        100.0 * (seconds / s - 1.0),
+        100.0 * (bytes / b - 1.0),
+    );
+    Ok(())
+}

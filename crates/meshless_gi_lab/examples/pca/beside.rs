@@ -1,0 +1,101 @@
+//! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light, by error, time of a frame, bytes and time of the bake.
+
+use super::document::LEVEL;
+use meshless_gi::bake::{Progress, Rule, Settings};
+use meshless_gi::scene::TriangleMesh;
+use meshless_gi_lab::report::{
+    Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
+};
+use std::error::Error;
+use std::fmt::Write;
+use std::time::Duration;
+
+/// No bake begins that would end later than this.
+const LIMIT: Duration = Duration::from_mins(8);
+
+/// Of a full report what changes the rule or its threshold at draft, bases of light without added levels too, as links to senders are tried.
+fn choose(base: &Settings) -> Vec<Variant> {
+    let mut all = full(base);
+    all.retain(|v| {
+        let wanted = [
+            Factor::Epsilon,
+            Factor::Plain,
+            Factor::RulePca,
+            Factor::Several,
+        ];
+        wanted.contains(&v.factor) && v.cost < 4.0
+    });
+    let bases = all.iter().filter(|v| v.factor == Factor::RulePca);
+    let plain: Vec<Variant> = bases
+        .map(|v| {
+            let mut v = v.clone();
+            v.name = format!("plain {}", v.name);
+            v.recipe.extra_levels = Some(0);
+            v
+        })
+        .collect();
+    all.extend(plain);
+    all
+}
+
+/// Measures a level.
+pub fn measure(name: &str, level: &TriangleMesh) -> Result<Report, Box<dyn Error>> {
+    let plan = Sweep {
+        choose,
+        limit: LIMIT,
+        ..Sweep::quick()
+    };
+    Ok(sweep(level, &plan, &Progress::default(), &|step| {
+        eprintln!("{name}: {} of {}: {}", step.done + 1, step.of, step.what);
+    })?)
+}
+
+/// The charts of both rules: error against time of the bake, time of a frame, bytes, links.
+pub fn charts(name: &str, report: &Report) -> Vec<Figure> {
+    let mut all = figures(name, report);
+    all.retain(|f| f.file.starts_with("error_"));
+    for figure in &mut all {
+        figure.file = format!("{name}_{}", figure.file);
+    }
+    all
+}
+
+/// A section of the document.
+pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
+    let mut out = format!(
+        "{LEVEL}{name}\n\n\
+        {} triangles; error is NRMSE of indirect irradiance after {} reflections at {} places under {} lamps, against the reference integrator; frame is the CPU's, \
+        one lamp moved, all reflections, on {} threads.\n\n\
+        | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",
+        report.triangles, report.bounces, report.places, report.lamps, report.threads
+    );
+    for rule in [Rule::Bounded, Rule::Pca] {
+        for r in report.rows.iter().filter(|r| r.settings.baked.rule == rule) {
+            let _ = writeln!(
+                out,
+                "| `{}` | `{}` | {:.1} ± {:.1} | {:.2} M | {:.1} | {:.1} | {:.1} |",
+                format!("{rule:?}").to_lowercase(),
+                r.settings.recipe,
+                100.0 * r.nrmse,
+                100.0 * r.nrmse_interval,
+                r.links as f64 / 1e6,
+                r.bytes as f64 / 1e6,
+                r.bake_seconds,
+                r.frame_ms,
+            );
+        }
+    }
+    if !report.left_out.is_empty() {
+        let _ = writeln!(
+            out,
+            "\nLeft out for lack of time: {}.",
+            report.left_out.join("; ")
+        );
+    }
+    out.push('\n');
+    for figure in figures {
+        let _ = writeln!(out, "![{}](pca/{})\n", figure.chart.title, figure.file);
+    }
+    out += &beside_bases(&report.rows);
+    out
+}

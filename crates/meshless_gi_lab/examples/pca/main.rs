@@ -1,0 +1,151 @@
+//! Principal components ([P14]) measured: soft shadows of a panel from precomputed visibility, and transfer by bases of direct light, by the number of coefficients, beside the
+//! reference integrator. Writes the document, its charts and pictures:
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example pca -- -o docs [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
+//! ```
+//!
+//! makes `docs/PCA.md` and `docs/pca/`, or one part of three anew and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both
+//! kinds of operator are compared; the Cornell box where none is given.
+
+mod beside;
+mod document;
+mod transfer;
+mod visibility;
+
+use glam::Vec3;
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::frame::project::extent;
+use meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use visibility::{Cut, Race};
+
+/// The published scenes.
+const SCENES: [&str; 2] = ["cornell", "rooms_open"];
+/// The document's parts.
+const PARTS: [&str; 3] = ["visibility", "transfer", "level"];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: pca -o FOLDER [--part visibility|transfer|level] [--bakes FOLDER] [LEVEL.glb|FOLDER]";
+    let (mut folder, mut bakes, mut level, mut part) = (None, None, None, None);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--part" => part = Some(args.next().ok_or(usage)?),
+            _ if arg.starts_with('-') || level.is_some() => return Err(usage.into()),
+            _ => level = Some(PathBuf::from(arg)),
+        }
+    }
+    let wanted = part.as_deref().map_or(Ok([true; 3]), |part| {
+        let of = PARTS.map(|p| p == part);
+        if of.contains(&true) {
+            Ok(of)
+        } else {
+            Err(usage)
+        }
+    })?;
+    let folder = folder.ok_or(usage)?;
+    let (name, compared) = named(&level.unwrap_or_else(|| file(SCENES[0])))?;
+    let pictures = folder.join("pca");
+    std::fs::create_dir_all(&pictures)?;
+    let document = folder.join("PCA.md");
+    let mut parts = document::parts(&std::fs::read_to_string(&document).unwrap_or_default());
+    let (mut found, mut transfers) = (Vec::new(), Vec::new());
+    for name in SCENES {
+        let mesh = load_gltf(file(name))?.mesh;
+        if !wanted[0] && !wanted[1] {
+            continue;
+        }
+        let (scene, seconds) = baked(name, &mesh, bakes.as_deref())?;
+        if wanted[0] {
+            found.push(visibility::measure(name, &mesh, &scene, &pictures)?);
+        }
+        if wanted[1] {
+            transfers.push(transfer::measure(name, &mesh, &scene, seconds)?);
+        }
+    }
+    if wanted[0] {
+        let mut races: Vec<Race> = found.iter_mut().flat_map(|f| f.races.drain(..)).collect();
+        let (more, cuts) = raced(&name, &compared)?;
+        races.extend(more);
+        std::fs::write(pictures.join("coefficients.svg"), document::chart(&found))?;
+        parts[0] = document::text(&found, &races, &name, &cuts);
+    }
+    if wanted[1] {
+        for (file, chart) in transfers.iter().flat_map(transfer::charts) {
+            std::fs::write(pictures.join(file), chart.svg())?;
+        }
+        parts[1] = document::transfer(&transfers);
+    }
+    if wanted[2] {
+        let report = beside::measure(&name, &compared)?;
+        let figures = beside::charts(&name, &report);
+        for figure in &figures {
+            std::fs::write(pictures.join(&figure.file), figure.chart.svg())?;
+        }
+        parts[2] = beside::section(&name, &report, &figures);
+    }
+    std::fs::write(document, parts.join("\n"))?;
+    Ok(())
+}
+
+/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen from, and what it is to cut clusters.
+fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let baked = bake_level(mesh, &recipe, 0, &Progress::default())?;
+    let scene = baked.scene;
+    let center = scene.info.viewpoints.first().ok_or("no viewpoint")?;
+    let half = 0.02 * extent(&scene);
+    let panel = Light::Rect {
+        center: (*center).into(),
+        u: Vec3::X * half,
+        v: Vec3::Z * half,
+        radiance: Vec3::ONE,
+    };
+    visibility::cuts(name, mesh, &scene, &panel)
+}
+
+/// A published scene.
+fn file(name: &str) -> PathBuf {
+    let file = format!("tests/data/{name}/{name}.glb");
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join(file)
+}
+
+/// A level by its file, or by a folder with a description of it.
+fn named(path: &Path) -> Result<(String, TriangleMesh), Box<dyn Error>> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let description = path.join("L0.json");
+    let mesh = match path.is_dir() {
+        true => {
+            let scene = SceneDescription::read(&description)?;
+            load_gltf(scene.geometry.first().ok_or("a scene without geometry")?)?.mesh
+        }
+        false => load_gltf(path)?.mesh,
+    };
+    Ok((name.into_owned(), mesh))
+}
+
+/// The bake at medium, and its seconds where it was not read from a file.
+fn baked(
+    name: &str,
+    mesh: &TriangleMesh,
+    bakes: Option<&Path>,
+) -> Result<(BakedScene, Option<f64>), Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{name}.mgi")));
+    if let Some(file) = file.as_deref().filter(|f| f.exists()) {
+        return Ok((BakedScene::read(file, &Limits::default())?, None));
+    }
+    eprintln!("baking {name}");
+    let baked = bake_level(mesh, &Recipe::default(), 0, &Progress::default())?;
+    if let Some(file) = file {
+        baked.scene.write(&file)?;
+    }
+    Ok((baked.scene, Some(baked.stats.seconds.total)))
+}

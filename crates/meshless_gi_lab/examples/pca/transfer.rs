@@ -1,0 +1,165 @@
+//! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and the sparse operator beside it, each against the reference integrator.
+
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::frame::FrameSettings;
+use meshless_gi::scene::TriangleMesh;
+use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
+use meshless_gi_lab::report::{BOUNCES, Exam, ExamSize};
+use std::error::Error;
+
+/// Vectors of a basis.
+const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
+/// Senders of a cluster.
+const CLUSTERS: [u32; 3] = [50, 120, 400];
+/// The reference: lamps that no bake has seen, and places that they light.
+const EXAM: ExamSize = ExamSize {
+    lamps: 4,
+    places: 150,
+    paths: 4096,
+};
+
+/// A bake.
+pub struct Made {
+    pub preset: Preset,
+    /// None: links to senders, rule `bounded`.
+    pub coefficients: Option<u32>,
+    pub senders: usize,
+    pub clusters: u64,
+    pub columns: u64,
+    /// Share of the examples' light that the bases miss.
+    pub missed: f64,
+    pub links: usize,
+    /// Of the operator: links, rows, columns with their values.
+    pub bytes: usize,
+    /// Of the bake; none where it was read from a file.
+    pub seconds: Option<f64>,
+    pub error: f64,
+    pub interval: f64,
+}
+
+/// What was measured on one level.
+pub struct Transfer {
+    pub name: String,
+    /// At draft: links to senders, and series by the number of coefficients, one for each size of clusters.
+    pub senders: Made,
+    pub by_count: Vec<(u32, Vec<Made>)>,
+    /// At medium: links to senders, and ten coefficients in about 64 clusters.
+    pub medium: [Made; 2],
+}
+
+fn made(
+    exam: &Exam,
+    preset: Preset,
+    coefficients: Option<u32>,
+    scene: &BakedScene,
+    baked: Option<&Baked>,
+) -> Made {
+    let grade = exam.grade(scene, &FrameSettings::bounces(BOUNCES));
+    let operator = &scene.operator;
+    let columns = operator.compression.as_ref().map_or(0, |c| c.bytes());
+    Made {
+        preset,
+        coefficients,
+        senders: scene.senders(),
+        clusters: baked.map_or(0, |b| b.stats.clusters),
+        columns: baked.map_or(0, |b| b.stats.components),
+        missed: baked.map_or(0.0, |b| b.stats.basis_missed),
+        links: operator.links.len(),
+        bytes: size_of_val(&operator.links[..])
+            + size_of_val(&operator.rows[..])
+            + columns as usize,
+        seconds: baked.map(|b| b.stats.seconds.total),
+        error: grade.errors.nrmse,
+        interval: grade.interval,
+    }
+}
+
+/// Measures a level, of which `medium` is the bake by rule `bounded` at medium, and the seconds that it took.
+pub fn measure(
+    name: &str,
+    level: &TriangleMesh,
+    medium: &BakedScene,
+    seconds: Option<f64>,
+) -> Result<Transfer, Box<dyn Error>> {
+    let exam = Exam::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
+    let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
+        let baked = bake_level(level, &recipe, 0, &Progress::default())?;
+        let coefficients = (recipe.rule == Rule::Pca).then(|| recipe.coefficients.unwrap_or(10));
+        let made = made(
+            &exam,
+            recipe.preset,
+            coefficients,
+            &baked.scene,
+            Some(&baked),
+        );
+        eprintln!(
+            "{name}, {:?}, {:?} coefficients in {} clusters: {:.4}",
+            made.preset, made.coefficients, made.clusters, made.error
+        );
+        Ok(made)
+    };
+    let draft = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let mut by_count = Vec::new();
+    for cluster_points in CLUSTERS {
+        let mut of_size = Vec::new();
+        for coefficients in COEFFICIENTS {
+            of_size.push(bake(Recipe {
+                rule: Rule::Pca,
+                coefficients: Some(coefficients),
+                cluster_points: Some(cluster_points),
+                ..draft.clone()
+            })?);
+        }
+        by_count.push((cluster_points, of_size));
+    }
+    let bases = bake(Recipe {
+        rule: Rule::Pca,
+        ..Recipe::default()
+    })?;
+    let whole = Made {
+        seconds,
+        ..made(&exam, Preset::Medium, None, medium, None)
+    };
+    Ok(Transfer {
+        name: name.into(),
+        senders: bake(draft)?,
+        by_count,
+        medium: [whole, bases],
+    })
+}
+
+/// Error, and size, by the number of coefficients.
+pub fn charts(t: &Transfer) -> [(String, Chart); 2] {
+    let chart = |title: &str, label: &str, format, of: fn(&Made) -> f64| Chart {
+        title: format!("{}: {title} by the number of coefficients", t.name),
+        caption: "Preset Draft. Both axes are logarithmic; the line across is rule bounded.".into(),
+        x: Axis::log("coefficients of a cluster", Format::Number),
+        y: Axis::log(label, format),
+        series: (t.by_count.iter())
+            .map(|(_, made)| {
+                let name = format!("{} clusters", made[0].clusters);
+                let counts = made
+                    .iter()
+                    .map(|m| (f64::from(m.coefficients.unwrap_or(0)), of(m)));
+                Series::new(name, Style::LineAndPoints, counts)
+            })
+            .collect(),
+        guides: vec![(of(&t.senders), "rule bounded".into())],
+    };
+    [
+        (
+            format!("transfer_error_{}.svg", t.name),
+            chart("error", "error (NRMSE)", Format::Percent, |m| m.error),
+        ),
+        (
+            format!("transfer_size_{}.svg", t.name),
+            chart("operator", "bytes of the operator", Format::Si, |m| {
+                m.bytes as f64
+            }),
+        ),
+    ]
+}

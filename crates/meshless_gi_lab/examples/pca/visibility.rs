@@ -1,0 +1,489 @@
+//! Soft shadows: light of a rectangle in the penumbra, by the number of coefficients, beside the reference integrator.
+
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::frame::project::extent;
+use meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
+use meshless_gi::frame::{VectorIrradiance, shade, splat};
+use meshless_gi::samples::Random;
+use meshless_gi::scene::{Geometry, Light, Ray, Surface, TriangleMesh};
+use meshless_gi::transport::pca::{
+    HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
+};
+use meshless_gi_lab::accuracy::{
+    Camera, Errors, Image, ShadowPlace, deficits_by_rays, errors, render, shadow_errors,
+    shadow_places, shadowed_irradiance,
+};
+use rayon::prelude::*;
+use std::error::Error;
+use std::path::Path;
+use std::time::Instant;
+
+/// Paths of importance particles that say where errors are measured.
+const PATHS: u64 = 4800;
+/// Samples of the light.
+pub const SAMPLES: u32 = 64;
+
+/// The lamp of a scene: a panel below the ceiling.
+pub fn lamp(name: &str) -> Light {
+    let (center, u, v) = match name {
+        "cornell" => (
+            Vec3::new(2.78, 5.46, 2.795),
+            Vec3::X * 0.65,
+            Vec3::Z * 0.525,
+        ),
+        _ => (Vec3::new(1.8, 2.7, 2.0), Vec3::X * 0.5, Vec3::Z * 0.5),
+    };
+    Light::Rect {
+        center,
+        u,
+        v,
+        radiance: Vec3::ONE,
+    }
+}
+
+/// Panels that the constants of [`soft`] were not chosen with: elsewhere, of other sizes and other shapes.
+pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
+    let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
+        center: center.into(),
+        u: Vec3::X * u,
+        v: Vec3::Z * v,
+        radiance: Vec3::ONE,
+    };
+    match name {
+        "cornell" => [
+            ("0.8 × 1.6 m, aside", panel([1.5, 5.2, 2.0], 0.4, 0.8)),
+            ("1.8 × 0.6 m, lower", panel([4.0, 4.9, 3.6], 0.9, 0.3)),
+        ],
+        _ => [
+            ("0.6 × 1.2 m, lower", panel([2.6, 2.5, 1.3], 0.3, 0.6)),
+            (
+                "1.2 × 0.8 m, the other room",
+                panel([6.0, 2.6, 2.4], 0.6, 0.4),
+            ),
+        ],
+    }
+}
+
+/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place, (iii) what is missing
+/// and what would be there without shadows are splatted, and their quotient, the missing share, is taken, as the kernel `shade` does.
+fn compare(
+    scene: &BakedScene,
+    visibility: &Visibility,
+    light: &SoftLight,
+    places: &[ShadowPlace],
+) -> [Errors; 3] {
+    let extent = extent(scene);
+    let params = SoftParams::new(visibility, extent, 1);
+    let known = visibility.points.len();
+    let mut parts = vec![VectorIrradiance::default(); scene.points.len()];
+    parts[..known]
+        .par_iter_mut()
+        .with_min_len(64)
+        .enumerate()
+        .for_each(|(i, out)| {
+            let (x, n) = (scene.points[i].x(), scene.points[i].n());
+            let eye = soft::Eye::new(&params, visibility, i, n);
+            let (f, _) = soft::fraction(light, x, n, &eye);
+            let e = unshadowed(light, x, n, extent);
+            out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
+        });
+    soft::spread(scene, known, &mut parts);
+    let values: Vec<[f32; 2]> = places
+        .par_iter()
+        .map(|p| {
+            let at = splat::splat_vector(&scene.points, &scene.display, &parts, p.x, p.n);
+            let [arrives, missing, ..] = at.unwrap_or_default().x;
+            [arrives, (p.unshadowed - missing).max(0.0)]
+        })
+        .collect();
+    let right: Vec<Vec3> = places.iter().map(|p| Vec3::splat(p.reference)).collect();
+    let by = |k: usize| {
+        let got: Vec<Vec3> = values.iter().map(|v| Vec3::splat(v[k])).collect();
+        errors(&got, &right, &vec![Vec3::ZERO; right.len()])
+    };
+    [by(0), by(1), memory(scene, visibility, light, places)]
+}
+
+/// The third way alone.
+fn memory(
+    scene: &BakedScene,
+    visibility: &Visibility,
+    light: &SoftLight,
+    places: &[ShadowPlace],
+) -> Errors {
+    let deficits = soft::deficits_of(scene, visibility, &[*light]);
+    shadow_errors(scene, &deficits, places)
+}
+
+/// The bakes of visibility that are measured.
+pub const BAKES: [&str; 3] = [
+    "the defaults",
+    "2016 directions, 1000 points a cluster, 100 coefficients",
+    "8064 directions, 150 points a cluster",
+];
+
+/// Numbers of coefficients that are tried.
+pub const COUNTS: [u32; 8] = [1, 2, 5, 10, 20, 50, 75, 100];
+
+/// One bake of visibility.
+pub struct Variant {
+    pub what: &'static str,
+    pub points: usize,
+    pub clusters: usize,
+    pub basis: usize,
+    pub coefficients: usize,
+    pub kept: f64,
+    pub bytes: usize,
+    pub packed: usize,
+    /// None of what is a part of the bake before it.
+    pub seconds: Option<f64>,
+    pub penumbra: f64,
+    pub lit: f64,
+}
+
+/// A panel that no constant was chosen with.
+pub struct Other {
+    pub what: &'static str,
+    pub places: usize,
+    /// With the defaults, and with the finest bake.
+    pub penumbra: [f64; 2],
+    pub rays: f64,
+}
+
+/// What was measured in one scene.
+pub struct Found {
+    pub name: String,
+    pub places: (usize, usize),
+    /// Errors by the number of coefficients, of each bake.
+    pub by_count: [Vec<(u32, f64)>; 3],
+    pub rays: f64,
+    pub penumbra: [Errors; 3],
+    pub lit: [Errors; 3],
+    pub variants: Vec<Variant>,
+    pub others: Vec<Other>,
+    pub races: Vec<Race>,
+}
+
+/// The visible fraction of a panel by rays and from memory, at the same points.
+pub struct Race {
+    pub name: String,
+    pub triangles: usize,
+    pub points: usize,
+    pub samples: u32,
+    /// Microseconds a point, on one thread.
+    pub rays: f64,
+    pub memory: f64,
+    /// Root mean square of how far the fractions are apart.
+    pub apart: f64,
+}
+
+/// A bake whose clusters are cut where they are more wrong than `error`.
+pub struct Cut {
+    pub error: f32,
+    pub clusters: usize,
+    pub bytes: usize,
+    pub seconds: f64,
+    /// Root mean square of how far visible fractions from memory and by rays are apart, at the points.
+    pub apart: f64,
+    /// NRMSE in the penumbra, and by rays at the same points.
+    pub penumbra: f64,
+    pub rays: f64,
+    /// Places in the penumbra.
+    pub places: usize,
+}
+
+/// Errors beyond which clusters are cut.
+const CUTS: [f32; 4] = [1.0, 0.04, 0.03, 0.02];
+
+/// Bakes of the level's visibility with cuts and without, and the race of the usual one.
+pub fn cuts(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    light: &Light,
+) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
+    let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
+    let shade = penumbra_of(&shadow_places(scene, mesh, light, PATHS));
+    let points = remembering(scene);
+    let deficits = deficits_by_rays(scene, mesh, &lamp, points.len());
+    let rays = shadow_errors(scene, &deficits, &shade).nrmse;
+    let (mut races, mut cuts) = (Vec::new(), Vec::new());
+    let usual = VisibilitySettings::default();
+    for error in CUTS {
+        let began = Instant::now();
+        let settings = VisibilitySettings { error, ..usual };
+        let (visibility, _) = bake_visibility(mesh, &points, &settings, &|_| true)?;
+        let seconds = began.elapsed().as_secs_f64();
+        let run = race(name, mesh, scene, &visibility, light)?;
+        cuts.push(Cut {
+            error,
+            clusters: visibility.clusters.len(),
+            bytes: visibility.bytes(),
+            seconds,
+            apart: run.last().ok_or("no race")?.apart,
+            penumbra: memory(scene, &visibility, &lamp, &shade).nrmse,
+            rays,
+            places: shade.len(),
+        });
+        if error == usual.error {
+            races = run;
+        }
+    }
+    Ok((races, cuts))
+}
+
+/// The points that remember, as a bake with soft shadows has it.
+fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
+    let levels = (scene.sender_levels as usize + 1).min(scene.levels());
+    let known = scene.level_starts[levels] as usize;
+    (scene.points[..known].iter())
+        .map(|p| (p.x(), p.n()))
+        .collect()
+}
+
+/// Runs both at the points that remember and that the panel would light, with one sample, which is what `project` asks of a point light, and with [`SAMPLES`].
+pub fn race(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    visibility: &Visibility,
+    light: &Light,
+) -> Result<Vec<Race>, Box<dyn Error>> {
+    let extent = extent(scene);
+    let params = SoftParams::new(visibility, extent, 1);
+    let mut races = Vec::new();
+    for samples in [1, SAMPLES] {
+        let lamp = SoftLight::of(light, samples).ok_or("no rectangle")?;
+        let places: Vec<(usize, Vec3, Vec3)> = (scene.points[..visibility.points.len()].iter())
+            .enumerate()
+            .map(|(i, p)| (i, p.x(), p.n()))
+            .filter(|&(_, x, n)| unshadowed(&lamp, x, n, extent) > 0.0)
+            .collect();
+        let time = |what: &dyn Fn(&(usize, Vec3, Vec3)) -> f32| {
+            let began = Instant::now();
+            let found: Vec<f32> = places.iter().map(what).collect();
+            let seconds = began.elapsed().as_secs_f64();
+            (1e6 * seconds / places.len().max(1) as f64, found)
+        };
+        let (rays, truth) = time(&|&(_, x, n)| {
+            let sight = Rays {
+                geometry: mesh,
+                start: x + n * mesh.lift(x),
+            };
+            soft::fraction(&lamp, x, n, &sight).0
+        });
+        let (memory, remembered) = time(&|&(i, x, n)| {
+            soft::fraction(&lamp, x, n, &soft::Eye::new(&params, visibility, i, n)).0
+        });
+        let pairs = truth.iter().zip(&remembered);
+        let square: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        races.push(Race {
+            name: name.into(),
+            triangles: mesh.len(),
+            points: places.len(),
+            samples,
+            rays,
+            memory,
+            apart: (square / places.len().max(1) as f64).sqrt(),
+        });
+    }
+    Ok(races)
+}
+
+/// Those of `places` that the lamp lights in part.
+fn penumbra_of(places: &[ShadowPlace]) -> Vec<ShadowPlace> {
+    places
+        .iter()
+        .copied()
+        .filter(ShadowPlace::in_penumbra)
+        .collect()
+}
+
+/// Measures a scene and draws its picture into `folder`.
+pub fn measure(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    folder: &Path,
+) -> Result<Found, Box<dyn Error>> {
+    let light = lamp(name);
+    let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
+    let lit = shadow_places(scene, mesh, &light, PATHS);
+    let shade = penumbra_of(&lit);
+    eprintln!(
+        "{name}: {} places, {} in the penumbra",
+        lit.len(),
+        shade.len()
+    );
+    let points = remembering(scene);
+    let known = points.len();
+    let usual = VisibilitySettings::default();
+    let bake = |settings: &VisibilitySettings| {
+        let began = Instant::now();
+        let baked = bake_visibility(mesh, &points, settings, &|_| true)?;
+        Ok::<_, Box<dyn Error>>((baked.0, began.elapsed().as_secs_f64()))
+    };
+    let bakes = [
+        bake(&usual)?,
+        bake(&VisibilitySettings {
+            grid: HemisphereGrid::default(),
+            components: 100,
+            cluster_points: 1000,
+            error: f32::INFINITY,
+            tolerance: 0.0,
+            ..usual
+        })?,
+        bake(&VisibilitySettings {
+            grid: HemisphereGrid::of(8064),
+            cluster_points: 150,
+            ..usual
+        })?,
+    ];
+    // The first of a bake's components are those of a bake of fewer.
+    let by_count = [0, 1, 2].map(|k| {
+        let most = [usual.components, 100, usual.components][k];
+        let counts = COUNTS.into_iter().filter(|&count| count <= most);
+        let error = |count| {
+            let few = bakes[k].0.truncated(count);
+            (count, memory(scene, &few, &lamp, &shade).nrmse)
+        };
+        counts.map(error).collect()
+    });
+    let [
+        (own, own_seconds),
+        (theirs, their_seconds),
+        (fine, fine_seconds),
+    ] = bakes;
+    let fifty = theirs.truncated(50);
+    let mut others = Vec::new();
+    for (what, light) in other_lamps(name) {
+        let lamp = SoftLight::of(&light, SAMPLES).ok_or("no rectangle")?;
+        let shade = penumbra_of(&shadow_places(scene, mesh, &light, PATHS));
+        let error = |visibility: &Visibility| memory(scene, visibility, &lamp, &shade).nrmse;
+        let deficits = deficits_by_rays(scene, mesh, &lamp, known);
+        others.push(Other {
+            what,
+            places: shade.len(),
+            penumbra: [error(&own), error(&fine)],
+            rays: shadow_errors(scene, &deficits, &shade).nrmse,
+        });
+    }
+    let mut variants = Vec::new();
+    let mut shown = None;
+    for (what, visibility, seconds) in [
+        (BAKES[0], own, Some(own_seconds)),
+        (BAKES[1], theirs, Some(their_seconds)),
+        ("the first 50 of these, as [P14]", fifty, None),
+        (BAKES[2], fine, Some(fine_seconds)),
+    ] {
+        let error = |places: &[ShadowPlace]| compare(scene, &visibility, &lamp, places);
+        let (penumbra, all) = (error(&shade), error(&lit));
+        let with = BakedScene {
+            visibility: Some(visibility),
+            ..scene.clone()
+        };
+        let packed = with.to_bytes()?.len() - scene.to_bytes()?.len();
+        let visibility = with.visibility.as_ref().ok_or("lost")?;
+        variants.push(Variant {
+            what,
+            points: points.len(),
+            clusters: visibility.clusters.len(),
+            basis: 4 * visibility.basis.len(),
+            coefficients: 4 * visibility.coefficients.len(),
+            kept: visibility.kept(),
+            bytes: visibility.bytes(),
+            packed,
+            seconds,
+            penumbra: penumbra[2].nrmse,
+            lit: all[2].nrmse,
+        });
+        eprintln!("  {what}: {:.4}", penumbra[2].nrmse);
+        if shown.is_none() {
+            shown = Some((with, penumbra, all));
+        }
+    }
+    let (with, penumbra, all) = shown.ok_or("nothing was baked")?;
+    let visibility = with.visibility.as_ref().ok_or("lost")?;
+    let races = race(name, mesh, scene, visibility, &light)?;
+    picture(name, mesh, &with, &light, folder)?;
+    Ok(Found {
+        name: name.into(),
+        places: (lit.len(), shade.len()),
+        by_count,
+        rays: shadow_errors(scene, &deficits_by_rays(scene, mesh, &lamp, known), &shade).nrmse,
+        penumbra,
+        lit: all,
+        variants,
+        others,
+        races,
+    })
+}
+
+/// From memory, the truth, and their difference, side by side.
+fn picture(
+    name: &str,
+    mesh: &TriangleMesh,
+    scene: &BakedScene,
+    light: &Light,
+    folder: &Path,
+) -> Result<(), Box<dyn Error>> {
+    let (width, height) = (360, 270);
+    let camera = match name {
+        "cornell" => Camera {
+            eye: Vec3::new(2.78, 2.73, -7.6),
+            target: Vec3::new(2.78, 2.5, 2.8),
+            up: Vec3::Y,
+            vertical_angle: 0.7,
+        },
+        _ => Camera {
+            eye: Vec3::new(7.8, 2.2, 3.9),
+            target: Vec3::new(4.2, 0.7, 1.6),
+            up: Vec3::Y,
+            vertical_angle: 1.1,
+        },
+    };
+    let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
+    let deficits = soft::deficits(scene, &[lamp]);
+    let extent = extent(scene);
+    let memory = |_: &Ray, s: &Surface, _: &mut Random| {
+        let e = unshadowed(&lamp, s.position, s.normal, extent);
+        let missing = shade::missing(scene, &deficits, s.position, s.normal);
+        e * (Vec3::ONE - missing.unwrap_or_default())
+    };
+    let truth = |_: &Ray, s: &Surface, random: &mut Random| {
+        Vec3::splat(shadowed_irradiance(
+            mesh,
+            light,
+            s.position,
+            s.normal,
+            random.bits(),
+        ))
+    };
+    let black = |_: Vec3| Vec3::ZERO;
+    let ours = render(mesh, &camera, (width, height), 1, &memory, &black);
+    let right = render(mesh, &camera, (width, height), 1, &truth, &black);
+    let mean = right.pixels.iter().map(|p| p.x).sum::<f32>() / right.pixels.len() as f32;
+    let exposure = 0.35 / mean;
+    let mut pixels = Vec::new();
+    for y in 0..height as usize {
+        let row = y * width as usize..(y + 1) * width as usize;
+        pixels.extend_from_slice(&ours.pixels[row.clone()]);
+        pixels.extend_from_slice(&right.pixels[row.clone()]);
+        let differences = ours.pixels[row.clone()].iter().zip(&right.pixels[row]);
+        pixels.extend(differences.map(|(a, b)| Vec3::splat(0.2 / exposure) + 5.0 * (*a - *b)));
+    }
+    let image = Image {
+        width: 3 * width,
+        height,
+        pixels,
+    };
+    image::save_buffer(
+        folder.join(format!("{name}.png")),
+        &image.to_srgb8(exposure),
+        image.width,
+        image.height,
+        image::ExtendedColorType::Rgb8,
+    )?;
+    Ok(())
+}

@@ -1,0 +1,325 @@
+//! The document and its charts.
+
+use super::bumps::Held;
+use super::experiments::{FINEST, Found, LIGHTS, NORMALS, Pair, SCREEN, SMALL};
+use meshless_gi::frame::{DepthTest, NormalTest, SubsplatSettings};
+use meshless_gi_lab::accuracy::{Axis, Chart, Format, Mark, Series, Style};
+use std::fmt::{Error, Write};
+
+/// What the issue of subsplats asks for: evaluations over pixels, and FLIP.
+const BOUND: (f64, f32) = (1.0 / 8.0, 0.01);
+
+fn depth_name(test: DepthTest) -> (&'static str, f32) {
+    match test {
+        DepthTest::Plane(t) => ("plane", t),
+        DepthTest::MinMax(t) => ("min-max", t),
+        DepthTest::Derivative(t) => ("derivative", t),
+    }
+}
+
+fn normal_name(test: NormalTest) -> (&'static str, f32) {
+    match test {
+        NormalTest::MinMax(t) => ("min-max", t),
+        NormalTest::Curvature(t) => ("curvature", t),
+    }
+}
+
+fn pair_name(pair: &Pair) -> String {
+    format!(
+        "depth: {}, normals: {}",
+        depth_name(pair.depth).0,
+        normal_name(pair.normal).0
+    )
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
+    let pixels = f64::from(SMALL[0] * SMALL[1]);
+    let path = Chart {
+        title: "Subsplats along a path, by tests of discontinuities".into(),
+        caption: format!(
+            "{}, {} × {} pixels, thresholds of about equal FLIP, no test of light. Lower is better.",
+            found.on, SMALL[0], SMALL[1]
+        ),
+        x: Axis::linear("place along the path", Format::Number),
+        y: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        series: found
+            .pairs
+            .iter()
+            .map(|pair| {
+                let places = pair.places.iter().enumerate();
+                let points = places.map(|(k, m)| (k as f64, f64::from(m.counts.total()) / pixels));
+                Series::new(pair_name(pair), Style::LineAndPoints, points)
+            })
+            .collect(),
+        ..Chart::default()
+    };
+    let thresholds = Chart {
+        title: "Subsplats by threshold of the normal and finest level".into(),
+        caption: format!(
+            "{}, first view, {} × {} pixels, no test of light.",
+            found.on, SCREEN[0], SCREEN[1]
+        ),
+        x: Axis::linear("threshold of the normal's components", Format::Number),
+        y: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        series: FINEST
+            .iter()
+            .map(|&finest| {
+                let own = found.cells.iter().filter(|c| c.finest == finest);
+                let points = own.map(|c| (f64::from(c.normal), c.measured.share()));
+                let name = format!("finest cells {} pixels wide", 1 << finest);
+                Series::new(name, Style::LineAndPoints, points)
+            })
+            .collect(),
+        ..Chart::default()
+    };
+    let mut names: Vec<&str> = found.lights.iter().map(|l| l.level.as_str()).collect();
+    names.dedup();
+    let light = Chart {
+        title: "What the threshold of light buys".into(),
+        caption: format!(
+            "First view of each level, {} × {} pixels. Labels: the threshold. The line: the bound of the first table.",
+            SCREEN[0], SCREEN[1]
+        ),
+        x: Axis::linear("evaluations, share of the pixels", Format::Percent),
+        y: Axis::linear("FLIP against full resolution", Format::Number),
+        series: names
+            .iter()
+            .map(|&name| {
+                let own = found.lights.iter().filter(|l| l.level == name);
+                Series {
+                    points: own
+                        .map(|l| {
+                            Mark::new(l.measured.share(), f64::from(l.measured.flip))
+                                .labelled(threshold(l.light))
+                        })
+                        .collect(),
+                    ..Series::new(name, Style::LineAndPoints, [])
+                }
+            })
+            .collect(),
+        guides: vec![(f64::from(BOUND.1), String::new())],
+    };
+    vec![
+        ("path.svg", path),
+        ("thresholds.svg", thresholds),
+        ("light.svg", light),
+    ]
+}
+
+fn threshold(t: f32) -> String {
+    if t.is_finite() {
+        format!("{t}")
+    } else {
+        "none".into()
+    }
+}
+
+pub fn text(found: &Found) -> Result<String, Error> {
+    let mut out = String::new();
+    first(found, &mut out)?;
+    views(found, &mut out)?;
+    light(found, &mut out)?;
+    tests(found, &mut out)?;
+    table(found, &mut out)?;
+    bumps(found, &mut out)?;
+    super::gloss::text(&found.gloss, &mut out)?;
+    Ok(out)
+}
+
+fn first(found: &Found, out: &mut String) -> Result<(), Error> {
+    let d = SubsplatSettings::default();
+    let largest = |of: &dyn Fn(&super::experiments::Row) -> f64| {
+        found.rows.iter().map(of).fold(0.0, f64::max)
+    };
+    let (share, flip) = (
+        largest(&|r| r.measured.share()),
+        largest(&|r| f64::from(r.measured.flip)),
+    );
+    let holds = found
+        .rows
+        .iter()
+        .filter(|r| r.measured.share() <= BOUND.0 && r.measured.flip <= BOUND.1)
+        .count();
+    let mut levels: Vec<&str> = found.rows.iter().map(|r| r.level.as_str()).collect();
+    levels.dedup();
+    writeln!(
+        out,
+        "# Subsplats: light on the screen at a fraction of the pixels\n\n\
+         Made by `cargo run --release --no-default-features --features cli --example subsplats -- -o docs LEVEL_FOLDER...` on the CPU's twins of the kernels; the cluttered\n\
+         room is always there, further levels ({}) are folders that the command names. Do not edit.\n\n\
+         **Take the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, light {}, alike {}. Over all {} views here they evaluate at most\n\
+         1/{:.1} of the pixels, with FLIP at most {flip:.4}; {holds} of {} views hold 1/8 of the pixels with FLIP 0.01.\n\n\
+         - For fewer evaluations raise `light`: a table below says what that costs. It is the one setting that matters much.\n\
+         - Leave the test of depth at `Plane`: floors seen at a slant are no edges to it.\n\
+         - Leave `detail` at 0: nodes hold vectors, so that bumps are shaded by themselves, and right.\n",
+        if levels.len() > 1 {
+            levels[1..].join(", ")
+        } else {
+            "none this time".into()
+        },
+        d.coarsest,
+        d.finest,
+        depth_name(d.depth).0,
+        depth_name(d.depth).1,
+        normal_name(d.normal).0,
+        normal_name(d.normal).1,
+        d.light,
+        d.alike,
+        found.rows.len(),
+        1.0 / share,
+        found.rows.len(),
+    )
+}
+
+fn views(found: &Found, out: &mut String) -> Result<(), Error> {
+    writeln!(
+        out,
+        "## Views at {} × {} pixels\n\n\
+         Default settings. Subsplats of each level (cells so many pixels wide; 1: pixels evaluated by themselves), their share of the pixels, FLIP of the pictures of\n\
+         indirect light × albedo (mean luminance 0.18, tone curve 1.25 x / (1 + x)), NRMSE of the irradiance, and the time of full resolution over that of\n\
+         subsplats with everything around them, both on one thread of the CPU in the same run; other\n\
+         work on the machine shows in these times.\n\n\
+         | level | view | 16 | 8 | 4 | 2 | 1 | share | FLIP | NRMSE | full resolution | subsplats | ratio |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        SCREEN[0], SCREEN[1]
+    )?;
+    for row in &found.rows {
+        let n = row.measured.counts.evaluated;
+        let [full, few] = row.seconds;
+        writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} | 1/{:.1} | {:.4} | {} | {full:.2} s | {few:.2} s | {:.1} |",
+            row.level,
+            row.view + 1,
+            n[4],
+            n[3],
+            n[2],
+            n[1],
+            n[0],
+            1.0 / row.measured.share(),
+            row.measured.flip,
+            percent(row.measured.nrmse),
+            full / few
+        )?;
+    }
+    writeln!(out)
+}
+
+fn light(found: &Found, out: &mut String) -> Result<(), Error> {
+    writeln!(
+        out,
+        "## The threshold of light\n\n\
+         A cell is refined too where a node's light is not what its surroundings foretold. Without (\"none\") only shapes refine, as in [N09] §4.2. First view of each level.\n\n\
+         ![FLIP against share of the pixels](subsplats/light.svg)\n\n\
+         | level |{}\n|---|{}",
+        LIGHTS.map(|l| format!(" {} |", threshold(l))).concat(),
+        "---|".repeat(LIGHTS.len())
+    )?;
+    let mut names: Vec<&str> = found.lights.iter().map(|l| l.level.as_str()).collect();
+    names.dedup();
+    for name in names {
+        write!(out, "| {name} |")?;
+        for l in found.lights.iter().filter(|l| l.level == name) {
+            write!(
+                out,
+                " 1/{:.1}, {:.4} |",
+                1.0 / l.measured.share(),
+                l.measured.flip
+            )?;
+        }
+        writeln!(out)?;
+    }
+    writeln!(out)
+}
+
+fn tests(found: &Found, out: &mut String) -> Result<(), Error> {
+    writeln!(
+        out,
+        "## Tests of discontinuities ([N09] Fig. 9)\n\n\
+         {} places on a path through {} at {} × {} pixels, refined by shapes alone. Both thresholds of a pair are one factor, found by halving, times what they start from\n\
+         (plane 0.05, min-max 0.1, derivative 0.02; normals min-max 1, curvature 0.5): that at which the mean FLIP of every second place is that of plane and min-max as they start. FLIP is the mean of all\n\
+         places; \"no diagonals\": without the test of the four diagonal neighbours ([N09] §5.2, where that is 2 to 3 % of the time).\n\n\
+         ![Subsplats along the path](subsplats/path.svg)\n\n\
+         | depth | threshold | normals | threshold | subsplats | fewest to most | FLIP | no diagonals: subsplats | FLIP | diagonals add |\n\
+         |---|---|---|---|---|---|---|---|---|---|",
+        found.pairs[0].places.len(),
+        found.on,
+        SMALL[0],
+        SMALL[1]
+    )?;
+    for pair in &found.pairs {
+        let ((depth, d), (normal, n)) = (depth_name(pair.depth), normal_name(pair.normal));
+        let each = || pair.places.iter().map(|m| m.counts.total());
+        writeln!(
+            out,
+            "| {depth} | {d:.3} | {normal} | {n:.3} | {:.0} | {} to {} | {:.4} | {:.0} | {:.4} | {} |",
+            pair.count(),
+            each().min().unwrap_or(0),
+            each().max().unwrap_or(0),
+            pair.flip(),
+            pair.straight.0,
+            pair.straight.1,
+            percent(pair.count() / pair.straight.0 - 1.0)
+        )?;
+    }
+    writeln!(out)
+}
+
+fn table(found: &Found, out: &mut String) -> Result<(), Error> {
+    writeln!(
+        out,
+        "## Resolution and threshold of the normal ([N09] Table 2, Fig. 10)\n\n\
+         {}, first view, refined by shapes alone; [N09] varies the resolution of the indirect light as the finest cells do here. Each cell: share of the pixels, FLIP, time of full resolution over\n\
+         that of subsplats.\n\n\
+         ![Share of the pixels](subsplats/thresholds.svg)\n\n\
+         | finest cells |{}\n|---|{}",
+        found.on,
+        NORMALS.map(|n| format!(" {n} |")).concat(),
+        "---|".repeat(NORMALS.len())
+    )?;
+    for finest in FINEST {
+        write!(out, "| {} pixels |", 1 << finest)?;
+        for c in found.cells.iter().filter(|c| c.finest == finest) {
+            write!(
+                out,
+                " 1/{:.1}, {:.4}, {:.1} |",
+                1.0 / c.measured.share(),
+                c.measured.flip,
+                c.seconds[0] / c.seconds[1]
+            )?;
+        }
+        writeln!(out)?;
+    }
+    writeln!(out)
+}
+
+fn bumps(found: &Found, out: &mut String) -> Result<(), Error> {
+    writeln!(
+        out,
+        "## Detail of normals ([N09] §4.3, Fig. 11)\n\n\
+         A ball before a wall, both with bumps in the normals of the G-buffer up to 25 degrees steep, {} × {} pixels, light from one side, refined by shapes alone. Nodes hold vector irradiance (ours),\n\
+         or the irradiance of their own normal ([N09]), which Eq. (3) with α = 0.5 may modulate. Both have the same subsplats.\n\n\
+         | threshold of the normal | share | nodes hold | FLIP | NRMSE |\n|---|---|---|---|---|",
+        SMALL[0], SMALL[1]
+    )?;
+    for b in &found.bumpy {
+        let held = match b.held {
+            Held::Vectors => "vectors".to_string(),
+            Held::Scalars => "scalars".to_string(),
+            Held::Darkened(alpha) => format!("scalars, Eq. (3), α = {alpha}"),
+        };
+        writeln!(
+            out,
+            "| {} | 1/{:.1} | {held} | {:.4} | {} |",
+            b.normal,
+            1.0 / b.measured.share(),
+            b.measured.flip,
+            percent(b.measured.nrmse)
+        )?;
+    }
+    Ok(())
+}

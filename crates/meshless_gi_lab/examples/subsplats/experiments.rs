@@ -1,0 +1,223 @@
+//! The experiments: views of every level, tests of discontinuities along a path ([N09] Fig. 9), resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
+
+use super::bumps::{self, Bumpy};
+use super::gloss;
+use super::subsplat_support::{Measured, Stage, View};
+use meshless_gi::frame::{DepthTest, NormalTest, SubsplatSettings};
+use std::error::Error;
+
+/// What the issue of subsplats is about: a screen.
+pub const SCREEN: [u32; 2] = [1920, 1080];
+/// Pictures along the path.
+pub const SMALL: [u32; 2] = [960, 540];
+/// Places of the path.
+pub const PLACES: u32 = 8;
+/// Finest levels that are compared.
+pub const FINEST: [u32; 3] = [1, 2, 3];
+/// Thresholds of the normal that are compared.
+pub const NORMALS: [f32; 6] = [0.1, 0.25, 0.5, 1.0, 1.4, 2.0];
+/// Thresholds of light that are compared.
+pub const LIGHTS: [f32; 6] = [0.01, 0.015, 0.02, 0.03, 0.05, f32::INFINITY];
+
+/// One of a level's views at the size of a screen, with the default settings.
+pub struct Row {
+    pub level: String,
+    pub view: usize,
+    pub measured: Measured,
+    /// Of full resolution and of subsplats.
+    pub seconds: [f64; 2],
+}
+
+/// Two tests, with their thresholds, along the path.
+pub struct Pair {
+    pub depth: DepthTest,
+    pub normal: NormalTest,
+    /// Place by place.
+    pub places: Vec<Measured>,
+    /// Mean number of subsplats without the test of diagonals, and mean FLIP.
+    pub straight: (f64, f64),
+}
+
+impl Pair {
+    pub fn count(&self) -> f64 {
+        mean(&self.places, |m| f64::from(m.counts.total()))
+    }
+
+    pub fn flip(&self) -> f64 {
+        mean(&self.places, |m| f64::from(m.flip))
+    }
+}
+
+/// A finest level and a threshold of the normal.
+pub struct Cell {
+    pub finest: u32,
+    pub normal: f32,
+    pub measured: Measured,
+    pub seconds: [f64; 2],
+}
+
+/// A threshold of light.
+pub struct Light {
+    pub level: String,
+    pub light: f32,
+    pub measured: Measured,
+}
+
+/// All that was found.
+pub struct Found {
+    pub rows: Vec<Row>,
+    /// The level that the other experiments are made on.
+    pub on: String,
+    pub pairs: Vec<Pair>,
+    pub cells: Vec<Cell>,
+    pub lights: Vec<Light>,
+    pub bumpy: Vec<Bumpy>,
+    pub gloss: gloss::Found,
+}
+
+fn mean(all: &[Measured], of: impl Fn(&Measured) -> f64) -> f64 {
+    all.iter().map(of).sum::<f64>() / all.len().max(1) as f64
+}
+
+pub fn all(stages: &[Stage]) -> Result<Found, Box<dyn Error>> {
+    let last = stages.last().ok_or("no level")?;
+    let bumpy = bumps::measure();
+    eprintln!("bumps are measured");
+    let gloss = gloss::measure();
+    let (mut rows, mut lights, mut cells) = (Vec::new(), Vec::new(), Vec::new());
+    for (s, stage) in stages.iter().enumerate() {
+        for i in 0..stage.level.views.len() {
+            let view = stage.view(i, SCREEN);
+            let settings = SubsplatSettings::default();
+            let full = view.full_seconds();
+            rows.push(Row {
+                level: stage.level.name.clone(),
+                view: i,
+                measured: view.measure(&settings),
+                seconds: [full, view.few_seconds(&settings)],
+            });
+            if i == 0 {
+                lights.extend(LIGHTS.map(|light| Light {
+                    level: stage.level.name.clone(),
+                    light,
+                    measured: view.measure(&SubsplatSettings { light, ..settings }),
+                }));
+                if s + 1 == stages.len() {
+                    cells = table(&view, full);
+                }
+            }
+            eprintln!(
+                "{} {i}: {:?}",
+                stage.level.name,
+                rows[rows.len() - 1].measured
+            );
+        }
+    }
+    Ok(Found {
+        rows,
+        on: last.level.name.clone(),
+        pairs: along(last),
+        cells,
+        lights,
+        bumpy,
+        gloss,
+    })
+}
+
+/// As [N09] has it: refined by discontinuities alone.
+fn by_shape(depth: DepthTest, normal: NormalTest) -> SubsplatSettings {
+    SubsplatSettings {
+        depth,
+        normal,
+        light: f32::INFINITY,
+        ..SubsplatSettings::default()
+    }
+}
+
+fn table(view: &View<'_>, full: f64) -> Vec<Cell> {
+    let mut out = Vec::new();
+    for finest in FINEST {
+        for normal in NORMALS {
+            let plain = SubsplatSettings::default();
+            let settings = SubsplatSettings {
+                finest,
+                ..by_shape(plain.depth, NormalTest::MinMax(normal))
+            };
+            out.push(Cell {
+                finest,
+                normal,
+                measured: view.measure(&settings),
+                seconds: [full, view.few_seconds(&settings)],
+            });
+        }
+    }
+    out
+}
+
+/// From the first view to the second, looking from target to target.
+fn path(stage: &Stage) -> Vec<View<'_>> {
+    let [(a, at), (b, bt), _] = stage.level.views;
+    let place = |k: u32| {
+        let t = k as f32 / (PLACES - 1) as f32;
+        View::new(stage, a.lerp(b, t), at.lerp(bt, t), SMALL)
+    };
+    (0..PLACES).map(place).collect()
+}
+
+fn along(stage: &Stage) -> Vec<Pair> {
+    let views = path(stage);
+    let with = |settings: &SubsplatSettings, step: usize| -> Vec<Measured> {
+        let chosen = views.iter().step_by(step);
+        chosen.map(|view| view.measure(settings)).collect()
+    };
+    let flip = |settings: &SubsplatSettings| mean(&with(settings, 2), |m| f64::from(m.flip));
+    let plain = SubsplatSettings::default();
+    let goal = flip(&by_shape(plain.depth, plain.normal));
+    let mut out = Vec::new();
+    for normal in 0..2 {
+        for depth in 0..3 {
+            // Both thresholds by one factor of what they are to begin with.
+            let at = |factor: f32| {
+                let depth = match depth {
+                    0 => DepthTest::Plane(0.05 * factor),
+                    1 => DepthTest::MinMax(0.1 * factor),
+                    _ => DepthTest::Derivative(0.02 * factor),
+                };
+                let normal = match normal {
+                    0 => NormalTest::MinMax((1.0 * factor).min(2.0)),
+                    _ => NormalTest::Curvature((0.5 * factor).min(2.0)),
+                };
+                by_shape(depth, normal)
+            };
+            let (mut low, mut high) = (-4.0f32, 4.0f32);
+            for _ in 0..5 {
+                let middle = 0.5 * (low + high);
+                // Larger thresholds, fewer subsplats, a larger difference.
+                if flip(&at(middle.exp2())) > goal {
+                    high = middle;
+                } else {
+                    low = middle;
+                }
+            }
+            let settings = at((0.5 * (low + high)).exp2());
+            let straight = with(
+                &SubsplatSettings {
+                    diagonal: false,
+                    ..settings
+                },
+                1,
+            );
+            out.push(Pair {
+                depth: settings.depth,
+                normal: settings.normal,
+                places: with(&settings, 1),
+                straight: (
+                    mean(&straight, |m| f64::from(m.counts.total())),
+                    mean(&straight, |m| f64::from(m.flip)),
+                ),
+            });
+            eprintln!("{:?} {:?}", settings.depth, settings.normal);
+        }
+    }
+    out
+}

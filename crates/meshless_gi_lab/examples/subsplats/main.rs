@@ -1,0 +1,65 @@
+//! Subsplats ([N09]) measured: how many, how far from full resolution, for how much of its time, and what each setting is worth. Writes the document and its charts:
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example subsplats -- -o docs [--bakes FOLDER] [LEVEL_FOLDER...]
+//! ```
+//!
+//! makes `docs/SUBSPLATS.md` and `docs/subsplats/`. A level's folder holds `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
+//! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
+
+mod bumps;
+mod document;
+mod experiments;
+mod gloss;
+use meshless_gi_lab::fixtures::gloss as gloss_support;
+use meshless_gi_lab::fixtures::subsplats as subsplat_support;
+
+use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::bake::{Progress, Recipe, bake_level};
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use subsplat_support::{Level, Stage, clutter};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: subsplats -o FOLDER [--bakes FOLDER] [LEVEL_FOLDER...]";
+    let (mut folder, mut bakes, mut levels) = (None, None, vec![clutter()]);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--bakes" => bakes = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            _ => {
+                let level = Level::read(arg.as_ref())?;
+                levels.push(level.ok_or_else(|| format!("no views of {arg} are known"))?);
+            }
+        }
+    }
+    let folder = folder.ok_or(usage)?;
+    let mut stages = Vec::new();
+    for level in levels {
+        let scene = baked(&level, bakes.as_deref())?;
+        stages.push(Stage::new(level, scene));
+    }
+    let names: Vec<&str> = stages.iter().map(|s| s.level.name.as_str()).collect();
+    eprintln!("{} are lit", names.join(", "));
+    let found = experiments::all(&stages)?;
+    std::fs::create_dir_all(folder.join("subsplats"))?;
+    for (file, chart) in document::charts(&found) {
+        std::fs::write(folder.join("subsplats").join(file), chart.svg())?;
+    }
+    std::fs::write(folder.join("SUBSPLATS.md"), document::text(&found)?)?;
+    Ok(())
+}
+
+fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Error>> {
+    let file = bakes.map(|folder| folder.join(format!("{}.mgi", level.name)));
+    if let Some(file) = file.as_deref().filter(|f| f.exists()) {
+        return Ok(BakedScene::read(file, &Limits::default())?);
+    }
+    eprintln!("baking {}", level.name);
+    let baked = bake_level(&level.mesh, &Recipe::default(), 0, &Progress::default())?;
+    if let Some(file) = file {
+        baked.scene.write(&file)?;
+    }
+    Ok(baked.scene)
+}

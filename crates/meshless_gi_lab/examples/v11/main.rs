@@ -1,0 +1,128 @@
+//! [V11]'s experiment: nine bases write down the light of a sphere over a disk, whose true light is known from two integral equations. Writes the table that the
+//! paper lacks, its curves B(ζ) and D(u) as charts, and pictures, and puts them into a document:
+//!
+//! ```text
+//! cargo run --release --no-default-features --features cli --example v11 -- -o DIR
+//! ```
+//!
+//! makes `DIR/V11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every density in `DIR/v11/all/`. With `--short`, as for `docs/`, without
+//! the latter.
+
+mod curves;
+mod document;
+mod pictures;
+
+use meshless_gi_lab::accuracy::{
+    Basis, ComparisonRow, PointSet, Solution, SphereOverDisk, SurfaceErrors, compare_bases,
+};
+use std::error::Error;
+use std::path::PathBuf;
+
+/// Smallest distances of two points, metres; the third is the paper's own.
+pub const SPACINGS: [f64; 5] = [6.0, 4.24, 3.0, 2.12, 1.5];
+/// The one that charts and pictures of the document show.
+pub const SHOWN: f64 = 3.0;
+/// Point sets a density; the table has the median of each number over them.
+const SETS: u64 = 5;
+/// Cells of the solution that everything is compared with.
+const CELLS: usize = 1600;
+
+/// What everything is made from.
+pub struct Experiment {
+    pub solution: Solution,
+    /// Medians over the point sets.
+    pub rows: Vec<ComparisonRow>,
+    /// The first point set of each spacing.
+    pub sets: Vec<PointSet>,
+    pub folder: PathBuf,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let usage = "usage: v11 -o DIR [--short]";
+    let (mut folder, mut short) = (None, false);
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "-o" => folder = Some(PathBuf::from(args.next().ok_or(usage)?)),
+            "--short" => short = true,
+            _ => return Err(usage.into()),
+        }
+    }
+    let folder = folder.ok_or(usage)?;
+    std::fs::create_dir_all(folder.join("v11/all"))?;
+    let scene = SphereOverDisk::default();
+    let solution = scene.solve(CELLS)?;
+    let (mut rows, mut sets) = (Vec::new(), Vec::new());
+    for spacing in SPACINGS {
+        let mut of_sets = Vec::new();
+        for seed in 1..=SETS {
+            let set = PointSet::new(&scene, spacing, seed);
+            let all = compare_bases(&set, &solution, &solution, &Basis::ALL, true, seed)?;
+            of_sets.push(all);
+            if seed == 1 {
+                sets.push(set);
+            }
+        }
+        rows.extend(medians(&of_sets));
+        eprintln!("spacing {spacing} m done");
+    }
+    let made = Experiment {
+        solution,
+        rows,
+        sets,
+        folder,
+    };
+    curves::write(&made, !short)?;
+    pictures::write(&made)?;
+    std::fs::write(made.folder.join("V11.md"), document::text(&made)?)?;
+    if short {
+        std::fs::remove_dir(made.folder.join("v11/all"))?;
+    }
+    Ok(())
+}
+
+/// The median of each number over rows that differ by their point set.
+fn medians(sets: &[Vec<ComparisonRow>]) -> Vec<ComparisonRow> {
+    let median = |mut all: Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        all[all.len() / 2]
+    };
+    (0..sets[0].len())
+        .map(|i| {
+            let of = |value: &dyn Fn(&ComparisonRow) -> f64| {
+                median(sets.iter().map(|rows| value(&rows[i])).collect())
+            };
+            let surface = |get: fn(&ComparisonRow) -> &SurfaceErrors| SurfaceErrors {
+                rmse: of(&|r| get(r).rmse),
+                largest: of(&|r| get(r).largest),
+                oscillation: of(&|r| get(r).oscillation),
+                unevenness: of(&|r| get(r).unevenness),
+                bias: of(&|r| get(r).bias),
+                uncovered: of(&|r| get(r).uncovered),
+            };
+            ComparisonRow {
+                points: of(&|r| r.points as f64) as usize,
+                sphere: surface(|r| &r.sphere),
+                disk: surface(|r| &r.disk),
+                // The largest, not the median: one is enough to tell.
+                ridge: sets.iter().fold(0.0, |most, rows| most.max(rows[i].ridge)),
+                ..sets[0][i]
+            }
+        })
+        .collect()
+}
+
+/// A basis' part of a file's name.
+pub fn slug(basis: Basis) -> &'static str {
+    match basis {
+        Basis::Shepard => "shepard",
+        Basis::Gaussian => "gaussian",
+        Basis::HalfGaussian => "gaussian_half",
+        Basis::NarrowGaussian => "gaussian_quarter",
+        Basis::Lehtinen => "lehtinen",
+        Basis::LehtinenLevels => "lehtinen_3",
+        Basis::Flat => "ours_scalars",
+        Basis::Ours => "ours",
+        Basis::OursTwice => "ours_second_pass",
+    }
+}

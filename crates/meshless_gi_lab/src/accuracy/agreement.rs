@@ -1,0 +1,309 @@
+//! Do two estimates agree? A two-sided test that knows the noise of both, for irradiances at many places.
+//!
+//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three questions are asked of each colour channel: is a single place too far
+//! off (the largest |z|, by Šidák's rule for independent places), are they all together (Σz² against χ²), and do they lean to one side (Σz / √k against
+//! the normal distribution, which finds a small bias that no single place shows). Channels share their paths and are not independent, so that the smallest of the
+//! nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the dependence).
+//!
+//! A place that few paths light has a skewed estimate, and a standard error that is itself a guess (none at all where no path found the light). Such places are
+//! summed up, in their order, until both sums are known to a tenth, which takes some hundred paths; a sum counts as one place.
+
+use glam::Vec3;
+
+/// Relative standard error above which places are summed up.
+const COARSE: f64 = 0.1;
+
+/// Values with their standard errors, of equal length.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimates<'a> {
+    /// A value a place.
+    pub values: &'a [Vec3],
+    /// Standard errors, none below 0; 0 for what is exact.
+    pub errors: &'a [Vec3],
+}
+
+/// What [`agreement`] found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agreement {
+    /// How probable differences like these or larger ones are if both estimate the same. 0 where a value is not finite.
+    pub p: f64,
+    /// Places and sums of places compared, for each channel.
+    pub count: [usize; 3],
+    /// Mean of z over them.
+    pub mean_z: [f64; 3],
+    /// Mean of z² over them: one if the standard errors are right.
+    pub mean_square_z: [f64; 3],
+    /// Largest |z|.
+    pub largest: f64,
+    /// The place it is at, or the last one of the sum.
+    pub at: usize,
+}
+
+/// Compares two estimates. `known` is the relative difference that is no error, on top of noise: what rounding, or rays that start a little above the
+/// surface, are known to cost. Each difference is shortened by that part of the larger value first.
+///
+/// # Panics
+/// Where lists differ in length.
+#[must_use]
+pub fn agreement(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> Agreement {
+    assert!(
+        [a.errors.len(), b.values.len(), b.errors.len()] == [a.values.len(); 3],
+        "lists of one length"
+    );
+    let mut out = Agreement {
+        p: 1.0,
+        count: [0; 3],
+        mean_z: [0.0; 3],
+        mean_square_z: [0.0; 3],
+        largest: 0.0,
+        at: 0,
+    };
+    if a.values.is_empty() {
+        return out;
+    }
+    let mut least: f64 = 1.0;
+    for c in 0..3 {
+        let pairs = pairs(&a, &b, c);
+        let count = pairs.len() as f64;
+        let (mut sum, mut square, mut largest) = (0.0, 0.0, 0.0f64);
+        for pair in &pairs {
+            let z = pair.standardised(known);
+            sum += z;
+            square += z * z;
+            largest = largest.max(z.abs());
+            if z.abs() > out.largest {
+                (out.largest, out.at) = (z.abs(), pair.at);
+            }
+        }
+        out.count[c] = pairs.len();
+        out.mean_z[c] = sum / count;
+        out.mean_square_z[c] = square / count;
+        if !square.is_finite() {
+            least = 0.0;
+            continue;
+        }
+        // 1 − (1 − p)^k without loss where p is small.
+        let any = -f64::exp_m1(count * f64::ln_1p(-two_sided(largest).min(1.0 - f64::EPSILON)));
+        least = least
+            .min(any)
+            .min(above_chi_square(square, count))
+            .min(two_sided(sum / count.sqrt()));
+    }
+    out.p = (9.0 * least).min(1.0);
+    out
+}
+
+/// Two values with their variances: of one place, or of several summed up.
+#[derive(Clone, Copy, Default)]
+struct Pair {
+    values: [f64; 2],
+    variances: [f64; 2],
+    at: usize,
+}
+
+impl Pair {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            values: [0, 1].map(|k| self.values[k] + other.values[k]),
+            variances: [0, 1].map(|k| self.variances[k] + other.variances[k]),
+            at: other.at,
+        }
+    }
+
+    fn size(&self) -> f64 {
+        self.values[0].abs().max(self.values[1].abs())
+    }
+
+    /// True where both values are known to a tenth of the larger one, or exactly. What is not a number stands alone.
+    fn is_fine(&self) -> bool {
+        let most = COARSE * self.size();
+        let exact = self.variances == [0.0; 2];
+        exact || !self.variances.iter().any(|v| v.sqrt() > most) && !self.lacks_light()
+    }
+
+    /// One estimate found light, the other none and claims to know so.
+    fn lacks_light(&self) -> bool {
+        (0..2).any(|k| self.values[k] == 0.0 && self.variances[k] == 0.0) && self.size() > 0.0
+    }
+
+    /// z; 0 where the values are equal but for what is known, infinite where they differ without noise or make no sense.
+    fn standardised(&self, known: f64) -> f64 {
+        let off = self.values[0] - self.values[1];
+        let beyond = off.abs() - known * self.size();
+        let sigma = (self.variances[0] + self.variances[1]).sqrt();
+        if !beyond.is_finite() || !sigma.is_finite() {
+            f64::INFINITY
+        } else if beyond <= 0.0 {
+            0.0
+        } else {
+            beyond.copysign(off) / sigma
+        }
+    }
+}
+
+/// What to compare in channel `c`: places, and sums of places that are known coarsely.
+fn pairs(a: &Estimates<'_>, b: &Estimates<'_>, c: usize) -> Vec<Pair> {
+    let mut out = Vec::new();
+    let (mut open, mut summed): (Option<Pair>, Option<usize>) = (None, None);
+    for at in 0..a.values.len() {
+        let pair = Pair {
+            values: [a, b].map(|e| f64::from(e.values[at][c])),
+            variances: [a, b].map(|e| f64::from(e.errors[at][c]).powi(2)),
+            at,
+        };
+        if pair.is_fine() {
+            out.push(pair);
+            continue;
+        }
+        let sum = open.map_or(pair, |sum| sum.plus(pair));
+        if sum.is_fine() {
+            summed = Some(out.len());
+            out.push(sum);
+            open = None;
+        } else {
+            open = Some(sum);
+        }
+    }
+    // What is left over joins the last sum, if there is one.
+    match (open, summed) {
+        (Some(rest), Some(last)) => out[last] = out[last].plus(rest),
+        (Some(rest), None) => out.push(rest),
+        (None, _) => {}
+    }
+    out
+}
+
+/// Probability of a normal deviate beyond ±z.
+fn two_sided(z: f64) -> f64 {
+    libm::erfc(z.abs() * core::f64::consts::FRAC_1_SQRT_2)
+}
+
+/// Probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes it nearly normal (\[WH31\]).
+fn above_chi_square(x: f64, k: f64) -> f64 {
+    let v = 2.0 / (9.0 * k);
+    let z = ((x / k).cbrt() - (1.0 - v)) / v.sqrt();
+    0.5 * libm::erfc(z * core::f64::consts::FRAC_1_SQRT_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use meshless_gi::samples::Random;
+
+    #[test]
+    fn probabilities_are_those_of_the_tables() {
+        for (z, p) in [(1.959_964, 0.05), (3.290_527, 0.001), (0.0, 1.0)] {
+            assert!((two_sided(z) - p).abs() < 1e-6 * (1.0 + p), "{z}");
+        }
+        for (x, k, p) in [
+            (18.307, 10.0, 0.05),
+            (79.082, 60.0, 0.05),
+            (149.449, 100.0, 0.001),
+            (1074.679, 1000.0, 0.05),
+        ] {
+            assert!((above_chi_square(x, k) / p - 1.0).abs() < 0.02, "{x} {k}");
+        }
+    }
+
+    /// Deviates of variance one: a sum of twelve uniform numbers.
+    fn noise(random: &mut Random) -> f32 {
+        (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
+    }
+
+    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's standard error; all channels alike, as grey light has it.
+    fn p(run: u64, change: impl Fn(usize) -> f32) -> f64 {
+        let mut random = Random::new(1, run, 2);
+        let (mut a, mut b, mut s) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..200 {
+            let sigma = 0.01 * (1 + i % 7) as f32;
+            a.push(Vec3::splat(2.0 + sigma * noise(&mut random)));
+            b.push(Vec3::splat(2.0 + sigma * (noise(&mut random) + change(i))));
+            s.push(Vec3::splat(sigma));
+        }
+        let estimates = |values| Estimates { values, errors: &s };
+        agreement(estimates(&a), estimates(&b), 0.0).p
+    }
+
+    #[test]
+    fn noise_passes_as_often_as_it_should_and_errors_do_not() {
+        let runs = 400;
+        let failed = |level: f64, change: &dyn Fn(usize) -> f32| {
+            (0..runs).filter(|&run| p(run, change) < level).count()
+        };
+        // Nine questions of which three count, counted nine-fold: at most the level, and not never.
+        let by_chance = failed(0.15, &|_| 0.0);
+        assert!((1..=60).contains(&by_chance), "{by_chance} of {runs}");
+        assert_eq!(failed(1e-4, &|_| 0.0), 0);
+        // A bias of seven tenths of a standard error everywhere; noise that is half as large again as it says; and one place that is ten off.
+        let biased = failed(1e-3, &|_| 0.7);
+        let noisier = failed(1e-3, &|i| if i % 2 == 0 { 1.5 } else { -1.5 });
+        let single = failed(1e-3, &|i| if i == 77 { 12.0 } else { 0.0 });
+        assert_eq!(
+            [biased, noisier, single].map(|n| n > 390),
+            [true; 3],
+            "{biased} {noisier} {single}"
+        );
+    }
+
+    /// Places at which three paths of a thousand find light, as often as not none.
+    #[test]
+    fn places_that_few_paths_light_are_summed_up() {
+        let found = |run: u64, brightness: f32| {
+            let few = |stream: u64| -> (Vec<Vec3>, Vec<Vec3>) {
+                (0..300)
+                    .map(|i| {
+                        let mut random = Random::new(stream, run, i);
+                        let hits = (0..1000).filter(|_| random.unit() < 0.003).count() as f32;
+                        (Vec3::splat(hits), Vec3::splat(hits.sqrt()))
+                    })
+                    .unzip()
+            };
+            let (a, b) = (few(1), few(2));
+            let brighter: Vec<Vec3> = b.0.iter().map(|v| brightness * *v).collect();
+            let ours = Estimates {
+                values: &a.0,
+                errors: &a.1,
+            };
+            let theirs = Estimates {
+                values: &brighter,
+                errors: &b.1,
+            };
+            agreement(ours, theirs, 0.0)
+        };
+        let failed = |brightness| (0..60).filter(|&r| found(r, brightness).p < 1e-3).count();
+        assert!((4..20).contains(&found(0, 1.0).count[0]));
+        assert_eq!([failed(1.0), failed(1.5)], [0, 60]);
+    }
+
+    #[test]
+    fn what_is_exact_must_be_equal_but_for_what_is_known() {
+        let none = [Vec3::ZERO; 2];
+        let exact = |values| Estimates {
+            values,
+            errors: &none,
+        };
+        let (a, b) = ([Vec3::ONE; 2], [Vec3::ONE, Vec3::new(1.0, 1.0, 1.001)]);
+        assert_eq!(agreement(exact(&a), exact(&a), 0.0).p, 1.0);
+        let off = agreement(exact(&a), exact(&b), 0.0);
+        assert!(off.p == 0.0 && off.at == 1 && off.largest == f64::INFINITY);
+        assert_eq!(agreement(exact(&a), exact(&b), 0.002).p, 1.0);
+        let odd = [Vec3::ONE, Vec3::new(1.0, f32::NAN, 1.0)];
+        assert_eq!(agreement(exact(&a), exact(&odd), 0.1).p, 0.0);
+        // Found nothing, without any error, where the other one has light: a guess.
+        let dark = Estimates {
+            values: &none,
+            errors: &none,
+        };
+        let dim = Estimates {
+            values: &[Vec3::ONE; 2],
+            errors: &[Vec3::splat(0.6); 2],
+        };
+        let found = agreement(dark, dim, 0.0);
+        assert!(found.count == [1; 3] && found.p > 0.01, "{found:?}");
+        let nothing = Estimates {
+            values: &[],
+            errors: &[],
+        };
+        assert_eq!(agreement(nothing, nothing, 0.0).p, 1.0);
+    }
+}

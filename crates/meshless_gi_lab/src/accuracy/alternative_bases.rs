@@ -1,0 +1,435 @@
+//! The rivals of [V11] §VI: Shepard's inverse square and Gaussian radial functions, both over the normal-sensitive distance; and [L08]'s own multilevel
+//! functions behind the same interface, so that the three can be compared. Only `accuracy/` uses them: what a bake uses is in `shepard.rs` and `flat.rs`.
+//!
+//! The Gaussian functions neither sum to one nor are 1 at their own and 0 at the other points: whoever wants to pass through values has to solve for
+//! the coefficients. [V11] gives no method; we solve the dense system by LU. "Site distance divided by the nominal radius" (§VI) makes functions so wide
+//! that the system is next to singular; §V says that functions are "nearly zero" at the nominal radius, which makes them four times as narrow. Both are
+//! there: [`GaussianBasis::new`] takes the width in nominal radii.
+
+use super::dense::Lu;
+use glam::{DVec3, Vec3};
+use meshless_gi::basis::{LevelBasis, WeightEntry};
+use rayon::prelude::*;
+
+/// t: how many other points a nominal radius reaches ([V11] §V, as [L08]).
+const NEIGHBOURS: usize = 10;
+/// Where the Gaussian counts as zero ([V11] §V.A).
+const GAUSSIAN_END: f64 = 4.0;
+/// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how much more each time that does not help.
+const RIDGE: [f64; 2] = [1e-12, 100.0];
+/// More than this on the diagonal of ones is no interpolation any more.
+const MOST_RIDGE: f64 = 1e-2;
+
+/// What is known at a point: three channels of a scalar, and the vectors whose parts along the point's normal they are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PointSample {
+    /// A value a channel, W/m².
+    pub value: DVec3,
+    /// A vector a channel; only bases that carry vectors read it.
+    pub vector: [DVec3; 3],
+}
+
+/// A function on surfaces: three channels at a place and for its unit normal. None where it is not defined.
+pub type SurfaceField<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<DVec3> + Sync + 'a>;
+
+/// Why there is no function through the samples.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PointBasisError {
+    /// Not one sample a point.
+    #[error("{samples} samples for {points} points")]
+    Count {
+        /// How many points the basis has.
+        points: usize,
+        /// How many samples were given.
+        samples: usize,
+    },
+    /// A point, normal or sample is not finite.
+    #[error("point {0} or its sample is not finite")]
+    NotFinite(usize),
+    /// The Gaussian system cannot be solved.
+    #[error(
+        "the system of {points} Gaussian functions stays singular with {ridge:e} on its diagonal"
+    )]
+    Singular {
+        /// How many functions.
+        points: usize,
+        /// The largest ridge tried.
+        ridge: f64,
+    },
+}
+
+/// A basis over points on surfaces that takes samples at the points to a function on all surfaces.
+pub trait PointBasis: Sync {
+    /// The function that belongs to these samples, one a point.
+    ///
+    /// # Errors
+    /// Where the samples are not one a point or not finite.
+    fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError>;
+
+    /// What had to be added to the diagonal of the basis' system, whose own entries there are 1, to solve it; 0 where there is none, or it is regular.
+    fn ridge(&self) -> f64 {
+        0.0
+    }
+}
+
+/// Checks that there is a finite sample for each of `points` points.
+///
+/// # Errors
+/// Where there is not.
+pub fn check_samples(points: usize, samples: &[PointSample]) -> Result<(), PointBasisError> {
+    if points != samples.len() {
+        return Err(PointBasisError::Count {
+            points,
+            samples: samples.len(),
+        });
+    }
+    let finite = |s: &PointSample| s.value.is_finite() && s.vector.iter().all(|v| v.is_finite());
+    match samples.iter().position(|s| !finite(s)) {
+        Some(i) => Err(PointBasisError::NotFinite(i)),
+        None => Ok(()),
+    }
+}
+
+/// The normal-sensitive distance of \[V11\] Eq. (15), metres: |p − q| over the cosine of the normals; infinite where they are 90° or more apart.
+#[must_use]
+pub fn site_distance(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f64 {
+    let cosine = f64::from(n_p.dot(n_q));
+    if cosine <= 0.0 {
+        return f64::INFINITY;
+    }
+    f64::from((x_p - x_q).length()) / cosine
+}
+
+fn check_points(points: &[(Vec3, Vec3)]) -> Result<(), PointBasisError> {
+    match points
+        .iter()
+        .position(|(x, n)| !(x.is_finite() && n.is_finite()))
+    {
+        Some(i) => Err(PointBasisError::NotFinite(i)),
+        None => Ok(()),
+    }
+}
+
+/// Shepard's interpolation with inverse squared site distances over all points, ϕ^S of \[V11\] Eqs. (14), (16).
+#[derive(Clone, Debug)]
+pub struct ShepardBasis(Vec<(Vec3, Vec3)>);
+
+impl ShepardBasis {
+    /// The basis of points (x, n).
+    ///
+    /// # Errors
+    /// Where a point is not finite.
+    pub fn new(points: Vec<(Vec3, Vec3)>) -> Result<Self, PointBasisError> {
+        check_points(&points)?;
+        Ok(Self(points))
+    }
+}
+
+impl PointBasis for ShepardBasis {
+    fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError> {
+        check_samples(self.0.len(), samples)?;
+        let values: Vec<DVec3> = samples.iter().map(|s| s.value).collect();
+        Ok(Box::new(move |x, n| {
+            let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
+            for (&(x_j, n_j), value) in self.0.iter().zip(&values) {
+                let d = site_distance(x, n, x_j, n_j);
+                let w = 1.0 / (d * d);
+                // At a point (or so near that the weight overflows) the value is the point's own.
+                if w.is_infinite() {
+                    return Some(*value);
+                }
+                sum += w * *value;
+                weights += w;
+            }
+            (weights > 0.0).then(|| sum / weights)
+        }))
+    }
+}
+
+/// Gaussian radial functions over the site distance, ϕ^G of \[V11\] Eqs. (12), (17), with the coefficients that pass through the samples.
+#[derive(Clone, Debug)]
+pub struct GaussianBasis {
+    points: Vec<(Vec3, Vec3)>,
+    /// Standard deviation of each function, metres.
+    widths: Vec<f64>,
+    system: Lu,
+    ridge: f64,
+}
+
+impl GaussianBasis {
+    /// The basis of points (x, n), each function's standard deviation being `width` times its nominal radius: the site distance to the tenth nearest
+    /// other point (to the farthest, where fewer face the same way). Where the system is singular as far as rounding tells, something is added to its
+    /// diagonal, see [`PointBasis::ridge`].
+    ///
+    /// # Errors
+    /// Where a point is not finite, or the system stays singular.
+    pub fn new(points: Vec<(Vec3, Vec3)>, width: f64) -> Result<Self, PointBasisError> {
+        check_points(&points)?;
+        let radii: Vec<f64> = (0..points.len())
+            .into_par_iter()
+            .map(|i| nominal_radius(&points, i))
+            .collect();
+        let widths: Vec<f64> = radii.iter().map(|a| width * a).collect();
+        let row = |&(x, n): &(Vec3, Vec3)| -> Vec<f64> {
+            let all = points.iter().zip(&widths);
+            all.map(|(&(x_j, n_j), &s)| gaussian(site_distance(x, n, x_j, n_j) / s))
+                .collect()
+        };
+        let rows: Vec<Vec<f64>> = points.par_iter().map(row).collect();
+        let mut ridge = 0.0;
+        loop {
+            let mut matrix = rows.clone();
+            for (i, row) in matrix.iter_mut().enumerate() {
+                row[i] += ridge;
+            }
+            if let Some(system) = Lu::new(matrix) {
+                return Ok(Self {
+                    points,
+                    widths,
+                    system,
+                    ridge,
+                });
+            }
+            if ridge >= MOST_RIDGE {
+                return Err(PointBasisError::Singular {
+                    points: points.len(),
+                    ridge,
+                });
+            }
+            ridge = if ridge == 0.0 {
+                RIDGE[0]
+            } else {
+                ridge * RIDGE[1]
+            };
+        }
+    }
+
+    /// Smallest over largest pivot of the system: about the reciprocal of its condition number.
+    #[must_use]
+    pub fn pivots(&self) -> f64 {
+        self.system.pivots
+    }
+}
+
+/// G(r) of \[V11\] Eq. (12).
+fn gaussian(r: f64) -> f64 {
+    if r < GAUSSIAN_END {
+        (-0.5 * r * r).exp()
+    } else {
+        0.0
+    }
+}
+
+/// The site distance of point `i` to the tenth nearest other; 1 m where no other faces its way.
+fn nominal_radius(points: &[(Vec3, Vec3)], i: usize) -> f64 {
+    let (x, n) = points[i];
+    let others = points.iter().enumerate().filter(|(j, _)| *j != i);
+    let mut all: Vec<f64> = others
+        .map(|(_, &(y, m))| site_distance(x, n, y, m))
+        .filter(|d| d.is_finite() && *d > 0.0)
+        .collect();
+    all.sort_unstable_by(f64::total_cmp);
+    let reached = all.get(NEIGHBOURS - 1).or(all.last());
+    reached.copied().unwrap_or(1.0)
+}
+
+impl PointBasis for GaussianBasis {
+    fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError> {
+        check_samples(self.points.len(), samples)?;
+        let values: Vec<DVec3> = samples.iter().map(|s| s.value).collect();
+        let coefficients = self.system.solve(&values);
+        if let Some(i) = coefficients.iter().position(|c| !c.is_finite()) {
+            return Err(PointBasisError::NotFinite(i));
+        }
+        Ok(Box::new(move |x, n| {
+            let all = self.points.iter().zip(&self.widths).zip(&coefficients);
+            let terms = all.map(|((&(x_j, n_j), &s), &c)| {
+                let w = gaussian(site_distance(x, n, x_j, n_j) / s);
+                w * c
+            });
+            Some(terms.sum())
+        }))
+    }
+
+    fn ridge(&self) -> f64 {
+        self.ridge
+    }
+}
+
+/// The multilevel functions of \[L08\] Eqs. (1)-(7): the first level takes the samples, each further one the differences that are left at its points. One
+/// level is what \[V11\] calls Lehtinen's basis.
+#[derive(Clone, Copy, Debug)]
+pub struct MultilevelBasis<'a>(pub &'a [LevelBasis]);
+
+impl MultilevelBasis<'_> {
+    /// F_l(p) of \[L08\] Eq. (6) over `levels`, whose coefficients lie behind one another. None where no level covers the place.
+    fn sum(
+        levels: &[LevelBasis],
+        coefficients: &[DVec3],
+        x: Vec3,
+        n: Vec3,
+        found: &mut Vec<WeightEntry>,
+    ) -> Option<DVec3> {
+        let mut first = 0;
+        let mut sum = None;
+        for level in levels {
+            if level.weights(x, n, found) {
+                let own = found.iter();
+                let own: DVec3 = own
+                    .map(|w| f64::from(w.weight) * coefficients[first + w.index as usize])
+                    .sum();
+                sum = Some(sum.unwrap_or(DVec3::ZERO) + own);
+            }
+            first += level.points.len();
+        }
+        sum
+    }
+}
+
+impl PointBasis for MultilevelBasis<'_> {
+    fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError> {
+        let points = self.0.iter().map(|level| level.points.len()).sum();
+        check_samples(points, samples)?;
+        let mut coefficients: Vec<DVec3> = Vec::with_capacity(points);
+        for (l, level) in self.0.iter().enumerate() {
+            let first = coefficients.len();
+            let own: Vec<DVec3> = level
+                .points
+                .par_iter()
+                .zip(&samples[first..])
+                .map_init(Vec::new, |found, (p, sample)| {
+                    let coarser = Self::sum(&self.0[..l], &coefficients, p.x(), p.n(), found);
+                    sample.value - coarser.unwrap_or(DVec3::ZERO)
+                })
+                .collect();
+            coefficients.extend(own);
+        }
+        Ok(Box::new(move |x, n| {
+            Self::sum(self.0, &coefficients, x, n, &mut Vec::new())
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use meshless_gi::samples::Point;
+
+    fn points() -> Vec<(Vec3, Vec3)> {
+        let lattice = (0..8).flat_map(|i| (0..8).map(move |j| (i, j)));
+        lattice
+            .map(|(i, j)| {
+                let off = 0.3 * ((i * 5 + j * 3) % 4) as f32;
+                (Vec3::new(i as f32, 0.0, j as f32 + off), Vec3::Y)
+            })
+            .collect()
+    }
+
+    fn samples(points: &[(Vec3, Vec3)]) -> Vec<PointSample> {
+        let value = |x: Vec3| DVec3::new(1.0, f64::from(x.x), f64::from((0.7 * x.x).sin() + x.z));
+        points
+            .iter()
+            .map(|&(x, _)| PointSample {
+                value: value(x),
+                ..PointSample::default()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_distance_grows_with_the_angle_of_the_normals() {
+        let tilted = Vec3::new(0.6, 0.8, 0.0);
+        assert_eq!(site_distance(Vec3::ZERO, Vec3::Y, Vec3::X, Vec3::Y), 1.0);
+        let d = site_distance(Vec3::ZERO, Vec3::Y, Vec3::X, tilted);
+        assert!((d - 1.25).abs() < 1e-6, "{d}");
+        let away = site_distance(Vec3::ZERO, Vec3::Y, Vec3::X, Vec3::NEG_Y);
+        assert_eq!(away, f64::INFINITY);
+    }
+
+    #[test]
+    fn shepard_and_gaussian_pass_through_the_samples() {
+        let points = points();
+        let samples = samples(&points);
+        let shepard = ShepardBasis::new(points.clone()).expect("finite");
+        let narrow = GaussianBasis::new(points.clone(), 0.25).expect("regular");
+        let wide = GaussianBasis::new(points.clone(), 1.0).expect("regular");
+        assert!(
+            narrow.pivots() > 1e3 * wide.pivots(),
+            "wider is worse to solve"
+        );
+        assert_eq!(narrow.ridge(), 0.0);
+        for basis in [&shepard as &dyn PointBasis, &narrow, &wide] {
+            let field = basis.fit(&samples).expect("one a point");
+            for (&(x, n), sample) in points.iter().zip(&samples) {
+                let found = field(x, n).expect("defined");
+                assert!((found - sample.value).length() < 1e-6);
+            }
+        }
+        // Shepard's functions sum to one, and beside a point they are flat; narrow Gaussians have holes.
+        let between = Vec3::new(3.5, 0.0, 3.6);
+        let at = |basis: &dyn PointBasis| {
+            let field = basis.fit(&samples).expect("one a point");
+            field(between, Vec3::Y).expect("defined")
+        };
+        assert!((at(&shepard).x - 1.0).abs() < 1e-12);
+        assert!((at(&narrow).x - 1.0).abs() > 1e-3);
+        assert!((at(&wide) - DVec3::new(1.0, 3.5, 0.0)).truncate().length() < 0.02);
+        let field = shepard.fit(&samples).expect("one a point");
+        assert_eq!(field(between, Vec3::NEG_Y), None, "no point faces that way");
+    }
+
+    #[test]
+    fn what_cannot_be_solved_is_regularised_or_refused() {
+        let mut twice = points();
+        twice.push(twice[11]);
+        let basis = GaussianBasis::new(twice.clone(), 0.5).expect("with a ridge");
+        assert!(basis.ridge() > 0.0);
+        let samples = samples(&twice);
+        let field = basis.fit(&samples).expect("one a point");
+        let found = field(twice[11].0, Vec3::Y).expect("defined");
+        assert!((found - samples[11].value).length() < 1e-3);
+        let short = basis.fit(&samples[1..]).err();
+        assert!(matches!(
+            short,
+            Some(PointBasisError::Count {
+                points: 65,
+                samples: 64
+            })
+        ));
+        let mut bad = samples.clone();
+        bad[3].value.y = f64::NAN;
+        assert_eq!(basis.fit(&bad).err(), Some(PointBasisError::NotFinite(3)));
+        twice[2].0.x = f32::INFINITY;
+        assert_eq!(
+            ShepardBasis::new(twice.clone()).err(),
+            Some(PointBasisError::NotFinite(2))
+        );
+        assert!(GaussianBasis::new(twice, 1.0).is_err());
+    }
+
+    #[test]
+    fn levels_add_what_is_left() {
+        let points = points();
+        let level = |of: &[(Vec3, Vec3)], radius| {
+            let points = of.iter().map(|&(x, n)| Point::new(x, n, radius));
+            LevelBasis::new(points.collect(), Vec::new())
+        };
+        let coarse: Vec<(Vec3, Vec3)> = points.iter().copied().step_by(5).collect();
+        let levels = [level(&coarse, 4.0), level(&points, 2.5)];
+        let all = [coarse.clone(), points.clone()].concat();
+        let error = |basis: MultilevelBasis<'_>, at: &[(Vec3, Vec3)]| {
+            let field = basis.fit(&samples(at)).expect("one a point");
+            let there = samples(&points);
+            let off = points.iter().zip(&there).map(|(&(x, n), s)| {
+                let found = field(x, n).expect("covered");
+                (found - s.value).length_squared()
+            });
+            off.sum::<f64>()
+        };
+        let one = error(MultilevelBasis(&levels[1..]), &points);
+        let two = error(MultilevelBasis(&levels), &all);
+        assert!(two < 0.8 * one, "{two} {one}");
+        assert!(MultilevelBasis(&levels).fit(&samples(&points)).is_err());
+    }
+}

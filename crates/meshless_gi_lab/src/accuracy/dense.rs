@@ -1,0 +1,107 @@
+//! Small dense systems of equations: LU with partial pivoting, for the one rival basis that needs to solve one ([V11] ϕ^G). A few thousand unknowns; nothing
+//! on the baked path uses it.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Smallest pivot, relative to the largest, that is more than rounding.
+const SMALLEST_PIVOT: f64 = 1e-14;
+
+/// A factorised square matrix.
+#[derive(Clone, Debug)]
+pub(super) struct Lu {
+    /// L below the diagonal (its own is 1), U on and above it, in the order of `order`.
+    rows: Vec<Vec<f64>>,
+    /// Which row of the matrix each of them was.
+    order: Vec<usize>,
+    /// Smallest over largest absolute pivot: about the reciprocal of the condition number, never far below it.
+    pub pivots: f64,
+}
+
+impl Lu {
+    /// Factorises a square matrix, row by row. None where it is singular as far as rounding can tell, or not finite.
+    pub fn new(mut rows: Vec<Vec<f64>>) -> Option<Self> {
+        let n = rows.len();
+        let mut order: Vec<usize> = (0..n).collect();
+        let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+        for k in 0..n {
+            let size = |i: usize| rows[i][k].abs();
+            let mut best = k;
+            for i in k + 1..n {
+                if size(i) > size(best) {
+                    best = i;
+                }
+            }
+            let pivot = size(best);
+            (least, most) = (least.min(pivot), most.max(pivot));
+            // Not `<`: what is not a number must not pass.
+            if !(pivot.is_finite() && pivot > SMALLEST_PIVOT * most) {
+                return None;
+            }
+            rows.swap(k, best);
+            order.swap(k, best);
+            let (done, rest) = rows.split_at_mut(k + 1);
+            let lead = &done[k];
+            rest.par_iter_mut().with_min_len(64).for_each(|row| {
+                if row[k] == 0.0 {
+                    return;
+                }
+                let factor = row[k] / lead[k];
+                row[k] = factor;
+                for (x, l) in row[k + 1..].iter_mut().zip(&lead[k + 1..]) {
+                    *x -= factor * l;
+                }
+            });
+        }
+        Some(Self {
+            rows,
+            order,
+            pivots: if n == 0 { 1.0 } else { least / most },
+        })
+    }
+
+    /// The solutions for three right sides at once.
+    pub fn solve(&self, right: &[DVec3]) -> Vec<DVec3> {
+        let mut x: Vec<DVec3> = self.order.iter().map(|&i| right[i]).collect();
+        for i in 0..x.len() {
+            let below: DVec3 = (0..i).map(|j| self.rows[i][j] * x[j]).sum();
+            x[i] -= below;
+        }
+        for i in (0..x.len()).rev() {
+            let above: DVec3 = (i + 1..x.len()).map(|j| self.rows[i][j] * x[j]).sum();
+            x[i] = (x[i] - above) / self.rows[i][i];
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use meshless_gi::samples::Random;
+
+    #[test]
+    fn it_solves_what_it_is_given_and_refuses_what_is_singular() {
+        let n = 40;
+        let mut random = Random::new(5, 0, 0);
+        let mut draw = || f64::from(random.unit()) - 0.5;
+        let rows: Vec<Vec<f64>> = (0..n).map(|_| (0..n).map(|_| draw()).collect()).collect();
+        let x: Vec<DVec3> = (0..n).map(|_| DVec3::new(draw(), draw(), draw())).collect();
+        let right: Vec<DVec3> = rows
+            .iter()
+            .map(|row| row.iter().zip(&x).map(|(a, x)| *a * *x).sum())
+            .collect();
+        let lu = Lu::new(rows.clone()).expect("regular");
+        for (found, right) in lu.solve(&right).iter().zip(&x) {
+            assert!((*found - *right).length() < 1e-10);
+        }
+        assert!(lu.pivots > 1e-6 && lu.pivots <= 1.0);
+        let mut twice = rows.clone();
+        twice[7] = twice[3].clone();
+        assert!(Lu::new(twice).is_none());
+        let mut broken = rows;
+        broken[2][5] = f64::NAN;
+        assert!(Lu::new(broken).is_none());
+        assert!(Lu::new(Vec::new()).is_some());
+    }
+}

@@ -1,0 +1,125 @@
+//! What a deferred camera would have drawn of a scene, by casting a ray through the middle of each pixel: depth and G-buffer as Bevy's prepass writes them.
+//! The oracle of everything that works on the screen, and what reflective shadow maps of tests are made of.
+
+use glam::{Mat4, Vec2, Vec3};
+use meshless_gi::frame::gbuffer;
+use meshless_gi::scene::{Geometry, Ray};
+use rayon::prelude::*;
+
+/// A drawn view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnView {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// From clip space (reversed depth, y up) to the world.
+    pub world_from_clip: Mat4,
+    /// Depth of each pixel, row by row from the top: reversed, 0 where nothing was drawn.
+    pub depth: Vec<f32>,
+    /// Texels of the G-buffer, see [`gbuffer`].
+    pub gbuffer: Vec<[u32; 4]>,
+}
+
+impl DrawnView {
+    /// Draws `geometry` as the camera with these matrices sees it. Surfaces that reflect on both sides face the camera.
+    #[must_use]
+    pub fn new(geometry: &dyn Geometry, clip_from_world: Mat4, size: [u32; 2]) -> Self {
+        let world_from_clip = clip_from_world.inverse();
+        let pixels = size[0] as usize * size[1] as usize;
+        let drawn: Vec<(f32, [u32; 4])> = (0..pixels)
+            .into_par_iter()
+            .map(|i| {
+                let [x, y] = [i as u32 % size[0], i as u32 / size[0]];
+                let at = (Vec2::new(x as f32, y as f32) + 0.5)
+                    / Vec2::new(size[0] as f32, size[1] as f32);
+                let ndc = Vec2::new(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0);
+                // From the near plane into the picture; the far plane may lie at infinity.
+                let near = world_from_clip.project_point3(ndc.extend(1.0));
+                let further = world_from_clip.project_point3(ndc.extend(0.5));
+                let Some(direction) = (further - near).try_normalize() else {
+                    return (0.0, [0; 4]);
+                };
+                let ray = Ray::new(near, direction);
+                let Some(hit) = geometry.cast(&ray) else {
+                    return (0.0, [0; 4]);
+                };
+                let surface = geometry.surface(&ray, &hit);
+                let depth = clip_from_world.project_point3(surface.position).z;
+                let texel = gbuffer::pack(surface.albedo, 0.0, 1.0, surface.normal, 0);
+                (depth, texel)
+            })
+            .collect();
+        let (depth, gbuffer) = drawn.into_iter().unzip();
+        Self {
+            size,
+            world_from_clip,
+            depth,
+            gbuffer,
+        }
+    }
+
+    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's: `vertical_angle` in radians, the near plane `near` metres ahead.
+    #[must_use]
+    pub fn perspective(
+        eye: Vec3,
+        target: Vec3,
+        up: Vec3,
+        vertical_angle: f32,
+        size: [u32; 2],
+        near: f32,
+    ) -> Mat4 {
+        let aspect = size[0] as f32 / size[1] as f32;
+        Mat4::perspective_infinite_reverse_rh(vertical_angle, aspect, near)
+            * Mat4::look_at_rh(eye, target, up)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use meshless_gi::frame::{GridShape, SplatParams, splat};
+    use meshless_gi::scene::{ImplicitObject, ImplicitScene, Shape};
+
+    #[test]
+    fn pixels_lead_back_to_the_surface() {
+        let (center, radius) = (Vec3::new(0.5, 1.0, -3.0), 1.0);
+        let scene = ImplicitScene::new(vec![ImplicitObject {
+            shape: Shape::Sphere { center, radius },
+            albedo: Vec3::splat(0.5),
+            radiance: Vec3::ZERO,
+        }]);
+        let size = [64, 48];
+        let eye = Vec3::new(0.0, 1.0, 0.0);
+        let ortho = Mat4::orthographic_rh(-2.0, 2.0, -1.5, 1.5, 10.0, 0.1)
+            * Mat4::look_at_rh(eye, center, Vec3::Y);
+        let perspective = DrawnView::perspective(eye, center, Vec3::Y, 1.0, size, 0.1);
+        for clip_from_world in [perspective, ortho] {
+            let view = DrawnView::new(&scene, clip_from_world, size);
+            let params = SplatParams::new(
+                view.world_from_clip,
+                Mat4::IDENTITY,
+                [0.0, 0.0, 64.0, 48.0],
+                size,
+                1.0,
+                GridShape {
+                    slot_mask: 0,
+                    cell_size: 1.0,
+                },
+            );
+            let drawn: Vec<usize> = (0..view.depth.len())
+                .filter(|&i| view.depth[i] > 0.0)
+                .collect();
+            assert!(
+                drawn.len() > 200 && drawn.len() < view.depth.len() - 200,
+                "{}",
+                drawn.len()
+            );
+            for i in drawn {
+                let pixel = [i as u32 % size[0], i as u32 / size[0]];
+                let (x, n) = splat::place(&params, pixel, view.depth[i], view.gbuffer[i]);
+                assert!(((x - center).length() - radius).abs() < 1e-3, "{x}");
+                assert!((n - (x - center)).length() < 3e-3, "{n}");
+                assert!(n.dot((center - eye).normalize()) < 0.05);
+            }
+        }
+    }
+}

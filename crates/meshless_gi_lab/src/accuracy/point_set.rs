@@ -1,0 +1,247 @@
+//! The bases of [V11]'s experiment over Poisson-disk points on the sphere and the disk: the paper's own, and this project's as the bake and the frame have them.
+
+use super::sphere_over_disk::SphereOverDisk;
+use super::{
+    GaussianBasis, MultilevelBasis, PointBasis, PointBasisError, PointSample, ShepardBasis,
+    SurfaceField, check_samples,
+};
+use glam::Vec3;
+use meshless_gi::asset::Display;
+use meshless_gi::basis::{Hierarchy, HierarchySettings, LevelBasis};
+use meshless_gi::frame::VectorIrradiance;
+use meshless_gi::frame::splat::{splat, splat_vector};
+use meshless_gi::samples::Point;
+use std::f64::consts::TAU;
+
+/// Levels of the multilevel basis.
+const LEVELS: usize = 3;
+
+/// The bases that are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Basis {
+    /// Inverse squared site distance, ϕ^S of \[V11\].
+    Shepard,
+    /// Gaussian functions as wide as \[V11\] §VI reads, ϕ^G.
+    Gaussian,
+    /// Half as wide: between the two readings.
+    HalfGaussian,
+    /// Gaussian functions that are nearly zero at the nominal radius, as \[V11\] §V reads.
+    NarrowGaussian,
+    /// One level of \[L08\]'s functions, ϕ^L of \[V11\].
+    Lehtinen,
+    /// Three levels of them; their coarse points come on top.
+    LehtinenLevels,
+    /// The flat display basis with a scalar a point.
+    Flat,
+    /// The flat display basis with a vector irradiance a point, as the plugin has it.
+    Ours,
+    /// The same with each point's value moved by what the field misses there: a second pass over the same samples, which the plugin does not have.
+    OursTwice,
+}
+
+impl Basis {
+    /// All of them, in the order of the tables.
+    pub const ALL: [Self; 9] = [
+        Self::Shepard,
+        Self::Gaussian,
+        Self::HalfGaussian,
+        Self::NarrowGaussian,
+        Self::Lehtinen,
+        Self::LehtinenLevels,
+        Self::Flat,
+        Self::Ours,
+        Self::OursTwice,
+    ];
+
+    /// What people read.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Shepard => "Shepard 1/d²",
+            Self::Gaussian => "Gaussian RBF, σ = α",
+            Self::HalfGaussian => "Gaussian RBF, σ = α/2",
+            Self::NarrowGaussian => "Gaussian RBF, σ = α/4",
+            Self::Lehtinen => "Lehtinen, 1 level",
+            Self::LehtinenLevels => "Lehtinen, 3 levels",
+            Self::Flat => "ours, scalars",
+            Self::Ours => "ours",
+            Self::OursTwice => "ours, second pass",
+        }
+    }
+}
+
+/// Points of one density with what the bases need of them.
+#[derive(Debug)]
+pub struct PointSet {
+    /// Smallest distance of two points, metres.
+    pub spacing: f64,
+    /// One level.
+    single: Hierarchy,
+    /// Levels of which the finest has the same points.
+    levels: Hierarchy,
+    flat: Vec<Point>,
+    display: Display,
+}
+
+impl PointSet {
+    /// Poisson disks of radius `spacing` (metres) over sphere and disk.
+    #[must_use]
+    pub fn new(scene: &SphereOverDisk, spacing: f64, seed: u64) -> Self {
+        let geometry = scene.geometry();
+        let viewpoints = viewpoints(scene);
+        let settings = |levels: usize| HierarchySettings {
+            coarse_radius: (spacing * f64::from(1u32 << (levels - 1))) as f32,
+            levels,
+            sender_levels: levels,
+            most: vec![1 << 20; levels],
+            // A level's number is added to its seed: the finest has the same one for any number of levels.
+            seed: seed.wrapping_sub(levels as u64 - 1),
+            sender_overlap: None,
+            clip: false,
+            drop_first: false,
+        };
+        let build = |levels: usize| {
+            let built = Hierarchy::build(&geometry, &viewpoints, &settings(levels), &|_| true);
+            built.expect("nobody stops it")
+        };
+        let (single, levels) = (build(1), build(LEVELS));
+        let clipped = HierarchySettings {
+            clip: true,
+            ..settings(1)
+        };
+        let (flat, _) = single.flat(&geometry, &viewpoints, &clipped);
+        let LevelBasis {
+            points,
+            planes,
+            grid,
+        } = flat;
+        Self {
+            spacing,
+            single,
+            levels,
+            display: Display {
+                radius: points.first().map_or(0.0, |p| p.radius),
+                planes,
+                grid,
+            },
+            flat: points,
+        }
+    }
+
+    /// The points (x, n) that a basis has samples at.
+    #[must_use]
+    pub fn points(&self, basis: Basis) -> Vec<(Vec3, Vec3)> {
+        let of = match basis {
+            Basis::LehtinenLevels => &self.levels,
+            _ => &self.single,
+        };
+        of.surfaces.iter().map(|s| (s.position, s.normal)).collect()
+    }
+
+    /// A basis over the points.
+    ///
+    /// # Errors
+    /// Where the Gaussian system cannot be solved.
+    pub fn build(&self, basis: Basis) -> Result<Box<dyn PointBasis + '_>, PointBasisError> {
+        let points = || self.points(basis);
+        Ok(match basis {
+            Basis::Shepard => Box::new(ShepardBasis::new(points())?),
+            Basis::Gaussian => Box::new(self.gaussian(1.0)?),
+            Basis::HalfGaussian => Box::new(self.gaussian(0.5)?),
+            Basis::NarrowGaussian => Box::new(self.gaussian(0.25)?),
+            Basis::Lehtinen => Box::new(MultilevelBasis(&self.single.levels)),
+            Basis::LehtinenLevels => Box::new(MultilevelBasis(&self.levels.levels)),
+            Basis::Flat => Box::new(DisplayBasis::new(self, false, false)),
+            Basis::Ours => Box::new(DisplayBasis::new(self, true, false)),
+            Basis::OursTwice => Box::new(DisplayBasis::new(self, true, true)),
+        })
+    }
+
+    /// Gaussian functions with this width in nominal radii.
+    ///
+    /// # Errors
+    /// Where their system cannot be solved.
+    pub fn gaussian(&self, width: f64) -> Result<GaussianBasis, PointBasisError> {
+        GaussianBasis::new(self.points(Basis::Gaussian), width)
+    }
+}
+
+/// Places from which all that is lit is seen.
+fn viewpoints(scene: &SphereOverDisk) -> Vec<Vec3> {
+    let around = (0..6).map(|k| {
+        let (s, c) = (TAU * f64::from(k) / 6.0).sin_cos();
+        let high = if k % 2 == 0 { 0.3 } else { 1.5 };
+        let out = 0.6 * scene.disk;
+        Vec3::new(
+            (out * c) as f32,
+            (high * scene.height) as f32,
+            (out * s) as f32,
+        )
+    });
+    let above = scene.height + 4.0 * scene.radius;
+    around.chain([Vec3::Y * above as f32]).collect()
+}
+
+/// The flat display basis as the frame evaluates it.
+struct DisplayBasis<'a> {
+    set: &'a PointSet,
+    /// Whether it carries vectors and not scalars.
+    vectors: bool,
+    /// Whether the points' values are moved by what is missed at them.
+    twice: bool,
+}
+
+impl<'a> DisplayBasis<'a> {
+    fn new(set: &'a PointSet, vectors: bool, twice: bool) -> Self {
+        Self {
+            set,
+            vectors,
+            twice,
+        }
+    }
+}
+
+impl PointBasis for DisplayBasis<'_> {
+    fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError> {
+        let (points, display) = (&self.set.flat, &self.set.display);
+        check_samples(points.len(), samples)?;
+        let value = |s: &PointSample| {
+            let axis = |k: usize| s.vector.map(|v| v[k]);
+            let four = |v: [f64; 3]| [v[0] as f32, v[1] as f32, v[2] as f32, 0.0];
+            if self.vectors {
+                VectorIrradiance {
+                    x: four(axis(0)),
+                    y: four(axis(1)),
+                    z: four(axis(2)),
+                }
+            } else {
+                VectorIrradiance {
+                    x: four(s.value.to_array()),
+                    ..VectorIrradiance::default()
+                }
+            }
+        };
+        let mut values: Vec<VectorIrradiance> = samples.iter().map(value).collect();
+        if self.twice {
+            let second = |(p, v): (&Point, &VectorIrradiance)| {
+                let mut moved = *v;
+                if let Some(there) = splat_vector(points, display, &values, p.x(), p.n()) {
+                    moved.add_scaled(1.0, v);
+                    moved.add_scaled(-1.0, &there);
+                }
+                moved
+            };
+            values = points.iter().zip(&values).map(second).collect();
+        }
+        let vectors = self.vectors;
+        Ok(Box::new(move |x, n| {
+            let found = if vectors {
+                splat(points, display, &values, x, n)
+            } else {
+                let v = splat_vector(points, display, &values, x, n);
+                v.map(|v| Vec3::new(v.x[0], v.x[1], v.x[2]))
+            };
+            found.map(|e| e.as_dvec3())
+        }))
+    }
+}

@@ -1,0 +1,203 @@
+//! Ground truth that another program computed, read from a table: irradiance at surface places, by numbers of diffuse reflections.
+
+use super::{Errors, errors};
+use glam::Vec3;
+use meshless_gi::eval::Evaluator;
+use meshless_gi::scene::{InputBudget, read_file};
+use rayon::prelude::*;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Numbers of reflections that a table has columns for; none means without limit.
+pub const BOUNCES: [Option<u32>; 4] = [Some(1), Some(2), Some(4), None];
+
+/// A table of ground truth. All lists are of equal length.
+#[derive(Clone, Debug, Default)]
+pub struct Truth {
+    /// Places and their unit normals.
+    pub places: Vec<(Vec3, Vec3)>,
+    /// Irradiance straight from the lights, W/m² on the side of the normal.
+    pub direct: Vec<Vec3>,
+    /// Irradiance after one to so many reflections as [`BOUNCES`] says, and its standard errors, W/m².
+    pub indirect: [(Vec<Vec3>, Vec<Vec3>); 4],
+}
+
+/// A table that cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TruthError {
+    /// The operating system could not.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The text is no such table.
+    #[error("{}, line {line}: {what}", path.display())]
+    Content {
+        /// Which file.
+        path: PathBuf,
+        /// Where, from 1.
+        line: usize,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+/// How far a baked scene is from the truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// Of indirect irradiance. A place that no function covers counts as dark.
+    pub indirect: Errors,
+    /// Of direct irradiance.
+    pub direct: Errors,
+    /// Places that no function covers.
+    pub uncovered: usize,
+}
+
+impl Truth {
+    /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must have been made for.
+    #[must_use]
+    pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
+        let light: Vec<_> = self
+            .places
+            .par_iter()
+            .enumerate()
+            .map(|(i, &(x, n))| evaluator.at(x, n, i as u64))
+            .collect();
+        let indirect: Vec<Vec3> = light
+            .iter()
+            .map(|e| e.indirect.unwrap_or_default())
+            .collect();
+        let direct: Vec<Vec3> = light.iter().map(|e| e.direct).collect();
+        let (values, noise) = &self.indirect[k];
+        Comparison {
+            indirect: errors(&indirect, values, noise),
+            direct: errors(&direct, &self.direct, &vec![Vec3::ZERO; direct.len()]),
+            uncovered: light.iter().filter(|e| e.indirect.is_none()).count(),
+        }
+    }
+
+    /// Reads a table of comma-separated numbers under a header with `p`, `n`, `direct`, `ind1`, `ind1_se` and so on, three columns each.
+    ///
+    /// # Errors
+    /// [`TruthError`], with the line.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, TruthError> {
+        let path = path.as_ref();
+        let failed = |source| TruthError::Io {
+            path: path.into(),
+            source,
+        };
+        let bytes = read_file(path, InputBudget::DEFAULT)
+            .map_err(|error| failed(io::Error::other(error)))?;
+        let text = String::from_utf8(bytes).map_err(|error| failed(io::Error::other(error)))?;
+        Self::parse(&text).map_err(|(line, what)| TruthError::Content {
+            path: path.into(),
+            line,
+            what,
+        })
+    }
+
+    fn parse(text: &str) -> Result<Self, (usize, String)> {
+        let mut lines = text.lines().enumerate();
+        let header: Vec<&str> = lines
+            .next()
+            .ok_or((1, "there is nothing in it".to_string()))?
+            .1
+            .split(',')
+            .map(str::trim)
+            .collect();
+        let column = |names: [String; 3]| -> Result<[usize; 3], (usize, String)> {
+            let mut at = [0; 3];
+            for (at, name) in at.iter_mut().zip(names) {
+                let found = header.iter().position(|h| *h == name);
+                *at = found.ok_or_else(|| (1, format!("there is no column `{name}`")))?;
+            }
+            Ok(at)
+        };
+        let coordinates = |name: &str| column(["x", "y", "z"].map(|c| format!("{name}{c}")));
+        let channels = |name: &str| column(["r", "g", "b"].map(|c| format!("{name}_{c}")));
+        let (p, n, direct) = (coordinates("p")?, coordinates("n")?, channels("direct")?);
+        let mut indirect = [([0; 3], [0; 3]); 4];
+        for (columns, name) in indirect.iter_mut().zip(["ind1", "ind2", "ind4", "indinf"]) {
+            *columns = (channels(name)?, channels(&format!("{name}_se"))?);
+        }
+        let mut out = Self::default();
+        for (i, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let read = |at: [usize; 3]| -> Result<Vec3, (usize, String)> {
+                let mut v = [0.0f32; 3];
+                for (v, &at) in v.iter_mut().zip(&at) {
+                    let cell = cells.get(at).map_or("", |c| c.trim());
+                    let number = cell.parse().ok().filter(|v: &f32| v.is_finite());
+                    *v = number.ok_or_else(|| {
+                        (
+                            i + 1,
+                            format!("`{cell}` in column `{}` is no number", header[at]),
+                        )
+                    })?;
+                }
+                Ok(v.into())
+            };
+            let normal = read(n)?
+                .try_normalize()
+                .ok_or_else(|| (i + 1, "the normal has no length".to_string()))?;
+            out.places.push((read(p)?, normal));
+            out.direct.push(read(direct)?);
+            for ((values, errors), (value, error)) in out.indirect.iter_mut().zip(indirect) {
+                values.push(read(value)?);
+                errors.push(read(error)?);
+            }
+        }
+        Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_read_and_mistakes_are_named() {
+        let names = [
+            "direct",
+            "ind1",
+            "ind1_se",
+            "ind2",
+            "ind2_se",
+            "ind4",
+            "ind4_se",
+            "indinf",
+            "indinf_se",
+        ];
+        let mut header = "nx,ny,nz,px,py,pz".to_string();
+        let mut row = "0,0,2,1,2,3".to_string();
+        for (i, name) in names.iter().enumerate() {
+            header += &format!(",{name}_r,{name}_g,{name}_b");
+            row += &format!(",{i},{i}.5,0");
+        }
+        let truth = Truth::parse(&format!("{header}\n{row}\n\n")).unwrap();
+        assert_eq!(truth.places, [(Vec3::new(1.0, 2.0, 3.0), Vec3::Z)]);
+        assert_eq!(truth.indirect[2].1, [Vec3::new(6.0, 6.5, 0.0)]);
+        for (wrong, line, word) in [
+            (String::new(), 1, "nothing"),
+            (header.replace("ind4_se_g", "x"), 1, "ind4_se_g"),
+            (
+                format!("{header}\n{}", row.replace("4.5", "dark")),
+                2,
+                "dark",
+            ),
+            (
+                format!("{header}\n{}", row.replace("0,0,2", "0,0,0")),
+                2,
+                "normal",
+            ),
+            (format!("{header}\n1,2"), 2, "nz"),
+        ] {
+            let (at, what) = Truth::parse(&wrong).unwrap_err();
+            assert!(at == line && what.contains(word), "{at}: {what}");
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Measurements of [`meshless_gi`]: metrics, ground truth, alternative bases, renderings and charts.
+//! The tool's commands `report` and `demo` and the repository's tests use it. No game does.
+//!
+//! | module | content |
+//! |---|---|
+//! | [`accuracy`] | metrics, closed forms, ground truth, alternative bases, a renderer, charts |
+//! | [`fixtures`] | scenes that tests and generators of documents share |
+//! | [`report`] | sweeps over recipes, Pareto fronts, charts and a text |
+#![warn(missing_docs)]
+
+pub mod accuracy;
+pub mod fixtures;
+pub mod report;

@@ -1,0 +1,168 @@
+//! Reports on several levels as one document, with what holds on all of them first.
+
+use super::charts::Figure;
+use super::measure::Row;
+use super::rules::{Ratio, comparable, compare};
+use super::sweep::Report;
+use super::text::{WANTED, cheapest, section};
+use super::variant::Factor;
+use super::words::{cell, error, how, megabytes, short, whole};
+use meshless_gi::bake::Rule;
+use std::fmt::Write;
+
+/// A level's part of a document.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The level's name.
+    pub name: String,
+    /// What was measured.
+    pub report: Report,
+    /// Its charts.
+    pub figures: Vec<Figure>,
+    /// What stands before the names of the charts' files, relative to the document: a folder with its slash, a prefix.
+    pub charts: String,
+}
+
+/// The whole document. `command` is what printed it.
+#[must_use]
+pub fn document(parts: &[Part], command: &str) -> String {
+    let mut out = format!(
+        "# What accuracy costs\n\n{}\n{}\n\
+         All that follows was measured by one command, and the texts are written by it too:\n\n```sh\n{command}\n```\n\n\
+         `meshless_gi report LEVEL -o FOLDER` says the same of any level of yours. Times are of the machine that it ran on, and of whatever else that machine did; errors, links and \
+         bytes are the same everywhere.\n",
+        advice(parts),
+        rules(parts)
+    );
+    for part in parts {
+        let _ = write!(
+            out,
+            "\n## {}\n\n{}",
+            cell(&part.name),
+            section(&part.report, &part.figures, &part.charts, 3)
+        );
+    }
+    out
+}
+
+/// A variant that every level has: what can be advised for levels that are not here.
+fn everywhere<'a>(parts: &'a [Part], like: &Row) -> Option<Vec<&'a Row>> {
+    let same = |row: &&Row| how(row) == how(like) && comparable(row);
+    parts
+        .iter()
+        .map(|p| p.report.rows.iter().find(same))
+        .collect()
+}
+
+/// What to choose on any level, and on each of these.
+fn advice(parts: &[Part]) -> String {
+    let mut out = String::new();
+    let Some(first) = parts.first() else {
+        return "Nothing was measured.\n".into();
+    };
+    let names: Vec<&str> = parts.iter().map(|p| p.name.as_str()).collect();
+    for most in [0.10, 0.05] {
+        // The least of the frame's time, each level's in units of its own baseline.
+        let best = first
+            .report
+            .rows
+            .iter()
+            .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Bounded)
+            .filter(|r| r.settings.factor != Factor::Density)
+            .filter_map(|r| everywhere(parts, r))
+            .filter(|rows| rows.iter().all(|r| r.sure_error() <= most))
+            .map(|rows| {
+                let bases = parts.iter().map(|p| p.report.rows[0].frame_ms);
+                let cost: f64 = rows.iter().zip(bases).map(|(r, b)| r.frame_ms / b).sum();
+                (cost, rows)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let _ = match best {
+            Some((_, rows)) => writeln!(
+                out,
+                "**For at most {} error, bake by {}**: of what was tried on all levels here ({}) and stayed below, it has the fastest frame. {}.",
+                whole(most),
+                how(rows[0]),
+                names.join(", "),
+                rows.iter()
+                    .zip(&names)
+                    .map(|(r, name)| format!(
+                        "{name}: error {}, {} s to bake, {}, {} ms a frame on the CPU",
+                        error(r),
+                        short(r.bake_seconds),
+                        megabytes(r.bytes),
+                        short(r.frame_ms)
+                    ))
+                    .collect::<Vec<_>>()
+                    .join("; ")
+            ),
+            None => writeln!(
+                out,
+                "**Nothing that was tried stays below {} error on all levels here** ({}); see each of them.",
+                whole(most),
+                names.join(", ")
+            ),
+        };
+        out.push('\n');
+    }
+    let _ = writeln!(
+        out,
+        "By level, the fastest frame below each error:\n\n| error at most | {} |\n|---|{}",
+        names
+            .iter()
+            .map(|n| cell(n))
+            .collect::<Vec<_>>()
+            .join(" | "),
+        "---|".repeat(parts.len())
+    );
+    for most in WANTED {
+        let _ = write!(out, "| {} |", whole(most));
+        for part in parts {
+            let _ = match cheapest(&part.report.rows, most, |r| r.frame_ms) {
+                Some(r) => write!(
+                    out,
+                    " {}: {} s, {}, {} ms |",
+                    r.settings.name,
+                    short(r.bake_seconds),
+                    megabytes(r.bytes),
+                    short(r.frame_ms)
+                ),
+                None => write!(out, " not reached |"),
+            };
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// The two rules on all levels, in a table.
+fn rules(parts: &[Part]) -> String {
+    let mut out = "The default rule beside the paper's `l08`, over the front of `l08` (below 1 the default is better; each level's section has all places):\n\n\
+                   | level | links of the default at equal error | its error at equal links |\n|---|---|---|\n"
+        .to_string();
+    for part in parts {
+        let compared = compare(&part.report.rows);
+        let range = |of: &dyn Fn(usize) -> Ratio| {
+            let found: Vec<f64> = (0..compared.len()).filter_map(|i| of(i).value()).collect();
+            let missing = compared.len() - found.len();
+            let least = found.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = found.iter().copied().fold(0.0, f64::max);
+            match (found.is_empty(), missing) {
+                (true, _) => "not reached".to_string(),
+                (false, 0) => format!("× {least:.2} to × {most:.2}"),
+                (false, n) => format!(
+                    "× {least:.2} to × {most:.2}; not reached at {n} of {} places",
+                    compared.len()
+                ),
+            }
+        };
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} |",
+            cell(&part.name),
+            range(&|i| compared[i].links_ratio),
+            range(&|i| compared[i].error_ratio)
+        );
+    }
+    out
+}

@@ -1,0 +1,280 @@
+//! The exam that every bake of a report sits: irradiance at surface places under lamps that no bake has seen, by the reference integrator. It is computed
+//! once for all bakes, so that they differ by their own errors and not by the reference's noise.
+
+use crate::accuracy::{Errors, errors};
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::eval::{
+    Irradiance, Lit, ReferenceSettings, irradiance, irradiance_at_all, roomy_places,
+};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::samples::{Random, find_viewpoints, trace_particles};
+use meshless_gi::scene::{Geometry, Light, SkyRadiance};
+use rayon::prelude::*;
+
+/// Drawn from by nothing else: no place or lamp of the exam is one of a bake's.
+const SEED: u64 = 0x65_78_61_6d;
+/// Free places of which the one with the most room around it becomes a lamp.
+const TRIED: usize = 6;
+/// Paths that find out how noisy a place is. They count for nothing else.
+const PILOT: u32 = 256;
+
+/// How much work the reference takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExamSize {
+    /// Lamps, one shining at a time.
+    pub lamps: usize,
+    /// Surface places for each lamp.
+    pub places: usize,
+    /// Paths of the reference for each place, in the mean: noisy places get more of them.
+    pub paths: u32,
+}
+
+/// One lamp, and what is true under it.
+struct Question {
+    lamp: Light,
+    places: Vec<(Vec3, Vec3)>,
+    /// After as many reflections as [`Exam::bounces`].
+    truth: Truth,
+    /// After all reflections.
+    all: Truth,
+}
+
+/// Irradiances and their standard errors, W/m².
+#[derive(Default)]
+struct Truth(Vec<Vec3>, Vec<Vec3>);
+
+impl Truth {
+    fn new(found: &[Irradiance], scale: f32) -> Self {
+        Self(
+            found.iter().map(|e| e.indirect * scale).collect(),
+            found.iter().map(|e| e.indirect_error * scale).collect(),
+        )
+    }
+
+    /// ‖standard errors‖ / ‖values‖.
+    fn noise(all: &[&Self]) -> f64 {
+        let square = |of: fn(&Self) -> &[Vec3]| -> f64 {
+            let values = all.iter().flat_map(|t| of(t));
+            values.map(|v| f64::from(v.length_squared())).sum()
+        };
+        let power = square(|t| &t.0);
+        if power > 0.0 {
+            (square(|t| &t.1) / power).sqrt()
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Places, lamps and what is true there.
+pub struct Exam {
+    questions: Vec<Question>,
+    bounces: u32,
+}
+
+/// How a bake did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Grade {
+    /// Against the reference with as many reflections as the exam has.
+    pub errors: Errors,
+    /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other places.
+    pub interval: f64,
+    /// Against the reference with all reflections.
+    pub all: Errors,
+    /// Share of places that no basis function covers; they count as dark.
+    pub uncovered: f64,
+}
+
+impl Exam {
+    /// Computes the truth for `bounces` reflections and for all of them. Lamps are white points in free space; each is as strong as makes the root mean
+    /// square of its direct light 1 W/m², so that they count alike. Emissive surfaces are taken as dark. None where no lamp lights anything.
+    #[must_use]
+    pub fn new(
+        geometry: &dyn Geometry,
+        viewpoints: &[[f32; 3]],
+        size: &ExamSize,
+        bounces: u32,
+    ) -> Option<Self> {
+        let viewpoints = match viewpoints {
+            [] => find_viewpoints(geometry, SEED).0,
+            named => named.iter().map(|&v| v.into()).collect(),
+        };
+        let particles = (size.lamps * size.places / 4).max(256) as u64;
+        let candidates =
+            trace_particles(geometry, &viewpoints, 0..particles, SEED, false).candidates;
+        if candidates.is_empty() {
+            return None;
+        }
+        let mut random = Random::new(SEED, 0, 0);
+        let lamps = roomy_places(geometry, &candidates, size.lamps, TRIED, &mut random);
+        let lit = Lit { geometry };
+        let questions: Vec<Question> = (0..)
+            .zip(lamps)
+            .filter_map(|(k, position)| {
+                let places: Vec<(Vec3, Vec3)> = (0..size.places)
+                    .map(|_| candidates[random.below(candidates.len())].surface)
+                    .map(|s| (s.position, s.normal))
+                    .collect();
+                let lamp = |intensity| Light::Point {
+                    position,
+                    intensity: Vec3::splat(intensity),
+                    range: f32::INFINITY,
+                };
+                let paths = allot(&lit, lamp(1.0), &places, size.paths, SEED ^ k);
+                let few: Vec<u32> = paths.iter().map(|p| p / 4).collect();
+                let truth = |bounces, paths: &[u32]| {
+                    reference(&lit, lamp(1.0), &places, paths, bounces, SEED + k)
+                };
+                // All reflections are for one chart of large errors.
+                let (some, all) = (truth(Some(bounces), &paths), truth(None, &few));
+                let direct: f32 = some.iter().map(|e| e.direct.length_squared() / 3.0).sum();
+                let strength = (places.len() as f32 / direct).sqrt();
+                strength.is_finite().then(|| Question {
+                    lamp: lamp(strength),
+                    places,
+                    truth: Truth::new(&some, strength),
+                    all: Truth::new(&all, strength),
+                })
+            })
+            .collect();
+        (!questions.is_empty()).then_some(Self { questions, bounces })
+    }
+
+    /// Reflections of the truth that is not of all of them.
+    #[must_use]
+    pub fn bounces(&self) -> u32 {
+        self.bounces
+    }
+
+    /// Lamps that light anything.
+    #[must_use]
+    pub fn lamps(&self) -> Vec<Light> {
+        self.questions.iter().map(|q| q.lamp).collect()
+    }
+
+    /// All places, those of one lamp after the other's: position in metres and unit normal.
+    pub fn places(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
+        self.questions.iter().flat_map(|q| q.places.iter().copied())
+    }
+
+    /// Standard error of the reference over its values, both as root mean squares: with as many reflections as [`Exam::bounces`], and with all.
+    #[must_use]
+    pub fn noise(&self) -> (f64, f64) {
+        let of = |truth: fn(&Question) -> &Truth| {
+            let all: Vec<&Truth> = self.questions.iter().map(truth).collect();
+            Truth::noise(&all)
+        };
+        (of(|q| &q.truth), of(|q| &q.all))
+    }
+
+    /// Examines a bake whose frame runs with `settings`.
+    #[must_use]
+    pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> Grade {
+        let settings = FrameSettings {
+            emission: 0.0,
+            sky: SkyRadiance::BLACK,
+            ..*settings
+        };
+        let mut frame = CpuFrame::new(scene);
+        let (mut values, mut dark) = (Vec::new(), 0usize);
+        for q in &self.questions {
+            frame.set_lights(scene, &FrameLight::expand(&q.lamp, 1));
+            frame.solve(scene, &settings);
+            for &(x, n) in &q.places {
+                let found = frame.irradiance(scene, x, n);
+                dark += usize::from(found.is_none());
+                values.push(found.unwrap_or_default());
+            }
+        }
+        let of = |truth: fn(&Question) -> &Truth| -> Truth {
+            let mut all = Truth::default();
+            for q in &self.questions {
+                all.0.extend(&truth(q).0);
+                all.1.extend(&truth(q).1);
+            }
+            all
+        };
+        let (truth, all) = (of(|q| &q.truth), of(|q| &q.all));
+        let errors_of = |t: &Truth| errors(&values, &t.0, &t.1);
+        let found = errors_of(&truth);
+        Grade {
+            errors: found,
+            interval: interval(&values, &truth, found.nrmse),
+            all: errors_of(&all),
+            uncovered: dark as f64 / values.len().max(1) as f64,
+        }
+    }
+}
+
+/// How many paths each place gets, `paths` in the mean: as many as its noise in a pilot asks for, which makes the least noise of all for so much work. The
+/// pilot's own paths are not used again, so that the reference stays unbiased.
+fn allot(
+    geometry: &dyn Geometry,
+    lamp: Light,
+    places: &[(Vec3, Vec3)],
+    paths: u32,
+    seed: u64,
+) -> Vec<u32> {
+    let settings = ReferenceSettings {
+        paths: PILOT,
+        bounces: Some(2),
+        seed,
+    };
+    let noise: Vec<f32> = irradiance_at_all(geometry, &[lamp], places, &settings)
+        .iter()
+        .map(|e| e.indirect_error.length())
+        .collect();
+    let mean = noise.iter().sum::<f32>() / places.len().max(1) as f32;
+    noise
+        .iter()
+        .map(|n| {
+            // No more than so many times the mean: a single place must not be all the work.
+            let share = if mean > 0.0 { n / mean } else { 1.0 };
+            (paths as f32 * share.clamp(0.25, 16.0)) as u32
+        })
+        .collect()
+}
+
+/// The reference at all places, with so many paths at each.
+fn reference(
+    geometry: &dyn Geometry,
+    lamp: Light,
+    places: &[(Vec3, Vec3)],
+    paths: &[u32],
+    bounces: Option<u32>,
+    seed: u64,
+) -> Vec<Irradiance> {
+    let one = |(k, (&(x, n), &paths)): (usize, (&(Vec3, Vec3), &u32))| {
+        let settings = ReferenceSettings {
+            paths,
+            bounces,
+            seed,
+        };
+        irradiance(geometry, &[lamp], x, n, k as u64, &settings)
+    };
+    places.par_iter().zip(paths).enumerate().map(one).collect()
+}
+
+/// Half width of the 95 % confidence interval of an NRMSE over places drawn at random.
+fn interval(values: &[Vec3], truth: &Truth, nrmse: f64) -> f64 {
+    let square = |v: Vec3| f64::from(v.length_squared());
+    let count = values.len().max(2) as f64;
+    let power = truth.0.iter().map(|t| square(*t)).sum::<f64>() / count;
+    if power <= 0.0 {
+        return 0.0;
+    }
+    let parts = values.iter().zip(&truth.0).zip(&truth.1);
+    let parts: Vec<f64> = parts
+        .map(|((x, t), s)| (square(*x - *t) - square(*s)) / power)
+        .collect();
+    let mean = parts.iter().sum::<f64>() / count;
+    let variance = parts.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / count / (count - 1.0);
+    // d√m = dm / 2√m; where m is within its own noise of zero, the root of that noise.
+    let spread = 1.96 * variance.sqrt();
+    if nrmse * nrmse > spread {
+        spread / (2.0 * nrmse)
+    } else {
+        spread.sqrt()
+    }
+}

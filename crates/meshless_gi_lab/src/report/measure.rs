@@ -1,0 +1,285 @@
+//! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
+
+use super::exam::{Exam, Grade};
+use super::sweep::Known;
+use super::variant::{BOUNCES, Factor, Run, Variant};
+use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{BakeStats, Settings};
+use meshless_gi::eval::{Bounces, Evaluator};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{Light, TriangleMesh};
+use serde::Serialize;
+use std::time::{Duration, Instant};
+
+/// Frames that the time of a frame is the median of, at most.
+const FRAMES: usize = 9;
+/// Time after which no more frames are measured; three are in any case.
+const LONG_ENOUGH: Duration = Duration::from_secs(2);
+/// Places that the time of the display is measured on.
+const DISPLAYED: usize = 20_000;
+
+/// What was baked and run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RowSettings {
+    /// What it changes from the baseline.
+    pub factor: Factor,
+    /// A few words.
+    pub name: String,
+    /// The recipe as a user writes it.
+    pub recipe: String,
+    /// Tier of the operator that the frame used, from 1 on.
+    pub tier: u32,
+    /// Everything that followed from it. `bounces` is what the frame ran.
+    #[serde(flatten)]
+    pub baked: Settings,
+}
+
+/// A row of a report. All numbers are finite.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// What was baked and run.
+    pub settings: RowSettings,
+    /// The whole bake, without reading the level and writing the file.
+    pub bake_seconds: f64,
+    /// A frame after one lamp has moved, on the CPU: projection, all reflections, the operator, flattening. The median of several.
+    pub frame_ms: f64,
+    /// The display of a thousand places, on one thread.
+    pub splat_ms_per_1000: f64,
+    /// The container.
+    pub bytes: u64,
+    /// Links that the frame used.
+    pub links: u64,
+    /// Points of all levels.
+    pub points: u64,
+    /// Those that send.
+    pub senders: u64,
+    /// Error of indirect irradiance against the reference with 4 reflections, its own noise subtracted.
+    pub nrmse: f64,
+    /// Half width of the 95 % confidence interval of it.
+    pub nrmse_interval: f64,
+    /// 99 % of the errors are below this, over the root mean square of the reference.
+    pub p99: f64,
+    /// Mean error over the mean.
+    pub bias: f64,
+    /// Error against the reference with all reflections.
+    pub nrmse_all: f64,
+    /// Share of the places that no basis function covers.
+    pub uncovered: f64,
+    /// What the bake says of itself.
+    pub estimated_nrmse: f64,
+    /// Half width of the 95 % confidence interval of that.
+    pub estimated_nrmse_interval: f64,
+    /// Largest rounding of a link to half precision, over the largest link of its row.
+    pub link_error: f64,
+    /// Beside another program's truth, where there is one: presets only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub known: Vec<Beside>,
+}
+
+/// Errors beside another program's truth with as many reflections.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Beside {
+    /// Which lights.
+    pub name: String,
+    /// As those of a row.
+    pub nrmse: f64,
+    /// As those of a row.
+    pub bias: f64,
+    /// As those of a row.
+    pub p99: f64,
+}
+
+/// A bake to be measured under one or several runs.
+pub struct Measured<'a> {
+    /// The bake.
+    pub scene: &'a BakedScene,
+    /// Its statistics.
+    pub stats: &'a BakeStats,
+    /// Its settings.
+    pub settings: &'a Settings,
+    /// Bytes of its container.
+    pub bytes: u64,
+    /// Display of a thousand places, milliseconds.
+    pub splat_ms_per_1000: f64,
+}
+
+impl<'a> Measured<'a> {
+    /// Measures what does not depend on the run.
+    #[must_use]
+    pub fn new(
+        scene: &'a BakedScene,
+        stats: &'a BakeStats,
+        settings: &'a Settings,
+        bytes: u64,
+        exam: &Exam,
+    ) -> Self {
+        Self {
+            scene,
+            stats,
+            settings,
+            bytes,
+            splat_ms_per_1000: splat_ms_per_1000(scene, exam),
+        }
+    }
+
+    /// Measures one run.
+    #[must_use]
+    pub fn row(&self, variant: &Variant, exam: &Exam) -> Row {
+        let settings = frame_settings(self.scene, variant.run);
+        let Grade {
+            errors,
+            interval,
+            all,
+            uncovered,
+        } = exam.grade(self.scene, &settings);
+        let info = &self.scene.info;
+        let tier = variant.run.tier.clamp(1, info.tiers.len().max(1) as u32);
+        let used = info.tiers.get(tier as usize - 1).copied();
+        let used = used.unwrap_or_default();
+        Row {
+            settings: RowSettings {
+                factor: variant.factor,
+                name: variant.name.clone(),
+                recipe: variant.recipe_text(),
+                tier,
+                baked: Settings {
+                    bounces: variant.run.bounces,
+                    ..self.settings.clone()
+                },
+            },
+            bake_seconds: self.stats.seconds.total,
+            frame_ms: frame_ms(self.scene, &settings, exam),
+            splat_ms_per_1000: self.splat_ms_per_1000,
+            bytes: self.bytes,
+            links: used.links,
+            points: self.stats.points_per_level.iter().sum(),
+            senders: self.stats.senders,
+            nrmse: errors.nrmse,
+            nrmse_interval: interval,
+            p99: errors.p99,
+            bias: errors.bias,
+            nrmse_all: all.nrmse,
+            uncovered,
+            estimated_nrmse: f64::from(used.estimated_nrmse),
+            estimated_nrmse_interval: f64::from(used.estimated_nrmse_interval),
+            link_error: f64::from(info.link_error),
+            known: Vec::new(),
+        }
+    }
+
+    /// Compares the bake with what another program says of `level`.
+    #[must_use]
+    pub fn compare(&self, level: &TriangleMesh, known: &Known) -> Beside {
+        let k = BOUNCES_OF_TRUTH.iter().position(|b| *b == Some(BOUNCES));
+        let evaluator = Evaluator::new(
+            self.scene,
+            std::slice::from_ref(level),
+            &known.lights,
+            Bounces::Count(BOUNCES),
+        );
+        let found = known.truth.compare(&evaluator, k.unwrap_or(0)).indirect;
+        Beside {
+            name: known.name.clone(),
+            nrmse: found.nrmse,
+            bias: found.bias,
+            p99: found.p99,
+        }
+    }
+}
+
+impl Row {
+    /// The error, or what it is at most where the reference's places and noise allow no better answer.
+    #[must_use]
+    pub fn sure_error(&self) -> f64 {
+        self.nrmse.max(self.nrmse_interval)
+    }
+
+    /// Whether every number is one: what a report is made of must be.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        [
+            self.bake_seconds,
+            self.frame_ms,
+            self.splat_ms_per_1000,
+            self.nrmse,
+            self.nrmse_interval,
+            self.p99,
+            self.bias,
+            self.nrmse_all,
+            self.uncovered,
+            self.estimated_nrmse,
+            self.estimated_nrmse_interval,
+            self.link_error,
+        ]
+        .iter()
+        .chain(self.known.iter().flat_map(|k| [&k.nrmse, &k.bias, &k.p99]))
+        .all(|v| v.is_finite())
+    }
+}
+
+/// What a frame runs.
+fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
+    FrameSettings {
+        baked_bounces: scene.info.bounces == run.bounces,
+        emission: 0.0,
+        tier: run.tier,
+        ..FrameSettings::bounces(run.bounces)
+    }
+}
+
+/// Milliseconds of a frame in which one lamp has moved.
+fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &Exam) -> f64 {
+    let Some(&Light::Point {
+        position,
+        intensity,
+        range,
+    }) = exam.lamps().first()
+    else {
+        return 0.0;
+    };
+    let bounds = scene.info.bounds.map(Vec3::from_array);
+    let step = 1e-4 * (bounds[1] - bounds[0]).max_element();
+    let mut frame = CpuFrame::new(scene);
+    let mut times = Vec::new();
+    let began = Instant::now();
+    // The first frame allocates; it is not counted.
+    for k in 0..=FRAMES {
+        if times.len() >= 3 && began.elapsed() > LONG_ENOUGH {
+            break;
+        }
+        let position = position + Vec3::splat(step * k as f32);
+        let lamp = FrameLight::point(position, intensity, range);
+        let start = Instant::now();
+        frame.set_lights(scene, &[lamp]);
+        frame.solve(scene, settings);
+        if k > 0 {
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    median(&mut times)
+}
+
+/// Milliseconds for the display of a thousand places.
+fn splat_ms_per_1000(scene: &BakedScene, exam: &Exam) -> f64 {
+    let places: Vec<_> = exam.places().collect();
+    let frame = CpuFrame::new(scene);
+    let rounds = DISPLAYED.div_ceil(places.len().max(1));
+    let mut times: Vec<f64> = (0..rounds)
+        .map(|_| {
+            let start = Instant::now();
+            for &(x, n) in &places {
+                // Used, so that no compiler leaves it out.
+                std::hint::black_box(frame.irradiance(scene, x, n));
+            }
+            start.elapsed().as_secs_f64() * 1e6 / places.len().max(1) as f64
+        })
+        .collect();
+    median(&mut times)
+}
+
+fn median(times: &mut [f64]) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied().unwrap_or(0.0)
+}

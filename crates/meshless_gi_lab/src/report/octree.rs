@@ -1,0 +1,83 @@
+//! The octree of rule `fmm` beside links: what each of its bakes costs, and what the default rule takes for as little an error.
+
+use super::measure::Row;
+use super::rules::comparable;
+use super::words::{cell, count, megabytes, percent, short};
+use meshless_gi::bake::Rule;
+use std::fmt::Write;
+
+/// Of the bakes by `rule` with at most this error the least of some cost.
+fn least(rows: &[Row], rule: Rule, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
+    let met = rows.iter().filter(|r| {
+        comparable(r) && r.settings.baked.rule == rule && r.nrmse <= error && r.nrmse.is_finite()
+    });
+    met.map(cost).min_by(f64::total_cmp)
+}
+
+/// Rule `fmm` beside `bounded`, and which to use when; nothing where it was not tried.
+#[must_use]
+pub fn beside_octree(rows: &[Row]) -> String {
+    let mut ours: Vec<&Row> = rows
+        .iter()
+        .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Fmm)
+        .collect();
+    ours.sort_by(|a, b| b.nrmse.total_cmp(&a.nrmse));
+    if ours.is_empty() {
+        return String::new();
+    }
+    let mut out = "Rule `fmm` ([G08]) has no links: each reflection of a frame goes up and down an octree of the points. Each row below is a bake by it, and the \
+                   least that the default rule took in any of its bakes here with no more error (– where it had none).\n\n\
+                   | by `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
+                   |---|---|---|---|---|---|---|---|---|\n"
+        .to_string();
+    // In how many places `bounded` is cheaper: file, bake, frame.
+    let (mut cheaper, mut met) = ([0usize; 3], 0usize);
+    for row in &ours {
+        let costs: [fn(&Row) -> f64; 3] = [|r| r.bytes as f64, |r| r.bake_seconds, |r| r.frame_ms];
+        let theirs = costs.map(|cost| least(rows, Rule::Bounded, row.nrmse, cost));
+        for ((cheaper, theirs), cost) in cheaper.iter_mut().zip(theirs).zip(costs) {
+            *cheaper += usize::from(theirs.is_some_and(|theirs| theirs < cost(row)));
+        }
+        met += usize::from(theirs[0].is_some());
+        let other = |v: Option<f64>, of: fn(f64) -> String| v.map_or("–".to_string(), of);
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            cell(&row.settings.name),
+            percent(row.nrmse),
+            count(row.links),
+            megabytes(row.bytes),
+            short(row.bake_seconds),
+            short(row.frame_ms),
+            other(theirs[0], |v| megabytes(v as u64)),
+            other(theirs[1], short),
+            other(theirs[2], short),
+        );
+    }
+    let best = |rule: Rule| least(rows, rule, f64::INFINITY, |r| r.nrmse);
+    let reached = |v: Option<f64>| v.map_or("none".into(), percent);
+    let [file, bake, frame] = cheaper;
+    let (octree, linked) = (best(Rule::Fmm), best(Rule::Bounded));
+    let _ = writeln!(
+        out,
+        "\nWhich to use: a bake by the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame at {frame}. The least error \
+         tried is {} by `fmm` and {} by `bounded`. {}{}",
+        ours.len(),
+        reached(octree),
+        reached(linked),
+        match (met, frame, file) {
+            (0, _, _) =>
+                "No bake by links was as exact, so that nothing can be said of what that would take.",
+            (_, 0, _) => "Use `fmm` here.",
+            (m, f, 0) if f == m =>
+                "Use `bounded` here where frames must be fast, `fmm` where files must be small or light is solved once and kept.",
+            (m, f, _) if f == m => "Use `bounded` here.",
+            _ => "Which is cheaper depends on the error: see the table.",
+        },
+        match met < ours.len() && octree < linked {
+            true => " What finer bakes by links would take was not tried.",
+            false => "",
+        }
+    );
+    out
+}

@@ -1,0 +1,296 @@
+//! The sweep: the reference once, then bake after bake, each measured, within a limit of time.
+
+use super::exam::{Exam, ExamSize};
+use super::measure::{Measured, Row};
+use super::variant::{self, BOUNCES, Factor, Variant};
+use crate::accuracy::Truth;
+use meshless_gi::asset::AssetError;
+use meshless_gi::bake::{BakeLevelError, BakeStats, Baked, Progress, Recipe, Settings, bake_level};
+use meshless_gi::scene::{Light, TriangleMesh};
+use std::time::{Duration, Instant};
+
+/// Names the variants to try, for the settings that the baseline got.
+pub type Choose = fn(&Settings) -> Vec<Variant>;
+
+/// How much a report does.
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    /// The reference.
+    pub exam: ExamSize,
+    /// What is baked first, and all others are variants of.
+    pub baseline: Variant,
+    /// What else, most important first.
+    pub choose: Choose,
+    /// No bake begins that would probably end later than this after the start.
+    pub limit: Duration,
+    /// What another program says of this level; presets are compared with it too.
+    pub known: Vec<Known>,
+    /// Places from which light can be seen, as in a recipe; found where empty.
+    pub viewpoints: Vec<[f32; 3]>,
+    /// Threads; 0 for one a processor.
+    pub threads: usize,
+}
+
+impl Sweep {
+    /// A handful of bakes.
+    #[must_use]
+    pub fn quick() -> Self {
+        Self {
+            exam: ExamSize {
+                lamps: 4,
+                places: 150,
+                paths: 4096,
+            },
+            baseline: variant::baseline(),
+            choose: variant::quick,
+            limit: Duration::from_mins(10),
+            known: Vec::new(),
+            viewpoints: Vec::new(),
+            threads: 0,
+        }
+    }
+
+    /// Everything.
+    #[must_use]
+    pub fn full() -> Self {
+        Self {
+            exam: ExamSize {
+                lamps: 6,
+                places: 250,
+                paths: 16_384,
+            },
+            choose: variant::full,
+            limit: Duration::from_mins(25),
+            ..Self::quick()
+        }
+    }
+}
+
+/// Another program's truth of the level under some lights.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// A word for the lights.
+    pub name: String,
+    /// What shines.
+    pub lights: Vec<Light>,
+    /// What is true then.
+    pub truth: Truth,
+}
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReportError {
+    /// No lamp was found that lights anything.
+    #[error(
+        "no light falls on anything: the level is empty, or nothing of it can be lit from its free space"
+    )]
+    Dark,
+    /// A bake failed.
+    #[error("{name}: {why}")]
+    Bake {
+        /// Which variant.
+        name: String,
+        /// Why.
+        why: BakeLevelError,
+    },
+    /// A bake could not be written.
+    #[error("{name}: {why}")]
+    Write {
+        /// Which variant.
+        name: String,
+        /// Why.
+        why: AssetError,
+    },
+    /// A bake holds other settings than this version writes: a defect of this crate.
+    #[error("{name}: the bake's own settings: {why}")]
+    Settings {
+        /// Which variant.
+        name: String,
+        /// Why.
+        why: String,
+    },
+    /// A measurement is no number: a defect of this crate. Please report it with the level.
+    #[error("{name}: an error was measured that is no number")]
+    NotFinite {
+        /// Which variant.
+        name: String,
+    },
+    /// No threads to work on.
+    #[error("no threads could be started: {0}")]
+    Threads(String),
+}
+
+/// What a sweep is doing.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Steps done.
+    pub done: usize,
+    /// Steps in all.
+    pub of: usize,
+    /// What is being done.
+    pub what: String,
+}
+
+/// What accuracy costs on a level.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// All that was tried, the baseline first.
+    pub rows: Vec<Row>,
+    /// Names of what was not tried for lack of time.
+    pub left_out: Vec<String>,
+    /// Reflections of the reference.
+    pub bounces: u32,
+    /// Standard error of the reference over its values, with as many reflections and with all.
+    pub noise: (f64, f64),
+    /// Places and lamps of the reference.
+    pub places: usize,
+    /// See `places`.
+    pub lamps: usize,
+    /// Threads that baked and ran the frames.
+    pub threads: usize,
+    /// Triangles of the level.
+    pub triangles: usize,
+    /// Seconds of the reference.
+    pub reference_seconds: f64,
+    /// Seconds in all.
+    pub seconds: f64,
+}
+
+/// A finished bake and what it was made by: the next variant may want the same.
+struct Last {
+    recipe: Recipe,
+    baked: Baked,
+    settings: Settings,
+    bytes: u64,
+}
+
+impl Last {
+    fn stats(&self) -> &BakeStats {
+        &self.baked.stats
+    }
+}
+
+/// Sweeps `level`. `watch` hears of each step before it begins, and gets the progress of its bake.
+///
+/// # Errors
+/// See [`ReportError`].
+pub fn sweep(
+    level: &TriangleMesh,
+    sweep: &Sweep,
+    progress: &Progress,
+    watch: &(dyn Fn(&Step) + Sync),
+) -> Result<Report, ReportError> {
+    // One pool for all that is measured; bakes start as many threads of their own.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(sweep.threads)
+        .build()
+        .map_err(|e| ReportError::Threads(e.to_string()))?;
+    pool.install(|| run(level, sweep, progress, watch))
+}
+
+fn run(
+    level: &TriangleMesh,
+    sweep: &Sweep,
+    progress: &Progress,
+    watch: &(dyn Fn(&Step) + Sync),
+) -> Result<Report, ReportError> {
+    let began = Instant::now();
+    let tell = |done: usize, of: usize, what: String| {
+        watch(&Step { done, of, what });
+    };
+    tell(0, 2, "reference".into());
+    let exam =
+        Exam::new(level, &sweep.viewpoints, &sweep.exam, BOUNCES).ok_or(ReportError::Dark)?;
+    let mut report = Report {
+        bounces: exam.bounces(),
+        noise: exam.noise(),
+        places: exam.places().count(),
+        lamps: exam.lamps().len(),
+        threads: rayon::current_num_threads(),
+        triangles: level.len(),
+        reference_seconds: began.elapsed().as_secs_f64(),
+        ..Report::default()
+    };
+    let beside = (level, &sweep.known[..]);
+    tell(1, 2, sweep.baseline.name.clone());
+    let mut last = bake(level, sweep, &sweep.baseline, progress)?;
+    measure(&mut report, &last, &sweep.baseline, &exam, beside)?;
+    let unit = last.stats().seconds.total;
+    let variants = (sweep.choose)(&last.settings);
+    for (k, variant) in variants.iter().enumerate() {
+        if variant.recipe != last.recipe {
+            let until = began.elapsed().as_secs_f64() + unit * variant.cost;
+            if until > sweep.limit.as_secs_f64() {
+                report.left_out.push(variant.name.clone());
+                continue;
+            }
+            tell(k + 2, variants.len() + 2, variant.name.clone());
+            last = bake(level, sweep, variant, progress)?;
+        }
+        measure(&mut report, &last, variant, &exam, beside)?;
+    }
+    report.seconds = began.elapsed().as_secs_f64();
+    Ok(report)
+}
+
+fn bake(
+    level: &TriangleMesh,
+    sweep: &Sweep,
+    variant: &Variant,
+    progress: &Progress,
+) -> Result<Last, ReportError> {
+    let name = || variant.name.clone();
+    let failed = |why| ReportError::Bake { name: name(), why };
+    let recipe = Recipe {
+        viewpoints: sweep.viewpoints.clone(),
+        ..variant.recipe.clone()
+    };
+    let baked = bake_level(level, &recipe, sweep.threads, progress).map_err(failed)?;
+    let bytes = baked
+        .scene
+        .to_bytes()
+        .map_err(|why| ReportError::Write { name: name(), why })?
+        .len() as u64;
+    let settings =
+        ron::from_str(&baked.scene.info.recipe).map_err(|why| ReportError::Settings {
+            name: name(),
+            why: why.to_string(),
+        })?;
+    Ok(Last {
+        recipe: variant.recipe.clone(),
+        baked,
+        settings,
+        bytes,
+    })
+}
+
+fn measure(
+    report: &mut Report,
+    last: &Last,
+    variant: &Variant,
+    exam: &Exam,
+    (level, known): (&TriangleMesh, &[Known]),
+) -> Result<(), ReportError> {
+    let measured = Measured::new(
+        &last.baked.scene,
+        last.stats(),
+        &last.settings,
+        last.bytes,
+        exam,
+    );
+    let mut row = measured.row(variant, exam);
+    if variant.factor == Factor::Preset {
+        row.known = known
+            .iter()
+            .map(|known| measured.compare(level, known))
+            .collect();
+    }
+    if !row.is_finite() {
+        return Err(ReportError::NotFinite {
+            name: variant.name.clone(),
+        });
+    }
+    report.rows.push(row);
+    Ok(())
+}

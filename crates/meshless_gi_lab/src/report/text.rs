@@ -1,0 +1,499 @@
+//! A report in words: what to choose and why, first; then charts, the two rules, and every row.
+
+use super::charts::Figure;
+use super::measure::Row;
+use super::octree::beside_octree;
+use super::rules::{Compared, Ratio, comparable, compare, compare_with};
+use super::sweep::Report;
+use super::variant::{BOUNCES, Factor};
+use super::words::{cell, count, error, how, megabytes, percent, short, whole};
+use meshless_gi::bake::Rule;
+use std::fmt::Write;
+
+/// Errors that somebody may want to stay below.
+pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
+/// What the default rule may need of the links of `l08` at equal error, and have of its error at equal links.
+const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
+
+/// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare with: reflections cannot be baked for it.
+pub fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
+    cheapest_of(rows, Rule::Bounded, most, cost)
+}
+
+fn cheapest_of(rows: &[Row], rule: Rule, most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
+    rows.iter()
+        .filter(|r| comparable(r) && r.settings.baked.rule == rule && r.sure_error() <= most)
+        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+}
+
+/// The whole text of a report on the level `name`, with its charts beside it.
+#[must_use]
+pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
+    let mut out = format!("# What accuracy costs: {}\n\n", cell(name));
+    out += &section(report, figures, "", 2);
+    out
+}
+
+/// The same without a title, for a document of several levels: charts are in the folder `charts` (with its slash), headings of this level.
+#[must_use]
+pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize) -> String {
+    let mut out = choice(&report.rows);
+    let mark = "#".repeat(heading);
+    let _ = write!(out, "\n{mark} What buys what\n\n{}", factors(&report.rows));
+    out += &reflections(&report.rows);
+    for figure in figures {
+        let _ = writeln!(
+            out,
+            "\n![{}]({charts}{})",
+            cell(&figure.chart.title),
+            figure.file
+        );
+    }
+    let _ = write!(
+        out,
+        "\n{mark} The default rule beside the paper's\n\n{}",
+        rules(&compare(&report.rows))
+    );
+    let bases = beside_bases(&report.rows);
+    if !bases.is_empty() {
+        let _ = write!(
+            out,
+            "\n{mark} The default rule beside bases of direct light\n\n{bases}"
+        );
+    }
+    let octree = beside_octree(&report.rows);
+    if !octree.is_empty() {
+        let _ = write!(
+            out,
+            "\n{mark} The default rule beside an octree of points\n\n{octree}"
+        );
+    }
+    let _ = write!(
+        out,
+        "\n{mark} Everything that was tried\n\n{}",
+        table(&report.rows)
+    );
+    out += &known(&report.rows, &mark);
+    let _ = write!(out, "\n{mark} How it was measured\n\n{}", method(report));
+    out
+}
+
+/// What to choose, and why: the beginning of a report.
+#[must_use]
+pub fn choice(rows: &[Row]) -> String {
+    let mut out = String::new();
+    let best = rows
+        .iter()
+        .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Bounded)
+        .min_by(|a, b| a.sure_error().total_cmp(&b.sure_error()));
+    let Some(best) = best else {
+        return "Nothing was measured.\n".into();
+    };
+    let said = |r: &Row| {
+        format!(
+            "{}, baked in {} s to {}, with {} ms for a frame on the CPU: its error is {} ± {}",
+            how(r),
+            short(r.bake_seconds),
+            megabytes(r.bytes),
+            short(r.frame_ms),
+            error(r),
+            percent(r.nrmse_interval)
+        )
+    };
+    match cheapest(rows, 0.05, |r| r.frame_ms) {
+        Some(row) => {
+            let _ = writeln!(
+                out,
+                "**To ship with at most 5 % error, bake this level by {}.** Of all bakes tried that stay below 5 % it has the fastest frame.",
+                said(row)
+            );
+        }
+        None => {
+            let _ = writeln!(
+                out,
+                "**No bake tried stays below 5 % error on this level; the best is {}.**",
+                said(best)
+            );
+        }
+    }
+    let frame = |r: &Row| r.frame_ms;
+    let ours = cheapest(rows, 0.05, frame).map_or(f64::INFINITY, frame);
+    if let Some(row) = cheapest_of(rows, Rule::L08, 0.05, frame).filter(|r| r.frame_ms < ours) {
+        let _ = writeln!(
+            out,
+            "The paper's rule, kept for comparison, would do that faster here: {}.",
+            said(row)
+        );
+    }
+    if let Some(row) = cheapest(rows, 0.10, |r| r.bake_seconds) {
+        let _ = writeln!(
+            out,
+            "While the level still changes and 10 % will do: {}; of those below 10 % it is baked soonest.",
+            said(row)
+        );
+    }
+    let _ = writeln!(
+        out,
+        "\nThe cheapest of what was tried, by what is scarce:\n\n\
+         | error at most | baked soonest | smallest file | fastest frame |\n|---|---|---|---|"
+    );
+    for most in WANTED {
+        let cost =
+            |cost: fn(&Row) -> f64, show: fn(&Row) -> String| match cheapest(rows, most, cost) {
+                Some(r) => format!("{}: {} ({})", r.settings.name, show(r), percent(r.nrmse)),
+                None => format!("not reached; the least is {}", percent(best.nrmse)),
+            };
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} |",
+            whole(most),
+            cost(
+                |r| r.bake_seconds,
+                |r| format!("{} s", short(r.bake_seconds))
+            ),
+            cost(|r| r.bytes as f64, |r| megabytes(r.bytes)),
+            cost(|r| r.frame_ms, |r| format!("{} ms", short(r.frame_ms))),
+        );
+    }
+    out
+}
+
+/// From the cheapest to the best of each factor, the baseline among them, and what lowers the error most for what it adds to the bake.
+fn factors(rows: &[Row]) -> String {
+    let Some(base) = rows.first() else {
+        return String::new();
+    };
+    let mut out = "One thing at a time is changed from the first row of the table below. From the least to the most of each:\n\n\
+                   | what | from | to | error | bake, s | frame, ms | file |\n|---|---|---|---|---|---|---|\n"
+        .to_string();
+    let mut gains: Vec<(f64, &Row)> = Vec::new();
+    for factor in Factor::ALL {
+        if matches!(factor, Factor::Bounces | Factor::Several) {
+            continue;
+        }
+        let mut all: Vec<&Row> = rows
+            .iter()
+            .filter(|r| r.settings.factor == factor)
+            .collect();
+        // Not one thing alone is changed.
+        let alone = matches!(
+            factor,
+            Factor::RuleL08 | Factor::RulePca | Factor::RuleFmm | Factor::Plain
+        );
+        if !alone && factor != Factor::Preset {
+            all.push(base);
+        }
+        if all.len() < 2 {
+            continue;
+        }
+        all.sort_by(|a, b| {
+            a.bytes
+                .cmp(&b.bytes)
+                .then(a.bake_seconds.total_cmp(&b.bake_seconds))
+        });
+        if factor == Factor::Rays {
+            all.sort_by_key(|r| r.settings.baked.rays);
+        }
+        if factor == Factor::Tier {
+            all.retain(|r| r.settings.baked == base.settings.baked);
+            all.sort_by_key(|r| r.settings.tier);
+        }
+        if factor == Factor::Places {
+            all.sort_by_key(|r| r.settings.baked.places);
+        }
+        let (first, last) = (all[0], all[all.len() - 1]);
+        let both = |show: &dyn Fn(&Row) -> String| format!("{} → {}", show(first), show(last));
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} |",
+            factor.name(),
+            first.settings.name,
+            last.settings.name,
+            both(&error),
+            both(&|r| short(r.bake_seconds)),
+            both(&|r| short(r.frame_ms)),
+            both(&|r| megabytes(r.bytes)),
+        );
+        let steps = all.iter().filter(|_| !alone && factor != Factor::Preset);
+        gains.extend(steps.filter_map(|r| Some((gain(base, r)?, *r))));
+    }
+    if let Some((gain, row)) = gains.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
+        let _ = writeln!(
+            out,
+            "\nOf the single changes, **{}** lowers the error most for the bake time that it adds: from {} to {} at {} s instead of {} s (each doubling of the \
+             time multiplies the error by {}).",
+            row.settings.name,
+            error(base),
+            error(row),
+            short(row.bake_seconds),
+            short(base.bake_seconds),
+            short(2f64.powf(-gain)),
+        );
+    }
+    out
+}
+
+/// How many times the error halves for each doubling of the bake's time; none where either hardly changes.
+fn gain(base: &Row, row: &Row) -> Option<f64> {
+    let (error, time) = (base.nrmse / row.nrmse, row.bake_seconds / base.bake_seconds);
+    (error > 1.05 && time > 1.2 && error.is_finite() && time.is_finite())
+        .then(|| error.ln() / time.ln())
+}
+
+/// What more reflections cost and bring.
+fn reflections(rows: &[Row]) -> String {
+    let mut all: Vec<&Row> = rows
+        .iter()
+        .enumerate()
+        .filter(|(i, r)| *i == 0 || !comparable(r))
+        .map(|(_, r)| r)
+        .collect();
+    if all.len() < 2 {
+        return String::new();
+    }
+    all.sort_by_key(|r| r.settings.baked.bounces);
+    let mut out = format!(
+        "\nReflections are chosen in the frame and cost no bake. Errors in this table alone are against the light of *all* reflections (everywhere else against \
+         that of {BOUNCES}, so that they are the errors of the bake):\n\n| reflections | error | frame, ms |\n|---|---|---|\n"
+    );
+    for row in all {
+        let name = match row.settings.factor {
+            Factor::Bounces => row.settings.name.clone(),
+            _ => format!("{} reflections", row.settings.baked.bounces),
+        };
+        let _ = writeln!(
+            out,
+            "| {name} | {} | {} |",
+            percent(row.nrmse_all),
+            short(row.frame_ms)
+        );
+    }
+    out
+}
+
+fn ratio(r: Ratio) -> String {
+    match r {
+        Ratio::Is(v) => format!("× {v:.2}"),
+        Ratio::AtMost(v) => format!("× {v:.2} at most"),
+        Ratio::NotReached => "not reached".into(),
+    }
+}
+
+/// Both ratios at each place of the paper's front, and whether the goals are met.
+fn rules(compared: &[Compared]) -> String {
+    if compared.is_empty() {
+        return "The paper's rule was not tried.\n".into();
+    }
+    let mut out = "Each row is a bake on the front of `l08`; the default rule's front is read at its error and at its number of links, on straight lines between \
+                   the logarithms. \"At most\" stands where `bounded` does better than that with what it was tried with. Bakes called \
+                   plain are by the default rule on the very points of `l08`: there the rule alone differs.\n\n\
+                   | by `l08` | links | error | links of `bounded` at equal error | error of `bounded` at equal links |\n|---|---|---|---|---|\n"
+        .to_string();
+    for c in compared {
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} |",
+            c.name,
+            count(c.links as u64),
+            percent(c.error),
+            ratio(c.links_ratio),
+            ratio(c.error_ratio)
+        );
+    }
+    out.push('\n');
+    let mut verdict = |what: &str, goal: f64, word: &str, of: fn(&Compared) -> Ratio| {
+        let found: Vec<f64> = compared.iter().filter_map(|c| of(c).value()).collect();
+        let worst = found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let best = found.iter().copied().fold(f64::INFINITY, f64::min);
+        let met = found.iter().filter(|v| **v <= goal).count();
+        let _ = match found.len() {
+            0 => writeln!(out, "- {what}: not reached anywhere; {word} was wanted."),
+            n => writeln!(
+                out,
+                "- {what}: × {best:.2} to × {worst:.2}, of {word} that was wanted; met at {met} of {} places{}.",
+                compared.len(),
+                if n < compared.len() {
+                    format!(", not reached at {}", compared.len() - n)
+                } else {
+                    String::new()
+                }
+            ),
+        };
+    };
+    verdict("Links at equal error", GOALS.0, "a third", |c| {
+        c.links_ratio
+    });
+    verdict("Error at equal links", GOALS.1, "a half", |c| c.error_ratio);
+    out
+}
+
+/// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where that rule was not tried.
+#[must_use]
+pub fn beside_bases(rows: &[Row]) -> String {
+    let compared = compare_with(rows, Rule::Pca);
+    if compared.is_empty() {
+        return String::new();
+    }
+    let mut out = "Rule `pca` ([P14]) writes each row in a few principal components of the direct light on each cluster of senders; all that follows is the \
+                   same. Each row below is a bake on its front, and what the default rule's front has there, on straight lines between the logarithms; \"at most\" stands \
+                   where that rule was tried only with what does better.\n\n\
+                   | by `pca` | error | links | file | bake, s | frame, ms | links of `bounded` at equal error | error of `bounded` at equal links |\n\
+                   |---|---|---|---|---|---|---|---|\n"
+        .to_string();
+    for c in &compared {
+        let row = &rows[c.row];
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} | {} |",
+            cell(&c.name),
+            percent(c.error),
+            count(c.links as u64),
+            megabytes(row.bytes),
+            short(row.bake_seconds),
+            short(row.frame_ms),
+            ratio(c.links_ratio),
+            ratio(c.error_ratio)
+        );
+    }
+    let least = |rule: Rule| {
+        let errors = rows
+            .iter()
+            .filter(|r| comparable(r) && r.settings.baked.rule == rule);
+        errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
+    };
+    let (ours, theirs) = (least(Rule::Bounded), least(Rule::Pca));
+    let wins = compared
+        .iter()
+        .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))
+        .count();
+    let found = match wins {
+        0 => "needs more links than the default rule for every error that it reached".to_string(),
+        n if n == compared.len() => {
+            "needs fewer links than the default rule for every error that it reached".to_string()
+        }
+        n => format!(
+            "needs fewer links than the default rule at {n} of the {} errors above",
+            compared.len()
+        ),
+    };
+    let advice = match wins {
+        0 => "Use `bounded` here.",
+        _ => {
+            "Use `bounded` where an error has to be met; `pca` at the errors where it needs fewer links, if lamps keep away from walls."
+        }
+    };
+    let _ = writeln!(
+        out,
+        "\nWhich to use: on this level `pca` {found}; the least error tried is {} by `pca` and {} by `bounded`. {advice} Bases are made for lamps like their examples, in the free space of the \
+         level, and for clusters that one handful of pictures describes: a lamp close to a wall, or a light that no example resembles, is blurred over \
+         its cluster (its energy is kept), and the rule has no bound on that.",
+        percent(theirs),
+        percent(ours)
+    );
+    out
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut out = "| what | bake, s | frame, ms | display of 1000 places, ms | file | links | points | error | 99 % below | bias | by its own estimate |\n\
+                   |---|---|---|---|---|---|---|---|---|---|---|\n"
+        .to_string();
+    for factor in Factor::ALL {
+        for row in rows
+            .iter()
+            .filter(|r| r.settings.factor == factor && comparable(r))
+        {
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {} | {} | {} | {} | {} ± {} | {} | {} | {} ± {} |",
+                cell(&row.settings.name),
+                short(row.bake_seconds),
+                short(row.frame_ms),
+                short(row.splat_ms_per_1000),
+                megabytes(row.bytes),
+                count(row.links),
+                count(row.points),
+                error(row),
+                percent(row.nrmse_interval),
+                percent(row.p99),
+                percent(row.bias),
+                percent(row.estimated_nrmse),
+                percent(row.estimated_nrmse_interval),
+            );
+        }
+    }
+    out
+}
+
+/// The presets beside another program's truth, where there is one.
+fn known(rows: &[Row], mark: &str) -> String {
+    let mut out = String::new();
+    for row in rows {
+        for k in &row.known {
+            let _ = writeln!(
+                out,
+                "| {} | {} | {} | {} | {} | {} |",
+                cell(&row.settings.name),
+                cell(&k.name),
+                percent(k.nrmse),
+                percent(k.bias),
+                percent(k.p99),
+                error(row),
+            );
+        }
+    }
+    if out.is_empty() {
+        return out;
+    }
+    format!(
+        "\n{mark} Beside another program's truth\n\nIrradiance after {BOUNCES} reflections that another program computed for this level, at places and under lights of its \
+         own.\n\n| preset | lights | error | bias | 99 % below | error in this report |\n|---|---|---|---|---|---|\n{out}"
+    )
+}
+
+fn method(report: &Report) -> String {
+    let rows = &report.rows;
+    let agree = rows.iter().filter(|r| comparable(r));
+    let honest = agree
+        .clone()
+        .filter(|r| {
+            let room = r.estimated_nrmse_interval.hypot(r.nrmse_interval);
+            (r.estimated_nrmse - r.nrmse).abs() <= room
+        })
+        .count();
+    let rounding = rows.iter().map(|r| r.link_error).fold(0.0, f64::max);
+    let mut out = format!(
+        "- Error: indirect irradiance through the frame's own path against the reference integrator at {} random surface places under {} white point lamps in turn, none \
+         of which a bake has seen. NRMSE, the reference's own variance subtracted; ± is the half width of the 95 % confidence interval over places. All bakes sit the same \
+         exam, so that differences between them are surer than that.\n\
+         - The reference was computed once, in {} s; its standard error is {} of its values with {} reflections, {} with all.\n\
+         - Bake time is the whole bake with its own estimate, without reading the level and writing the file. Frame time is the CPU twins' for one lamp that has moved: \
+         projection with shadow rays, reflections, operator; the display comes on top, by the place, on one thread. All on {} threads of the machine that made this report; \
+         a GPU's frame is another figure.\n\
+         - The bake's own estimate agrees with the error measured here, within both intervals, for {honest} of {} bakes.\n\
+         - Not swept: the precision of links, which are kept in halves (rounding changes none by more than {:.3} % of the largest of its row), and the resolution of the display, \
+         which evaluates every place by itself.\n",
+        report.places,
+        report.lamps,
+        short(report.reference_seconds),
+        percent(report.noise.0),
+        report.bounces,
+        percent(report.noise.1),
+        report.threads,
+        agree.count(),
+        100.0 * rounding,
+    );
+    if !report.left_out.is_empty() {
+        let _ = writeln!(
+            out,
+            "- Left out, for they would have ended after the time that the report was given: {}.",
+            report.left_out.join("; ")
+        );
+    }
+    let _ = writeln!(
+        out,
+        "- Everything took {} s, for a level of {} triangles.",
+        short(report.seconds),
+        report.triangles
+    );
+    out
+}

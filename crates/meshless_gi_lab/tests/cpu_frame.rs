@@ -1,0 +1,410 @@
+//! The frame on the CPU against closed forms: geometric series of bounces, the lamps' textbook irradiances, what is not done again, and the same
+//! bits for any number of threads. The GPU's frame is compared with this one in `twins.rs`.
+
+use meshless_gi_lab::fixtures::synthetic;
+
+use glam::Vec3;
+use meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
+use meshless_gi::basis::{Weights, support_bounds};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
+use meshless_gi::samples::{HashedGrid, LitPlace, Point};
+use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, TriangleMesh};
+use meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use std::f32::consts::PI;
+
+const ALBEDO: f32 = 0.5;
+const EMISSION: f32 = 3.0;
+/// Four senders, and two finer receivers for each.
+const SENDERS: usize = 4;
+const POINTS: usize = 12;
+
+/// A closed box in the abstract: every point sees one sender, and nothing else, in the direction of its normal. Or the sky.
+fn furnace(to_sky: bool) -> BakedScene {
+    let normal = |i: usize| Vec3::new(0.6, if i.is_multiple_of(2) { 0.8 } else { -0.8 }, 0.0);
+    let points: Vec<Point> = (0..POINTS)
+        .map(|i| Point::new(Vec3::X * (i % SENDERS) as f32, normal(i), 0.9))
+        .collect();
+    let link = |i: usize| {
+        let sender = if to_sky { SENDERS } else { (i + 1) % SENDERS };
+        Link::pack(normal(i), 1.0, sender as u16)
+    };
+    BakedScene {
+        surfaces: vec![
+            PointSurface {
+                albedo: [ALBEDO; 3],
+                emission: [EMISSION; 3],
+                ..PointSurface::default()
+            };
+            POINTS
+        ],
+        level_starts: vec![0, SENDERS as u32, POINTS as u32],
+        sender_levels: 1,
+        places: Places::default(),
+        pull: Weights::from_rows((0..SENDERS).map(|_| [])),
+        parents: Weights::from_rows((0..POINTS).map(|_| [])),
+        operator: Operator {
+            form: SenderForm::Averages,
+            rows: (0..POINTS)
+                .map(|i| Row {
+                    start: i as u32,
+                    count: 1,
+                    scale: 1.0,
+                    tier: 1,
+                })
+                .collect(),
+            links: (0..POINTS).map(link).collect(),
+            compression: None,
+        },
+        visibility: None,
+        probes: None,
+        occluders: None,
+        fmm: None,
+        illumination: Vec::new(),
+        sky: None,
+        materials: None,
+        bounces: None,
+        display: Display {
+            radius: 0.9,
+            planes: Vec::new(),
+            grid: HashedGrid::build(POINTS, 0.9, |i| support_bounds(&points[i])),
+        },
+        points,
+        bvh: Bvh::default(),
+        info: BakeInfo {
+            tiers: vec![TierInfo {
+                rows: POINTS as u64,
+                links: POINTS as u64,
+                ..TierInfo::default()
+            }],
+            ..BakeInfo::default()
+        },
+    }
+}
+
+/// A sender's light is the mean over its places: with one of four in the shadow it is three quarters, and none of its own point's.
+#[test]
+fn a_sender_is_lit_at_its_places() {
+    let mut scene = furnace(false);
+    let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
+    scene.places = Places {
+        per_sender: 4,
+        list: (0..4 * SENDERS)
+            .map(|k| LitPlace::new(place(k), Vec3::Y))
+            .collect(),
+    };
+    scene.validate().expect("valid");
+    // A blocker above the first place of the first sender alone.
+    let above = place(0) + 0.5 * Vec3::Y;
+    let corners = [
+        above + Vec3::new(-0.04, 0.0, -0.04),
+        above + Vec3::new(0.04, 0.0, -0.04),
+        above + Vec3::new(0.0, 0.0, 0.06),
+    ];
+    scene.bvh = TriangleMesh::new(vec![corners], vec![0], vec![Material::default()]).bvh();
+    let sun = FrameLight::directional(Vec3::NEG_Y, Vec3::ONE);
+    let mut frame = CpuFrame::new(&scene);
+    frame.set_lights(&scene, &[sun]);
+    let found = frame.projected(0);
+    assert!((found[0] - 0.75).abs() < 1e-6, "{found:?}");
+    for e in &found[1..] {
+        assert!((e - 1.0).abs() < 1e-6, "{found:?}");
+    }
+    scene.places = Places::default();
+    let mut own = CpuFrame::new(&scene);
+    own.set_lights(&scene, &[sun]);
+    assert!(
+        (own.projected(0)[0] - 0.8).abs() < 1e-6,
+        "the point's own normal"
+    );
+}
+
+/// Irradiance at point `i` for its normal.
+fn irradiance(scene: &BakedScene, frame: &CpuFrame, i: usize) -> f32 {
+    frame.values()[i].dot(scene.points[i].n()).y
+}
+
+#[test]
+fn bounces_are_a_geometric_series() {
+    let scene = furnace(false);
+    let mut frame = CpuFrame::new(&scene);
+    for bounces in 1..6 {
+        frame.solve(&scene, &FrameSettings::bounces(bounces));
+        let series: f32 = (0..bounces).map(|k| ALBEDO.powi(k as i32)).sum();
+        for i in 0..POINTS {
+            let e = irradiance(&scene, &frame, i);
+            // The links are halves.
+            assert!(
+                (e - EMISSION * series).abs() < 1e-3 * e,
+                "{bounces} bounces, point {i}: {e}"
+            );
+        }
+    }
+    frame.solve(
+        &scene,
+        &FrameSettings {
+            emission: 0.0,
+            ..FrameSettings::bounces(4)
+        },
+    );
+    assert_eq!(irradiance(&scene, &frame, 0), 0.0);
+}
+
+#[test]
+fn baked_bounces_come_on_top_once() {
+    let mut scene = furnace(false);
+    // All further bounces in closed form: ρ / (1 − ρ) of the direct radiosity.
+    scene.bounces = Some(BounceOperator {
+        starts: (0..=SENDERS as u32).collect(),
+        links: (0..SENDERS as u32)
+            .map(|sender| BounceLink {
+                gain: [ALBEDO / (1.0 - ALBEDO); 3],
+                sender,
+            })
+            .collect(),
+        bounces: 99,
+    });
+    let mut frame = CpuFrame::new(&scene);
+    frame.solve(&scene, &FrameSettings::bounces(4));
+    let e = irradiance(&scene, &frame, 5);
+    assert!((e - EMISSION / (1.0 - ALBEDO)).abs() < 1e-3 * e, "{e}");
+    let live = FrameSettings {
+        baked_bounces: false,
+        ..FrameSettings::bounces(1)
+    };
+    frame.solve(&scene, &live);
+    assert!((irradiance(&scene, &frame, 5) - EMISSION).abs() < 1e-2);
+}
+
+#[test]
+fn the_sky_shines_through_its_own_links() {
+    let scene = furnace(true);
+    let mut frame = CpuFrame::new(&scene);
+    let settings = FrameSettings {
+        sky: Vec3::new(0.0, 2.0, 0.0).into(),
+        ..FrameSettings::default()
+    };
+    frame.solve(&scene, &settings);
+    let e = irradiance(&scene, &frame, 3);
+    assert!((e - 2.0 * PI).abs() < 1e-2, "{e}");
+    assert!(frame.values()[3].x[0] == 0.0, "red");
+}
+
+#[test]
+fn only_what_changed_is_done_again() {
+    let scene = synthetic::scene(SenderForm::Averages);
+    let mut lights = synthetic::lights();
+    let shining = lights.iter().filter(|l| l.kind != FrameLight::NONE).count();
+    let mut frame = CpuFrame::new(&scene);
+    let settings = FrameSettings::default();
+    assert_eq!(frame.set_lights(&scene, &lights), shining);
+    assert!(frame.solve(&scene, &settings));
+    assert_eq!(frame.set_lights(&scene, &lights), 0);
+    assert!(!frame.solve(&scene, &settings), "nothing changed");
+
+    lights[0].color = [9.0, 1.0, 1.0];
+    assert_eq!(
+        frame.set_lights(&scene, &lights),
+        0,
+        "a colour needs no projection"
+    );
+    assert!(frame.solve(&scene, &settings));
+    lights[2].direction = [0.0, -1.0, 0.0];
+    assert_eq!(frame.set_lights(&scene, &lights), 1);
+    assert!(frame.solve(&scene, &settings));
+    let counters = frame.counters();
+    assert_eq!(
+        (counters.projected, counters.solves, counters.rested),
+        (shining as u64 + 1, 3, 1)
+    );
+
+    // The state is that of a frame that saw only the last lights.
+    let mut fresh = CpuFrame::new(&scene);
+    fresh.set_lights(&scene, &lights);
+    fresh.solve(&scene, &settings);
+    assert_eq!(fresh.values(), frame.values());
+    // Fewer lights: the others no longer shine; and back again.
+    frame.set_lights(&scene, &lights[..1]);
+    frame.solve(&scene, &settings);
+    assert_ne!(fresh.values(), frame.values());
+    assert_eq!(
+        frame.set_lights(&scene, &lights),
+        0,
+        "the slots are still projected"
+    );
+    frame.solve(&scene, &settings);
+    assert_eq!(fresh.values(), frame.values());
+}
+
+#[test]
+fn the_same_bits_for_any_number_of_threads() {
+    for form in [SenderForm::Averages, SenderForm::Differences] {
+        let scene = synthetic::scene(form);
+        let solve = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                let mut frame = CpuFrame::new(&scene);
+                frame.set_lights(&scene, &synthetic::lights());
+                frame.solve(&scene, &FrameSettings::bounces(3));
+                frame.values().to_vec()
+            })
+        };
+        assert_eq!(solve(1), solve(2));
+        assert_eq!(solve(1), solve(5));
+    }
+}
+
+#[test]
+fn lamps_shine_as_the_textbook_says() {
+    let x = Vec3::new(0.0, 0.0, 0.0);
+    let lamp = Vec3::new(1.0, 2.0, 0.0);
+    let (square, cosine) = (5.0f32, 2.0 / 5.0f32.sqrt());
+    let near = |light: &FrameLight, expected: f32| {
+        let e = project::unshadowed(light, x, Vec3::Y);
+        assert!(
+            (e - expected).abs() <= 2e-6 * expected.max(0.1),
+            "{light:?}: {e}, not {expected}"
+        );
+    };
+    near(
+        &FrameLight::point(lamp, Vec3::ONE, f32::INFINITY),
+        cosine / square,
+    );
+    let window = 1.0 - (square / 9.0) * (square / 9.0);
+    near(
+        &FrameLight::point(lamp, Vec3::ONE, 3.0),
+        cosine / square * window * window,
+    );
+    near(&FrameLight::point(lamp, Vec3::ONE, 2.0), 0.0);
+    near(&FrameLight::point(-lamp, Vec3::ONE, f32::INFINITY), 0.0);
+    near(
+        &FrameLight::directional(Vec3::new(0.0, -1.0, 1.0), Vec3::ONE),
+        0.5f32.sqrt(),
+    );
+    near(
+        &FrameLight::patch(lamp, Vec3::NEG_Y, Vec3::ONE),
+        cosine * cosine / square,
+    );
+    near(&FrameLight::patch(lamp, Vec3::Y, Vec3::ONE), 0.0);
+    // Straight down: the place is 26.6° off the axis of the cone.
+    let spot = |inner: f32, outer: f32| {
+        FrameLight::spot(
+            lamp,
+            Vec3::NEG_Y,
+            Vec3::ONE,
+            inner.to_radians(),
+            outer.to_radians(),
+            f32::INFINITY,
+        )
+    };
+    near(&spot(30.0, 40.0), cosine / square);
+    near(&spot(10.0, 20.0), 0.0);
+    let (inner, outer) = (10f32.to_radians().cos(), 40f32.to_radians().cos());
+    let part = (cosine - outer) / (inner - outer);
+    near(&spot(10.0, 40.0), cosine / square * part * part);
+    // At the lamp itself: dark, and no NaN.
+    assert_eq!(
+        project::unshadowed(&FrameLight::point(x, Vec3::ONE, f32::INFINITY), x, Vec3::Y),
+        0.0
+    );
+}
+
+#[test]
+fn direct_light_has_shadows() {
+    let mut scene = furnace(false);
+    // A plate of one metre, one metre above the ground.
+    scene.bvh = Bvh {
+        nodes: vec![BvhNode {
+            min: [-0.5, 0.999, -0.5],
+            first: 0,
+            max: [0.5, 1.001, 0.5],
+            count: 1,
+        }],
+        triangles: vec![BvhTriangle {
+            a: [-0.5, 1.0, -0.5],
+            b: [0.5, 1.0, -0.5],
+            c: [0.0, 1.0, 0.5],
+            ..BvhTriangle::default()
+        }],
+    };
+    scene.info.bounds = [[-1.0, 0.0, -1.0], [1.0, 3.0, 1.0]];
+    let mut frame = CpuFrame::new(&scene);
+    frame.set_lights(
+        &scene,
+        &[FrameLight::directional(
+            Vec3::NEG_Y,
+            Vec3::new(1.0, 2.0, 3.0),
+        )],
+    );
+    assert_eq!(frame.direct(&scene, Vec3::ZERO, Vec3::Y), Vec3::ZERO);
+    assert_eq!(
+        frame.direct(&scene, Vec3::X, Vec3::Y),
+        Vec3::new(1.0, 2.0, 3.0)
+    );
+    // On the plate, on both sides of it.
+    assert_eq!(
+        frame.direct(&scene, Vec3::Y, Vec3::Y),
+        Vec3::new(1.0, 2.0, 3.0)
+    );
+    assert_eq!(frame.direct(&scene, Vec3::Y, Vec3::NEG_Y), Vec3::ZERO);
+    // The lamp below the plate is not in its shadow, the one on it is.
+    for (height, lit) in [(0.9, true), (1.0, true), (1.1, false)] {
+        let lamp = FrameLight::point(Vec3::new(0.0, height, 0.0), Vec3::ONE, f32::INFINITY);
+        frame.set_lights(&scene, &[lamp]);
+        assert_eq!(
+            frame.direct(&scene, Vec3::ZERO, Vec3::Y).x > 0.0,
+            lit,
+            "{height}"
+        );
+    }
+}
+
+#[test]
+fn what_no_function_covers_is_none_and_never_nan() {
+    let scene = furnace(false);
+    let mut frame = CpuFrame::new(&scene);
+    frame.solve(&scene, &FrameSettings::bounces(1));
+    let n = scene.points[0].n();
+    // All functions of this normal say the same: the quotient is that of one.
+    let e = frame
+        .irradiance(&scene, Vec3::new(0.3, 0.1, 0.0), n)
+        .unwrap();
+    assert!((e.x - EMISSION).abs() < 1e-2, "{e}");
+    assert_eq!(
+        frame.irradiance(&scene, Vec3::new(0.3, 0.1, 0.0), -Vec3::X),
+        None
+    );
+    assert_eq!(frame.irradiance(&scene, Vec3::Y * 50.0, n), None);
+    assert_eq!(frame.irradiance(&scene, Vec3::NAN, n), None);
+    assert_eq!(frame.irradiance(&scene, Vec3::ZERO, Vec3::NAN), None);
+    // From the middle of a support to beyond its end: a number or nothing.
+    for step in 0..2000 {
+        let x = Vec3::X * (SENDERS as f32 - 1.0 + step as f32 * 0.0005);
+        let found = frame.irradiance(&scene, x, n);
+        assert!(
+            found.is_none_or(|e| e.is_finite() && (e.x - EMISSION).abs() < 1e-2),
+            "{x}: {found:?}"
+        );
+    }
+}
+
+#[test]
+fn differences_add_up_to_averages() {
+    let scene = synthetic::scene(SenderForm::Differences);
+    let mut frame = CpuFrame::new(&scene);
+    frame.set_lights(&scene, &synthetic::lights());
+    frame.solve(&scene, &FrameSettings::bounces(1));
+    for j in 0..scene.senders() {
+        let mut sum = Vec3::from_slice(&frame.differences()[j]);
+        for entry in scene.parents.row(j) {
+            sum += entry.weight * Vec3::from_slice(&frame.differences()[entry.index as usize]);
+        }
+        let whole = Vec3::from_slice(&frame.senders()[j]);
+        assert!(
+            (sum - whole).length() <= 1e-4 * (1.0 + whole.length()),
+            "{j}: {sum} {whole}"
+        );
+    }
+}

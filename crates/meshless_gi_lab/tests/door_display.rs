@@ -1,0 +1,345 @@
+//! A door that is drawn as what moves is, in the opening between two rooms: its own pixels, and those of jambs and floor beside it, against the reference integrator with the door's mesh in the scene. Shut
+//! and half open, for occluders that enclose the mesh, equal it and lie inside of it, and for none. `MGI_TEST_PICTURES` names a folder for the pictures.
+
+use glam::{Mat4, Quat, Vec2, Vec3};
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{
+    FreeSpaceLight, OccluderBox, OccluderShape, Preset, Progress, Recipe, bake_level,
+};
+use meshless_gi::eval::{ReferenceSettings, irradiance};
+use meshless_gi::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::frame::volume::volume_texels;
+use meshless_gi::frame::volume_read::read_volume;
+use meshless_gi::frame::{
+    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+    voxels_of,
+};
+use meshless_gi::scene::{
+    Geometry, Material, Quad, SceneDescription, TriangleMesh, load_gltf, mesh_of_quads,
+};
+use meshless_gi_lab::accuracy::Camera;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// The door's middle where it is shut, and half of its edges: a panel of 12 mm in a wall of 20 mm, so that some of the jambs is seen.
+const MIDDLE: Vec3 = Vec3::new(4.01, 1.0, 1.95);
+const HALF: Vec3 = Vec3::new(0.006, 1.0, 0.45);
+/// Half of the thickness of the occluders: thicker than the door, as thick, and inside of it.
+const BOXES: [(&str, f32); 3] = [("thicker", 0.06), ("equal", 0.006), ("thinner", 0.002)];
+/// Pixels of baked surfaces this near to the opening are its jambs and its foot, meters.
+const BESIDE: f32 = 0.15;
+/// Pixels of a picture.
+const SIZE: [u32; 2] = [40, 36];
+
+/// Two views from the lit room, straight on and from aside, and one from the other room.
+const VIEWS: [(&str, [f32; 3]); 3] = [
+    ("front", [1.6, 1.1, 2.2]),
+    ("aside", [2.9, 1.5, 0.6]),
+    ("behind", [5.9, 1.3, 2.6]),
+];
+
+/// What a pixel shows.
+#[derive(Clone, Copy, PartialEq)]
+enum Part {
+    Door,
+    Beside,
+    Far,
+}
+
+#[derive(Clone, Copy)]
+struct Pixel {
+    x: Vec3,
+    n: Vec3,
+    part: Part,
+    right: Vec3,
+}
+
+/// The level, its lights, and the pixels of each view of a shut door and of one that is half open, with the light that is right.
+struct Stage {
+    level: TriangleMesh,
+    lights: Vec<meshless_gi::scene::Light>,
+    poses: [Vec<Vec<Option<Pixel>>>; 2],
+}
+
+/// The door, turned around its hinge.
+fn door(angle: f32) -> TriangleMesh {
+    let hinge = MIDDLE - HALF.z * Vec3::Z;
+    let turn = Quat::from_rotation_y(angle);
+    let place = |corner: Vec3| hinge + turn * (MIDDLE + HALF * corner - hinge);
+    let quads: Vec<Quad> = (0..6)
+        .map(|k| {
+            let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+            let (w, u, v) = (axes[k / 2], axes[(k / 2 + 1) % 3], axes[(k / 2 + 2) % 3]);
+            let (w, u) = if k % 2 == 0 { (w, u) } else { (-w, -u) };
+            let corners = [w - u - v, w + u - v, w + u + v, w - u + v];
+            Quad {
+                corners: corners.map(place),
+                material: Material::diffuse(Vec3::splat(0.5)),
+            }
+        })
+        .collect();
+    mesh_of_quads(&quads)
+}
+
+fn read() -> (TriangleMesh, Vec<meshless_gi::scene::Light>) {
+    let folder =
+        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
+    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+    let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
+    (mesh, description.lights)
+}
+
+fn stage() -> &'static Stage {
+    static STAGE: OnceLock<Stage> = OnceLock::new();
+    STAGE.get_or_init(|| {
+        let (level, lights) = read();
+        let poses = [0.0, -std::f32::consts::FRAC_PI_4].map(|angle| {
+            let scene = TriangleMesh::joined(vec![read().0, door(angle)]);
+            let view = |(_, eye): &(&str, [f32; 3])| {
+                let camera = Camera {
+                    eye: Vec3::from(*eye),
+                    target: MIDDLE,
+                    up: Vec3::Y,
+                    vertical_angle: 1.1,
+                };
+                (0..SIZE[0] * SIZE[1])
+                    .into_par_iter()
+                    .map(|i| pixel(&scene, level.len(), &lights, &camera, i))
+                    .collect()
+            };
+            VIEWS.iter().map(view).collect()
+        });
+        Stage {
+            level,
+            lights,
+            poses,
+        }
+    })
+}
+
+/// What a pixel shows, and its light after one to four reflections.
+fn pixel(
+    scene: &TriangleMesh,
+    level: usize,
+    lights: &[meshless_gi::scene::Light],
+    camera: &Camera,
+    i: u32,
+) -> Option<Pixel> {
+    let size = Vec2::new(SIZE[0] as f32, SIZE[1] as f32);
+    let at = Vec2::new((i % SIZE[0]) as f32, (i / SIZE[0]) as f32) + 0.5;
+    let ray = camera.ray(at / size, size.x / size.y);
+    let hit = scene.cast(&ray)?;
+    let surface = scene.surface(&ray, &hit);
+    let (x, n) = (surface.position, surface.normal);
+    let aside = ((x - MIDDLE).abs() - HALF).max(Vec3::ZERO);
+    let part = if hit.primitive as usize >= level {
+        Part::Door
+    } else if aside.max_element() < BESIDE {
+        Part::Beside
+    } else {
+        Part::Far
+    };
+    let settings = ReferenceSettings {
+        paths: if part == Part::Far { 64 } else { 512 },
+        bounces: Some(4),
+        seed: 5,
+    };
+    let right = irradiance(scene, lights, x, n, u64::from(i), &settings).indirect;
+    Some(Pixel { x, n, part, right })
+}
+
+/// A bake with an occluder in place of the door, or without one: half of its thickness, and how far its middle lies from the door's.
+fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
+    let shape = |(half, off): (f32, f32)| OccluderShape {
+        name: "door".into(),
+        boxes: vec![OccluderBox {
+            center: (MIDDLE + off * Vec3::X).to_array(),
+            half_edges: [half, HALF.y, HALF.z],
+        }],
+    };
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
+        rays: Some(128),
+        extra_points: Some(4000),
+        probes: Some(FreeSpaceLight::default()),
+        occluders: occluder.map(shape).into_iter().collect(),
+        ..Recipe::default()
+    };
+    let baked = bake_level(&stage().level, &recipe, 0, &Progress::default());
+    baked.expect("a bake").scene
+}
+
+fn solved(scene: &BakedScene, gain: f32) -> CpuFrame {
+    let mut frame = CpuFrame::new(scene);
+    let lights = stage().lights.iter();
+    let lights: Vec<FrameLight> = lights.flat_map(|l| FrameLight::expand(l, 1)).collect();
+    frame.set_lights(scene, &lights);
+    frame.set_occluders(scene, &[gain]);
+    frame.solve(scene, &FrameSettings::bounces(4));
+    frame
+}
+
+/// What a frame shows at a pixel.
+fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
+    let space = || frame.in_space(scene, x, n).map(|l| l.irradiance(n));
+    let found = splat_covered(&scene.points, &scene.display, frame.values(), x, n);
+    let found = found.map(|(e, cover)| (e.dot(n).max(Vec3::ZERO), share(cover, SEAM)));
+    match found {
+        Some((e, share)) if share < 1.0 => space().map_or(e, |space| space.lerp(e, share)),
+        Some((e, _)) => e,
+        None => space().unwrap_or_default(),
+    }
+}
+
+/// How far a view's pixels are from the truth.
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    /// Root mean square of the error of the door's pixels over that of their light.
+    nrmse: f32,
+    /// Pixels of door, jambs and floor that have less than half of their light, where that is more than 5 % of the root mean square.
+    dark: usize,
+    /// The brightest of them.
+    brightest: f32,
+    /// Root mean square of the door's light as it is right.
+    rms: f32,
+    pixels: [usize; 2],
+}
+
+fn rms(values: impl Iterator<Item = Vec3>) -> f32 {
+    let (sum, count) = values.fold((0.0, 0), |(s, c), v| (s + v.length_squared(), c + 3));
+    (sum / count.max(1) as f32).sqrt()
+}
+
+fn compare(name: &str, pixels: &[Option<Pixel>], frame: &CpuFrame, scene: &BakedScene) -> Found {
+    let at = |p: &Pixel| shown(frame, scene, p.x, p.n);
+    let own: Vec<Option<Vec3>> = pixels.par_iter().map(|p| p.as_ref().map(at)).collect();
+    keep(name, pixels, &own);
+    let all = pixels.iter().zip(&own);
+    let all: Vec<(Pixel, Vec3)> = all.filter_map(|(p, e)| Some(((*p)?, (*e)?))).collect();
+    let of = |part: Part| all.iter().filter(move |(p, _)| p.part == part);
+    let bright = rms(of(Part::Door).map(|(p, _)| p.right));
+    let near = || all.iter().filter(|(p, _)| p.part != Part::Far);
+    let dark = near().filter(|(p, e)| {
+        let right = p.right.element_sum() / 3.0;
+        right > 0.05 * bright && e.element_sum() / 3.0 < 0.5 * right
+    });
+    Found {
+        nrmse: rms(of(Part::Door).map(|(p, e)| *e - p.right)) / bright.max(f32::MIN_POSITIVE),
+        dark: dark.count(),
+        brightest: near().fold(0.0, |a, (_, e)| a.max(e.max_element())),
+        rms: bright,
+        pixels: [of(Part::Door).count(), of(Part::Beside).count()],
+    }
+}
+
+/// Writes ours beside what is right where `MGI_TEST_PICTURES` names a folder.
+fn keep(name: &str, pixels: &[Option<Pixel>], own: &[Option<Vec3>]) {
+    let Some(folder) = std::env::var_os("MGI_TEST_PICTURES") else {
+        return;
+    };
+    let right = pixels.iter().map(|p| p.map(|p| p.right));
+    let right: Vec<Option<Vec3>> = right.collect();
+    let (wide, zoom) = (SIZE[0] as usize, 8);
+    let byte = |v: f32| (255.0 * (0.25 * v).clamp(0.0, 1.0).powf(1.0 / 2.2)) as u8;
+    let mut bytes = Vec::new();
+    for y in 0..SIZE[1] as usize * zoom {
+        for x in 0..2 * wide * zoom {
+            let (x, y) = (x / zoom, y / zoom);
+            let from = if x < wide { own } else { &right };
+            let light = from[y * wide + x % wide].unwrap_or_default();
+            bytes.extend(light.to_array().map(byte));
+        }
+    }
+    let path = Path::new(&folder).join(format!("{}.png", name.replace(", ", "_")));
+    let (wide, high) = ((2 * wide * zoom) as u32, SIZE[1] * zoom as u32);
+    image::save_buffer(path, &bytes, wide, high, image::ExtendedColorType::Rgb8).unwrap();
+}
+
+/// What passes a door that is shut, and one that is half open.
+const GAINS: [(&str, f32); 2] = [("shut", 0.0), ("half open", 0.5)];
+
+/// The error of each view, and that nothing of the lit room's light is behind a shut door.
+fn check(name: &str, scene: &BakedScene, near_too: bool) {
+    let stage = stage();
+    for (pose, (how, gain)) in GAINS.into_iter().enumerate() {
+        let frame = solved(scene, gain);
+        let mut lit = 0.0;
+        for ((view, _), pixels) in VIEWS.iter().zip(&stage.poses[pose]) {
+            let name = format!("{name}, {how}, {view}");
+            let found = compare(&name, pixels, &frame, scene);
+            println!("{name}: {found:.3?}");
+            assert!(found.pixels.iter().all(|&n| n > 90), "{found:?}");
+            if *view != "behind" {
+                lit = found.rms;
+                assert!(found.nrmse <= 0.15, "{name}: {found:?}");
+                assert!(!near_too || found.dark == 0, "{name}: {found:?}");
+            } else if gain == 0.0 && scene.occluders.is_some() {
+                assert!(found.brightest <= 1e-5 * lit, "{name}: {found:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn door_in_any_box_is_lit_as_the_reference_has_it() {
+    for (name, half) in BOXES {
+        check(name, &baked(Some((half, 0.0))), true);
+    }
+}
+
+#[test]
+fn door_without_an_occluder_is_lit_as_the_reference_has_it() {
+    check("none", &baked(None), true);
+}
+
+/// The box's middle lies before the door, where planes that do not lean would have the door lit from behind.
+#[test]
+fn door_in_the_farther_half_of_its_box_is_lit_from_the_side_that_it_faces() {
+    let scene = baked(Some((0.06, -0.04)));
+    check("off the middle", &scene, false);
+    let mut upright = scene.clone();
+    let probes = &mut upright.probes.as_mut().unwrap().planes;
+    for plane in probes.iter_mut().chain(&mut upright.display.planes) {
+        let length = Vec3::from_slice(&plane[..3]).length();
+        *plane = plane.map(|c| c / length);
+    }
+    let pixels = &stage().poses[0][0];
+    let found = compare("upright", pixels, &solved(&upright, 0.0), &upright);
+    assert!(found.nrmse > 0.3, "{found:?}");
+}
+
+/// What forward cameras read beside a shut door: of either room its own light.
+#[test]
+fn volume_beside_a_shut_door_has_the_light_of_its_side() {
+    let scene = baked(Some((0.06, 0.0)));
+    let frame = solved(&scene, 0.0);
+    let [low, high] = scene.info.bounds.map(Vec3::from);
+    let (low, high) = (low - 0.15, high + 0.15);
+    let size = voxels_of(high - low, 0.15, u32::MAX);
+    let shape = VolumeShape::new([low, high], size).unwrap();
+    let places = VolumePlaces::of(shape, &scene);
+    let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
+    let values = VolumeValues {
+        points: frame.values(),
+        probes: frame.probes(),
+    };
+    let texels = volume_texels(&params, &places, values);
+    let read = |p: &Pixel| {
+        let place = (p.x - shape.low()) / shape.voxel();
+        std::f32::consts::PI * read_volume(params.size, &texels, place, p.n)
+    };
+    let of = |view: usize| stage().poses[0][view].iter().flatten();
+    let doors = || of(0).filter(|p| p.part == Part::Door);
+    let lit = rms(doors().map(|p| p.right));
+    let error = rms(doors().map(|p| read(p) - p.right)) / lit;
+    let behind = of(2).filter(|p| p.part != Part::Far);
+    let brightest = behind.fold(0.0f32, |a, p| a.max(read(p).max_element()));
+    println!(
+        "volume: NRMSE {error:.3} before the door, {:.1e} behind it",
+        brightest / lit
+    );
+    assert!(error <= 0.15, "{error}");
+    assert!(brightest <= 1e-3 * lit, "{brightest} of {lit}");
+}

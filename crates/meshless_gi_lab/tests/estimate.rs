@@ -1,0 +1,159 @@
+//! A bake's own estimate of its error is honest: it holds what is measured against another program's truth, under that program's lamp, and it rises with an
+//! operator that was made wrong on purpose. `examples/accuracy.rs` prints the same for any scene and preset.
+
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Estimate, Preset, Progress, Recipe, bake_level, estimate_errors};
+use meshless_gi::eval::{Bounces, Evaluator};
+use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi_lab::accuracy::{BOUNCES, Truth};
+use std::path::Path;
+
+struct Level {
+    name: &'static str,
+    mesh: TriangleMesh,
+    description: SceneDescription,
+    truth: Truth,
+}
+
+fn level(name: &'static str) -> Level {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+        .join("tests/data")
+        .join(name);
+    let description = SceneDescription::read(folder.join("L0.json")).unwrap();
+    Level {
+        name,
+        mesh: load_gltf(&description.geometry[0]).unwrap().mesh,
+        truth: Truth::read(folder.join("L0.csv")).unwrap(),
+        description,
+    }
+}
+
+/// NRMSE under the truth's own lamp, four reflections.
+fn measured(level: &Level, scene: &BakedScene, tier: u32) -> f64 {
+    let k = BOUNCES.iter().position(|&b| b == Some(4)).unwrap();
+    let (meshes, lights) = (std::slice::from_ref(&level.mesh), &level.description.lights);
+    let evaluator = Evaluator::with_tier(scene, meshes, lights, Bounces::Count(4), tier);
+    level.truth.compare(&evaluator, k).indirect.nrmse
+}
+
+fn estimated(level: &Level, scene: &BakedScene, seed: u64) -> Vec<Estimate> {
+    estimate_errors(scene, &level.mesh, seed, &Progress::default())
+        .unwrap()
+        .0
+}
+
+/// Every tier's measured error lies within the interval around its estimate.
+fn holds(level: &Level, scene: &BakedScene, estimates: &[Estimate], what: &str) {
+    for (estimate, tier) in estimates.iter().zip(1..) {
+        let found = measured(level, scene, tier);
+        let (e, interval) = (f64::from(estimate.nrmse), f64::from(estimate.interval));
+        println!(
+            "{}, {what}, tier {tier}: {e:.4} ± {interval:.4}, measured {found:.4}",
+            level.name
+        );
+        assert!(
+            (found - e).abs() <= interval,
+            "{}, {what}, tier {tier}: {e} ± {interval} does not hold {found}",
+            level.name
+        );
+    }
+}
+
+fn is_honest(name: &'static str) {
+    let level = level(name);
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let mut scene = bake_level(&level.mesh, &recipe, 0, &Progress::default())
+        .unwrap()
+        .scene;
+    // The bake's own, as `inspect` shows it, and those of other draws.
+    let own: Vec<Estimate> = (scene.info.tiers.iter())
+        .map(|t| Estimate {
+            nrmse: t.estimated_nrmse,
+            interval: t.estimated_nrmse_interval,
+        })
+        .collect();
+    assert_eq!(own, estimated(&level, &scene, 0));
+    holds(&level, &scene, &own, "as baked");
+    holds(&level, &scene, &estimated(&level, &scene, 1), "other lamps");
+    let whole = own.last().unwrap();
+    assert!(
+        whole.interval < 1.5 * whole.nrmse,
+        "{name}: {whole:?} says nothing"
+    );
+    // Links a tenth too strong: the first reflection is 10 % too bright, the second 21 %, and so on.
+    for row in &mut scene.operator.rows {
+        row.scale *= 1.1;
+    }
+    let wrong = estimated(&level, &scene, 0);
+    holds(&level, &scene, &wrong, "links times 1.1");
+    let wrong = wrong.last().unwrap();
+    assert!(
+        wrong.nrmse > 0.1 && wrong.nrmse < 0.35 && wrong.nrmse > 2.0 * whole.nrmse,
+        "{name}: links times 1.1 make {wrong:?} of {whole:?}"
+    );
+}
+
+#[test]
+fn holds_the_truth_in_the_cornell_box() {
+    is_honest("cornell");
+}
+
+#[test]
+fn holds_the_truth_in_open_rooms() {
+    is_honest("rooms_open");
+}
+
+/// A largest error makes a bake as fine as it must be, and no finer.
+#[test]
+fn a_largest_error_is_met_with_no_more_care_than_it_takes() {
+    let level = level("cornell");
+    let bake = |recipe: &Recipe| bake_level(&level.mesh, recipe, 0, &Progress::default()).unwrap();
+    let draft = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let preset = bake(&draft);
+    let [coarse, fine] = [0.16, 0.055].map(|error| {
+        let baked = bake(&Recipe {
+            max_error: Some(error),
+            ..Recipe::default()
+        });
+        println!(
+            "at most {error}: {} links, estimated {:.4}",
+            baked.stats.links, baked.stats.estimated_nrmse
+        );
+        assert!(baked.stats.estimated_nrmse <= f64::from(error));
+        assert!(
+            baked.stats.warnings.is_empty(),
+            "{:?}",
+            baked.stats.warnings
+        );
+        baked.stats
+    });
+    assert!(coarse.links < fine.links && coarse.gather_rays < fine.gather_rays);
+    assert!(fine.estimated_nrmse < coarse.estimated_nrmse);
+    assert!(2 * coarse.links < preset.stats.links);
+    // What cannot be met is said: here all care is fixed.
+    let poor = bake(&Recipe {
+        max_error: Some(1e-3),
+        coarse_radius: Some(1.2),
+        levels: Some(3),
+        sender_levels: Some(2),
+        extra_levels: Some(0),
+        extra_points: Some(0),
+        rays: Some(32),
+        places: Some(4),
+        epsilon: Some(0.1),
+        tolerance: Some(0.1),
+        ..Recipe::default()
+    });
+    assert!(poor.stats.estimated_nrmse > 1e-3);
+    assert!(
+        poor.stats.warnings.iter().any(|w| w.contains("0.10 %")),
+        "{:?}",
+        poor.stats.warnings
+    );
+}

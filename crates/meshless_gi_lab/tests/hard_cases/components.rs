@@ -1,0 +1,163 @@
+//! Rule `pca`: bases of direct light that are whole, small, of nothing, and of clusters of one; and that bakes by it are sound and all alike.
+
+use super::support::{baked, closed, cornell, irradiances, quick, small};
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Progress, Recipe, Rule, bake_level};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::Material;
+
+fn pca() -> Recipe {
+    Recipe {
+        rule: Rule::Pca,
+        lamps: Some(100),
+        cluster_points: Some(40),
+        ..quick()
+    }
+}
+
+/// Irradiance at all points, under three lamps of one colour each.
+fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
+    let mut frame = CpuFrame::new(scene);
+    let lamp = |x: Vec3, colour| FrameLight::point(x, colour, f32::INFINITY);
+    frame.set_lights(
+        scene,
+        &[
+            lamp(Vec3::new(0.0, 1.7, 0.0), Vec3::X),
+            lamp(Vec3::new(0.6, 0.9, 0.3), Vec3::Y),
+            lamp(Vec3::new(-0.5, 0.4, 0.7), Vec3::Z),
+        ],
+    );
+    frame.solve(scene, &FrameSettings::bounces(bounces));
+    irradiances(&frame, scene)
+}
+
+/// Root mean square of the difference, over that of what is right.
+fn off(values: &[Vec3], right: &[Vec3]) -> f32 {
+    let square = |v: Vec3| v.length_squared();
+    let differences = values.iter().zip(right).map(|(a, b)| square(a - b));
+    let all: f32 = right.iter().map(|b| square(*b)).sum();
+    (differences.sum::<f32>() / all).sqrt()
+}
+
+#[test]
+fn more_vectors_come_nearer_to_all_of_them() {
+    let level = cornell(1.0, Vec3::ZERO);
+    let of = |rule, coefficients| Recipe {
+        rule,
+        coefficients,
+        epsilon: Some(0.0),
+        ..pca()
+    };
+    // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what sixteen bits do.
+    let whole = baked(&level, &of(Rule::Pca, Some(1000))).scene;
+    let senders = baked(&level, &of(Rule::Bounded, None)).scene;
+    let few = [1, 4, 12].map(|k| baked(&level, &of(Rule::Pca, Some(k))));
+    assert_eq!(senders.points.len(), whole.points.len());
+    for bounces in [1, 4] {
+        let right = lit(&whole, bounces);
+        let other = off(&lit(&senders, bounces), &right);
+        let errors = few.each_ref().map(|bake| {
+            assert!(bake.stats.clusters > 5);
+            off(&lit(&bake.scene, bounces), &right)
+        });
+        eprintln!(
+            "{bounces} reflections, 1, 4 and 12 coefficients: {errors:.4?}; by links to senders {other:.4}"
+        );
+        // Those hand over what the noise of 64 rays hides, even at ε = 0.
+        assert!(other < 0.06, "{other}");
+        assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
+        assert!(errors[2] < 0.5 * errors[0] && errors[0] < 1.0, "{errors:?}");
+    }
+}
+
+#[test]
+fn even_light_is_kept_whatever_the_examples() {
+    // No lamp, no light from any lamp, one lamp, fewer lamps than vectors, clusters of one and of all.
+    let white = || closed(Material::diffuse(Vec3::splat(0.8)));
+    let cases = [
+        (white(), Some(0), None),
+        (closed(Material::diffuse(Vec3::ZERO)), Some(50), None),
+        (white(), Some(1), None),
+        (white(), Some(5), Some(1)),
+        (white(), Some(50), Some(65_536)),
+    ];
+    for (k, (level, lamps, cluster_points)) in cases.into_iter().enumerate() {
+        let bake = baked(
+            &level,
+            &Recipe {
+                lamps,
+                cluster_points: cluster_points.or(Some(40)),
+                rule: Rule::Pca,
+                ..small()
+            },
+        );
+        let stats = &bake.stats;
+        eprintln!(
+            "case {k}: {} clusters, {} vectors, {:?}",
+            stats.clusters, stats.components, stats.energy
+        );
+        assert!(
+            stats.energy.row_deviation < 1e-3,
+            "case {k}: {:?}",
+            stats.energy
+        );
+        match k {
+            0 | 1 => assert_eq!(stats.clusters, stats.components),
+            2 => assert!(stats.components <= 2 * stats.clusters),
+            3 => assert_eq!(
+                (stats.clusters, stats.components > 100),
+                (stats.components, true)
+            ),
+            // Six walls face six ways.
+            _ => assert!(stats.clusters >= 6 && stats.clusters < 16),
+        }
+    }
+}
+
+#[test]
+fn lamps_in_the_walls_and_beyond_give_nothing() {
+    let scene = baked(&closed(Material::diffuse(Vec3::splat(0.8))), &pca()).scene;
+    for x in [
+        Vec3::splat(5.0),
+        Vec3::new(1.0, 1.0, -1e-4),
+        Vec3::new(-3.0, 1.0, 1.0),
+    ] {
+        let mut frame = CpuFrame::new(&scene);
+        frame.set_lights(&scene, &[FrameLight::point(x, Vec3::ONE, f32::INFINITY)]);
+        frame.solve(&scene, &FrameSettings::bounces(4));
+        assert!(irradiances(&frame, &scene).iter().all(|e| *e == Vec3::ZERO));
+    }
+}
+
+#[test]
+fn a_white_room_is_guarded_and_hardly_darkened() {
+    let bake = baked(
+        &closed(Material::diffuse(Vec3::ONE)),
+        &Recipe {
+            rule: Rule::Pca,
+            ..small()
+        },
+    );
+    let energy = bake.stats.energy;
+    eprintln!("{energy:?}");
+    assert!(energy.guarded > 0 && energy.guard_factor > 0.97);
+    assert!((energy.gain_found - 0.999).abs() < 1e-3);
+    assert_eq!(bake.stats.warnings.len(), 1);
+    let lamp = FrameLight::point(Vec3::ONE, Vec3::ONE, f32::INFINITY);
+    let mut frame = CpuFrame::new(&bake.scene);
+    frame.set_lights(&bake.scene, &[lamp]);
+    frame.solve(&bake.scene, &FrameSettings::bounces(256));
+    let values = irradiances(&frame, &bake.scene);
+    assert!(values.iter().all(|e| e.x < 256.0));
+}
+
+#[test]
+fn threads_change_nothing() {
+    let level = cornell(1.0, Vec3::ZERO);
+    let bytes = |threads| {
+        let bake = bake_level(&level, &pca(), threads, &Progress::default()).unwrap();
+        bake.scene.to_bytes().unwrap()
+    };
+    assert!(bytes(1) == bytes(3));
+}

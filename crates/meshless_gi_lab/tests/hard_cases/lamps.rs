@@ -1,0 +1,232 @@
+//! Lamps where they should not be, too strong, and too many.
+
+use super::support::{baked, closed, cornell, irradiances, mean, mesh, room, small};
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::Recipe;
+use meshless_gi::eval::{Bounces, Evaluator};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, splat};
+use meshless_gi::samples::Random;
+use meshless_gi::scene::{Light, Material};
+use std::f32::consts::PI;
+
+fn lamp(x: Vec3, intensity: f32) -> FrameLight {
+    FrameLight::point(x, Vec3::splat(intensity), f32::INFINITY)
+}
+
+/// Mean of the light that was reflected once, over that of a lamp of 1 W/sr in a closed room of 2 m that reflects half of it: ρ Φ / A, wherever the
+/// lamp is.
+fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
+    frame.set_lights(scene, &[lamp(x, 1.0)]);
+    frame.solve(scene, &FrameSettings::bounces(1));
+    let right = 0.5 * 4.0 * PI / 24.0;
+    mean(&irradiances(frame, scene), scene).x / right
+}
+
+#[test]
+fn a_lamp_near_a_surface_loses_and_gains_nothing() {
+    let recipe = Recipe {
+        places: Some(16),
+        ..small()
+    };
+    let scene = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &recipe).scene;
+    let mut frame = CpuFrame::new(&scene);
+    let mut along = |height: f32| -> (f32, f32, f32) {
+        let all: Vec<f32> = (0..32)
+            .map(|k| {
+                let (a, b) = (0.0137 * k as f32, 0.0191 * k as f32);
+                share(&scene, &mut frame, Vec3::new(0.8 + a, height, 0.7 + b))
+            })
+            .collect();
+        let mean = all.iter().sum::<f32>() / all.len() as f32;
+        let least = all.iter().copied().fold(f32::INFINITY, f32::min);
+        (mean, least, all.iter().copied().fold(0.0, f32::max))
+    };
+    for height in [1.0, 0.1, 0.02, 1e-3, 1e-4] {
+        let (mean, least, most) = along(height);
+        eprintln!("{height} m above the floor: {mean:.3} of the light, {least:.3} to {most:.3}");
+        assert!((mean - 1.0).abs() < 0.03, "{height}: {mean}");
+        assert!(least > 0.85 && most < 1.15, "{height}: {least} to {most}");
+    }
+    // In the very plane of the floor it shines past it: the other half of its light. Behind it, on nothing.
+    let (mean, least, most) = along(0.0);
+    assert!((mean - 0.5).abs() < 0.02 && most - least < 0.02, "{mean}");
+    assert_eq!(along(-1e-3).2, 0.0);
+}
+
+/// Each of the walls of a corner is lit as if the lamp were in the middle of it: what shines on the others is lost, and never gained.
+#[test]
+fn a_lamp_in_a_corner_loses_what_its_walls_share() {
+    let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
+    let mut frame = CpuFrame::new(&bake.scene);
+    for (off, least, most) in [(0.3, 0.95, 1.05), (0.05, 0.4, 1.1), (1e-3, 0.35, 1.1)] {
+        let [edge, corner] =
+            [Vec3::new(off, off, 0.9), Vec3::splat(off)].map(|x| share(&bake.scene, &mut frame, x));
+        eprintln!("{off} m from two walls: {edge:.3} of the light; from three: {corner:.3}");
+        assert!((least..most).contains(&corner), "{off}: {corner}");
+        assert!((least..most).contains(&edge), "{off}: {edge}");
+    }
+}
+
+/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimetre behind one, lights nothing of the room beyond.
+#[test]
+fn a_lamp_behind_a_wall_lights_nothing_before_it() {
+    let mut triangles = room(Vec3::ZERO, Vec3::new(2.0, 2.0, 2.0));
+    triangles.extend(room(Vec3::new(2.01, 0.0, 0.0), Vec3::new(2.0, 2.0, 2.0)));
+    let level = mesh(triangles, Material::diffuse(Vec3::splat(0.5)));
+    let recipe = Recipe {
+        viewpoints: vec![[1.0; 3], [3.0, 1.0, 1.0]],
+        ..small()
+    };
+    let scene = baked(&level, &recipe).scene;
+    let mut frame = CpuFrame::new(&scene);
+    for x in [2.001, 2.005, 2.009, 2.01, 2.011] {
+        frame.set_lights(&scene, &[lamp(Vec3::new(x, 1.0, 1.0), 1.0)]);
+        let most = |left: bool| -> f32 {
+            let senders = frame.projected(0).iter().zip(&scene.points);
+            let side = senders.filter(|(_, p)| (p.x().x < 2.005) == left);
+            side.map(|(e, _)| *e).fold(0.0, f32::max)
+        };
+        assert_eq!(most(true), 0.0, "{x}");
+        assert_eq!(most(false) > 0.0, x >= 2.01, "{x}");
+    }
+}
+
+#[test]
+fn a_million_to_one_fits_into_halves() {
+    let scene = baked(&cornell(1.0, Vec3::ZERO), &small()).scene;
+    let mut frame = CpuFrame::new(&scene);
+    let mut solved = |lamps: &[FrameLight]| {
+        frame.set_lights(&scene, lamps);
+        frame.solve(&scene, &FrameSettings::bounces(4));
+        irradiances(&frame, &scene)
+    };
+    let x = Vec3::new(-0.3, 1.7, 0.5);
+    let (dim, bright) = (solved(&[lamp(x, 1.0)]), solved(&[lamp(x, 1e6)]));
+    let far = solved(&[lamp(Vec3::new(0.5, 0.2, 0.9), 1e6)]);
+    let both = solved(&[lamp(x, 1.0), lamp(Vec3::new(0.5, 0.2, 0.9), 1e6)]);
+    // What the screen gets at an exposure that just holds the bright one.
+    let most = bright.iter().map(|e| e.max_element()).fold(0.0, f32::max);
+    let exposure = 60_000.0 / most;
+    let mut compared = 0;
+    for k in 0..dim.len() {
+        let (a, b) = (dim[k].y, bright[k].y);
+        assert!((b - 1e6 * a).abs() <= 1e-5 * b.abs());
+        assert!((both[k].y - (far[k].y + a)).abs() <= 1e-5 * far[k].y.abs().max(a.abs()));
+        let half = half::f16::from_f32(exposure * a).to_f32();
+        // The smallest normal half is 6e-5: what is darker keeps fewer digits.
+        if exposure * a > 6.2e-5 {
+            compared += 1;
+            assert!((half / (exposure * a) - 1.0).abs() < 1e-3);
+        }
+        assert!(half::f16::from_f32(exposure * b).is_finite());
+    }
+    assert!(2 * compared > dim.len(), "{compared} of {}", dim.len());
+}
+
+/// What a pixel gets is never more than a half holds, and never NaN, however bright the lamp.
+#[test]
+fn no_lamp_is_too_bright_for_numbers() {
+    let glare = Material::emissive(Vec3::splat(0.9), Vec3::splat(f32::MAX));
+    let scene = baked(&closed(glare), &small()).scene;
+    let mut frame = CpuFrame::new(&scene);
+    let lights = |intensity: f32| {
+        let at = |x: f32| Vec3::new(x, 1e-3, 1.0);
+        [
+            lamp(at(0.5), intensity),
+            lamp(at(1.5), intensity),
+            FrameLight::directional(Vec3::NEG_Y, Vec3::splat(intensity)),
+            FrameLight::patch(at(1.0), Vec3::Y, Vec3::splat(intensity)),
+        ]
+    };
+    for intensity in [
+        1e30,
+        f32::MAX,
+        f32::INFINITY,
+        f32::NAN,
+        f32::MIN_POSITIVE,
+        1e-45,
+    ] {
+        frame.set_lights(&scene, &lights(intensity));
+        for sky in [Vec3::ZERO, Vec3::splat(f32::MAX), Vec3::splat(f32::NAN)] {
+            for sweeps in [0, 3, 255] {
+                let settings = FrameSettings {
+                    sweeps,
+                    sky: sky.into(),
+                    emission: f32::MAX,
+                    ..FrameSettings::default()
+                };
+                frame.solve(&scene, &settings);
+                irradiances(&frame, &scene);
+            }
+            frame.converge(
+                &scene,
+                &FrameSettings {
+                    sky: sky.into(),
+                    ..FrameSettings::default()
+                },
+                1e-3,
+            );
+            irradiances(&frame, &scene);
+        }
+    }
+    let strong = Light::Point {
+        position: Vec3::ONE,
+        intensity: Vec3::splat(f32::MAX),
+        range: 1e-30,
+    };
+    let evaluator = Evaluator::new(&scene, &[], &[strong], Bounces::All);
+    for x in [Vec3::ONE, Vec3::new(1.0, 0.0, 1.0), Vec3::splat(1e30)] {
+        let found = evaluator.at(x, Vec3::Y, 0);
+        assert!(found.direct.is_finite() && found.indirect.unwrap_or_default().is_finite());
+    }
+    // As bright as they come, on the screen.
+    frame.set_lights(&scene, &lights(1e30));
+    frame.solve(&scene, &FrameSettings::bounces(4));
+    let e = splat::splat(
+        &scene.points,
+        &scene.display,
+        frame.values(),
+        Vec3::new(1.0, 0.0, 1.0),
+        Vec3::Y,
+    );
+    let half = e.expect("covered").min(Vec3::splat(splat::LARGEST_HALF));
+    assert_eq!(half, Vec3::splat(splat::LARGEST_HALF));
+}
+
+#[test]
+fn thousands_of_lamps_are_their_sum() {
+    const LAMPS: usize = 2000;
+    let recipe = Recipe {
+        coarse_radius: Some(0.5),
+        ..small()
+    };
+    let scene = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &recipe).scene;
+    let mut random = Random::new(7, 0, 0);
+    let mut unit = || 0.2 + 1.6 * random.unit();
+    let lamps: Vec<FrameLight> = (0..LAMPS)
+        .map(|_| lamp(Vec3::new(unit(), unit(), unit()), 1.0 / LAMPS as f32))
+        .collect();
+    let mut frame = CpuFrame::new(&scene);
+    let mut solved = |lamps: &[FrameLight]| {
+        frame.set_lights(&scene, lamps);
+        frame.solve(&scene, &FrameSettings::bounces(1));
+        irradiances(&frame, &scene)
+    };
+    let whole = solved(&lamps);
+    let halves = [solved(&lamps[..LAMPS / 2]), solved(&lamps[LAMPS / 2..])];
+    for (k, e) in whole.iter().enumerate() {
+        let sum = halves[0][k] + halves[1][k];
+        assert!((*e - sum).abs().max_element() <= 1e-5 * sum.max_element());
+    }
+    let share = mean(&whole, &scene).x / (0.5 * 4.0 * PI / 24.0);
+    eprintln!("{LAMPS} lamps: {share:.4} of their light");
+    // With senders a quarter of a metre apart.
+    assert!((share - 1.0).abs() < 0.03, "{share}");
+    // All in one place, they are one lamp.
+    let place = Vec3::new(0.7, 1.1, 1.3);
+    let together = solved(&vec![lamp(place, 1.0 / LAMPS as f32); LAMPS]);
+    for (e, one) in together.iter().zip(solved(&[lamp(place, 1.0)])) {
+        assert!((*e - one).abs().max_element() <= 2e-5 * one.max_element());
+    }
+}

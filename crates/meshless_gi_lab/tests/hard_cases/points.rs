@@ -1,0 +1,146 @@
+//! Clouds of points as scanners and broken files make them, baked by links and by the octree of rule `fmm`: in a closed room of points each has the light of the closed form.
+
+use super::support::{baked, irradiances, lit, mesh, room, small};
+use glam::{Vec2, Vec3};
+use meshless_gi::bake::{Recipe, Rule};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::scene::{Material, PlyPoints, PointCloud, PointsError, TriangleMesh};
+
+/// A closed room of 2 m that reflects a half, as points.
+fn points() -> PlyPoints {
+    let walls = mesh(
+        room(Vec3::ZERO, Vec3::splat(2.0)),
+        Material::diffuse(Vec3::splat(0.5)),
+    );
+    scatter(&walls, 0.08, 1).expect("points")
+}
+
+fn cloud(points: PlyPoints) -> TriangleMesh {
+    PointCloud::new(points, &[]).expect("a cloud").mesh().0
+}
+
+fn by(rule: Rule) -> Recipe {
+    Recipe { rule, ..small() }
+}
+
+/// Bakes by both rules, looks at every number, and at the light of the room.
+fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
+    for rule in [Rule::Bounded, Rule::Fmm] {
+        let recipe = Recipe {
+            coarse_radius: Some(0.3 * scale),
+            ..by(rule)
+        };
+        let scene = baked(level, &recipe).scene;
+        assert_eq!(scene.fmm.is_some(), rule == Rule::Fmm);
+        let (one, eight) = lit(&scene, scale);
+        eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
+        assert!((one - 1.0).abs() < most, "{name}, {rule:?}: {one}");
+        // Σ over eight: (1 − 2⁻⁸) / (1 − ½).
+        assert!(
+            (eight / 1.992 - 1.0).abs() < most,
+            "{name}, {rule:?}: {eight}"
+        );
+    }
+}
+
+#[test]
+fn a_room_of_points_has_the_light_of_the_closed_form_at_any_size() {
+    let right = points();
+    for scale in [1e-4f32, 1e4] {
+        let mut scaled = right.clone();
+        scaled.positions.iter_mut().for_each(|x| *x *= scale);
+        closed_form(
+            &format!("a room of {} m", 2.0 * scale),
+            &cloud(scaled),
+            scale,
+            0.03,
+        );
+    }
+}
+
+#[test]
+fn copies_and_normals_of_no_length_change_little_or_nothing() {
+    let right = points();
+    let level = cloud(right.clone());
+    // Each point five times over: bit by bit the same level.
+    let five = |of: &[Vec3]| of.iter().flat_map(|v| [*v; 5]).collect::<Vec<_>>();
+    let copies = PlyPoints {
+        positions: five(&right.positions),
+        normals: right.normals.as_deref().map(five),
+        albedo: right.albedo.as_deref().map(five),
+        ..PlyPoints::default()
+    };
+    let copies = PointCloud::new(copies, &[]).expect("a cloud");
+    assert_eq!(copies.problems.coincident, 4 * right.positions.len() as u64);
+    assert_eq!(copies.mesh().0.content_hash(), level.content_hash());
+    // A third of the normals has no length.
+    let mut some = right.clone();
+    let normals = some.normals.as_mut().expect("normals");
+    normals.iter_mut().step_by(3).for_each(|n| *n = Vec3::ZERO);
+    // Near creases estimated normals are those of either wall: some cells there let light out.
+    closed_form("a third without normals", &cloud(some), 1.0, 0.1);
+    let mut none = right;
+    let normals = none.normals.as_mut().expect("normals");
+    normals.fill(Vec3::ZERO);
+    closed_form("no normals", &cloud(none), 1.0, 0.1);
+}
+
+/// A scanner that stood still: ten times as many points as the room has, within a tenth of a millimetre, looking everywhere.
+#[test]
+fn thousands_of_points_in_one_spot_of_a_room_change_little() {
+    let mut all = points();
+    let at = Vec3::new(1.3, 0.0, 0.7);
+    for i in 0..30_000 {
+        let mut r = Random::new(5, 6, i);
+        let off = Vec3::new(r.unit(), r.unit(), r.unit());
+        all.positions.push(at + 1e-4 * off);
+        let normal = uniform_sphere(Vec2::new(r.unit(), r.unit()));
+        all.normals.as_mut().expect("normals").push(normal);
+        all.albedo.as_mut().expect("colours").push(Vec3::splat(0.5));
+    }
+    closed_form("a spot", &cloud(all), 1.0, 0.05);
+}
+
+#[test]
+fn points_in_one_plane_give_each_other_nothing() {
+    let flat = PlyPoints {
+        positions: (0..4000u64)
+            .map(|i| {
+                let mut r = Random::new(7, 7, i);
+                Vec3::new(2.0 * r.unit(), 0.0, 2.0 * r.unit())
+            })
+            .collect(),
+        normals: Some(vec![Vec3::Y; 4000]),
+        ..PlyPoints::default()
+    };
+    let level = cloud(flat);
+    for rule in [Rule::Bounded, Rule::Fmm] {
+        let scene = baked(&level, &by(rule)).scene;
+        let mut frame = CpuFrame::new(&scene);
+        let lamp = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);
+        frame.set_lights(&scene, &[lamp]);
+        frame.solve(&scene, &FrameSettings::bounces(8));
+        let dark = irradiances(&frame, &scene);
+        let most = dark
+            .iter()
+            .map(|e| e.abs().max_element())
+            .fold(0.0, f32::max);
+        eprintln!("a plane, {rule:?}: at most {most:e}");
+        assert!(most < 1e-6, "{rule:?}: {most}");
+        // What it sends is not nothing.
+        assert!(frame.senders().iter().flatten().any(|c| *c > 0.01));
+    }
+}
+
+#[test]
+fn too_few_points_are_an_error() {
+    for count in 0..3 {
+        let few = PlyPoints {
+            positions: points().positions[..count].to_vec(),
+            ..PlyPoints::default()
+        };
+        let why = PointCloud::new(few, &[]).expect_err("no surface");
+        assert!(matches!(why, PointsError::TooFew { usable, .. } if usable == count as u64));
+    }
+}

@@ -1,0 +1,56 @@
+//! Light that moves: a lamp on a smooth path gives light without jumps.
+
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::scene::{cornell_box, mesh_of_quads};
+
+fn cornell(places: u32) -> BakedScene {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        places: Some(places),
+        ..Recipe::default()
+    };
+    let mesh = mesh_of_quads(&cornell_box());
+    bake_level(&mesh, &recipe, 0, &Progress::default())
+        .expect("a bake")
+        .scene
+}
+
+/// Root mean square of the light's second differences along a lamp's path of even steps, over its root mean square.
+fn roughness(scene: &BakedScene) -> f32 {
+    const STEPS: usize = 48;
+    let mut frame = CpuFrame::new(scene);
+    let seen: Vec<Vec<f32>> = (0..STEPS)
+        .map(|k| {
+            // Low between the blocks, so that their shadows sweep over walls and floor; 4 mm a step.
+            let x = Vec3::new(-0.1 + 0.004 * k as f32, 0.9, 0.75);
+            let lamp = FrameLight::point(x, Vec3::ONE, f32::INFINITY);
+            frame.set_lights(scene, &[lamp]);
+            frame.solve(scene, &FrameSettings::default());
+            let pairs = frame.values().iter().zip(&scene.points);
+            pairs.map(|(e, p)| e.dot(p.n()).y).collect()
+        })
+        .collect();
+    let (mut bends, mut light) = (0.0f64, 0.0f64);
+    for three in seen.windows(3) {
+        for ((a, b), c) in three[0].iter().zip(&three[1]).zip(&three[2]) {
+            bends += f64::from(a - 2.0 * b + c).powi(2);
+            light += f64::from(*b).powi(2);
+        }
+    }
+    (bends / light).sqrt() as f32
+}
+
+/// Where senders are lit at one place each, a shadow's edge jumps from one to the next as the lamp moves, and all light with it; \[L08\] has it so.
+#[test]
+fn a_lamp_that_moves_smoothly_gives_light_that_moves_smoothly() {
+    let [one, eight] = [1, 8].map(|places| roughness(&cornell(places)));
+    eprintln!("second differences: {one:.5} with one place, {eight:.5} with eight");
+    assert!(one > 1e-4, "there is nothing to smooth: {one}");
+    assert!(
+        eight < 0.5 * one,
+        "{one} with one place, {eight} with eight"
+    );
+}

@@ -1,0 +1,63 @@
+//! Light that comes through walls: none into a sealed room, and beside an open door no more error behind a thin wall than before it. The same is measured for functions
+//! that do not stop at walls, as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table (docs/LEAKS.md).
+
+use meshless_gi_lab::fixtures::leaks as leak_support;
+
+use leak_support::{Door, Leak, Walled, open, rooms};
+use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+
+/// Few rays: leaks are a matter of where functions reach.
+fn measure(scene: &Walled, rule: Rule, walls: bool, rays: u32) -> Leak {
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        rule,
+        walls: Some(walls),
+        rays: Some(rays),
+        extra_points: Some(3000),
+        viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
+        ..Recipe::default()
+    };
+    let baked = bake_level(&scene.mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    let leak = scene.measure(&baked.scene);
+    println!("{}, {rule:?}, walls {walls}: {leak:?}", scene.name);
+    leak
+}
+
+fn stays_dark(scene: &Walled, rules: &[Rule]) {
+    assert!(scene.dark.places.len() > 400 && scene.lit.places.len() > 400);
+    for &rule in rules {
+        let with = measure(scene, rule, true, 32);
+        assert!(with.ratio <= 1e-4, "{rule:?}: {with:?}");
+        // Black is not the answer to everything.
+        assert!(with.lit.bias.abs() < 0.15, "{rule:?}: {with:?}");
+        assert_eq!(with.uncovered, [0, 0], "{rule:?}");
+    }
+    let without = measure(scene, rules[0], false, 32);
+    assert!(without.ratio > 1e-2, "{without:?}");
+}
+
+#[test]
+fn a_room_behind_a_thin_wall_stays_dark() {
+    stays_dark(&rooms("2 cm", 0.02, Door::Closed, 256), &[Rule::Bounded]);
+}
+
+#[test]
+fn a_room_behind_a_sheet_stays_dark() {
+    let scene = rooms("a sheet", 0.0, Door::Closed, 256);
+    stays_dark(&scene, &[Rule::L08, Rule::Bounded]);
+}
+
+/// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong before it.
+#[test]
+fn behind_a_thin_wall_with_a_door_light_is_as_right_as_before_it() {
+    let scene = open();
+    let with = measure(&scene, Rule::Bounded, true, 64);
+    let without = measure(&scene, Rule::Bounded, false, 64);
+    assert!(with.ratio <= with.lit.nrmse, "{with:?}");
+    assert!(
+        with.dark.nrmse < 0.5 * without.dark.nrmse,
+        "{with:?} {without:?}"
+    );
+    assert!(without.dark.bias > 0.3, "{without:?}");
+    assert_eq!(with.uncovered, [0, 0]);
+}

@@ -1,0 +1,97 @@
+//! Soft shadows of rectangles from baked visibility, beside the reference integrator: ten per cent in the penumbra at fifty coefficients, for panels of several sizes in
+//! several places, with the same constants, and not with five coefficients. On a bake without the finest levels; `examples/pca` measures those of the usual size, and the level whose penumbrae lie behind a door.
+
+use glam::Vec3;
+use meshless_gi::asset::BakedScene;
+use meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use meshless_gi::frame::soft::{self, SoftLight};
+use meshless_gi::scene::{Light, TriangleMesh, load_gltf};
+use meshless_gi::transport::pca::Visibility;
+use meshless_gi_lab::accuracy::{ShadowPlace, deficits_by_rays, shadow_errors, shadow_places};
+
+/// The bound.
+const BOUND: f64 = 0.10;
+/// Paths of the particles that say where it is held against the truth.
+const PATHS: u64 = 1200;
+
+fn panel(center: [f32; 3], u: f32, v: f32) -> Light {
+    Light::Rect {
+        center: center.into(),
+        u: Vec3::X * u,
+        v: Vec3::Z * v,
+        radiance: Vec3::ONE,
+    }
+}
+
+fn baked(name: &str) -> (TriangleMesh, BakedScene) {
+    let file = format!(
+        "{}/tests/data/{name}/{name}.glb",
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../..")
+    );
+    let mesh = load_gltf(file).expect("a level").mesh;
+    let recipe = Recipe {
+        preset: Preset::Medium,
+        levels: Some(5),
+        sender_levels: Some(4),
+        extra_levels: Some(0),
+        rays: Some(16),
+        soft_shadows: Some(SoftShadows {
+            cluster_points: 200,
+            ..SoftShadows::default()
+        }),
+        ..Recipe::default()
+    };
+    let baked = bake_level(&mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    (mesh, baked.scene)
+}
+
+/// Errors from memory, by rays at the same points, and from five coefficients a point.
+fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
+    let visibility = scene.visibility.as_ref().expect("visibility");
+    let places: Vec<ShadowPlace> = shadow_places(scene, mesh, light, PATHS)
+        .into_iter()
+        .filter(ShadowPlace::in_penumbra)
+        .collect();
+    assert!(places.len() > 100, "{} places", places.len());
+    let lamp = SoftLight::of(light, 25).expect("a rectangle");
+    let deficits = soft::deficits(scene, &[lamp]);
+    let by_rays = deficits_by_rays(scene, mesh, &lamp, visibility.points.len());
+    let error = |deficits: &[_]| shadow_errors(scene, deficits, &places).nrmse;
+    // Must fail: no shadow at all.
+    assert!(error(&vec![Default::default(); deficits.len()]) > 2.0 * BOUND);
+    let by_few = soft::deficits_of(scene, few, &[lamp]);
+    [error(&deficits), error(&by_rays), error(&by_few)]
+}
+
+fn meets(name: &str, panels: &[Light]) {
+    let (mesh, scene) = baked(name);
+    let visibility = scene.visibility.as_ref().expect("visibility");
+    assert!(visibility.clusters.iter().all(|c| c.components <= 50));
+    let few = visibility.truncated(5);
+    assert!(few.bytes() < visibility.bytes() / 2);
+    let all: Vec<[f64; 3]> = (panels.iter())
+        .map(|p| found(&mesh, &scene, &few, p))
+        .collect();
+    println!("{name}, from memory, by rays, from five coefficients: {all:.4?}");
+    for (light, [memory, rays, few]) in panels.iter().zip(&all) {
+        assert!(
+            *memory <= BOUND,
+            "{name}: {memory}, by rays {rays}, {light:?}"
+        );
+        // Must fail: a memory that is too short.
+        assert!(*few > BOUND, "{name}: {few} from five, {light:?}");
+    }
+}
+
+#[test]
+fn penumbrae_in_a_box_with_two_blocks() {
+    meets(
+        "cornell",
+        &[
+            panel([2.78, 5.46, 2.795], 0.65, 0.525),
+            panel([1.5, 5.2, 2.0], 0.4, 0.8),
+            panel([4.0, 4.9, 3.6], 0.9, 0.3),
+            panel([2.0, 4.6, 4.2], 0.5, 0.5),
+        ],
+    );
+}

@@ -1,0 +1,238 @@
+//! Light among points: closed rooms of points, whose light has a closed form, evenly sampled and noisy; and a statue of points in a room of triangles, each of them lit by the
+//! other, beside the reference integrator. Comparisons are also made with a wrong input and must fail there.
+
+use meshless_gi_lab::fixtures::points as points_support;
+
+use glam::{Vec2, Vec3};
+use meshless_gi::bake::Preset;
+use meshless_gi::eval::Bounces;
+use meshless_gi::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::scene::{
+    Geometry, Light, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box, mesh_of_quads, statue,
+};
+use meshless_gi_lab::accuracy::closed_form;
+use points_support::{REFLECTIONS, baked, indirect, nrmse, reference, shown};
+use std::f64::consts::PI;
+
+const INTENSITY: f32 = 2.0;
+
+fn bulb() -> [Light; 1] {
+    [Light::Point {
+        position: Vec3::new(0.3, 0.2, -0.25),
+        intensity: Vec3::splat(INTENSITY),
+        range: f32::INFINITY,
+    }]
+}
+
+/// Reflected irradiance where each `step`th point is seen from the middle, with the points' areas. All reflections.
+fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)> {
+    let (cells, _) = cloud.mesh();
+    let scene = baked(&cells, preset);
+    let (places, areas): (Vec<(Vec3, Vec3)>, Vec<f32>) = (0..cloud.len())
+        .step_by(step)
+        .filter_map(|i| {
+            let ray = Ray::new(Vec3::ZERO, cloud.positions[i].normalize());
+            let seen = cells.surface(&ray, &cells.cast(&ray)?);
+            Some(((seen.position, seen.normal), cloud.areas[i]))
+        })
+        .unzip();
+    let (_, indirect) = shown(&scene, cells, &bulb(), &places, Bounces::All);
+    indirect.iter().map(|e| e.x).zip(areas).collect()
+}
+
+/// A closed ball of radius 1 m.
+fn ball(spacing: f32, albedo: f32) -> PlyPoints {
+    let count = (4.0 * PI / f64::from(spacing * spacing)) as u64;
+    let unit = |i: u64| {
+        let mut r = Random::new(5, 1, i);
+        uniform_sphere(Vec2::new(r.unit(), r.unit()))
+    };
+    let positions: Vec<Vec3> = (0..count).map(unit).collect();
+    PlyPoints {
+        normals: Some(positions.iter().map(|x| -*x).collect()),
+        albedo: Some(vec![Vec3::splat(albedo); positions.len()]),
+        positions,
+        faces: 0,
+    }
+}
+
+/// A closed cube of 2 m around the origin, evenly sampled, seen from inside.
+fn cube(spacing: f32, albedo: f32) -> PlyPoints {
+    let side = |axis: usize, high: bool| {
+        let at = |u: f32, v: f32| {
+            let mut x = Vec3::ZERO;
+            x[axis] = if high { 1.0 } else { -1.0 };
+            (x[(axis + 1) % 3], x[(axis + 2) % 3]) = (u, v);
+            x
+        };
+        let corners = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
+        let [a, b, c, d] = corners;
+        let corners = if high { [d, c, b, a] } else { corners };
+        meshless_gi::scene::Quad {
+            corners,
+            material: meshless_gi::scene::Material::diffuse(Vec3::splat(albedo)),
+        }
+    };
+    let sides: Vec<_> = (0..6).map(|k| side(k % 3, k < 3)).collect();
+    let points = scatter(&mesh_of_quads(&sides), spacing, 2).expect("so many fit");
+    let normals = points.normals.as_ref().expect("scattered with normals");
+    let inside = points
+        .positions
+        .iter()
+        .zip(normals)
+        .all(|(x, n)| x.dot(*n) < 0.0);
+    assert!(inside, "the room faces its inside");
+    points
+}
+
+/// The mean over the surface, and the root mean square of what differs from it, in parts of it.
+fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
+    let sum = |of: &dyn Fn(f64) -> f64| -> f64 {
+        found
+            .iter()
+            .map(|(e, a)| of(f64::from(*e)) * f64::from(*a))
+            .sum()
+    };
+    let mean = sum(&|e| e) / sum(&|_| 1.0);
+    let spread = (sum(&|e| (e - mean) * (e - mean)) / sum(&|_| 1.0)).sqrt();
+    (mean, spread / mean)
+}
+
+/// Wherever the lamp is: inside a ball reflected light is the same everywhere, and in any closed room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one
+/// reflection loses through slits between points counts ten times.
+#[test]
+fn closed_rooms_of_points_keep_their_light() {
+    for albedo in [0.5f32, 0.9] {
+        let power = 4.0 * PI * f64::from(INTENSITY);
+        for (what, points, area, [off, uneven]) in [
+            ("ball", ball(0.04, albedo), 4.0 * PI, [0.02, 0.02]),
+            ("cube", cube(0.04, albedo), 24.0, [0.02, f64::INFINITY]),
+        ] {
+            let cloud = PointCloud::new(points, &[]).expect("a cloud");
+            let right = closed_form::enclosure_reflected(power / area, albedo.into(), None);
+            let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
+            println!(
+                "{what} of {} points, reflectance {albedo}: {:+.2} % off, spread {:.2} %",
+                cloud.len(),
+                100.0 * (mean / right - 1.0),
+                100.0 * spread
+            );
+            assert!(
+                (mean / right - 1.0).abs() < off,
+                "{what} {albedo}: {mean}, {right} is right"
+            );
+            assert!(spread < uneven, "{what} {albedo}: {spread}");
+        }
+    }
+}
+
+/// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and slits is what the mean is off.
+#[test]
+fn a_noisy_closed_room_keeps_its_light() {
+    const SPACING: f32 = 0.04;
+    let mut points = cube(SPACING, 0.5);
+    for (i, x) in (0..).zip(&mut points.positions) {
+        let mut r = Random::new(9, 9, i);
+        let direction = uniform_sphere(Vec2::new(r.unit(), r.unit()));
+        *x += 0.5 * SPACING * r.unit() * direction;
+    }
+    let cloud = PointCloud::new(points, &[Vec3::ZERO]).expect("a cloud");
+    let power = 4.0 * PI * f64::from(INTENSITY);
+    let right = closed_form::enclosure_reflected(power / 24.0, 0.5, None);
+    let (mean, spread) = mean_and_spread(&reflected(&cloud, Preset::Draft, 7));
+    println!(
+        "{} noisy points: {:+.1} % off, spread {:.1} %",
+        cloud.len(),
+        100.0 * (mean / right - 1.0),
+        100.0 * spread
+    );
+    assert!(
+        (mean / right - 1.0).abs() < 0.03,
+        "{mean}, {right} is right"
+    );
+    // The lamp is nearer to some walls: without noise it is 0.11.
+    assert!(spread < 0.16, "{spread}");
+}
+
+/// The five walls of the box as triangles and the statue as points, each with what it reflects times a factor.
+fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
+    let mut quads = cornell_box();
+    quads.truncate(5);
+    for quad in &mut quads {
+        quad.material.base_color *= Vec3::splat(walls).extend(1.0);
+    }
+    let mut points = scatter(&statue(), 0.03, 1).expect("so many fit");
+    let orange = Vec3::new(0.85, 0.4, 0.06) * stands;
+    points.albedo = Some(vec![orange; points.positions.len()]);
+    let cloud = PointCloud::new(points, &[]).expect("a cloud");
+    let room = mesh_of_quads(&quads);
+    let count = room.len();
+    (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)
+}
+
+/// Places on the walls and on the statue, as cameras in front, on the left and on the right see them.
+fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2] {
+    let mut found = [Vec::new(), Vec::new()];
+    for k in 0..count {
+        let mut r = Random::new(4, 4, k);
+        let eye = [
+            Vec3::new(0.0, 1.2, 2.5),
+            Vec3::new(-0.8, 1.6, 0.8),
+            Vec3::new(0.8, 0.5, 0.6),
+        ][(k % 3) as usize];
+        let to = Vec3::new(2.0 * r.unit() - 1.0, 2.0 * r.unit(), 2.0 * r.unit() - 1.0);
+        let ray = Ray::new(eye, (to - eye).normalize());
+        let Some(hit) = level.cast(&ray) else {
+            continue;
+        };
+        let surface = level.surface(&ray, &hit);
+        found[usize::from(hit.primitive as usize >= walls)]
+            .push((surface.position, surface.normal));
+    }
+    found
+}
+
+/// Light from the points alone on the triangles, from the triangles alone on the points, and all of it on both. What is left at `Draft` is the recipe's and not the points': the
+/// same statue as triangles is as far off.
+#[test]
+fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
+    let lamp = [Light::Rect {
+        center: Vec3::new(0.3, 1.9, 0.5),
+        u: Vec3::X * 0.2,
+        v: Vec3::Z * 0.2,
+        radiance: Vec3::splat(25.0),
+    }];
+    let sum = |light: &[Vec3]| light.iter().sum::<Vec3>();
+    for (what, walls, stands, bounds) in [
+        ("the statue reflects", 0.0, 1.0, [0.165, 0.215]),
+        ("the walls reflect", 1.0, 0.0, [0.045, 0.215]),
+        ("all reflects", 1.0, 1.0, [0.09, 0.215]),
+    ] {
+        let (level, count) = walls_and_statue(walls, stands);
+        let places = seen(&level, count, 900);
+        let scene = baked(&level, Preset::Draft);
+        let all: Vec<(Vec3, Vec3)> = places.concat();
+        let truth = reference(&level, &lamp, &all, 64);
+        let (_, found) = shown(&scene, level, &lamp, &all, Bounces::Count(REFLECTIONS));
+        let cut = places[0].len();
+        for (name, from, to, bound) in [
+            ("walls", 0, cut, bounds[0]),
+            ("statue", cut, all.len(), bounds[1]),
+        ] {
+            let truth = [0, 1].map(|k| truth[k][from..to].to_vec());
+            let found = &found[from..to];
+            let error = nrmse(found, &truth, indirect);
+            let own: Vec<Vec3> = truth[0].iter().map(indirect).collect();
+            println!(
+                "{what}: on the {name} ({} places) NRMSE {error:.4}, sum {:.1} against {:.1}",
+                to - from,
+                sum(found),
+                sum(&own)
+            );
+            assert!(error < bound, "{what}, {name}: {error}");
+            // The same light on the wrong places is far off.
+            let turned: Vec<Vec3> = found.iter().rev().copied().collect();
+            assert!(nrmse(&turned, &truth, indirect) > 0.25, "{what}, {name}");
+        }
+    }
+}

@@ -1,0 +1,669 @@
+//! Subsplats on the CPU (\[N09\]): what they show beside full resolution, what they cost, where they refine, and that light neither crosses edges nor pops. Bounds are measured, with
+//! room; at these small sizes edges take a larger share of the pixels than at those of a screen (docs/SUBSPLATS.md).
+
+use meshless_gi_lab::fixtures::subsplats as subsplat_support;
+
+use glam::{Mat4, Vec3};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::frame::pyramid::{breaks, pyramid};
+use meshless_gi::frame::refine::{divides, unpack_cell};
+use meshless_gi::frame::{
+    DepthTest, Node, NormalTest, SubsplatSettings, Subsplats, VectorIrradiance, gbuffer, splat,
+    subsplats,
+};
+use meshless_gi::scene::{Material, Quad, TriangleMesh, mesh_of_quads};
+use meshless_gi_lab::accuracy::DrawnView;
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use subsplat_support::{Level, Source, Stage, View, clutter, from};
+
+const SIZE: [u32; 2] = [480, 270];
+/// Halves round by a part of 2048, of the vector's length.
+const HALF: f32 = 1e-3;
+
+fn quad(origin: Vec3, u: Vec3, v: Vec3) -> Quad {
+    Quad {
+        corners: [origin, origin + u, origin + u + v, origin + v],
+        material: Material::diffuse(Vec3::splat(0.7)),
+    }
+}
+
+/// Light that slopes, and bends near one place.
+fn sloping(x: Vec3) -> VectorIrradiance {
+    let to = Vec3::new(2.5, 2.6, 2.5) - x;
+    let square = to.length_squared() + 1.0;
+    let mut e = from(to, Vec3::new(6.0, 5.0, 4.0) / square);
+    e.add_scaled(1.0, &from(Vec3::new(0.3, 1.0, 0.2), Vec3::splat(0.4)));
+    e
+}
+
+fn even(_: Vec3) -> VectorIrradiance {
+    from(Vec3::new(0.1, 0.5, 1.0), Vec3::ONE)
+}
+
+/// A wall across the view, 4 m away.
+fn wall() -> Quad {
+    quad(
+        Vec3::new(-20.0, -20.0, -4.0),
+        40.0 * Vec3::X,
+        40.0 * Vec3::Y,
+    )
+}
+
+fn ahead(mesh: TriangleMesh, light: fn(Vec3) -> VectorIrradiance) -> Stage {
+    Stage::made("made", mesh, light)
+}
+
+fn floor() -> TriangleMesh {
+    mesh_of_quads(&[quad(
+        Vec3::new(-20.0, -1.0, 20.0),
+        40.0 * Vec3::X,
+        -40.0 * Vec3::Z,
+    )])
+}
+
+fn finite(shown: &Subsplats) {
+    for t in &shown.texels {
+        let sane = t.iter().all(|v| v.is_finite() && *v >= 0.0);
+        assert!(sane && (t[3] == 0.0 || t[3] == 1.0), "{t:?}");
+        assert!(t[3] == 1.0 || *t == [0.0; 4], "{t:?}");
+    }
+}
+
+/// What differs most from full resolution, in parts of white.
+fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
+    let pairs = shown.texels.iter().zip(&view.full);
+    pairs
+        .flat_map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()))
+        .fold(0.0, f32::max)
+}
+
+/// Everything that was evaluated against full resolution: the largest error, in parts of the light there.
+fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> f32 {
+    let params = view.params(settings);
+    let mut most = 0.0f32;
+    let mut count = 0;
+    for (k, list) in shown.lists.iter().enumerate() {
+        for &cell in list {
+            let [x, y] = unpack_cell(cell).map(|c| c << k);
+            let i = view.index([x, y]);
+            if view.drawn.depth[i] <= 0.0 {
+                continue;
+            }
+            let mut node = Node::UNKNOWN;
+            view.evaluate([x, y], &mut node);
+            let e = node.light();
+            let length = [e.x, e.y, e.z]
+                .iter()
+                .flatten()
+                .fold(0.0f32, |m, v| m.max(v.abs()));
+            for c in 0..3 {
+                let off = (shown.texels[i][c] - view.full[i][c]).abs();
+                most = most.max(off / length.max(1e-3));
+            }
+            count += 1;
+        }
+    }
+    assert!(
+        count as u32 >= params.levels().cells(params.coarsest) / 2,
+        "{count}"
+    );
+    most
+}
+
+/// FLIP and share at most these; without refinement by depth, normal and light the picture is far worse.
+fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
+    for &i in views {
+        let view = stage.view(i, SIZE);
+        let settings = SubsplatSettings::default();
+        let shown = view.subsplats(&settings);
+        finite(&shown);
+        let m = view.compare(&shown.texels, shown.counts);
+        let exact = at_nodes(&view, &settings, &shown);
+        println!(
+            "{} {i}: 1/{:.2}, FLIP {:.4}, NRMSE {:.4}, at nodes {exact:.1e}",
+            stage.level.name,
+            1.0 / m.share(),
+            m.flip,
+            m.nrmse
+        );
+        assert!(m.flip <= flip && m.share() <= share, "{m:?}");
+        assert!(exact <= HALF, "{exact}");
+        let blind = view.measure(&SubsplatSettings {
+            depth: DepthTest::Plane(f32::INFINITY),
+            normal: NormalTest::MinMax(2.0),
+            light: f32::INFINITY,
+            alike: 0.0,
+            ..settings
+        });
+        println!(
+            "  blind: 1/{:.1}, FLIP {:.4}",
+            1.0 / blind.share(),
+            blind.flip
+        );
+        assert!(
+            blind.flip > 1.5 * m.flip && blind.share() < m.share(),
+            "{blind:?}"
+        );
+    }
+}
+
+fn published(name: &str) -> Stage {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
+        .join("tests/data")
+        .join(name);
+    let level = Level::read(&folder).expect("a level").expect("with views");
+    let recipe = Recipe {
+        preset: Preset::Draft,
+        ..Recipe::default()
+    };
+    let baked = bake_level(&level.mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    Stage::new(level, baked.scene)
+}
+
+#[test]
+fn cornell_box_beside_full_resolution() {
+    holds(&published("cornell"), &[0, 1], 0.012, 0.15);
+}
+
+#[test]
+fn open_rooms_beside_full_resolution_and_in_motion() {
+    let stage = published("rooms_open");
+    holds(&stage, &[0], 0.011, 0.1);
+    pops_at_most(&stage, 0, 0.15, 0.035, 0.004);
+}
+
+#[test]
+fn clutter_beside_full_resolution_and_in_motion() {
+    let level = clutter();
+    let stage = Stage {
+        level,
+        source: Source::Made(sloping),
+    };
+    holds(&stage, &[0, 2], 0.004, 0.18);
+    pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
+}
+
+/// A camera that goes 2 mm a frame: how much more a place that stays in view changes from one frame to the next than it does at full resolution, in parts of white:
+/// what a picture of subsplats flickers by. The largest of all, the largest but for one place in a thousand, and the root mean square.
+fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
+    const FRAMES: u32 = 24;
+    let size = [320, 180];
+    let (eye, target) = stage.level.views[i];
+    let first = stage.view(i, size);
+    let settings = SubsplatSettings::default();
+    let step = 0.002 * (target - eye).cross(Vec3::Y).normalize();
+    let errors = |view: &View<'_>| -> Vec<f32> {
+        let shown = view.subsplats(&settings);
+        let pairs = shown.texels.iter().zip(&view.full);
+        pairs.map(|(a, b)| a[1] - b[1]).collect()
+    };
+    let mut last: Option<(View<'_>, Vec<f32>, Mat4)> = None;
+    let mut pops = Vec::new();
+    for frame in 0..FRAMES {
+        let eye = eye + frame as f32 * step;
+        let target = target + frame as f32 * step;
+        let mut view = View::new(stage, eye, target, size);
+        view.expose(first.splat.scale);
+        let now = errors(&view);
+        let clip = DrawnView::perspective(eye, target, Vec3::Y, 1.0, size, 0.1);
+        if let Some((before, then, _)) = &last {
+            for (p, error) in then.iter().enumerate() {
+                if before.drawn.depth[p] <= 0.0 {
+                    continue;
+                }
+                let pixel = [p as u32 % size[0], p as u32 / size[0]];
+                let texel = before.drawn.gbuffer[p];
+                let (x, _) = splat::place(&before.splat, pixel, before.drawn.depth[p], texel);
+                let ndc = clip.project_point3(x);
+                let (u, v) = (0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y);
+                if !(0.0..1.0).contains(&u) || !(0.0..1.0).contains(&v) {
+                    continue;
+                }
+                let q = view.index([(u * size[0] as f32) as u32, (v * size[1] as f32) as u32]);
+                // Still in view: not hidden by what is nearer.
+                if (view.drawn.depth[q] / ndc.z - 1.0).abs() < 0.01 {
+                    // Where full resolution itself changes, that is no pop of ours.
+                    let full = view.full[q][1] - before.full[p][1];
+                    let shown = now[q] - error + full;
+                    let beyond = (shown.abs() - full.abs()).max(0.0);
+                    pops.push(beyond.min((shown - full).abs()));
+                }
+            }
+        }
+        last = Some((view, now, clip));
+    }
+    pops.sort_by(f32::total_cmp);
+    let square: f64 = pops.iter().map(|&p| f64::from(p) * f64::from(p)).sum();
+    let found = (square / pops.len() as f64).sqrt();
+    let high = pops[pops.len() * 999 / 1000];
+    println!(
+        "{}: of {} pops 0.1 % are over {high:.4}, largest {:.4}, rms {found:.5}",
+        stage.level.name,
+        pops.len(),
+        pops[pops.len() - 1]
+    );
+    assert!(pops.len() > 600_000 && high <= most && found <= rms);
+    assert!(pops[pops.len() - 1] <= largest);
+}
+
+/// A bright wall behind dark things, one of them a pixel wide, and the other way round.
+#[test]
+fn no_light_crosses_an_edge_of_depth() {
+    let near = |x: f32, width: f32| quad(Vec3::new(x, -0.7, -1.0), width * Vec3::X, 1.4 * Vec3::Y);
+    let mesh = || mesh_of_quads(&[wall(), near(-0.5, 0.3), near(0.2, 0.004), near(0.4, 0.02)]);
+    let behind: fn(Vec3) -> VectorIrradiance =
+        |x| from(Vec3::Z, Vec3::splat(if x.z < -2.0 { 1.0 } else { 0.001 }));
+    let before: fn(Vec3) -> VectorIrradiance =
+        |x| from(Vec3::Z, Vec3::splat(if x.z < -2.0 { 0.001 } else { 1.0 }));
+    for light in [behind, before] {
+        let stage = ahead(mesh(), light);
+        let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+        view.expose(1.0);
+        let bright = view.full.iter().filter(|t| t[0] > 0.5).count();
+        assert!(
+            bright > 5_000 && view.full.len() - bright > 5_000,
+            "{bright}"
+        );
+        let shown = view.subsplats(&SubsplatSettings::default());
+        finite(&shown);
+        let off = worst(&view, &shown);
+        println!(
+            "across: {off}, 1/{:.1}",
+            view.full.len() as f32 / shown.counts.total() as f32
+        );
+        assert!(off < 0.002, "{off}");
+    }
+}
+
+/// A table top over the floor, seen from far away by parallel rays, and through a lens of five degrees: the distance is hundreds of times what lies between them.
+#[test]
+fn no_light_crosses_an_edge_seen_from_afar() {
+    let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
+    let mesh = || {
+        mesh_of_quads(&[
+            top(Vec3::new(-20.0, 0.0, 20.0), 40.0),
+            top(Vec3::new(-1.0, 0.8, 1.0), 2.0),
+            top(Vec3::new(1.5, 0.8, 1.0), 0.02),
+        ])
+    };
+    let light: fn(Vec3) -> VectorIrradiance =
+        |x| from(Vec3::Y, Vec3::splat(if x.y > 0.4 { 0.001 } else { 1.0 }));
+    let toward = Vec3::new(1.0, 1.2, 1.0).normalize();
+    let aspect = SIZE[0] as f32 / SIZE[1] as f32;
+    let half = 4.0;
+    let views = [
+        (
+            300.0 * toward,
+            Mat4::orthographic_rh(-half * aspect, half * aspect, -half, half, 1000.0, 0.1),
+        ),
+        // The near plane behind the eye.
+        (
+            300.0 * toward,
+            Mat4::orthographic_rh(-half * aspect, half * aspect, -half, half, 1000.0, -10.0),
+        ),
+        (
+            90.0 * toward,
+            Mat4::perspective_infinite_reverse_rh(0.087, aspect, 0.1),
+        ),
+    ];
+    for (eye, clip_from_view) in views {
+        let stage = ahead(mesh(), light);
+        let view_from_world = Mat4::look_at_rh(eye, Vec3::ZERO, Vec3::Y);
+        let mut view = View::of(
+            &stage,
+            view_from_world,
+            clip_from_view * view_from_world,
+            SIZE,
+        );
+        view.expose(1.0);
+        let dark = view.full.iter().filter(|t| t[0] < 0.5).count();
+        assert!(dark > 1_500 && view.full.len() - dark > 10_000, "{dark}");
+        let shown = view.subsplats(&SubsplatSettings::default());
+        finite(&shown);
+        let off = worst(&view, &shown);
+        println!(
+            "from afar: {off}, 1/{:.1}",
+            view.full.len() as f32 / shown.counts.total() as f32
+        );
+        assert!(off < 0.002, "{off}");
+    }
+}
+
+/// Bumps in the dark: light that is not there needs no evaluation of every pixel.
+#[test]
+fn dark_bumps_are_not_evaluated_pixel_by_pixel() {
+    let ridge = |i: i32| {
+        let x = 0.1 * i as f32;
+        let (low, high) = (Vec3::new(x, -20.0, -4.0), Vec3::new(x + 0.05, -20.0, -3.97));
+        let next = Vec3::new(x + 0.1, -20.0, -4.0);
+        [
+            quad(low, high - low, 40.0 * Vec3::Y),
+            quad(high, next - high, 40.0 * Vec3::Y),
+        ]
+    };
+    let mesh = mesh_of_quads(&(-80..80).flat_map(ridge).collect::<Vec<_>>());
+    let dark: fn(Vec3) -> VectorIrradiance = |_| VectorIrradiance::default();
+    let stage = ahead(mesh, dark);
+    let view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    let shown = view.subsplats(&SubsplatSettings::default());
+    finite(&shown);
+    println!("in the dark: {:?}", shown.counts);
+    assert!(shown.counts.evaluated[0] * 20 < shown.counts.pixels);
+}
+
+#[test]
+fn a_flat_view_refines_next_to_nothing() {
+    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.3, 0.2, -1.0), SIZE);
+    let settings = SubsplatSettings::default();
+    let shown = view.subsplats(&settings);
+    finite(&shown);
+    let c = settings.coarsest as usize;
+    println!("{:?}", shown.counts);
+    assert!(
+        shown.counts.evaluated[..c - 1].iter().all(|&n| n <= 40),
+        "{:?}",
+        shown.counts
+    );
+    assert!(
+        shown.counts.total() * 50 < shown.counts.pixels,
+        "{:?}",
+        shown.counts
+    );
+    assert!(worst(&view, &shown) < 2.0 * HALF * view.splat.scale);
+}
+
+/// No basis is asked where there is nothing: what is listed are the nodes of the two coarsest levels.
+#[test]
+fn all_sky_gives_zeros_and_asks_nothing() {
+    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let view = View::new(&stage, Vec3::ZERO, Vec3::Z, SIZE);
+    let settings = SubsplatSettings::default();
+    let asked = AtomicU32::new(0);
+    let shown = subsplats(&view.params(&settings), &view.picture(), &|pixel, node| {
+        if view.drawn.depth[view.index(pixel)] > 0.0 {
+            asked.fetch_add(1, Ordering::Relaxed);
+        }
+        view.evaluate(pixel, node);
+    });
+    assert_eq!(asked.into_inner(), 0);
+    assert!(shown.texels.iter().all(|t| *t == [0.0; 4]));
+    assert!(
+        shown.counts.total() * 50 < shown.counts.pixels,
+        "{:?}",
+        shown.counts
+    );
+}
+
+/// \[N09\] §5.2: a cell is divided too where a diagonal neighbour is not continuous, and nowhere else.
+#[test]
+fn diagonals_divide_what_is_diagonal_to_an_edge() {
+    let level = clutter();
+    let stage = Stage {
+        level,
+        source: Source::Made(even),
+    };
+    let view = stage.view(0, SIZE);
+    let of = |diagonal| SubsplatSettings {
+        diagonal,
+        light: f32::INFINITY,
+        ..SubsplatSettings::default()
+    };
+    let (with, without) = (view.params(&of(true)), view.params(&of(false)));
+    let (picture, levels) = (view.picture(), with.levels());
+    let cells = pyramid(&with, &picture);
+    let nodes = vec![Node::UNKNOWN; levels.total() as usize];
+    let mut only = 0;
+    for k in 2..with.coarsest {
+        let [w, h] = levels.grid(k);
+        for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
+            let broken = |dx: i32, dy: i32| {
+                let (x, y) = (x as i32 + dx, y as i32 + dy);
+                (0..w as i32).contains(&x)
+                    && (0..h as i32).contains(&y)
+                    && breaks(&with, &levels, &cells, k, x as u32, y as u32)
+            };
+            let own = broken(0, 0);
+            let around = [(-1, -1), (1, -1), (-1, 1), (1, 1)]
+                .iter()
+                .any(|&(a, b)| broken(a, b));
+            assert_eq!(divides(&without, &picture, &cells, &nodes, k, [x, y]), own);
+            assert_eq!(
+                divides(&with, &picture, &cells, &nodes, k, [x, y]),
+                own || around
+            );
+            only += usize::from(around && !own);
+        }
+    }
+    assert!(only > 100, "{only}");
+    let count = |d| view.subsplats(&of(d)).counts.total();
+    let (more, fewer) = (count(true), count(false));
+    println!("{more} with diagonals, {fewer} without");
+    assert!(more > fewer);
+}
+
+/// Cells of 8 pixels that are not continuous.
+fn broken(view: &View<'_>, depth: DepthTest, normal: NormalTest) -> usize {
+    let params = view.params(&SubsplatSettings {
+        depth,
+        normal,
+        ..SubsplatSettings::default()
+    });
+    let levels = params.levels();
+    let cells = pyramid(&params, &view.picture());
+    let [w, h] = levels.grid(3);
+    (0..h)
+        .flat_map(|y| (0..w).map(move |x| (x, y)))
+        .filter(|&(x, y)| breaks(&params, &levels, &cells, 3, x, y))
+        .count()
+}
+
+const NO_NORMAL: [NormalTest; 2] = [NormalTest::MinMax(2.0), NormalTest::Curvature(2.0)];
+
+#[test]
+fn every_test_of_depth_finds_a_step_and_planes_are_none() {
+    let tests = [
+        DepthTest::Plane(0.05),
+        DepthTest::MinMax(0.05),
+        DepthTest::Derivative(0.02),
+    ];
+    // None of its sides lies along cells, where neither of two cells would hold both depths ([N09] Fig. 15).
+    let step = quad(Vec3::new(-0.45, -0.37, -3.0), 0.8 * Vec3::X, 0.8 * Vec3::Y);
+    let stage = ahead(mesh_of_quads(&[wall(), step]), even);
+    let stepped = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let straight = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    let stage = ahead(floor(), even);
+    // All of the picture is floor.
+    let slanted = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.8, -1.0), SIZE);
+    assert!(slanted.full.iter().all(|t| t[3] > 0.0));
+    for depth in tests {
+        let of = |view| broken(view, depth, NO_NORMAL[0]);
+        let found = [of(&stepped), of(&straight), of(&slanted)];
+        println!("{depth:?}: {found:?}");
+        // Its outline is 4 · 66 pixels long, 33 cells.
+        assert!((28..120).contains(&found[0]), "{found:?}");
+        assert_eq!(found[1], 0);
+    }
+    let slant = |depth| broken(&slanted, depth, NO_NORMAL[0]);
+    assert_eq!(slant(tests[0]), 0);
+    assert!(slant(tests[1]) > 500, "{}", slant(tests[1]));
+    // What the whole list is shorter by.
+    let total = |depth| {
+        let settings = SubsplatSettings {
+            depth,
+            ..SubsplatSettings::default()
+        };
+        slanted.subsplats(&settings).counts.total()
+    };
+    let [plane, min_max] = [tests[0], tests[1]].map(total);
+    println!("on a slant: {plane} with planes, {min_max} with minima and maxima");
+    assert!(3 * plane < 2 * min_max);
+}
+
+#[test]
+fn every_test_of_normals_finds_a_crease() {
+    // A step of depth is none of their business; floor and wall meet without one.
+    let back = quad(Vec3::new(-20.0, -1.0, -4.0), 40.0 * Vec3::X, 20.0 * Vec3::Y);
+    let ground = quad(Vec3::new(-20.0, -1.0, 5.0), 40.0 * Vec3::X, -9.0 * Vec3::Z);
+    let stage = ahead(mesh_of_quads(&[back, ground]), even);
+    let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.0, -0.2, -1.0), SIZE);
+    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let flat = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    for normal in [NormalTest::MinMax(0.3), NormalTest::Curvature(0.3)] {
+        let deaf = DepthTest::Plane(f32::INFINITY);
+        let found = broken(&view, deaf, normal);
+        println!("{normal:?}: {found}");
+        // It runs through all 60 columns of cells.
+        assert!((60..130).contains(&found), "{found}");
+        assert_eq!(broken(&flat, deaf, normal), 0);
+    }
+    for normal in NO_NORMAL {
+        assert_eq!(broken(&view, DepthTest::Plane(f32::INFINITY), normal), 0);
+    }
+}
+
+/// \[N09\] Eq. (3), pixel by pixel, from the camera's place.
+#[test]
+fn detail_darkens_what_is_seen_at_a_slant() {
+    let stage = ahead(floor(), even);
+    let eye = Vec3::new(0.0, 0.5, 0.0);
+    let view = View::new(&stage, eye, Vec3::new(0.0, -0.5, -1.0), SIZE);
+    let of = |detail| {
+        view.subsplats(&SubsplatSettings {
+            detail,
+            ..SubsplatSettings::default()
+        })
+    };
+    let (plain, dark) = (of(0.0), of(0.6));
+    assert_eq!(plain.counts, dark.counts);
+    let mut least = 1.0f32;
+    for (i, (a, b)) in plain.texels.iter().zip(&dark.texels).enumerate() {
+        let pixel = [i as u32 % SIZE[0], i as u32 / SIZE[0]];
+        let (x, n) = splat::place(
+            &view.splat,
+            pixel,
+            view.drawn.depth[i],
+            view.drawn.gbuffer[i],
+        );
+        let factor = 0.6 * n.dot((eye - x).normalize()) + 0.4;
+        least = least.min(factor);
+        assert!(
+            (b[1] - factor * a[1]).abs() < 2e-4 * a[1],
+            "{a:?} {b:?} {factor}"
+        );
+    }
+    assert!(least < 0.85, "{least}");
+}
+
+#[test]
+fn any_settings_and_sizes_give_numbers() {
+    let stage = Stage {
+        level: clutter(),
+        source: Source::Made(sloping),
+    };
+    let (eye, target) = stage.level.views[0];
+    let plain = SubsplatSettings::default();
+    let wild = [
+        plain,
+        SubsplatSettings {
+            light: f32::INFINITY,
+            alike: f32::NAN,
+            detail: f32::NAN,
+            ..plain
+        },
+        SubsplatSettings {
+            light: f32::NAN,
+            depth: DepthTest::Plane(f32::NAN),
+            normal: NormalTest::Curvature(f32::NAN),
+            ..plain
+        },
+        SubsplatSettings {
+            coarsest: 0,
+            finest: 0,
+            depth: DepthTest::Derivative(0.0),
+            alike: 2.0,
+            ..plain
+        },
+        SubsplatSettings {
+            coarsest: 99,
+            finest: 99,
+            depth: DepthTest::MinMax(f32::INFINITY),
+            normal: NormalTest::Curvature(-1.0),
+            detail: 9.0,
+            ..plain
+        },
+    ];
+    for size in [[1, 1], [3, 2], [1, 40], [65, 64]] {
+        let view = View::new(&stage, eye, target, size);
+        for settings in &wild {
+            let shown = view.subsplats(settings);
+            finite(&shown);
+            assert_eq!(shown.texels.len(), (size[0] * size[1]) as usize);
+            let missing = shown.texels.iter().zip(&view.full);
+            let missing = missing.filter(|(a, b)| a[3] != b[3]).count();
+            // Where nothing around is alike a pixel is evaluated by itself, as long as there is room.
+            let room = view.params(settings).levels().cells(0);
+            let full = shown.counts.evaluated[0] == room;
+            assert!(missing == 0 || full, "{size:?} {settings:?} {missing}");
+            // What is evaluated one by one is never more than the pixels and the room for holes.
+            let most = view.full.len() as u32 * 5 / 4 + 1;
+            assert!(
+                shown.counts.total() <= most,
+                "{size:?} {settings:?} {:?}",
+                shown.counts
+            );
+        }
+    }
+    // Everything refined, everything right.
+    let view = View::new(&stage, eye, target, [120, 68]);
+    let all = view.subsplats(&SubsplatSettings {
+        light: f32::NAN,
+        ..plain
+    });
+    let few = view.subsplats(&plain);
+    assert!(all.counts.total() > few.counts.total());
+}
+
+/// One wrong node among ten thousand.
+#[test]
+fn a_spoiled_node_is_found() {
+    let stage = Stage {
+        level: clutter(),
+        source: Source::Made(sloping),
+    };
+    let view = stage.view(0, SIZE);
+    let settings = SubsplatSettings::default();
+    let right = view.subsplats(&settings);
+    assert!(at_nodes(&view, &settings, &right) <= HALF);
+    let place = [160, 96];
+    assert!(view.drawn.depth[view.index(place)] > 0.0);
+    let spoiled = subsplats(&view.params(&settings), &view.picture(), &|pixel, node| {
+        view.evaluate(pixel, node);
+        if pixel == place {
+            let mut light = VectorIrradiance::default();
+            light.add_scaled(1.1, &node.light());
+            *node = Node::new(&light, node.foretold(), node.state());
+        }
+    });
+    assert!(at_nodes(&view, &settings, &spoiled) > 10.0 * HALF);
+    assert!(worst(&view, &spoiled) > worst(&view, &right) || spoiled.texels != right.texels);
+}
+
+/// What reflects nothing of the lamp, what is unlit: such pixels are sky to subsplats.
+#[test]
+fn unlit_pixels_stay_without_light() {
+    let stage = ahead(mesh_of_quads(&[wall()]), even);
+    let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
+    for (i, texel) in view.drawn.gbuffer.iter_mut().enumerate() {
+        if i as u32 % SIZE[0] < 100 {
+            *texel = gbuffer::pack(Vec3::ONE, 0.0, 1.0, Vec3::Z, gbuffer::UNLIT);
+        }
+    }
+    let shown = view.subsplats(&SubsplatSettings::default());
+    finite(&shown);
+    for (i, t) in shown.texels.iter().enumerate() {
+        assert_eq!(t[3], f32::from(u8::from(i as u32 % SIZE[0] >= 100)), "{i}");
+    }
+}
