@@ -1,7 +1,7 @@
 //! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball rolls through it, which no bake knows: it colours the floor and the blocks beside it.
 //!
 //! ```text
-//! cargo run --release --features engine --example cornell
+//! cargo run --release --example cornell
 //! ```
 //!
 //! The box is made in code and baked while the window is already open.

@@ -3,7 +3,7 @@
 //! whose lights never change.
 //!
 //! ```text
-//! cargo run --release --features engine --example exported
+//! cargo run --release --example exported
 //! ```
 //!
 //! At the first start the room is baked and its light exported to `out/exported/room.ktx2` and

@@ -1,7 +1,7 @@
 //! The fast multipole method on the device beside the CPU: upward and downward pass, as [G08] Figs. 10 and 11. Prints a table with the name of the adapter.
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli,gpu --example fmm_gpu
+//! cargo run --release --example fmm_gpu
 //! ```
 //!
 //! Each time is the least of three, that of the device from submission until it is done. The CPU's are in single precision too.

@@ -1,7 +1,7 @@
 //! Renders one picture with indirect light, without a window: for servers, tests and machines without a GPU (software Vulkan does).
 //!
 //! ```text
-//! cargo run --release --features engine --example headless -- cornell.png [--direct] [--budget MS]
+//! cargo run --release --example headless -- cornell.png [--direct] [--budget MS]
 //! ```
 //!
 //! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to compare. `--budget` moves lamp and camera along a path before the

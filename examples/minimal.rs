@@ -1,4 +1,4 @@
-//! A room of Bevy meshes with indirect light: `cargo run --release --features engine --example minimal`
+//! A room of Bevy meshes with indirect light: `cargo run --release --example minimal`
 
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;

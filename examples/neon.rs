@@ -2,7 +2,7 @@
 //! the frame in which they change. Bevy itself shows a glowing surface and lets it light nothing.
 //!
 //! ```text
-//! cargo run --release --features engine --example neon
+//! cargo run --release --example neon
 //! ```
 //!
 //! The street is made in code and baked, with materials that may change, while the window is already open.

@@ -1,8 +1,8 @@
 //! A statue of points in a room of triangles, under a lamp that circles it: points and triangles light and shade each other.
 //!
 //! ```text
-//! cargo run --release --features engine --example points
-//! cargo run --release --features engine --example points -- path/to/scan.ply [draft|medium|high]
+//! cargo run --release --example points
+//! cargo run --release --example points -- path/to/scan.ply [draft|medium|high]
 //! ```
 //!
 //! Without a file the points are scattered over the statue that the project makes itself. A `.ply` of yours is stood in the room in its place, Y up, scaled until it

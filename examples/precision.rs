@@ -2,7 +2,7 @@
 //! (16 bytes each). And what does kernel `apply_one` bring, which computes in one channel and writes three? Prints, for a box of flat walls and for the same with a ball, what display and operator read, what that takes on the CPU and (the operator) on the device, and how far the pictures are apart.
 //!
 //! ```text
-//! cargo run --no-default-features --features cli,gpu --example precision -- draft|medium
+//! cargo run --example precision -- draft|medium
 //! ```
 
 use bevy_meshless_gi::gpu::{Harness, KERNELS};

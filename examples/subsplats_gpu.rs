@@ -2,7 +2,7 @@
 //! at several resolutions of indirect light. Prints tables with the name of the adapter.
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli,gpu --example subsplats_gpu -- [--bakes FOLDER] [LEVEL_FOLDER...]
+//! cargo run --release --example subsplats_gpu -- [--bakes FOLDER] [LEVEL_FOLDER...]
 //! ```
 //!
 //! Without a folder the cluttered room alone, by a draft bake. `FOLDER/NAME.mgi` spares a bake. Each time is the least of several submissions, waited for.

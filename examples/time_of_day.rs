@@ -2,7 +2,7 @@
 //! arcades behind the columns follows the hour in the frame in which it changes.
 //!
 //! ```text
-//! cargo run --release --features engine --example time_of_day
+//! cargo run --release --example time_of_day
 //! ```
 //!
 //! The atrium is made in code and baked, for skies that vary, while the window is already open.

@@ -2,7 +2,7 @@
 //! knows nothing, and yet light in free space falls on it, and its coat colours the floor.
 //!
 //! ```text
-//! cargo run --release --features engine --example visitor
+//! cargo run --release --example visitor
 //! ```
 //!
 //! Two rooms, made in code and baked while the window is already open; their ceiling and the wall before them are drawn from inside only.

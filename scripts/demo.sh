@@ -10,4 +10,4 @@ PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 if [ $# -eq 0 ]; then
     set -- -o out/demo
 fi
-exec cargo run --release --locked --no-default-features --features cli --bin meshless_gi -- demo "$@"
+exec cargo run --release -p meshless_gi_cli -- demo "$@"

@@ -1,4 +1,4 @@
-// apply: the operator times the senders' coefficients. Twin: src/frame/apply.rs. Sixteen threads share a row, so that they read its links side by
+// apply: the operator times the senders' coefficients. Twin: crates/meshless_gi/src/frame/apply.rs. Sixteen threads share a row, so that they read its links side by
 // side; their sums meet in workgroup memory.
 
 @group(0) @binding(1) var<uniform> span: Span;

@@ -1,4 +1,4 @@
-// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended additively; and what soft shadows take from it. Twin: src/frame/composite.rs.
+// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended additively; and what soft shadows take from it. Twin: crates/meshless_gi/src/frame/composite.rs.
 
 @group(0) @binding(0) var<uniform> params: CompositeParams;
 @group(0) @binding(1) var irradiance: texture_2d<f32>;

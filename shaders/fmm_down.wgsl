@@ -1,4 +1,4 @@
-// fmm_down: R-expansions of a level's nodes, and the irradiance at the points of the leaves. Twin: src/frame/fmm_down.rs, which says what each entry does.
+// fmm_down: R-expansions of a level's nodes, and the irradiance at the points of the leaves. Twin: crates/meshless_gi/src/frame/fmm_down.rs, which says what each entry does.
 
 struct FmmEntry {
     source: u32,

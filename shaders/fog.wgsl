@@ -1,4 +1,4 @@
-// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle, blended additively, behind the engine's own fog. Twin: src/frame/fog.rs, which says what is computed.
+// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle, blended additively, behind the engine's own fog. Twin: crates/meshless_gi/src/frame/fog.rs, which says what is computed.
 
 struct FogParams {
     view_from_clip: mat4x4f,
@@ -195,7 +195,7 @@ fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     );
 }
 
-// Twin: `read_voxels` of src/frame/volume_read.rs.
+// Twin: `read_voxels` of crates/meshless_gi/src/frame/volume_read.rs.
 fn arriving(asked: vec3f) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);

@@ -1,4 +1,4 @@
-// fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free space. Twin: src/frame/fog_voxels.rs, which says what is computed.
+// fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free space. Twin: crates/meshless_gi/src/frame/fog_voxels.rs, which says what is computed.
 
 struct FogVoxelsParams {
     world_from_voxels: mat4x4f,

@@ -1,4 +1,4 @@
-// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light alone. Twin: src/frame/gloss.rs. `gloss` fills the nodes of a level from the next coarser one,
+// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light alone. Twin: crates/meshless_gi/src/frame/gloss.rs. `gloss` fills the nodes of a level from the next coarser one,
 // `gloss_pixels` shows every pixel.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;

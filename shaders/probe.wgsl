@@ -1,4 +1,4 @@
-// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a node's light. Twin: src/frame/probe.rs. `params` has the probes' grid.
+// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a node's light. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -18,7 +18,7 @@
 @group(0) @binding(13) var<storage, read> lists: array<u32>;
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
-// Its twin: src/basis/probes.rs.
+// Its twin: crates/meshless_gi/src/basis/probes.rs.
 fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
     let r = distance(x, probe.position);
     if r >= probe.radius {

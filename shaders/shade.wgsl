@@ -1,4 +1,4 @@
-// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not get there. Twin: src/frame/shade.rs. `shade` starts a view;
+// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not get there. Twin: crates/meshless_gi/src/frame/shade.rs. `shade` starts a view;
 // `shade_over` goes on with another baked scene where an earlier one left pixels uncovered.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;

@@ -1,4 +1,4 @@
-// splat: the irradiance of each pixel from the flat display basis. Twin: src/frame/splat.rs. `splat` starts a view's picture; `splat_over` goes on with
+// splat: the irradiance of each pixel from the flat display basis. Twin: crates/meshless_gi/src/frame/splat.rs. `splat` starts a view's picture; `splat_over` goes on with
 // another baked scene where an earlier one left pixels uncovered. `nodes` does both for the subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;

@@ -1,4 +1,4 @@
-// vpl: the irradiance of each pixel from virtual point lights. Twin: src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave; `vpl_nodes`
+// vpl: the irradiance of each pixel from virtual point lights. Twin: crates/meshless_gi/src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave; `vpl_nodes`
 // adds to the subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;

@@ -21,7 +21,6 @@ fn package_has_what_it_needs_to_build_and_no_more() {
         "README.md",
         "docs/GUIDE.md",
         "src/lib.rs",
-        "src/bin/meshless_gi/main.rs",
         "shaders/volume.wgsl",
         "shaders/lib/layout.wgsl",
         "shaders/engine/irradiance_volume.wgsl",

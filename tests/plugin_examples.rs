@@ -4,24 +4,29 @@ use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// Builds an example as the tests are built, so that nothing is built twice, and returns its path.
+fn program(example: &str) -> PathBuf {
+    let built = Command::new(env!("CARGO"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["build", "--locked", "--workspace", "--example", example])
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&built.stderr);
+    assert!(built.status.success(), "{text}");
+    let test = std::env::current_exe().unwrap();
+    // The test lies in `target/debug/deps`.
+    let folder = test.ancestors().nth(2).unwrap().join("examples");
+    folder.join(format!("{example}{}", std::env::consts::EXE_SUFFIX))
+}
+
 /// Runs an example until it has drawn a picture, with these options.
 fn drawn(example: &str, options: &[&str]) -> RgbImage {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
     std::fs::create_dir_all(&folder).unwrap();
     let file: PathBuf = folder.join(format!("{example}.png"));
     let _ = std::fs::remove_file(&file);
-    // Built like the tests, so that nothing is built twice; what is there already is only run.
-    let run = Command::new(env!("CARGO"))
+    let run = Command::new(program(example))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args([
-            "run",
-            "--locked",
-            "--features",
-            "cli,engine",
-            "--example",
-            example,
-            "--",
-        ])
         .args(["--screenshot"])
         .arg(&file)
         .args(options)
@@ -114,18 +119,9 @@ fn exported_room_is_lit_by_its_volume() {
 
 #[test]
 fn what_an_example_does_not_know_is_said() {
-    let run = Command::new(env!("CARGO"))
+    let run = Command::new(program("visitor"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args([
-            "run",
-            "--locked",
-            "--features",
-            "cli,engine",
-            "--example",
-            "visitor",
-            "--",
-            "--nonsense",
-        ])
+        .arg("--nonsense")
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&run.stderr);

@@ -891,7 +891,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
     let kernels: BTreeSet<String> = KERNELS.iter().map(|k| k.name.to_owned()).collect();
     assert_eq!(kernels.len(), KERNELS.len());
     assert_eq!(stems("shaders", "wgsl"), kernels);
-    // The rest of src/frame/: types that the twins share, and what runs them.
+    // The rest of crates/meshless_gi/src/frame/: types that the twins share, and what runs them.
     let shared = [
         "mod",
         "layout",

@@ -1,7 +1,7 @@
 //! Any glTF level: bakes in the background while you already walk in it, then lights up.
 //!
 //! ```text
-//! cargo run --release --features engine --example level -- path/to/level.glb [draft|medium|high]
+//! cargo run --release --example level -- path/to/level.glb [draft|medium|high]
 //! ```
 //!
 //! A `.glb` or `.gltf` that is dropped on the window takes the level's place. A file without lights gets a lamp and a sun.

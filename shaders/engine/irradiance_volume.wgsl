@@ -1,6 +1,6 @@
-// The light of irradiance volumes at a surface: takes the place of Bevy's module of this name once a level has a volume of ours (src/plugin/volume_shader.rs). Twin: src/frame/volume_read.rs.
+// The light of irradiance volumes at a surface: takes the place of Bevy's module of this name once a level has a volume of ours (src/plugin/volume_shader.rs). Twin: crates/meshless_gi/src/frame/volume_read.rs.
 //
-// A texel of ours has a negative fourth number: how far it is from its voxel to a wall (src/frame/volume_ways.rs). Between voxels of which some have a wall nearer than the place, those are left out.
+// A texel of ours has a negative fourth number: how far it is from its voxel to a wall (crates/meshless_gi/src/frame/volume_ways.rs). Between voxels of which some have a wall nearer than the place, those are left out.
 // Where no wall is near, and in volumes that are not ours, light is what the sampler says, as it is with Bevy's module.
 //
 // Where the view has a display (src/plugin/forward_display.rs) and its pixel shows this surface, the display takes the place of our volumes.

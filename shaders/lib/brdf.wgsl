@@ -1,4 +1,4 @@
-// The specular part of Bevy's standard material, for lights that are disks. Twin: src/frame/brdf.rs. Needs lib/vpl for π.
+// The specular part of Bevy's standard material, for lights that are disks. Twin: crates/meshless_gi/src/frame/brdf.rs. Needs lib/vpl for π.
 
 const SMOOTHEST: f32 = 0.089;
 const SLANTED: f32 = 1e-4;

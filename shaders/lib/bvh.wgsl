@@ -1,4 +1,4 @@
-// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013. Twin: src/scene/bvh.rs. Needs `nodes`,
+// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013. Twin: crates/meshless_gi/src/scene/bvh.rs. Needs `nodes`,
 // `triangles` and `bvh_nodes()`, how many nodes there are.
 
 const STACK: u32 = 64u;

@@ -1,4 +1,4 @@
-// Light at a node. Twin: src/frame/subsplat.rs.
+// Light at a node. Twin: crates/meshless_gi/src/frame/subsplat.rs.
 
 const KNOWN: u32 = 1u;
 const COVERED: u32 = 2u;

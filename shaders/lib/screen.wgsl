@@ -1,4 +1,4 @@
-// The levels of a view's subsplats and what its pixels show. Twins: src/frame/subsplat.rs and src/frame/pyramid.rs. Needs `screen` (a SubsplatParams), `depths`,
+// The levels of a view's subsplats and what its pixels show. Twins: crates/meshless_gi/src/frame/subsplat.rs and crates/meshless_gi/src/frame/pyramid.rs. Needs `screen` (a SubsplatParams), `depths`,
 // `gbuffer`, and lib/gbuffer.
 
 fn level_grid(k: u32) -> vec2u {

@@ -1,4 +1,4 @@
-// Irradiance from virtual point lights, [N09] Eq. (2). Twin: src/frame/vpl.rs, which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`,
+// Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs, which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`,
 // `triangles`, and lib/bvh and lib/shadow. Places and normals in the space of the lights: the world's axes, the origin near by.
 
 const FRAC_1_PI: f32 = 0.318309886;

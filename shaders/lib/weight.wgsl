@@ -1,4 +1,4 @@
-// The weight function of the basis, [L08] Eqs. (8)-(10). Twin: src/basis/kernel.rs. Needs `planes`.
+// The weight function of the basis, [L08] Eqs. (8)-(10). Twin: crates/meshless_gi/src/basis/kernel.rs. Needs `planes`.
 
 const F_SQUASH: f32 = 2.0;
 const NO_COVER: f32 = 1e-6;

@@ -1,4 +1,4 @@
-//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
+//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `crates/meshless_gi/src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
 //! table with what the shaders declare.
 
 use super::Pass;

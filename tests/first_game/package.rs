@@ -81,23 +81,24 @@ fn section<'a>(manifest: &'a str, heading: &str) -> &'a str {
     &rest[..rest.find("\n[").unwrap_or(rest.len())]
 }
 
-/// The manifest of the package. Dependencies of the tests are named too, so that every package has
-/// the features with which the tests were built.
+/// The manifest of the package. All dependencies of the workspace are named too, so that every package
+/// has the features with which the tests were built.
 fn manifest(root: &Path) -> String {
     let own = include_str!("../../Cargo.toml");
-    let shared = section(own, "\n[dev-dependencies]");
-    let half = section(own, "\n[dependencies]")
+    let shared: String = section(own, "\n[workspace.dependencies]")
         .lines()
-        .find(|line| line.starts_with("half ="))
-        .expect("the package depends on half");
+        .map(|line| line.replace("path = \"", &format!("path = \"{}/", root.display())) + "\n")
+        .collect();
+    let engine = section(own, "\n[dev-dependencies.bevy]");
     let profiles = own.find("\n[profile.").map_or("", |at| &own[at..]);
     let dev = section(own, "\n[profile.dev]");
+    let members = ["bevy_meshless_gi", "meshless_gi", "meshless_gi_lab"];
+    let members = members.map(|name| format!("[profile.dev.package.{name}]{dev}\n"));
     format!(
         "[package]\nname = \"meshless_gi_first_game\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
          publish = false\n\n[workspace]\n\n[dependencies]\n\
-         bevy = {{ version = \"0.19\", default-features = false }}\n\
-         bevy_meshless_gi = {{ path = {root:?}, features = [\"cli\", \"engine\"] }}\n\
-         image = {{ version = \"0.25\", default-features = false, features = [\"png\", \"jpeg\"] }}\n\
-         {half}\n{shared}\n{profiles}\n[profile.dev.package.bevy_meshless_gi]{dev}\n"
+         bevy_meshless_gi = {{ path = {root:?} }}\n{shared}\n[dependencies.bevy]{engine}\n\
+         {profiles}\n{}",
+        members.concat()
     )
 }

@@ -1,7 +1,7 @@
 //! How wrong is a bake, and where did its seconds go? Bakes scenes for which another program has computed the truth and prints a row of each.
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli --example accuracy -- medium tests/data/cornell tests/data/rooms_open
+//! cargo run --release -p meshless_gi_lab --example accuracy -- medium tests/data/cornell tests/data/rooms_open
 //! ```
 //!
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).

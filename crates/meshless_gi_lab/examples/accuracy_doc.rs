@@ -1,7 +1,7 @@
 //! Writes docs/ACCURACY.md and its charts: a report on each of several levels, and what holds on all of them.
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb
+//! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb
 //! ```
 //!
 //! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's irradiance at places); the report compares presets with that too.
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut folder = PathBuf::from("docs");
     let mut levels = Vec::new();
     let mut command =
-        "cargo run --release --no-default-features --features cli --example accuracy_doc --"
+        "cargo run --release -p meshless_gi_lab --example accuracy_doc --"
             .to_string();
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {

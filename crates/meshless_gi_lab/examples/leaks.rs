@@ -2,7 +2,7 @@
 //! stop at walls and without, and prints a row of each.
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli --example leaks -- draft
+//! cargo run --release -p meshless_gi_lab --example leaks -- draft
 //! ```
 
 use meshless_gi_lab::fixtures::leaks as leak_support;

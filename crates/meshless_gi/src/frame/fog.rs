@@ -17,7 +17,7 @@ use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 pub const MOST_EARLIER: usize = 4;
 /// Where so little of the light behind is left, the rest of the ray is not looked at.
 pub const DARK: f32 = 1e-3;
-/// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one (`cargo test --no-default-features --features cli --test fog parts -- --nocapture`).
+/// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
 pub const PART: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;

@@ -2,7 +2,7 @@
 //! reference integrator. Writes the document, its charts and pictures:
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli --example pca -- -o docs [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
+//! cargo run --release -p meshless_gi_lab --example pca -- -o docs [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
 //! ```
 //!
 //! makes `docs/PCA.md` and `docs/pca/`, or one part of three anew and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both

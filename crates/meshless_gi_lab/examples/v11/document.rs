@@ -92,7 +92,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
         "# Bases for light: [V11]'s experiment, with its table\n\n\
-         Made by `cargo run --release --no-default-features --features cli --example v11 -- -o docs --short`; without `--short` it also writes the curves of\n\
+         Made by `cargo run --release -p meshless_gi_lab --example v11 -- -o docs --short`; without `--short` it also writes the curves of\n\
          every basis at every density. Do not edit.\n\n\
          ## What was found\n\n\
          With the same samples at the same points, **the plugin's basis has the least root mean square error in {won} of {} comparisons** with the bases that\n\
@@ -314,7 +314,7 @@ fn solution(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
         out,
         "## The solution that all is compared with\n\n\
          [V11] §VIII: a sphere of {} m with its centre {} m over a disk of {} m, both with reflectance {}, under light of {} W/m² from straight above. B(ζ) and D(u)\n\
-         solve two coupled integral equations (`src/accuracy/sphere_over_disk.rs`), here with {} cells on each and the integral over the azimuth in closed form; the\n\
+         solve two coupled integral equations (`crates/meshless_gi_lab/src/accuracy/sphere_over_disk.rs`), here with {} cells on each and the integral over the azimuth in closed form; the\n\
          iteration stands after {} steps. `tests/sphere_over_disk.rs` compares it with Monte Carlo at ten places, within noise, and shows that other constants\n\
          are noticed. The paper's form factor reads without its 1/π, and μ = 0.9 is inferred from the axes of its Figure 10: see the file's head.\n\n\
          Largest error of reflected light, in per cent of its largest value. [V11]'s own sums with n = 100 put a cell's middle on the shadow's edge:\n\n\
@@ -365,7 +365,7 @@ fn measured(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
          the site distance to the tenth nearest point. The paper's text says that the distance is divided by α (§VI), σ = α, and that functions are nearly zero at α (§V), σ = α/4; which it used we cannot tell. Both\n\
          use the normal-sensitive distance |p − q| / cos ([V11] Eq. (15)), which is no metric, so that the Gaussian systems need not be positive. Where one is\n\
          singular as far as rounding tells, a ridge is added to its diagonal of ones: {ridge}. *Lehtinen* ([L08] Eqs. (1)-(10)): the\n\
-         project's own levels, the finest with radius 2.5 spacings. *Ours*: the flat display basis (`src/basis/flat.rs`, `src/frame/splat.rs`) with a vector irradiance at each\n\
+         project's own levels, the finest with radius 2.5 spacings. *Ours*: the flat display basis (`crates/meshless_gi/src/basis/flat.rs`, `crates/meshless_gi/src/frame/splat.rs`) with a vector irradiance at each\n\
          point, as the plugin shows it; *scalars* without vectors; *second pass*: see above.\n\n\
          *Iterated in the basis* ([V11] §VII): λ ← ε + Rλ, with the direct light in the basis and R's integrals taken by quadrature instead of [V11]'s point lights. Ours\n\
          iterates with scalars, as the plugin's senders do.\n"

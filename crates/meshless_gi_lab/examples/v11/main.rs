@@ -2,7 +2,7 @@
 //! paper lacks, its curves B(ζ) and D(u) as charts, and pictures, and puts them into a document:
 //!
 //! ```text
-//! cargo run --release --no-default-features --features cli --example v11 -- -o DIR
+//! cargo run --release -p meshless_gi_lab --example v11 -- -o DIR
 //! ```
 //!
 //! makes `DIR/V11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every density in `DIR/v11/all/`. With `--short`, as for `docs/`, without
