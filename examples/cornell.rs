@@ -1,4 +1,4 @@
-//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball rolls through it, which no bake knows: it colours the floor and the blocks beside it.
+//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball rolls through it, which no bake knows: it colors the floor and the blocks beside it.
 //!
 //! ```text
 //! cargo run --release --example cornell
@@ -81,7 +81,7 @@ struct Ball;
 #[derive(Resource)]
 struct Soft(bool);
 
-/// Edges of the panel, metres.
+/// Edges of the panel, meters.
 const PANEL: Vec2 = Vec2::new(0.6, 0.4);
 
 fn setup(
@@ -145,7 +145,7 @@ fn setup(
     ));
 }
 
-/// Radius of the ball, metres.
+/// Radius of the ball, meters.
 const BALL: f32 = 0.18;
 
 /// Ends of the ball's way on the floor: along the front of the small block, which it passes 4 cm away from.

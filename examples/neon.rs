@@ -1,4 +1,4 @@
-//! A street at night whose signs blink, chase and change their colour: but for a faint sky they are all the light that there is, and what they shed on the street and the walls follows in
+//! A street at night whose signs blink, chase and change their color: but for a faint sky they are all the light that there is, and what they shed on the street and the walls follows in
 //! the frame in which they change. Bevy itself shows a glowing surface and lets it light nothing.
 //!
 //! ```text
@@ -60,8 +60,8 @@ struct Lit(bool);
 struct Sign {
     name: &'static str,
     /// Radiance where it is fully on, as Bevy's `emissive` has it.
-    colour: Vec3,
-    /// Corners, metres.
+    color: Vec3,
+    /// Corners, meters.
     boxes: &'static [([f32; 3], [f32; 3])],
 }
 
@@ -69,27 +69,27 @@ struct Sign {
 const SIGNS: [Sign; 7] = [
     Sign {
         name: "blade",
-        colour: Vec3::new(3.2, 0.12, 1.5),
+        color: Vec3::new(3.2, 0.12, 1.5),
         boxes: &[([-2.75, 1.6, -3.6], [-1.75, 4.4, -3.4])],
     },
     Sign {
         name: "first bar",
-        colour: Vec3::new(0.08, 2.4, 2.0),
+        color: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 2.3, -2.2], [2.8, 2.65, -2.0])],
     },
     Sign {
         name: "second bar",
-        colour: Vec3::new(0.08, 2.4, 2.0),
+        color: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 2.85, -2.2], [2.8, 3.2, -2.0])],
     },
     Sign {
         name: "third bar",
-        colour: Vec3::new(0.08, 2.4, 2.0),
+        color: Vec3::new(0.08, 2.4, 2.0),
         boxes: &[([1.9, 3.4, -2.2], [2.8, 3.75, -2.0])],
     },
     Sign {
         name: "frame",
-        colour: Vec3::new(2.8, 1.4, 0.08),
+        color: Vec3::new(2.8, 1.4, 0.08),
         boxes: &[
             ([-2.8, 2.6, -8.8], [-2.68, 2.9, -5.8]),
             ([-2.8, 4.1, -8.8], [-2.68, 4.4, -5.8]),
@@ -99,12 +99,12 @@ const SIGNS: [Sign; 7] = [
     },
     Sign {
         name: "strip",
-        colour: Vec3::new(0.2, 0.5, 4.0),
+        color: Vec3::new(0.2, 0.5, 4.0),
         boxes: &[([2.66, 2.5, -9.8], [2.8, 3.3, -6.0])],
     },
     Sign {
         name: "gate",
-        colour: Vec3::new(3.2, 0.25, 0.08),
+        color: Vec3::new(3.2, 0.25, 0.08),
         boxes: &[
             ([-1.3, 0.1, -12.9], [-1.0, 3.0, -12.75]),
             ([1.0, 0.1, -12.9], [1.3, 3.0, -12.75]),
@@ -113,10 +113,10 @@ const SIGNS: [Sign; 7] = [
     },
 ];
 
-/// What part of its strength a sign has at a time, for each colour.
+/// What part of its strength a sign has at a time, for each color.
 fn strength(sign: usize, t: f32) -> Vec3 {
     match sign {
-        // Round the colours, from its own on.
+        // Round the colors, from its own on.
         0 => {
             let hue = |shift: f32| 0.5 + 0.5 * (0.8 * t + shift).cos();
             Vec3::new(
@@ -176,7 +176,7 @@ fn street() -> Vec<Quad> {
     for sign in &SIGNS {
         let material = Material {
             name: sign.name.into(),
-            ..Material::emissive(Vec3::splat(0.05), sign.colour)
+            ..Material::emissive(Vec3::splat(0.05), sign.color)
         };
         for (low, high) in sign.boxes {
             solid(*low, *high, &material);
@@ -228,7 +228,7 @@ fn glow(
             continue;
         };
         let on = if lit.0 { 1.0 } else { 0.0 };
-        let [r, g, b] = (on * SIGNS[k].colour * strength(k, clock.now)).to_array();
+        let [r, g, b] = (on * SIGNS[k].color * strength(k, clock.now)).to_array();
         let now = LinearRgba::rgb(r, g, b);
         // A sign that did not change must not look changed.
         if materials.get(handle).is_some_and(|m| m.emissive != now)

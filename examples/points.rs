@@ -38,9 +38,9 @@ use meshless_gi::scene::{
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Points of the statue are no nearer to each other than this, metres.
+/// Points of the statue are no nearer to each other than this, meters.
 const SPACING: f32 = 0.012;
-/// What a scan is scaled into, metres.
+/// What a scan is scaled into, meters.
 const ROOM_FOR: Vec3 = Vec3::new(1.2, 1.5, 1.2);
 
 fn main() -> ExitCode {

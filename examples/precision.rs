@@ -305,7 +305,7 @@ fn solve(
 ) -> Result<String, Box<dyn Error>> {
     let links = scene.operator.links.len();
     let rows = &scene.operator.rows;
-    let grey: Vec<f32> = senders.iter().map(|f| f[0]).collect();
+    let gray: Vec<f32> = senders.iter().map(|f| f[0]).collect();
     let all = &scene.operator.links;
     let [three, one] = fastest([
         &mut || {
@@ -321,7 +321,7 @@ fn solve(
     ]);
     let three_channels = Applied::new(harness, scene, &kernel("apply")?, senders, 48);
     let one_channel = Applied::new(harness, scene, &kernel("apply_one")?, senders, 48);
-    let alone = Applied::new(harness, scene, &alone()?, &grey, 16);
+    let alone = Applied::new(harness, scene, &alone()?, &gray, 16);
     let [device_three, device_one, device_alone] = fastest([
         &mut || three_channels.run(),
         &mut || one_channel.run(),

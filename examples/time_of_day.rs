@@ -59,7 +59,7 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// From the middle of the court to its edge, where columns stand, and to the walls behind the arcades, metres.
+/// From the middle of the court to its edge, where columns stand, and to the walls behind the arcades, meters.
 const COURT: f32 = 5.0;
 const WALLS: f32 = 8.0;
 /// The arcades' ceiling, and the top of the storey above it.

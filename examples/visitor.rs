@@ -1,5 +1,5 @@
 //! A visitor walks through a door, which shuts: the room behind it, which had its light through the door alone, goes dark. The bake knows the door; of the visitor it
-//! knows nothing, and yet light in free space falls on it, and its coat colours the floor.
+//! knows nothing, and yet light in free space falls on it, and its coat colors the floor.
 //!
 //! ```text
 //! cargo run --release --example visitor
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// Corners of both rooms together, metres.
+/// Corners of both rooms together, meters.
 const ROOMS: (Vec3, Vec3) = (Vec3::new(-4.0, 0.0, -3.0), Vec3::new(4.0, 2.7, 0.0));
 /// Half of the thickness of the wall between them, at x = 0.
 const WALL: f32 = 0.1;
@@ -197,7 +197,7 @@ fn set_up(
 /// Seconds until all begins again.
 const ROUND: f32 = 17.0;
 
-/// Where the visitor is on its way through the door, to the left and back, metres; and how far it has turned round, radians.
+/// Where the visitor is on its way through the door, to the left and back, meters; and how far it has turned round, radians.
 fn way(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);

@@ -51,6 +51,6 @@ fn composite(@builtin(position) position: vec4f) -> @location(0) vec4f {
     if e.a == 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);
     }
-    let colour = mix(gbuffer_occlusion(texel) * gbuffer_diffuse(texel), vec3f(1.0), params.white);
-    return vec4f(params.scale * FRAC_1_PI * colour * e.rgb, 0.0);
+    let color = mix(gbuffer_occlusion(texel) * gbuffer_diffuse(texel), vec3f(1.0), params.white);
+    return vec4f(params.scale * FRAC_1_PI * color * e.rgb, 0.0);
 }

@@ -6,7 +6,7 @@ struct FogParams {
     voxels_from_view: mat4x4f,
     earlier: array<mat4x4f, 4>,
     viewport: vec4f,
-    colour: vec3f,
+    color: vec3f,
     extinction: f32,
     offset: vec3f,
     density: f32,
@@ -99,7 +99,7 @@ fn light_of(pixel: vec2f, seen: f32) -> vec3f {
         }
         left *= out.left;
     }
-    return sum * params.colour;
+    return sum * params.color;
 }
 
 // What a part of a ray of this density sends of light, and what it leaves of that behind.
@@ -183,8 +183,8 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
 // From where to where a ray is inside of a box of another space; the second is the smaller one where it is not.
 fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     let o = (space * vec4f(ray.origin, 1.0)).xyz;
-    let towards = (space * vec4f(ray.direction, 0.0)).xyz;
-    let d = select(towards, vec3f(PARALLEL), abs(towards) < vec3f(PARALLEL));
+    let toward = (space * vec4f(ray.direction, 0.0)).xyz;
+    let d = select(toward, vec3f(PARALLEL), abs(toward) < vec3f(PARALLEL));
     let a = (low - o) / d;
     let b = (high - o) / d;
     let enters = min(a, b);

@@ -48,8 +48,8 @@ fn fog_voxels(@builtin(global_invocation_id) voxel: vec3u) {
         return;
     }
     let middle = (params.world_from_voxels * vec4f(vec3f(voxel) + 0.5, 1.0)).xyz;
-    let towards = middle * params.eye.w - params.eye.xyz;
-    let d = towards / max(length(towards), NEAREST);
+    let toward = middle * params.eye.w - params.eye.xyz;
+    let d = toward / max(length(toward), NEAREST);
     let g = params.asymmetry;
     let even = vec3f(1.0 / 6.0) + 2.0 * g * g * (d * d - 1.0 / 3.0);
     var sum = vec3f(0.0);

@@ -338,6 +338,6 @@ fn gloss_pixels(@builtin(global_invocation_id) id: vec3u) {
         light = unpack_shine(pack_shine(whole(pixel, here)));
     }
     let straight = gbuffer_straight(here.texel);
-    let colour = here.shown * reflected_again(gbuffer_roughness(here.texel), straight) * shine_of(light, straight);
-    textureStore(output, pixel, vec4f(min(colour, vec3f(LARGEST_HALF)), 1.0));
+    let color = here.shown * reflected_again(gbuffer_roughness(here.texel), straight) * shine_of(light, straight);
+    textureStore(output, pixel, vec4f(min(color, vec3f(LARGEST_HALF)), 1.0));
 }

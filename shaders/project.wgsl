@@ -1,4 +1,4 @@
-// project: the scalar irradiance of each sender from one light of colour one, shadows included: the mean over its places. Twin: crates/meshless_gi/src/frame/project.rs.
+// project: the scalar irradiance of each sender from one light of color one, shadows included: the mean over its places. Twin: crates/meshless_gi/src/frame/project.rs.
 // A row of workgroups a light that changed.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;

@@ -23,7 +23,7 @@ fn beside(pixel: vec2u, by: vec2i) -> vec2u {
     return vec2u(clamp(vec2i(pixel) + by, vec2i(0), vec2i(screen.size) - 1));
 }
 
-// How far the pixel is from the plane through two neighbours, in parts of its depth's reach.
+// How far the pixel is from the plane through two neighbors, in parts of its depth's reach.
 fn off_plane(pixel: vec2u, z: f32, d: f32, by: vec2i) -> f32 {
     let a = beside(pixel, -by);
     let b = beside(pixel, by);

@@ -18,7 +18,7 @@ const FARTHEST: f32 = 1e8;
 const LEAST_COSINE: f32 = 0.1;
 const NEAREST_SQUARE: f32 = 1e-4;
 const TINY: f32 = 1.17549435e-38;
-// Squared radius of an even disk over its mean squared distance from the centre.
+// Squared radius of an even disk over its mean squared distance from the center.
 const DISK: f32 = 2.0;
 
 fn bvh_nodes() -> u32 {

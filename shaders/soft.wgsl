@@ -30,7 +30,7 @@ var<private> axis_y: vec3f;
 var<private> axis_z: vec3f;
 var<private> first_word: u32;
 var<private> words: u32;
-// s of e = d² / (d² + s²), metres.
+// s of e = d² / (d² + s²), meters.
 var<private> near: f32;
 var<private> decoded: array<f32, 132>;
 
@@ -215,7 +215,7 @@ fn sees(direction: vec3f, distance: f32, normal: vec3f) -> f32 {
     return seen;
 }
 
-// What is missing of e, the irradiance without shadows from the light with colour one.
+// What is missing of e, the irradiance without shadows from the light with color one.
 fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     if e <= 0.0 {
         return vec3f(0.0);
@@ -263,10 +263,10 @@ fn soft(
         let e = unshadowed(lights[l], x, n, params.extent);
         let d = deficit(lights[l], x, n, e);
         // In the fourth floats: what would arrive without shadows.
-        let colour = lights[l].color;
-        out.x += vec4f(d.x * colour, e * colour.r);
-        out.y += vec4f(d.y * colour, e * colour.g);
-        out.z += vec4f(d.z * colour, e * colour.b);
+        let color = lights[l].color;
+        out.x += vec4f(d.x * color, e * color.r);
+        out.y += vec4f(d.y * color, e * color.g);
+        out.z += vec4f(d.z * color, e * color.b);
     }
     deficits[i] = out;
 }

@@ -167,7 +167,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
                 tints[0], tints[1]
             );
             assert!(floor.len() > 5 && tints[0] > 1.2 * tints[1]);
-            // And the walls of triangles colour the points of the ball: red on one side, green on the other.
+            // And the walls of triangles color the points of the ball: red on one side, green on the other.
             let side = |left: bool| {
                 let center = Vec3::new(0.1, 0.6, 0.1);
                 let facing = |(x, n): &&(Vec3, Vec3)| {

@@ -42,7 +42,7 @@ fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
     );
 
     // Baked again, and reloaded, as a file watcher would have it.
-    let again = room.recoloured(|c| 0.5 * c).bake(3);
+    let again = room.recolored(|c| 0.5 * c).bake(3);
     std::fs::write(&file, again.to_bytes().unwrap()).unwrap();
     app.world().resource::<AssetServer>().reload("room.mgi");
     let second = until(&mut app, "reloading", |app| {
@@ -136,7 +136,7 @@ fn level(room: &Room) -> TriangleMesh {
         ];
         triangles.extend([[a, b, c], [a, c, d]]);
     }
-    let materials = room.0.iter().map(|q| Material::diffuse(q.colour)).collect();
+    let materials = room.0.iter().map(|q| Material::diffuse(q.color)).collect();
     let of = (0..triangles.len() as u32).map(|i| i / 2).collect();
     TriangleMesh::new(triangles, of, materials)
 }
@@ -161,7 +161,7 @@ fn asset_points(app: &App, handle: &Handle<MeshlessGiAsset>) -> u64 {
 }
 
 #[test]
-fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_cancelled() {
+fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
     app.init_resource::<Ends>();

@@ -157,7 +157,7 @@ fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
         corner,
         u,
         v,
-        colour: Vec3::splat(0.6),
+        color: Vec3::splat(0.6),
     };
     room.0.extend([
         quad(corner, deep, high),

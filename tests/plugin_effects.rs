@@ -54,11 +54,11 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
             scene.name, found.buffers, found.bytes
         );
         assert_eq!(ran, wanted, "{}:\n{}", scene.name, found.plan);
-        // One channel where all is grey, and only there.
+        // One channel where all is gray, and only there.
         let one = |c: &PickedChannels| matches!(c.channels, Channels::One(_));
         let channels = &found.plan.channels;
         assert_eq!(channels.len(), 1);
-        assert_eq!(one(&channels[0].1), scene.grey, "{}", found.plan);
+        assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);
         seen.push(found);
     }
     // A lamp at rest: no more on the device whether or not anything changes; what moves costs no buffer, and a bake that could do more only what is shown of it.

@@ -558,7 +558,7 @@ fn equal_scenes_have_equal_bakes_in_whatever_order_they_were_spawned() {
     let room = Room::cornell();
     let mut reversed = room.clone();
     reversed.0.reverse();
-    let [a, b, c] = [room.clone(), reversed, room.recoloured(|c| 0.9 * c)].map(|room| {
+    let [a, b, c] = [room.clone(), reversed, room.recolored(|c| 0.9 * c)].map(|room| {
         let root = room_root(&mut app, &room);
         bake(&mut app, root, quick()).1
     });

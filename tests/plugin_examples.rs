@@ -57,8 +57,8 @@ fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
 fn runs(example: &str, at: &str) {
     let picture = drawn(example, &["--at", at, "--press", "P", "--frames", "20"]);
     assert_eq!(picture.dimensions(), (960, 540));
-    // Lit: neither black nor of a few colours.
-    let colours: std::collections::HashSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
+    // Lit: neither black nor of a few colors.
+    let colors: std::collections::HashSet<[u8; 3]> = picture.pixels().map(|p| p.0).collect();
     let mean = picture
         .pixels()
         .map(|p| p.0.map(f64::from))
@@ -67,10 +67,10 @@ fn runs(example: &str, at: &str) {
     // The table stands at the bottom on the left.
     let table = letters(&picture, [0.0, 0.75], [0.4, 1.0]);
     println!(
-        "{example}: mean {mean:.1} of 255, {} colours, letters {table:.3}",
-        colours.len()
+        "{example}: mean {mean:.1} of 255, {} colors, letters {table:.3}",
+        colors.len()
     );
-    assert!(mean > 8.0 && colours.len() > 2000, "{example}: {mean}");
+    assert!(mean > 8.0 && colors.len() > 2000, "{example}: {mean}");
     assert!(table > 0.015, "{example}: {table}");
 }
 

@@ -29,7 +29,7 @@ use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
 const STEPS: u32 = 48;
-/// Edge of the voxels, metres.
+/// Edge of the voxels, meters.
 const VOXEL: f32 = 0.15;
 /// Texels of a density along each edge.
 const EDGE: u32 = 4;
@@ -204,7 +204,7 @@ impl Shown {
         let rgb = |c: Color| Vec3::from_array(c.to_linear().to_f32_array_no_alpha());
         let volume = Fog {
             world_from_local: (self.placed * fog_place()).to_matrix(),
-            colour: rgb(of.fog_color) * rgb(of.light_tint) * of.light_intensity,
+            color: rgb(of.fog_color) * rgb(of.light_tint) * of.light_intensity,
             density: of.density_factor,
             absorption: of.absorption,
             scattering: of.scattering,

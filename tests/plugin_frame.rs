@@ -250,21 +250,21 @@ fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
     );
     assert!(moved.dispatches_of(Stage::Apply) > 0);
 
-    // A colour projects nothing; a light that is hidden goes dark, and comes back without being projected.
+    // A color projects nothing; a light that is hidden goes dark, and comes back without being projected.
     app.world_mut()
         .get_mut::<PointLight>(lamps[0])
         .unwrap()
         .color = Color::srgb(1.0, 0.2, 0.2);
     run(&mut app, 1);
-    let coloured = counters(&app);
+    let colored = counters(&app);
     assert_eq!(
         (
-            coloured.projected_slots,
-            coloured.dispatches_of(Stage::Apply) > 0
+            colored.projected_slots,
+            colored.dispatches_of(Stage::Apply) > 0
         ),
         (0, true),
         "{}",
-        coloured.plan
+        colored.plan
     );
     for visibility in [Visibility::Hidden, Visibility::Inherited] {
         app.world_mut().entity_mut(lamps[1]).insert(visibility);
@@ -403,7 +403,7 @@ fn a_new_bake_replaces_the_old_one_in_the_next_frame() {
     let old = picture(&mut app, &image);
 
     // The same room with walls that reflect less, under the same handle: the surfaces on the screen stay.
-    let darker = room.recoloured(|c| 0.5 * c).bake(2);
+    let darker = room.recolored(|c| 0.5 * c).bake(2);
     let handle = app.world().get::<MeshlessGi>(root).unwrap().0.clone();
     let asset = MeshlessGiAsset {
         scene: darker.clone(),
@@ -839,7 +839,7 @@ fn every_kind_of_light_arrives_and_may_opt_out() {
         .view = MeshlessGiView::Irradiance;
     run(&mut app, 1);
     let white = cpu_indirect(
-        &room.recoloured(|_| Vec3::ONE),
+        &room.recolored(|_| Vec3::ONE),
         &bake,
         Transform::IDENTITY,
         view(),

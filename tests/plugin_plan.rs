@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
 use bevy_meshless_gi::plan::{
-    Census, Colours, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
+    Census, Colors, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
     Work, bounces_at,
 };
 use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
@@ -61,15 +61,15 @@ fn the_inventory_follows_what_the_world_has() {
     assert!(found.at_rest(), "{found}");
     assert_eq!((found.bakes, found.cameras.deferred), (1, 1));
     assert_eq!((found.skies, found.normal_maps), (Skies::None, 0));
-    assert_eq!(found.colours, Colours::Surfaces);
+    assert_eq!(found.colors, Colors::Surfaces);
 
-    // One moves, one changes its colour; each for one frame.
+    // One moves, one changes its color; each for one frame.
     move_to(&mut app, lamp, PLACE + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
     run(&mut app, 1);
     let points = inventory(&app).lights_of(LightSort::Point);
-    assert_eq!((points.moved, points.recoloured), (1, 1));
+    assert_eq!((points.moved, points.recolored), (1, 1));
     run(&mut app, 1);
     assert!(inventory(&app).at_rest());
 
@@ -309,13 +309,13 @@ fn reflections_are_as_many_as_surfaces_call_for() {
     assert!(left < LEFT && lost > 5.0 * LEFT, "{left} {lost}");
 }
 
-/// The room in grey under a lamp of one colour, and what the CPU makes of it in three channels.
+/// The room in gray under a lamp of one color, and what the CPU makes of it in three channels.
 #[test]
-fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
-    let grey = Room::cornell().recoloured(|c| Vec3::splat(c.max_element()));
-    let bake = grey.bake(1);
+fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
+    let gray = Room::cornell().recolored(|c| Vec3::splat(c.max_element()));
+    let bake = gray.bake(1);
     let mut app = app();
-    let root = spawn_baked(&mut app, &grey, &bake, Transform::IDENTITY);
+    let root = spawn_baked(&mut app, &gray, &bake, Transform::IDENTITY);
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
     let lamp = spawn_lamp(&mut app, PLACE);
@@ -323,16 +323,16 @@ fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
         let mut light = app.world_mut().get_mut::<PointLight>(lamp).unwrap();
         light.color = Color::linear_rgb(r, g, b);
     };
-    let right = |colours: &[(Vec3, [f32; 3])]| {
-        let lights: Vec<Light> = (colours.iter())
-            .map(|(position, colour)| Light::Point {
+    let right = |colors: &[(Vec3, [f32; 3])]| {
+        let lights: Vec<Light> = (colors.iter())
+            .map(|(position, color)| Light::Point {
                 position: *position,
-                intensity: CANDELA * Vec3::from(*colour),
+                intensity: CANDELA * Vec3::from(*color),
                 range: 20.0,
             })
             .collect();
         let root = Transform::IDENTITY;
-        cpu_indirect(&grey, &bake, root, view(), &lights, &settings())
+        cpu_indirect(&gray, &bake, root, view(), &lights, &settings())
     };
     let channels = |app: &App| {
         let plan = plan(app);
@@ -353,7 +353,7 @@ fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
     assert!(matches!(cost(&first, Stage::Apply).work, Work::OneChannel(n) if n > 1000));
     let warm = right(&[(PLACE, WARM)]);
     assert_alike("one_channel", &warm, &picture(&mut app, &image));
-    // Another colour for all: still one, in its own frame.
+    // Another color for all: still one, in its own frame.
     paint(&mut app, BLUE);
     run(&mut app, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
@@ -361,7 +361,7 @@ fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
     assert!(flip(&warm, &blue) > MOST);
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
-    // A second lamp in another colour: three, at once.
+    // A second lamp in another color: three, at once.
     let place = PLACE + 0.6 * Vec3::X;
     let second = spawn_lamp(&mut app, place);
     run(&mut app, 1);
@@ -370,7 +370,7 @@ fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
     assert!(work(&app) > 0);
     let both = right(&[(PLACE, BLUE), (place, [1.0; 3])]);
     assert!(flip(&blue, &both) > MOST);
-    assert_alike("two_colours", &both, &picture(&mut app, &image));
+    assert_alike("two_colors", &both, &picture(&mut app, &image));
 
     // It goes: one channel again after a while, and nothing is solved for that.
     app.world_mut().despawn(second);
@@ -401,9 +401,9 @@ fn grey_rooms_take_one_channel_until_a_light_has_another_colour() {
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert!(channels(&app).forced && work(&app) > 0);
     let found = picture(&mut app, &image);
-    let coloured = |p: &[f32; 3]| (p[0] - p[2]).abs() > 0.02 * p[1];
+    let colored = |p: &[f32; 3]| (p[0] - p[2]).abs() > 0.02 * p[1];
     assert!(
-        !found.pixels.iter().any(coloured),
+        !found.pixels.iter().any(colored),
         "green decides, and light is white"
     );
     ask(&mut app, MeshlessGiChannels::Auto);

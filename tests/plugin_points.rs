@@ -29,7 +29,7 @@ fn room_mesh() -> TriangleMesh {
                 q.corner + q.u + q.v,
                 q.corner + q.v,
             ],
-            material: Material::diffuse(q.colour),
+            material: Material::diffuse(q.color),
         })
         .collect();
     mesh_of_quads(&quads)

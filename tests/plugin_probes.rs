@@ -44,7 +44,7 @@ fn with_panel() -> Room {
         corner: Vec3::new(-0.75, 1.0, 0.4),
         u: turn * Vec3::new(0.6, 0.0, 0.0),
         v: turn * Vec3::new(0.0, 0.6, 0.0),
-        colour: Vec3::splat(0.7),
+        color: Vec3::splat(0.7),
     });
     room
 }
@@ -236,7 +236,7 @@ fn particles_are_lit_each_by_where_it_is() {
             corner: Vec3::new(1.5 * at(0.618), 1.0 + 1.4 * at(0.755), 0.3 + at(0.57)),
             u: Vec3::X * 0.09,
             v: Vec3::Y * 0.09,
-            colour: Vec3::splat(0.7),
+            color: Vec3::splat(0.7),
         });
     }
     let (mut app, image, ..) = stage_of(&room, &bake, MeshlessGiDisplay::Full);

@@ -316,7 +316,7 @@ fn process_assets_before_and_after_a_game_bakes_once() {
 
         // A level that changes is baked once more, whoever comes first.
         let level = root.path().join("assets/levels/room.glb");
-        let darker = Room::cornell().recoloured(|c| 0.5 * c);
+        let darker = Room::cornell().recolored(|c| 0.5 * c);
         std::fs::write(&level, textured_glb(&darker, "wall.png")).unwrap();
         let second = ["game", "step"][usize::from(first == "game")];
         let text = process(second, root.path());
@@ -476,7 +476,7 @@ fn process_assets_changed_input_is_baked_again() {
 
     // Nothing changed: nothing is baked. The level changes: it is.
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 0);
-    std::fs::write(levels.join("room.glb"), glb(&room.recoloured(|c| 0.5 * c))).unwrap();
+    std::fs::write(levels.join("room.glb"), glb(&room.recolored(|c| 0.5 * c))).unwrap();
     assert_eq!(process("step", root.path()).matches("LOG baked").count(), 1);
     assert_ne!(load(&output).info.fingerprint, first.info.fingerprint);
 

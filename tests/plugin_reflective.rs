@@ -22,7 +22,7 @@ use std::f32::consts::PI;
 fn spawn_ball(app: &mut App, ball: Ball) -> Entity {
     let mesh = Sphere::new(ball.radius).mesh().ico(20).unwrap();
     let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
-    let [r, g, b] = ball.colour.to_array();
+    let [r, g, b] = ball.color.to_array();
     let material = app
         .world_mut()
         .resource_mut::<Assets<StandardMaterial>>()
@@ -60,7 +60,7 @@ fn layers(app: &App, entity: Entity) -> Option<RenderLayers> {
 const RED: Ball = Ball {
     center: Vec3::new(-0.4, 0.3, 0.3),
     radius: 0.25,
-    colour: Vec3::new(0.8, 0.02, 0.02),
+    color: Vec3::new(0.8, 0.02, 0.02),
 };
 const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
 
@@ -401,7 +401,7 @@ fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
                 .translation
                 .y += 0.01;
         }),
-        ("recoloured", |app, _, _| {
+        ("recolored", |app, _, _| {
             let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
             let ids: Vec<_> = materials.ids().collect();
             for id in ids {
@@ -420,7 +420,7 @@ fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
                 .translation
                 .x += 0.01;
         }),
-        ("the lamp's colour", |app, _, lamp| {
+        ("the lamp's color", |app, _, lamp| {
             app.world_mut().get_mut::<PointLight>(lamp).unwrap().color = Color::WHITE.darker(0.1);
         }),
         ("more lights", |app, _, lamp| {

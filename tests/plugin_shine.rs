@@ -168,8 +168,8 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         let mut now = (*bake).clone();
         let surfaces = live_surfaces(&bake, &factors).unwrap();
         now.surfaces[..surfaces.len()].copy_from_slice(&surfaces);
-        let wall = room.0[LEFT].colour;
-        let seen = room.recoloured(|c| if c == wall { paint } else { c });
+        let wall = room.0[LEFT].color;
+        let seen = room.recolored(|c| if c == wall { paint } else { c });
         let right = cpu_indirect(
             &seen,
             &now,
@@ -191,9 +191,9 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
     // As many reflections as surfaces call for: more where a wall is painted white, and no fewer when it is dark again.
     let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
     let asked = std::mem::take(&mut lighting.bounces);
-    let reflections = |app: &mut App, grey: f32| {
+    let reflections = |app: &mut App, gray: f32| {
         let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
-        assets.get_mut(&left).unwrap().base_color = Color::linear_rgb(grey, grey, grey);
+        assets.get_mut(&left).unwrap().base_color = Color::linear_rgb(gray, gray, gray);
         run(app, 2);
         let [(_, picked)] = counters(app).plan.reflections[..] else {
             panic!("{}", counters(app).plan);
@@ -201,10 +201,10 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         println!("{picked}");
         picked.bounces
     };
-    let (grey, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
+    let (gray, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
     assert!(
-        bounces_at(bake.info.energy.gain) < white && grey <= white,
-        "{grey} {white}"
+        bounces_at(bake.info.energy.gain) < white && gray <= white,
+        "{gray} {white}"
     );
     assert_eq!(reflections(&mut app, 0.05), white);
     let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();

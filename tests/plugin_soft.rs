@@ -207,7 +207,7 @@ fn share(picture: &Picture, of: &Picture, which: impl Fn(usize) -> bool) -> f32 
     sum / whole
 }
 
-/// Pixels whose neighbours see as much of the lamp as `wanted` says.
+/// Pixels whose neighbors see as much of the lamp as `wanted` says.
 fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     let (w, h) = (WIDTH as i32, HEIGHT as i32);
     let at = |i: i32| {

@@ -56,7 +56,7 @@ fn with_panel() -> Room {
         corner: Vec3::new(-0.75, 1.0, 0.4),
         u: turn * Vec3::new(0.6, 0.0, 0.0),
         v: turn * Vec3::new(0.0, 0.6, 0.0),
-        colour: PANEL.into(),
+        color: PANEL.into(),
     });
     room
 }
@@ -198,7 +198,7 @@ fn both_kinds_of_cameras_show_the_same_light() {
     }
 }
 
-/// Edge of the volume's voxels in the rooms, metres: walls are two centimetres.
+/// Edge of the volume's voxels in the rooms, meters: walls are two centimeters.
 const VOXEL: f32 = 0.1;
 /// The largest NRMSE between the pictures of both cameras in the rooms.
 const OFF: f32 = 0.04;
@@ -207,7 +207,7 @@ const OFF: f32 = 0.04;
 fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
     for i in 0..mesh.len() {
         let corners = mesh.triangle(i).unwrap();
-        let colour = mesh.material(i).unwrap().base_color;
+        let color = mesh.material(i).unwrap().base_color;
         let [a, b, c] = corners;
         let normal = (b - a).cross(c - a).normalize().to_array();
         let triangle = Mesh::new(
@@ -221,14 +221,14 @@ fn spawn_triangles(app: &mut App, mesh: &TriangleMesh, root: Entity) {
         .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![normal; 3]);
         let world = app.world_mut();
         let triangle = world.resource_mut::<Assets<Mesh>>().add(triangle);
-        let material = rough(world, colour.truncate());
+        let material = rough(world, color.truncate());
         world.spawn((Mesh3d(triangle), material, ChildOf(root)));
     }
 }
 
-fn rough(world: &mut World, colour: Vec3) -> MeshMaterial3d<StandardMaterial> {
+fn rough(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
     let material = StandardMaterial {
-        base_color: Color::linear_rgb(colour.x, colour.y, colour.z),
+        base_color: Color::linear_rgb(color.x, color.y, color.z),
         perceptual_roughness: 1.0,
         reflectance: 0.0,
         double_sided: true,

@@ -336,7 +336,7 @@ fn texel(app: &mut App, rgba: [u8; 4], format: TextureFormat) -> Handle<Image> {
 }
 
 #[test]
-fn normal_maps_and_base_colour_textures_count() {
+fn normal_maps_and_base_color_textures_count() {
     let mut app = app();
     let (room, bake) = cornell();
     let (_, _, image) = room_and_camera(&mut app);
@@ -345,11 +345,11 @@ fn normal_maps_and_base_colour_textures_count() {
 
     let (bump, tint) = ([204, 128, 229, 255], [255, 128, 200, 255]);
     let normal_map = texel(&mut app, bump, TextureFormat::Rgba8Unorm);
-    let colour = texel(&mut app, tint, TextureFormat::Rgba8UnormSrgb);
+    let color = texel(&mut app, tint, TextureFormat::Rgba8UnormSrgb);
     let mut materials = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     for (_, material) in materials.iter_mut() {
         material.normal_map_texture = Some(normal_map.clone());
-        material.base_color_texture = Some(colour.clone());
+        material.base_color_texture = Some(color.clone());
     }
     let mut meshes = app.world_mut().resource_mut::<Assets<Mesh>>();
     for (_, mesh) in meshes.iter_mut() {

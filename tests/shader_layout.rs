@@ -200,7 +200,7 @@ fn layouts() -> Vec<Layout> {
             voxels_from_view,
             earlier,
             viewport,
-            colour,
+            color,
             extinction,
             offset,
             density,

@@ -11,7 +11,7 @@ use bevy_meshless_gi::prelude::*;
 pub struct Stage {
     /// The eye.
     pub look: Transform,
-    /// Where the lamp may be, metres; None where there is no [`Lamp`].
+    /// Where the lamp may be, meters; None where there is no [`Lamp`].
     pub reach: Option<(Vec3, Vec3)>,
     /// What the example's own keys do, in words.
     pub keys: &'static str,

@@ -20,8 +20,8 @@ pub struct Scene {
     pub name: &'static str,
     /// A lamp, and whether it moves.
     lamp: Option<bool>,
-    /// The lamp changes its colour.
-    colour: bool,
+    /// The lamp changes its color.
+    color: bool,
     /// The sky's radiance changes.
     sky: bool,
     /// The strength of what glows changes.
@@ -42,8 +42,8 @@ pub struct Scene {
     fog: bool,
     /// The bake knows light in free space and what its points see.
     rich: bool,
-    /// All surfaces are grey, and so is what glows.
-    pub grey: bool,
+    /// All surfaces are gray, and so is what glows.
+    pub gray: bool,
     /// The stages that run in every frame; no other does.
     pub runs: &'static [Stage],
 }
@@ -69,9 +69,9 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "one lamp that changes its colour",
+        name: "one lamp that changes its color",
         lamp: Some(false),
-        colour: true,
+        color: true,
         runs: &[PullPush, Apply, Flatten, Splat, Composite],
         ..NONE
     },
@@ -82,9 +82,9 @@ pub const SCENES: [Scene; 13] = [
         ..NONE
     },
     Scene {
-        name: "the same in a grey room",
+        name: "the same in a gray room",
         lamp: Some(true),
-        grey: true,
+        gray: true,
         runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
         ..NONE
     },
@@ -147,7 +147,7 @@ pub const SCENES: [Scene; 13] = [
     Scene {
         name: "everything at once",
         lamp: Some(true),
-        colour: true,
+        color: true,
         sky: true,
         glow: true,
         ball: true,
@@ -168,7 +168,7 @@ pub const SCENES: [Scene; 13] = [
 const NONE: Scene = Scene {
     name: "",
     lamp: None,
-    colour: false,
+    color: false,
     sky: false,
     glow: false,
     ball: false,
@@ -179,12 +179,12 @@ const NONE: Scene = Scene {
     no_deferred: false,
     fog: false,
     rich: false,
-    grey: false,
+    gray: false,
     runs: &[],
 };
 
-/// The Cornell box with a sign on its back wall; or all of it in grey.
-fn quads(grey: bool) -> Vec<Quad> {
+/// The Cornell box with a sign on its back wall; or all of it in gray.
+fn quads(gray: bool) -> Vec<Quad> {
     let mut quads = cornell_box();
     let low = Vec3::new(-0.4, 1.3, -0.98);
     quads.push(Quad {
@@ -196,10 +196,10 @@ fn quads(grey: bool) -> Vec<Quad> {
         ],
         material: Material::emissive(Vec3::splat(0.1), Vec3::new(1.0, 0.2, 0.5)),
     });
-    for material in quads.iter_mut().map(|q| &mut q.material).filter(|_| grey) {
-        let grey = |colour: Vec3| Vec3::splat(colour.max_element());
-        material.base_color = grey(material.base_color.truncate()).extend(material.base_color.w);
-        material.emissive = grey(material.emissive);
+    for material in quads.iter_mut().map(|q| &mut q.material).filter(|_| gray) {
+        let gray = |color: Vec3| Vec3::splat(color.max_element());
+        material.base_color = gray(material.base_color.truncate()).extend(material.base_color.w);
+        material.emissive = gray(material.emissive);
     }
     quads
 }
@@ -208,16 +208,16 @@ fn quads(grey: bool) -> Vec<Quad> {
 pub struct Bakes {
     /// With light in free space and visibility or not, with a screen or not.
     of: [[Arc<BakedScene>; 2]; 2],
-    /// In grey, with none of that.
-    grey: Arc<BakedScene>,
+    /// In gray, with none of that.
+    gray: Arc<BakedScene>,
 }
 
-/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one. And in grey, without all that.
+/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one. And in gray, without all that.
 ///
 /// # Errors
 /// In words.
 pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
-    let bake = |rich: bool, screen: bool, grey: bool| {
+    let bake = |rich: bool, screen: bool, gray: bool| {
         let mut recipe = recipe.clone();
         if !rich {
             (recipe.probes, recipe.soft_shadows) = (None, None);
@@ -232,7 +232,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
             }];
         }
         let made = bake_level(
-            &mesh_of_quads(&quads(grey)),
+            &mesh_of_quads(&quads(gray)),
             &recipe,
             0,
             &Progress::default(),
@@ -244,7 +244,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
             [bake(false, false, false)?, bake(false, true, false)?],
             [bake(true, false, false)?, bake(true, true, false)?],
         ],
-        grey: bake(false, false, true)?,
+        gray: bake(false, false, true)?,
     })
 }
 
@@ -258,8 +258,8 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     if scene.no_deferred {
         world.insert_resource(DefaultOpaqueRendererMethod::forward());
     }
-    let bake = match scene.grey {
-        true => &bakes.grey,
+    let bake = match scene.gray {
+        true => &bakes.gray,
         false => &bakes.of[usize::from(scene.rich)][usize::from(scene.screen)],
     };
     let bake = bake.clone();
@@ -275,7 +275,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     }
     let root = root.id();
     world
-        .run_system_cached_with(room, (root, scene.grey))
+        .run_system_cached_with(room, (root, scene.gray))
         .expect("the room can be made");
     if scene.screen {
         world.spawn(MeshlessGiOccluder {
@@ -373,13 +373,13 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
 }
 
 fn room(
-    In((root, grey)): In<(Entity, bool)>,
+    In((root, gray)): In<(Entity, bool)>,
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     let mut root = commands.entity(root);
-    super::common::spawn_quads(&quads(grey), &mut root, &mut meshes, &mut materials);
+    super::common::spawn_quads(&quads(gray), &mut root, &mut meshes, &mut materials);
 }
 
 /// What changes from frame `k - 1` to frame `k`.
@@ -390,7 +390,7 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
     for (moves, mut transform) in moving.iter_mut(world) {
         transform.translation = moves.0 + 0.1 * Vec3::new(cosine, 0.0, sine);
     }
-    if scene.colour {
+    if scene.color {
         let mut lamps = world.query::<&mut PointLight>();
         for mut lamp in lamps.iter_mut(world) {
             lamp.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);

@@ -45,7 +45,7 @@ struct FmmParams {
     pad2: u32,
 }
 
-// Three components in three colours.
+// Three components in three colors.
 struct Spectrum {
     x: vec3f,
     y: vec3f,

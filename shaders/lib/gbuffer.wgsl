@@ -25,7 +25,7 @@ fn gbuffer_base(texel: vec4u) -> vec3f {
     return pow(vec3f(unorm8(texel.r), unorm8(texel.r >> 8u), unorm8(texel.r >> 16u)), vec3f(GAMMA));
 }
 
-// Base colour × (1 − metallic), linear.
+// Base color × (1 − metallic), linear.
 fn gbuffer_diffuse(texel: vec4u) -> vec3f {
     return gbuffer_base(texel) * (1.0 - gbuffer_metallic(texel));
 }

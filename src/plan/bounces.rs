@@ -104,7 +104,7 @@ impl BouncePicker {
     }
 }
 
-/// A bound on what a reflection leaves of the light with these factors of the materials: the bake's, times the largest factor by which a base colour is above the baked one; and never more than the
+/// A bound on what a reflection leaves of the light with these factors of the materials: the bake's, times the largest factor by which a base color is above the baked one; and never more than the
 /// brightest surface, for a row of the operator holds no more than the hemisphere.
 fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let baked = bake.info.energy.gain;
@@ -112,8 +112,8 @@ fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
         return baked;
     };
     let pairs = live.factors.iter().zip(factors);
-    let colours = pairs.flat_map(|(baked, now)| baked.base_color.into_iter().zip(now.base_color));
-    let growth = colours
+    let colors = pairs.flat_map(|(baked, now)| baked.base_color.into_iter().zip(now.base_color));
+    let growth = colors
         .filter(|(baked, now)| now > baked)
         // Infinite where it was black.
         .map(|(baked, now)| now / baked.max(0.0))

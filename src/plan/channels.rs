@@ -1,12 +1,12 @@
-//! In how many channels a scene's operator is applied: one where its surfaces are grey and all that shines has one chromaticity, three else. [`Surveyor`](super::Surveyor) knows what there is;
-//! [`ChannelPicker`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another colour.
+//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that shines has one chromaticity, three else. [`Surveyor`](super::Surveyor) knows what there is;
+//! [`ChannelPicker`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another color.
 
-use super::Colours;
+use super::Colors;
 use glam::Vec3;
 use meshless_gi::frame::Channels;
 use std::fmt;
 
-/// Frames of one colour, one after another, before a scene that had several is one channel again.
+/// Frames of one color, one after another, before a scene that had several is one channel again.
 pub const STEADY: u32 = 60;
 
 /// What is asked of a scene's channels.
@@ -17,15 +17,15 @@ pub enum ChannelRequest {
     Auto,
     /// All three.
     Three,
-    /// One, whatever the colours: where they are several, green decides and light is white.
+    /// One, whatever the colors: where they are several, green decides and light is white.
     One,
 }
 
-/// What colours a scene's light has.
+/// What colors a scene's light has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SceneColours {
+pub struct SceneColors {
     /// Whether it is one.
-    pub colours: Colours,
+    pub colors: Colors,
     /// That one, largest part 1; white where there are none or several.
     pub hue: Vec3,
 }
@@ -63,7 +63,7 @@ impl fmt::Display for PickedChannels {
 pub struct ChannelPicker {
     /// One channel, with its hue, or three; none before anything shone.
     now: Option<Option<Vec3>>,
-    /// Frames of one colour in a row.
+    /// Frames of one color in a row.
     steady: u32,
 }
 
@@ -76,16 +76,16 @@ impl ChannelPicker {
 
     /// What this frame's solve takes. Three channels come with the frame that needs them, one channel only after [`STEADY`] frames that do with it; what shines first is taken as it is, and darkness
     /// changes nothing.
-    pub fn pick(&mut self, asked: ChannelRequest, found: SceneColours) -> PickedChannels {
-        let waits = match found.colours {
-            Colours::Dark => false,
-            Colours::One => {
+    pub fn pick(&mut self, asked: ChannelRequest, found: SceneColors) -> PickedChannels {
+        let waits = match found.colors {
+            Colors::Dark => false,
+            Colors::One => {
                 self.steady = self.steady.saturating_add(1);
                 let wait = self.now == Some(None) && self.steady < STEADY;
                 self.now = Some((!wait).then_some(found.hue));
                 wait
             }
-            Colours::Surfaces | Colours::Lights => {
+            Colors::Surfaces | Colors::Lights => {
                 (self.now, self.steady) = (Some(None), 0);
                 false
             }
@@ -93,20 +93,20 @@ impl ChannelPicker {
         let (channels, why) = match asked {
             ChannelRequest::Three => (Channels::Three, "they are asked for"),
             ChannelRequest::One => (Channels::One(found.hue), "it is asked for"),
-            ChannelRequest::Auto => match (self.now, found.colours) {
+            ChannelRequest::Auto => match (self.now, found.colors) {
                 (Some(Some(hue)), _) => (
                     Channels::One(hue),
-                    "surfaces are grey and all that shines has one colour",
+                    "surfaces are gray and all that shines has one color",
                 ),
-                (_, Colours::Surfaces) => (Channels::Three, "surfaces are coloured"),
-                (_, Colours::Lights) => (Channels::Three, "what shines differs in colour"),
+                (_, Colors::Surfaces) => (Channels::Three, "surfaces are colored"),
+                (_, Colors::Lights) => (Channels::Three, "what shines differs in color"),
                 (None, _) => (Channels::Three, "nothing has shone yet"),
                 (Some(None), _) if waits => {
-                    (Channels::Three, "there were several colours until just now")
+                    (Channels::Three, "there were several colors until just now")
                 }
                 (Some(None), _) => (
                     Channels::Three,
-                    "there were several colours before it went dark",
+                    "there were several colors before it went dark",
                 ),
             },
         };
@@ -124,12 +124,12 @@ mod tests {
 
     const WARM: Vec3 = Vec3::new(1.0, 0.8, 0.5);
 
-    fn found(colours: Colours) -> SceneColours {
-        SceneColours { colours, hue: WARM }
+    fn found(colors: Colors) -> SceneColors {
+        SceneColors { colors, hue: WARM }
     }
 
-    fn auto(picker: &mut ChannelPicker, colours: Colours) -> Channels {
-        let picked = picker.pick(ChannelRequest::Auto, found(colours));
+    fn auto(picker: &mut ChannelPicker, colors: Colors) -> Channels {
+        let picked = picker.pick(ChannelRequest::Auto, found(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
     }
@@ -137,37 +137,37 @@ mod tests {
     #[test]
     fn one_channel_from_the_first_light_on_three_at_once_and_one_again_with_patience() {
         let mut picker = ChannelPicker::new();
-        assert_eq!(auto(&mut picker, Colours::Dark), Channels::Three);
-        assert_eq!(auto(&mut picker, Colours::One), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
+        assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
         // The lamp blinks.
-        assert_eq!(auto(&mut picker, Colours::Dark), Channels::One(WARM));
-        assert_eq!(auto(&mut picker, Colours::Lights), Channels::Three);
+        assert_eq!(auto(&mut picker, Colors::Dark), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, Colors::Lights), Channels::Three);
         for _ in 1..STEADY {
-            assert_eq!(auto(&mut picker, Colours::One), Channels::Three);
+            assert_eq!(auto(&mut picker, Colors::One), Channels::Three);
         }
-        assert_eq!(auto(&mut picker, Colours::One), Channels::One(WARM));
-        assert_eq!(auto(&mut picker, Colours::Surfaces), Channels::Three);
+        assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, Colors::Surfaces), Channels::Three);
         // Darkness is no sign of anything.
         for _ in 0..2 * STEADY {
-            assert_eq!(auto(&mut picker, Colours::Dark), Channels::Three);
+            assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
         }
-        assert_eq!(auto(&mut picker, Colours::One), Channels::Three);
+        assert_eq!(auto(&mut picker, Colors::One), Channels::Three);
     }
 
     #[test]
-    fn a_lamp_that_changes_its_colour_at_every_period_brings_few_changes() {
+    fn a_lamp_that_changes_its_color_at_every_period_brings_few_changes() {
         for period in [2, STEADY - 1, STEADY + 5] {
             let mut picker = ChannelPicker::new();
             let (mut before, mut changes) = (Channels::Three, 0);
             for k in 0..1000 {
-                let colours = if k % period == 0 {
-                    Colours::Lights
+                let colors = if k % period == 0 {
+                    Colors::Lights
                 } else {
-                    Colours::One
+                    Colors::One
                 };
-                let now = auto(&mut picker, colours);
-                // Never one channel where there are several colours.
-                assert!(colours == Colours::One || now == Channels::Three);
+                let now = auto(&mut picker, colors);
+                // Never one channel where there are several colors.
+                assert!(colors == Colors::One || now == Channels::Three);
                 changes += u32::from(now != before);
                 before = now;
             }
@@ -179,13 +179,13 @@ mod tests {
     #[test]
     fn a_setting_decides_alone_and_is_forgotten_with_itself() {
         let mut picker = ChannelPicker::new();
-        for colours in [Colours::Dark, Colours::One, Colours::Lights] {
-            let three = picker.pick(ChannelRequest::Three, found(colours));
+        for colors in [Colors::Dark, Colors::One, Colors::Lights] {
+            let three = picker.pick(ChannelRequest::Three, found(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
-            let one = picker.pick(ChannelRequest::One, found(colours));
+            let one = picker.pick(ChannelRequest::One, found(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: it is asked for");
         }
-        assert_eq!(auto(&mut picker, Colours::Lights), Channels::Three);
+        assert_eq!(auto(&mut picker, Colors::Lights), Channels::Three);
     }
 }

@@ -272,14 +272,14 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_projects_nothing() {
+    fn a_color_projects_nothing() {
         let mut state = at_rest();
-        state.scenes[0].slots[2] = SlotChange::Colour;
+        state.scenes[0].slots[2] = SlotChange::Color;
         let plan = Plan::new(&state);
         assert_eq!(plan.count(Stage::Project), 0);
         assert_eq!(
             plan.find(Stage::Apply, A).unwrap().reason,
-            Reason::LightsRecoloured(1)
+            Reason::LightsRecolored(1)
         );
     }
 

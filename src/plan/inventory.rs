@@ -13,8 +13,8 @@ pub struct Census {
     pub on: u32,
     /// So many stand, point or reach elsewhere, or are new.
     pub moved: u32,
-    /// So many have another colour or strength, or went on or off.
-    pub recoloured: u32,
+    /// So many have another color or strength, or went on or off.
+    pub recolored: u32,
 }
 
 /// A kind of light.
@@ -71,17 +71,17 @@ pub struct Cameras {
     pub off: u32,
 }
 
-/// Whether all light of the world has one colour, so that one channel would tell all of it.
+/// Whether all light of the world has one color, so that one channel would tell all of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Colours {
+pub enum Colors {
     /// Nothing shines.
     #[default]
     Dark,
-    /// Every surface that reflects is grey, and all that shines has one chromaticity.
+    /// Every surface that reflects is gray, and all that shines has one chromaticity.
     One,
-    /// A baked surface is coloured, or a material that covers one is now.
+    /// A baked surface is colored, or a material that covers one is now.
     Surfaces,
-    /// Surfaces are grey, and what shines has several chromaticities.
+    /// Surfaces are gray, and what shines has several chromaticities.
     Lights,
 }
 
@@ -121,7 +121,7 @@ pub struct Inventory {
     /// Fog volumes.
     pub fogs: u32,
     /// Whether one channel would do.
-    pub colours: Colours,
+    pub colors: Colors,
 }
 
 impl Inventory {
@@ -134,7 +134,7 @@ impl Inventory {
     /// Nothing of what lights the scenes changed since the frame before.
     #[must_use]
     pub fn at_rest(&self) -> bool {
-        let lights = |c: &Census| c.moved == 0 && c.recoloured == 0;
+        let lights = |c: &Census| c.moved == 0 && c.recolored == 0;
         self.lights.iter().all(lights)
             && [
                 self.skies_changed,
@@ -151,7 +151,7 @@ impl fmt::Display for Census {
         let counts = [
             (self.all - self.on.min(self.all), "off"),
             (self.moved, "moved"),
-            (self.recoloured, "changed colour"),
+            (self.recolored, "changed color"),
         ];
         let said: Vec<String> = (counts.iter().filter(|(n, _)| *n > 0))
             .map(|(n, what)| format!("{n} {what}"))
@@ -163,13 +163,13 @@ impl fmt::Display for Census {
     }
 }
 
-impl fmt::Display for Colours {
+impl fmt::Display for Colors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Dark => "nothing shines",
-            Self::One => "surfaces are grey and all light has one colour",
-            Self::Surfaces => "surfaces are coloured",
-            Self::Lights => "surfaces are grey, lights differ in colour",
+            Self::One => "surfaces are gray and all light has one color",
+            Self::Surfaces => "surfaces are colored",
+            Self::Lights => "surfaces are gray, lights differ in color",
         })
     }
 }
@@ -198,7 +198,7 @@ impl fmt::Display for Inventory {
         if shine.is_empty() {
             shine.push("nothing that shines".into());
         }
-        writeln!(f, "have {}: {}", shine.join(", "), self.colours)?;
+        writeln!(f, "have {}: {}", shine.join(", "), self.colors)?;
         let mut world = vec![format!(
             "{} × bake{}",
             self.bakes,
@@ -258,19 +258,19 @@ mod tests {
             doors_moved: 1,
             normal_maps: 3,
             fogs: 2,
-            colours: Colours::Surfaces,
+            colors: Colors::Surfaces,
             ..empty
         };
         full.lights[LightSort::Point as usize] = Census {
             all: 3,
             on: 2,
             moved: 1,
-            recoloured: 0,
+            recolored: 0,
         };
         full.cameras.deferred = 1;
         assert_eq!(
             full.to_string(),
-            "have 3 × point light (1 off, 1 moved), a sky that varies (1 changed): surfaces are coloured\n\
+            "have 3 × point light (1 off, 1 moved), a sky that varies (1 changed): surfaces are colored\n\
              have 1 × bake, 2 × door (1 moved), 3 × material with a normal map, 2 × fog volume, 1 × deferred camera\n"
         );
         assert_eq!(full.lights_of(LightSort::Point).on, 2);

@@ -1,6 +1,6 @@
 //! Which light sits in which slot, and what changed about it since the device last computed it.
 //!
-//! A slot is one column of the projection g[slot][point]: a light of unit colour. A rectangle takes several slots, one a
+//! A slot is one column of the projection g[slot][point]: a light of unit color. A rectangle takes several slots, one a
 //! patch. A light keeps its slots as long as it lives, so that a light that moves costs its own slots and no others.
 //! Changes are measured against what was last *projected*, never against the last frame: a slow drift adds up until it
 //! counts, and frames in which the scene was out of view are caught up by themselves.
@@ -11,8 +11,8 @@ use meshless_gi::frame::{FrameLight, SoftLight};
 use meshless_gi::scene::Bounds;
 use std::collections::BTreeMap;
 
-/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` metres, directions and the numbers of a cone
-/// within 1e-5 of their size. Colours do not matter.
+/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters, directions and the numbers of a cone
+/// within 1e-5 of their size. Colors do not matter.
 #[must_use]
 pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3], t: f32| {
@@ -32,7 +32,7 @@ pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
         && like(a.spot_offset, b.spot_offset)
 }
 
-/// True when a transport computed with colour `a` serves colour `b`: alike within 1e-5 of the larger one, channel by channel. A scene
+/// True when a transport computed with color `a` serves color `b`: alike within 1e-5 of the larger one, channel by channel. A scene
 /// root that turns together with its lights gives that much rounding.
 #[must_use]
 pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
@@ -41,7 +41,7 @@ pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
 }
 
-/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same order, lengths alike within `tolerance` metres, colours as in [`shines_alike`].
+/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same order, lengths alike within `tolerance` meters, colors as in [`shines_alike`].
 #[must_use]
 pub fn softly_alike(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3]| {
@@ -110,7 +110,7 @@ pub struct Slots {
 pub struct SlotTable<K = u64> {
     /// First come, first slot; a freed slot is taken again.
     slots: Vec<Option<Slot>>,
-    /// The colours that the device's transport was computed with, slot by slot.
+    /// The colors that the device's transport was computed with, slot by slot.
     applied: Vec<[f32; 3]>,
     /// The slots of each light, by the caller's key.
     owners: BTreeMap<K, Vec<u32>>,
@@ -200,18 +200,18 @@ impl<K: Copy + Ord> SlotTable<K> {
                     return SlotChange::None;
                 };
                 let valid = |p: FrameLight| projects_alike(&p, &slot.wanted, tolerance);
-                let colour = slot.wanted.color;
-                slot.change = if colour == [0.0; 3] {
+                let color = slot.wanted.color;
+                slot.change = if color == [0.0; 3] {
                     // Dark: whatever its projection says is multiplied by zero.
                     if applied == [0.0; 3] {
                         SlotChange::None
                     } else {
-                        SlotChange::Colour
+                        SlotChange::Color
                     }
                 } else if !slot.projected.is_some_and(valid) {
                     SlotChange::Geometry
-                } else if !shines_alike(colour, applied) {
-                    SlotChange::Colour
+                } else if !shines_alike(color, applied) {
+                    SlotChange::Color
                 } else {
                     SlotChange::None
                 };
@@ -222,7 +222,7 @@ impl<K: Copy + Ord> SlotTable<K> {
     }
 
     /// The light of every slot, for the device: one that is to be projected as it is now, one that is not with the geometry that
-    /// its projection was made for and its colour of now. [`FrameLight::NONE`] where there is nothing to multiply.
+    /// its projection was made for and its color of now. [`FrameLight::NONE`] where there is nothing to multiply.
     #[must_use]
     pub fn lights(&self) -> Vec<FrameLight> {
         let light = |slot: &Slot| match (slot.change, slot.projected) {
@@ -251,7 +251,7 @@ impl<K: Copy + Ord> SlotTable<K> {
         }
     }
 
-    /// The device has run the transport with the wanted colours.
+    /// The device has run the transport with the wanted colors.
     pub fn mark_applied(&mut self) {
         self.applied = self.lights().iter().map(|l| l.color).collect();
         self.lost = false;
@@ -299,10 +299,10 @@ mod tests {
         max: Vec3::splat(10.0),
     };
 
-    fn lamp(x: f32, colour: f32) -> Vec<FrameLight> {
+    fn lamp(x: f32, color: f32) -> Vec<FrameLight> {
         vec![FrameLight::point(
             Vec3::new(x, 1.0, 1.0),
-            Vec3::splat(colour),
+            Vec3::splat(color),
             20.0,
         )]
     }
@@ -318,7 +318,7 @@ mod tests {
 
     #[test]
     fn a_light_keeps_its_slot_while_others_come_and_go() {
-        use SlotChange::{Colour, Geometry, None};
+        use SlotChange::{Color, Geometry, None};
         let mut table = SlotTable::new();
         let first = table.update(&[(9, lamp(1.0, 1.0)), (4, lamp(2.0, 1.0))], BOX);
         assert_eq!(first.changes, [Geometry, Geometry]);
@@ -328,12 +328,9 @@ mod tests {
         assert_eq!((second.changes, second.stale), (vec![None, None], true));
         assert_eq!(table.lights(), [FrameLight::default(), lamp(2.0, 1.0)[0]]);
         table.mark_applied();
-        // 5 takes the free slot; 4 changes colour in its own.
+        // 5 takes the free slot; 4 changes color in its own.
         let third = table.update(&[(4, lamp(2.0, 3.0)), (5, lamp(3.0, 1.0))], BOX);
-        assert_eq!(
-            (third.changes, third.stale),
-            (vec![Geometry, Colour], false)
-        );
+        assert_eq!((third.changes, third.stale), (vec![Geometry, Color], false));
     }
 
     #[test]
@@ -359,7 +356,7 @@ mod tests {
         let on = table.update(&[(1, lamp(1.0, 1.0))], BOX);
         settle(&mut table, &on.changes);
         let off = table.update(&[(1, lamp(1.0, 0.0))], BOX);
-        assert_eq!(off.changes, [SlotChange::Colour]);
+        assert_eq!(off.changes, [SlotChange::Color]);
         settle(&mut table, &off.changes);
         assert_eq!(
             table.update(&[(1, lamp(4.0, 0.0))], BOX).changes,
@@ -373,7 +370,7 @@ mod tests {
         // Back where it was: the old projection still holds; elsewhere: it does not.
         assert_eq!(
             table.update(&[(1, lamp(1.0, 1.0))], BOX).changes,
-            [SlotChange::Colour]
+            [SlotChange::Color]
         );
         assert_eq!(
             table.update(&[(1, lamp(4.0, 1.0))], BOX).changes,
@@ -423,14 +420,14 @@ mod tests {
     }
 
     #[test]
-    fn rounding_of_a_colour_is_no_change_and_adds_up() {
+    fn rounding_of_a_color_is_no_change_and_adds_up() {
         let mut table = SlotTable::new();
         let first = table.update(&[(1, lamp(1.0, 1.0))], BOX);
         settle(&mut table, &first.changes);
         let then = |table: &mut SlotTable, c| table.update(&[(1, lamp(1.0, c))], BOX).changes;
         assert_eq!(then(&mut table, 1.000_005), [SlotChange::None]);
-        assert_eq!(then(&mut table, 1.000_02), [SlotChange::Colour]);
-        assert_eq!(then(&mut table, 0.0), [SlotChange::Colour]);
+        assert_eq!(then(&mut table, 1.000_02), [SlotChange::Color]);
+        assert_eq!(then(&mut table, 0.0), [SlotChange::Color]);
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub const WIDEST: f32 = 50.0 * PI / 180.0;
 /// Sizes and angles are powers of this.
 pub const STEP: f32 = 1.189_207_1; // the fourth root of two
 
-/// Nothing nearer to a point or spot light than this is drawn, metres.
+/// Nothing nearer to a point or spot light than this is drawn, meters.
 pub const NEAREST: f32 = 1e-3;
 
 /// A map's lens. Depth is reversed and the picture is square.
@@ -33,16 +33,16 @@ pub enum Lens {
     Perspective {
         /// Full angle of view, radians.
         fov: f32,
-        /// Distance of the near plane, metres.
+        /// Distance of the near plane, meters.
         near: f32,
-        /// Nothing that is to be seen is farther, metres.
+        /// Nothing that is to be seen is farther, meters.
         far: f32,
     },
     /// Along parallel rays, from a plane on.
     Orthographic {
-        /// Edge of the picture, metres.
+        /// Edge of the picture, meters.
         size: f32,
-        /// Depth of the box, metres.
+        /// Depth of the box, meters.
         far: f32,
     },
 }
@@ -50,7 +50,7 @@ pub enum Lens {
 /// A view from a light, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapView {
-    /// Where it stands, metres.
+    /// Where it stands, meters.
     pub position: Vec3,
     /// Turns −Z to where it looks and +Y to its upper edge.
     pub rotation: Quat,
@@ -149,7 +149,7 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
 
 /// The sphere around a box, as a point or spot light sees it.
 struct Seen {
-    /// From the light to its middle, metres.
+    /// From the light to its middle, meters.
     to: Vec3,
     radius: f32,
     /// Half of the angle that it fills; π where the light is inside.

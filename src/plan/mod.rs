@@ -10,7 +10,7 @@
 //! | no camera asks, or no baked scene is in view, or its asset is not there | nothing: no buffer, no pipeline |
 //! | a scene is in view for the first time, or was baked again | upload, project every slot that shines, transport, display |
 //! | one of eight lights moved | its slots are projected, transport, display |
-//! | a light changed its colour, or the sky or the emission changed | transport, display; nothing is projected |
+//! | a light changed its color, or the sky or the emission changed | transport, display; nothing is projected |
 //! | all lights at rest | display alone |
 //! | a scene has been out of view for a while | its buffers go |
 //! | a light asks for the bounce of what moves, and something moves in its reach | its maps, and its virtual point lights over each view |
@@ -51,11 +51,11 @@ mod survey;
 mod transport;
 
 pub use bounces::{BouncePicker, LEFT, MOST, PickedBounces, bounces_at};
-pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColours};
+pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColors};
 pub use cost::{Cost, CostModel, Timed, Work};
 pub use decision::{Decision, DecisionLog, NameOf, Subject};
 pub use effect::{EFFECTS, Effect};
-pub use inventory::{Cameras, Census, Colours, Inventory, LightSort, Skies};
+pub use inventory::{Cameras, Census, Colors, Inventory, LightSort, Skies};
 pub use lights::{
     SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
 };

@@ -32,7 +32,7 @@ pub enum Stage {
     Splat,
     /// The virtual point lights over the pixels of a view.
     Vpl,
-    /// Irradiance times base colour, added to the picture.
+    /// Irradiance times base color, added to the picture.
     Composite,
     /// What glossy surfaces of a view show of the virtual point lights.
     Gloss,
@@ -101,11 +101,11 @@ pub enum Reason {
     NewBake,
     /// These many light slots are new or have moved.
     LightsMoved(usize),
-    /// These many light slots changed their colour, and none moved.
-    LightsRecoloured(usize),
+    /// These many light slots changed their color, and none moved.
+    LightsRecolored(usize),
     /// Sky, emission, bounces or the tier changed.
     SettingsChanged,
-    /// Base colours or emission of materials are not those that the device has.
+    /// Base colors or emission of materials are not those that the device has.
     MaterialsChanged,
     /// So many occluders opened or shut, or moved between.
     OccludersMoved(usize),
@@ -117,7 +117,7 @@ pub enum Reason {
     Asked,
     /// Something that moves is in the light's reach, in so many maps.
     Moving(u32),
-    /// Lamps with soft shadows came, went, moved or changed colour; there are so many now.
+    /// Lamps with soft shadows came, went, moved or changed color; there are so many now.
     SoftLightsChanged(usize),
     /// A volume is new, or stands differently in the world.
     NewVolume,
@@ -130,9 +130,9 @@ impl fmt::Display for Reason {
         match self {
             Self::NewBake => f.write_str("the device does not hold this bake"),
             Self::LightsMoved(n) => write!(f, "{n} light slot(s) new or moved"),
-            Self::LightsRecoloured(n) => write!(f, "{n} light slot(s) changed colour"),
+            Self::LightsRecolored(n) => write!(f, "{n} light slot(s) changed color"),
             Self::SettingsChanged => f.write_str("sky, emission, bounces or tier changed"),
-            Self::MaterialsChanged => f.write_str("materials changed colour or emission"),
+            Self::MaterialsChanged => f.write_str("materials changed color or emission"),
             Self::OccludersMoved(n) => write!(f, "{n} occluder(s) opened or shut"),
             Self::LightRemoved => f.write_str("a light went away"),
             Self::InView => f.write_str("the scene is in the view"),

@@ -41,8 +41,8 @@ pub enum SlotChange {
     /// Not at all.
     #[default]
     None,
-    /// Its colour or strength: its projection stays valid.
-    Colour,
+    /// Its color or strength: its projection stays valid.
+    Color,
     /// Where it is, where it points or how far it reaches, or it is new: it must be projected again.
     Geometry,
 }

@@ -2,7 +2,7 @@
 //!
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
-use super::{Cameras, Colours, Inventory, LightSort, SceneColours, SceneId, Skies};
+use super::{Cameras, Colors, Inventory, LightSort, SceneColors, SceneId, Skies};
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, LiveMaterials};
 use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
@@ -49,13 +49,13 @@ pub struct Found<'a, K> {
     pub fogs: u32,
 }
 
-/// The chromaticities of several colours.
+/// The chromaticities of several colors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Hues {
     /// All are black.
     #[default]
     None,
-    /// All have this one: a colour whose largest part is 1.
+    /// All have this one: a color whose largest part is 1.
     One(Vec3),
     /// They differ.
     Several,
@@ -64,12 +64,12 @@ enum Hues {
 impl Hues {
     /// Parts of a chromaticity that differ by less are alike: an eighth of a step of eight bits and the rounding of textures.
     const ALIKE: f32 = 2e-3;
-    const GREY: Self = Self::One(Vec3::ONE);
+    const GRAY: Self = Self::One(Vec3::ONE);
 
-    fn of(colour: Vec3) -> Self {
-        let most = colour.abs().max_element();
+    fn of(color: Vec3) -> Self {
+        let most = color.abs().max_element();
         match most > 0.0 && most.is_finite() {
-            true => Self::One(colour / most),
+            true => Self::One(color / most),
             false => Self::None,
         }
     }
@@ -86,11 +86,11 @@ impl Hues {
         }
     }
 
-    fn all(colours: impl IntoIterator<Item = Vec3>) -> Self {
-        (colours.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
+    fn all(colors: impl IntoIterator<Item = Vec3>) -> Self {
+        (colors.into_iter()).fold(Self::None, |hues, c| hues.with(Self::of(c)))
     }
 
-    /// What is left of colours of these chromaticities behind a factor.
+    /// What is left of colors of these chromaticities behind a factor.
     fn times(self, factor: Vec3) -> Self {
         match self {
             Self::One(hue) => Self::of(hue * factor),
@@ -99,22 +99,22 @@ impl Hues {
         }
     }
 
-    fn is_grey(self) -> bool {
-        Self::GREY.with(self) == Self::GREY
+    fn is_gray(self) -> bool {
+        Self::GRAY.with(self) == Self::GRAY
     }
 
-    /// Of light of these chromaticities on surfaces that are all grey, or not.
-    fn on(self, grey: bool) -> SceneColours {
-        let (colours, hue) = match (self, grey) {
-            (Self::None, _) => (Colours::Dark, Vec3::ONE),
-            (_, false) => (Colours::Surfaces, Vec3::ONE),
-            (Self::Several, true) => (Colours::Lights, Vec3::ONE),
+    /// Of light of these chromaticities on surfaces that are all gray, or not.
+    fn on(self, gray: bool) -> SceneColors {
+        let (colors, hue) = match (self, gray) {
+            (Self::None, _) => (Colors::Dark, Vec3::ONE),
+            (_, false) => (Colors::Surfaces, Vec3::ONE),
+            (Self::Several, true) => (Colors::Lights, Vec3::ONE),
             // The terms of a sky have either sign.
-            (Self::One(hue), true) if hue.min_element() >= 0.0 => (Colours::One, hue),
-            (Self::One(hue), true) if hue.max_element() <= 0.0 => (Colours::One, -hue),
-            (Self::One(_), true) => (Colours::Lights, Vec3::ONE),
+            (Self::One(hue), true) if hue.min_element() >= 0.0 => (Colors::One, hue),
+            (Self::One(hue), true) if hue.max_element() <= 0.0 => (Colors::One, -hue),
+            (Self::One(_), true) => (Colors::Lights, Vec3::ONE),
         };
-        SceneColours { colours, hue }
+        SceneColors { colors, hue }
     }
 }
 
@@ -170,7 +170,7 @@ impl Facts {
         }
         let mut now = self.rest;
         for (m, factors) in materials.iter().enumerate() {
-            let shares = self.shares.get(m).copied().unwrap_or([Hues::GREY; 2]);
+            let shares = self.shares.get(m).copied().unwrap_or([Hues::GRAY; 2]);
             let factors = [factors.base_color, factors.emissive];
             for k in 0..2 {
                 now[k] = now[k].with(shares[k].times(factors[k].into()));
@@ -196,7 +196,7 @@ struct Before {
 pub struct Surveyor<K> {
     lights: BTreeMap<K, Light>,
     scenes: BTreeMap<SceneId, Before>,
-    colours: BTreeMap<SceneId, SceneColours>,
+    colors: BTreeMap<SceneId, SceneColors>,
 }
 
 impl<K> Default for Surveyor<K> {
@@ -204,16 +204,16 @@ impl<K> Default for Surveyor<K> {
         Self {
             lights: BTreeMap::new(),
             scenes: BTreeMap::new(),
-            colours: BTreeMap::new(),
+            colors: BTreeMap::new(),
         }
     }
 }
 
-/// Kind, colour and the rest of a light; none for a sky.
+/// Kind, color and the rest of a light; none for a sky.
 fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
     let mut place = [0.0; 9];
     let mut put = |at: usize, v: Vec3| place[at..at + 3].copy_from_slice(&v.to_array());
-    let (sort, colour) = match *light {
+    let (sort, color) = match *light {
         Light::Point {
             position,
             intensity,
@@ -256,7 +256,7 @@ fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
         }
         Light::Sky { .. } => return None,
     };
-    Some((sort, colour, place))
+    Some((sort, color, place))
 }
 
 impl<K: Copy + Ord> Surveyor<K> {
@@ -280,12 +280,12 @@ impl<K: Copy + Ord> Surveyor<K> {
         let lights = self.count_lights(found, &mut out);
         let all = |hues: Hues, (_, light): (usize, &Hues)| hues.with(*light);
         let world = lights.iter().enumerate().fold(Hues::None, all);
-        let (mut hues, mut grey) = (world, true);
-        self.colours.clear();
+        let (mut hues, mut gray) = (world, true);
+        self.colors.clear();
         let mut before = std::mem::take(&mut self.scenes);
         for scene in &found.scenes {
             let was = before.remove(&scene.id);
-            let (now, hue, reflects_grey) = count_scene(scene, was, &mut out);
+            let (now, hue, reflects_gray) = count_scene(scene, was, &mut out);
             self.scenes.insert(scene.id, now);
             let lit = match scene.unlit_by.as_slice() {
                 [] => world,
@@ -293,37 +293,37 @@ impl<K: Copy + Ord> Surveyor<K> {
                     .filter(|(k, _)| unlit.binary_search(k).is_err())
                     .fold(Hues::None, all),
             };
-            (self.colours).insert(scene.id, lit.with(hue).on(reflects_grey));
+            (self.colors).insert(scene.id, lit.with(hue).on(reflects_gray));
             hues = hues.with(hue);
-            grey &= reflects_grey;
+            gray &= reflects_gray;
         }
         out.bakes_moved += before.len() as u32;
-        out.colours = hues.on(grey).colours;
+        out.colors = hues.on(gray).colors;
         out
     }
 
-    /// What colours the light of a scene of the last inventory has: its sky, what glows in it, and the lights that light it.
+    /// What colors the light of a scene of the last inventory has: its sky, what glows in it, and the lights that light it.
     #[must_use]
-    pub fn colours_of(&self, scene: SceneId) -> SceneColours {
-        self.colours.get(&scene).copied().unwrap_or_default()
+    pub fn colors_of(&self, scene: SceneId) -> SceneColors {
+        self.colors.get(&scene).copied().unwrap_or_default()
     }
 
-    /// Counts the lights; answers what colour each shines in.
+    /// Counts the lights; answers what color each shines in.
     fn count_lights(&mut self, found: &Found<'_, K>, out: &mut Inventory) -> Vec<Hues> {
         let mut hues = vec![Hues::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
         for ((key, light), hue) in found.lights.iter().zip(&mut hues) {
-            let Some((sort, colour, place)) = parts(light) else {
+            let Some((sort, color, place)) = parts(light) else {
                 continue;
             };
             let census = &mut out.lights[sort as usize];
             census.all += 1;
-            census.on += u32::from(colour != Vec3::ZERO);
-            *hue = Hues::of(colour);
+            census.on += u32::from(color != Vec3::ZERO);
+            *hue = Hues::of(color);
             match before.remove(key).as_ref().and_then(parts) {
                 Some((was, tint, stood)) if was == sort => {
                     census.moved += u32::from(stood != place);
-                    census.recoloured += u32::from(tint != colour);
+                    census.recolored += u32::from(tint != color);
                 }
                 _ => census.moved += 1,
             }
@@ -336,7 +336,7 @@ impl<K: Copy + Ord> Surveyor<K> {
     }
 }
 
-/// Counts a scene; answers how it stands, what colours shine in it, and whether all that it reflects is grey.
+/// Counts a scene; answers how it stands, what colors shine in it, and whether all that it reflects is gray.
 fn count_scene(
     scene: &FoundScene<'_>,
     was: Option<Before>,
@@ -368,7 +368,7 @@ fn count_scene(
         false => emitted,
     };
     out.glowing += u32::from(glow != Hues::None);
-    let grey = reflected.is_grey();
+    let gray = reflected.is_gray();
     match &was {
         Some(was) => {
             out.bakes_moved += u32::from(was.transform != scene.transform);
@@ -400,7 +400,7 @@ fn count_scene(
         true => Hues::of(scene.sky.mean),
         false => sky,
     };
-    (now, sky.with(glow), grey)
+    (now, sky.with(glow), gray)
 }
 
 #[cfg(test)]
@@ -426,10 +426,10 @@ mod tests {
         })
     }
 
-    /// The box with its colours, or all in grey.
-    fn bake(grey: bool) -> Arc<BakedScene> {
+    /// The box with its colors, or all in gray.
+    fn bake(gray: bool) -> Arc<BakedScene> {
         let mut quads = cornell_box();
-        if grey {
+        if gray {
             for quad in &mut quads {
                 quad.material = Material::diffuse(Vec3::splat(0.6));
             }
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_that_move_change_colour_come_and_go_are_counted() {
+    fn lights_that_move_change_color_come_and_go_are_counted() {
         let mut surveyor = Surveyor::new();
         let mut lights: Vec<(u32, Light)> = (0..8)
             .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
@@ -467,7 +467,7 @@ mod tests {
         let first = look(&mut surveyor, &lights).lights_of(LightSort::Point);
         assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
         assert!(look(&mut surveyor, &lights).at_rest());
-        // One moves, one changes its colour, one goes off, one goes; a sun comes.
+        // One moves, one changes its color, one goes off, one goes; a sun comes.
         lights[2].1 = lamp(Vec3::Y, Vec3::ONE);
         lights[3].1 = lamp(Vec3::X * 3.0, Vec3::new(1.0, 0.5, 0.5));
         lights[4].1 = lamp(Vec3::X * 4.0, Vec3::ZERO);
@@ -484,12 +484,12 @@ mod tests {
                 all: 7,
                 on: 6,
                 moved: 2,
-                recoloured: 2
+                recolored: 2
             }
         );
         assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
         assert_eq!(found.lights_of(LightSort::Spot), Census::default());
-        assert_eq!(found.colours, Colours::Lights);
+        assert_eq!(found.colors, Colors::Lights);
         assert!(!found.at_rest());
         assert!(look(&mut surveyor, &lights).at_rest());
         // A light that becomes another kind is a new one of that kind.
@@ -500,9 +500,9 @@ mod tests {
     }
 
     #[test]
-    fn grey_is_what_surfaces_and_lights_are_together() {
-        let (grey, coloured) = (bake(true), bake(false));
-        let colours = |bake, lights: &[Vec3], sky: Vec3| {
+    fn gray_is_what_surfaces_and_lights_are_together() {
+        let (gray, colored) = (bake(true), bake(false));
+        let colors = |bake, lights: &[Vec3], sky: Vec3| {
             let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
             let found = Found {
                 lights: (0u32..).zip(&lamps).collect(),
@@ -513,37 +513,37 @@ mod tests {
                 ..Found::default()
             };
             let mut surveyor = Surveyor::new();
-            let all = surveyor.survey(&found).colours;
-            let own = surveyor.colours_of(SceneId(1));
-            assert_eq!(own.colours, all);
+            let all = surveyor.survey(&found).colors;
+            let own = surveyor.colors_of(SceneId(1));
+            assert_eq!(own.colors, all);
             let expected = match all {
-                Colours::One => lights[0],
+                Colors::One => lights[0],
                 _ => Vec3::ONE,
             };
             assert!(own.hue.abs_diff_eq(expected / expected.max_element(), 1e-6));
-            // Lights that do not reach it say nothing of its colours.
+            // Lights that do not reach it say nothing of its colors.
             let mut aside = found.clone();
             aside.scenes[0].unlit_by = (0..lights.len()).collect();
             surveyor.survey(&aside);
-            let unlit = surveyor.colours_of(SceneId(1)).colours;
+            let unlit = surveyor.colors_of(SceneId(1)).colors;
             aside.lights.clear();
-            assert_eq!(unlit, surveyor.survey(&aside).colours);
+            assert_eq!(unlit, surveyor.survey(&aside).colors);
             all
         };
         let warm = Vec3::new(2.0, 1.0, 0.5);
-        assert_eq!(colours(&grey, &[], Vec3::ZERO), Colours::Dark);
+        assert_eq!(colors(&gray, &[], Vec3::ZERO), Colors::Dark);
         // Any chromaticity, at any strength, as long as it is one.
         let one = [warm, 7.0 * warm, Vec3::ZERO];
-        assert_eq!(colours(&grey, &one, 0.1 * warm), Colours::One);
-        assert_eq!(colours(&grey, &one, Vec3::ONE), Colours::Lights);
+        assert_eq!(colors(&gray, &one, 0.1 * warm), Colors::One);
+        assert_eq!(colors(&gray, &one, Vec3::ONE), Colors::Lights);
         assert_eq!(
-            colours(&grey, &[warm, Vec3::ONE], Vec3::ZERO),
-            Colours::Lights
+            colors(&gray, &[warm, Vec3::ONE], Vec3::ZERO),
+            Colors::Lights
         );
-        assert_eq!(colours(&coloured, &one, Vec3::ZERO), Colours::Surfaces);
+        assert_eq!(colors(&colored, &one, Vec3::ZERO), Colors::Surfaces);
     }
 
-    /// A sign with a coloured texture that was dark when it was baked, and a wall that was black: their factors are white now, and what they shine in is not.
+    /// A sign with a colored texture that was dark when it was baked, and a wall that was black: their factors are white now, and what they shine in is not.
     #[test]
     fn textures_of_live_materials_count_with_their_factors() {
         let mut baked = (*bake(true)).clone();
@@ -573,7 +573,7 @@ mod tests {
             .truncate(senders as usize + 1);
         let baked = Arc::new(baked);
         let white = [lamp(Vec3::ZERO, Vec3::ONE)];
-        let colours = |wall: f32, sign: Vec3| {
+        let colors = |wall: f32, sign: Vec3| {
             let factors = |base_color: f32, emissive: Vec3| MaterialFactors {
                 base_color: [base_color; 3],
                 emissive: emissive.to_array(),
@@ -588,19 +588,19 @@ mod tests {
                 }],
                 ..Found::default()
             };
-            Surveyor::new().survey(&found).colours
+            Surveyor::new().survey(&found).colors
         };
-        assert_eq!(colours(0.0, Vec3::ZERO), Colours::One);
-        assert_eq!(colours(1.0, Vec3::ZERO), Colours::Surfaces);
-        assert_eq!(colours(0.0, Vec3::ONE), Colours::Lights);
-        // A factor may undo the texture's colour.
+        assert_eq!(colors(0.0, Vec3::ZERO), Colors::One);
+        assert_eq!(colors(1.0, Vec3::ZERO), Colors::Surfaces);
+        assert_eq!(colors(0.0, Vec3::ONE), Colors::Lights);
+        // A factor may undo the texture's color.
         let undone = 0.1 / Vec3::new(0.1, 0.2, 0.9);
-        assert_eq!(colours(0.0, undone), Colours::One);
+        assert_eq!(colors(0.0, undone), Colors::One);
     }
 
     #[test]
     fn a_scene_says_what_changed_about_it() {
-        let grey = bake(true);
+        let gray = bake(true);
         let mut surveyor = Surveyor::<u32>::new();
         let mut look = |scenes: Vec<FoundScene<'_>>| {
             surveyor.survey(&Found {
@@ -608,8 +608,8 @@ mod tests {
                 ..Found::default()
             })
         };
-        assert_eq!(look(vec![scene(&grey)]).bakes_moved, 1);
-        assert!(look(vec![scene(&grey)]).at_rest());
+        assert_eq!(look(vec![scene(&gray)]).bakes_moved, 1);
+        assert!(look(vec![scene(&gray)]).at_rest());
         let red = [MaterialFactors {
             base_color: [0.8, 0.1, 0.1],
             emissive: [1.0; 3],
@@ -620,7 +620,7 @@ mod tests {
             emission: 2.0,
             materials: &red,
             gains: &[0.5, 1.0],
-            ..scene(&grey)
+            ..scene(&gray)
         };
         let found = look(vec![changed.clone()]);
         assert_eq!((found.skies, found.skies_changed), (Skies::Uniform, 1));
@@ -628,8 +628,8 @@ mod tests {
         assert_eq!((found.doors, found.doors_moved), (2, 2));
         assert_eq!((found.glowing, found.glow_changed), (1, 1));
         assert_eq!((found.bakes, found.bakes_moved), (1, 1));
-        // A material that is painted makes a grey bake coloured.
-        assert_eq!(found.colours, Colours::Surfaces);
+        // A material that is painted makes a gray bake colored.
+        assert_eq!(found.colors, Colors::Surfaces);
         assert!(look(vec![changed.clone()]).at_rest());
         let shut = FoundScene {
             gains: &[0.5, 0.0],
@@ -640,6 +640,6 @@ mod tests {
         // It goes.
         let found = look(Vec::new());
         assert_eq!((found.bakes, found.bakes_moved), (0, 1));
-        assert_eq!(found.colours, Colours::Dark);
+        assert_eq!(found.colors, Colors::Dark);
     }
 }

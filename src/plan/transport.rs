@@ -43,8 +43,8 @@ pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
             Reason::OccludersMoved(scene.occluders_changed)
         } else if of(SlotChange::Geometry) > 0 {
             Reason::LightsMoved(of(SlotChange::Geometry))
-        } else if of(SlotChange::Colour) > 0 {
-            Reason::LightsRecoloured(of(SlotChange::Colour))
+        } else if of(SlotChange::Color) > 0 {
+            Reason::LightsRecolored(of(SlotChange::Color))
         } else if scene.settings_changed {
             Reason::SettingsChanged
         } else if scene.materials_changed {

@@ -128,7 +128,7 @@ impl MeshlessGiBake {
     }
 
     /// Requests that the bake stops. It ends soon after with
-    /// [`BakeError::Cancelled`](meshless_gi::bake::BakeError::Cancelled).
+    /// [`BakeError::Canceled`](meshless_gi::bake::BakeError::Canceled).
     pub fn cancel(&self) {
         self.progress.cancel();
     }

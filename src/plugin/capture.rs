@@ -225,7 +225,7 @@ impl Reflections {
         };
         Ok(Some(Self {
             maps,
-            // Whole metres: rounding stays the same while a light moves a little.
+            // Whole meters: rounding stays the same while a light moves a little.
             origin: first
                 .views
                 .first()

@@ -132,7 +132,7 @@ impl MeshlessGiFinding {
                 "A camera's `VolumetricFog` has ambient light, and a `MeshlessGiVolume` lights the fog: both are added. Set `ambient_intensity` to 0, or the volume's `fog` to 0."
             }
             Self::LiveTexture => {
-                "A material that `MeshlessGiMaterials` names got another texture for its base colour or its emission: indirect light keeps that of the bake. Change `base_color` or \
+                "A material that `MeshlessGiMaterials` names got another texture for its base color or its emission: indirect light keeps that of the bake. Change `base_color` or \
                  `emissive`, which multiply it, or bake the level again."
             }
             Self::NoDisplay => {

@@ -52,16 +52,16 @@ pub struct MeshlessGiLighting {
     pub channels: MeshlessGiChannels,
 }
 
-/// In how many channels a bake's operator is applied. One costs less, and is right where every surface is grey and all that shines has one colour.
+/// In how many channels a bake's operator is applied. One costs less, and is right where every surface is gray and all that shines has one color.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
 pub enum MeshlessGiChannels {
-    /// One where that is right, three else. The plan says which, and why; a light of another colour is seen in the frame in which it shines.
+    /// One where that is right, three else. The plan says which, and why; a light of another color is seen in the frame in which it shines.
     #[default]
     Auto,
     /// Always three.
     Three,
-    /// Always one. Where colours differ, green decides and indirect light is white.
+    /// Always one. Where colors differ, green decides and indirect light is white.
     One,
 }
 
@@ -127,7 +127,7 @@ pub enum MeshlessGiView {
     Lit,
     /// Indirect light alone.
     Indirect,
-    /// Indirect irradiance without the surfaces' colours, as a white surface would show it.
+    /// Indirect irradiance without the surfaces' colors, as a white surface would show it.
     Irradiance,
 }
 

@@ -80,7 +80,7 @@ impl ViewRuntime {
     }
 }
 
-/// A colour in halves for every pixel of a view, written by a kernel.
+/// A color in halves for every pixel of a view, written by a kernel.
 pub(crate) fn screen_texture(
     device: &wgpu::Device,
     label: &'static str,

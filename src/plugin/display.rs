@@ -44,7 +44,7 @@ pub struct MeshlessGiSubsplats {
     pub depth: MeshlessGiDepthTest,
     /// How creases are found.
     pub normal: MeshlessGiNormalTest,
-    /// Look for both in the diagonal neighbours too.
+    /// Look for both in the diagonal neighbors too.
     pub diagonal: bool,
     /// Refine where light differs by more than this part from what its surroundings foretold. Infinite for never.
     pub light: f32,
@@ -58,7 +58,7 @@ pub struct MeshlessGiSubsplats {
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Clone, Debug, PartialEq)]
 pub enum MeshlessGiDepthTest {
-    /// Distance from the plane through a pixel's neighbours.
+    /// Distance from the plane through a pixel's neighbors.
     Plane(f32),
     /// Range of depths.
     MinMax(f32),

@@ -236,10 +236,10 @@ impl LightPartsItem<'_, '_> {
     }
 }
 
-fn rgb(colour: Color) -> Vec3 {
+fn rgb(color: Color) -> Vec3 {
     let LinearRgba {
         red, green, blue, ..
-    } = LinearRgba::from(colour);
+    } = LinearRgba::from(color);
     Vec3::new(red, green, blue)
 }
 

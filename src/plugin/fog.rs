@@ -99,8 +99,8 @@ fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
     camera.is_active.then_some(intensity)
 }
 
-fn rgb(colour: Color) -> Vec3 {
-    LinearRgba::from(colour).to_vec3()
+fn rgb(color: Color) -> Vec3 {
+    LinearRgba::from(color).to_vec3()
 }
 
 /// Bevy's fog in the core's terms; none where that is no fog.
@@ -108,7 +108,7 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
     let affine = transform.affine();
     let found = Fog {
         world_from_local: affine.into(),
-        colour: rgb(fog.fog_color) * rgb(fog.light_tint) * fog.light_intensity,
+        color: rgb(fog.fog_color) * rgb(fog.light_tint) * fog.light_intensity,
         density: fog.density_factor,
         absorption: fog.absorption,
         scattering: fog.scattering,
@@ -122,7 +122,7 @@ fn fog_of(fog: &FogVolume, transform: &GlobalTransform) -> Option<Fog> {
         found.scattering,
         found.asymmetry,
     ];
-    let finite = found.colour.is_finite()
+    let finite = found.color.is_finite()
         && offset.is_finite()
         && affine.is_finite()
         && numbers.iter().all(|n| n.is_finite());

@@ -24,7 +24,7 @@ use bevy::transform::components::GlobalTransform;
 #[derive(GizmoConfigGroup, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiGizmos {
-    /// A cross at every point, one colour a level (red is coarsest, blue finest).
+    /// A cross at every point, one color a level (red is coarsest, blue finest).
     pub points: bool,
     /// A stroke along every point's normal.
     pub normals: bool,
@@ -78,7 +78,7 @@ impl Plugin for MeshlessGiGizmosPlugin {
 }
 
 /// Red for the coarsest level, blue for the finest.
-fn level_colour(level: usize, levels: usize) -> Color {
+fn level_color(level: usize, levels: usize) -> Color {
     let t = if levels > 1 {
         level as f32 / (levels - 1) as f32
     } else {
@@ -114,7 +114,7 @@ fn draw(
         for level in
             (0..scene.levels()).filter(|l| group.level.is_none_or(|only| only as usize == *l))
         {
-            let colour = level_colour(level, scene.levels());
+            let color = level_color(level, scene.levels());
             for i in scene.level(level) {
                 let point = &scene.points[i];
                 let at = place.world_from_local.transform_point3(point.x());
@@ -124,14 +124,14 @@ fn draw(
                     .normalize_or(Vec3::Y);
                 let radius = point.radius * place.scale;
                 if group.points {
-                    gizmos.cross(at, group.size * radius, colour);
+                    gizmos.cross(at, group.size * radius, color);
                 }
                 if group.normals {
-                    gizmos.ray(at, normal * (0.5 * radius), colour);
+                    gizmos.ray(at, normal * (0.5 * radius), color);
                 }
                 if group.radii {
                     let flat = Isometry3d::new(at, Quat::from_rotation_arc(Vec3::Z, normal));
-                    gizmos.circle(flat, radius, colour).resolution(24);
+                    gizmos.circle(flat, radius, color).resolution(24);
                 }
                 let shines = lit
                     .as_ref()

@@ -141,8 +141,8 @@ pub(crate) fn take_inventory(
         let Some(bake) = &scene.bake else { continue };
         let pickers = pickers.entry(scene.id).or_default();
         let asked = scene.lighting.channels.into();
-        let colours = surveyor.colours_of(scene.id);
-        scene.channels = Some(pickers.channels.pick(asked, colours));
+        let colors = surveyor.colors_of(scene.id);
+        scene.channels = Some(pickers.channels.pick(asked, colors));
         let which = Arc::as_ptr(bake) as usize;
         if pickers.bake != which {
             (pickers.bake, pickers.bounces) = (which, BouncePicker::new());

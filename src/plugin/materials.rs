@@ -1,4 +1,4 @@
-//! Live materials: base colours and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
+//! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
 
 use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};

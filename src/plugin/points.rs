@@ -1,6 +1,6 @@
 //! Point clouds in a game: an asset for `.ply` files, and the component that draws one.
 //!
-//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own colour, shaded with normals that change smoothly from cell to cell
+//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own color, shaded with normals that change smoothly from cell to cell
 //! ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh: lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it as on any other.
 //!
 //! Each cell has a face to either side, the back's a little behind the front's: at the edge of a bent surface one looks at the backs of cells that stick out past it, and they would be dark where
@@ -26,12 +26,12 @@ use std::sync::Arc;
 /// A point cloud, and what it is drawn as. `asset_server.load::<MeshlessGiPoints>("statue.ply")`.
 #[derive(Asset, TypePath, Clone, Debug)]
 pub struct MeshlessGiPoints {
-    /// The points, in the cloud's own space: metres, linear albedo.
+    /// The points, in the cloud's own space: meters, linear albedo.
     pub cloud: Arc<PointCloud>,
-    /// Their cells, coloured as the points are, in parts of 100,000 points at most, as no device has room for a mesh of any size; the labelled assets `Mesh0`, `Mesh1`, …
+    /// Their cells, colored as the points are, in parts of 100,000 points at most, as no device has room for a mesh of any size; the labeled assets `Mesh0`, `Mesh1`, …
     #[dependency]
     pub meshes: Vec<Handle<Mesh>>,
-    /// White and rough; the labelled asset `Material`.
+    /// White and rough; the labeled asset `Material`.
     #[dependency]
     pub material: Handle<StandardMaterial>,
 }
@@ -52,7 +52,7 @@ pub struct MeshlessGiPointsLoader;
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct MeshlessGiPointsSettings {
-    /// Places in free space, metres: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
+    /// Places in free space, meters: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
     pub viewpoints: Vec<[f32; 3]>,
 }
 
@@ -124,7 +124,7 @@ impl MeshlessGiPoints {
     }
 }
 
-/// What points are drawn with: they have a colour, and nothing is known of how they shine.
+/// What points are drawn with: they have a color, and nothing is known of how they shine.
 fn material() -> StandardMaterial {
     StandardMaterial {
         base_color: Color::WHITE,
@@ -150,9 +150,9 @@ fn cells(cloud: &PointCloud) -> Vec<Mesh> {
         .collect()
 }
 
-/// The cells of some points, front and back: corners with their normals and the point's colour.
+/// The cells of some points, front and back: corners with their normals and the point's color.
 fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
-    let (mut positions, mut normals, mut colours) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut positions, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     let mut indices: Vec<u32> = Vec::new();
     for i in part.iter().map(|i| *i as usize) {
         let outline = cloud.outline(i);
@@ -164,7 +164,7 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
             for (corner, normal) in outline.iter().zip(own) {
                 positions.push((*corner + offset).to_array());
                 normals.push((side * *normal).to_array());
-                colours.push([r, g, b, 1.0]);
+                colors.push([r, g, b, 1.0]);
             }
             for k in 2..outline.len() as u32 {
                 let (a, b) = if side > 0.0 { (k - 1, k) } else { (k, k - 1) };
@@ -178,7 +178,7 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
     )
     .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
     .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, normals)
-    .with_inserted_attribute(Mesh::ATTRIBUTE_COLOR, colours)
+    .with_inserted_attribute(Mesh::ATTRIBUTE_COLOR, colors)
     .with_inserted_indices(Indices::U32(indices))
 }
 

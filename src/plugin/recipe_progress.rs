@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(bakes.change(|list| list.len()), 2);
         let progress = first.progress.clone();
         drop(first);
-        assert!(progress.is_cancelled() && !second.progress.is_cancelled());
+        assert!(progress.is_canceled() && !second.progress.is_canceled());
         assert_eq!(bakes.change(|list| list.len()), 1);
     }
 }

@@ -1,6 +1,6 @@
-//! A sky that is not the same in all directions: nine colours beside a baked scene, from a gradient or from a cubemap.
+//! A sky that is not the same in all directions: nine colors beside a baked scene, from a gradient or from a cubemap.
 //!
-//! It lights the level through the bake, and is not drawn: what a camera shows behind the level (`Skybox`, a clear colour) stays its own affair. Bevy's own
+//! It lights the level through the bake, and is not drawn: what a camera shows behind the level (`Skybox`, a clear color) stays its own affair. Bevy's own
 //! environment light adds its diffuse part on top of it, which [`check`](super::check) tells.
 
 use bevy::asset::{Assets, RenderAssetUsages};
@@ -49,7 +49,7 @@ pub enum MeshlessGiSkyError {
 }
 
 impl MeshlessGiSky {
-    /// Three colours, cd/m²: straight up, at the horizon and straight down ([`SkyRadiance::gradient`]).
+    /// Three colors, cd/m²: straight up, at the horizon and straight down ([`SkyRadiance::gradient`]).
     #[must_use]
     pub fn gradient(zenith: LinearRgba, horizon: LinearRgba, ground: LinearRgba) -> Self {
         let [zenith, horizon, ground] = [zenith, horizon, ground].map(|c| c.to_vec3());
@@ -98,7 +98,7 @@ impl MeshlessGiSky {
         for (k, radiance) in (0..).zip(texels) {
             let (x, y, face) = (k % n, k / n % n, k / (n * n));
             let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-            let way = towards(face, at(x), at(y));
+            let way = toward(face, at(x), at(y));
             // A texel's solid angle falls with the cube of its distance. Every texel counts: a sun may be a few of them.
             let angle = way.length().powi(-3);
             samples.push((rotation * way.normalize(), angle, radiance * brightness));
@@ -107,7 +107,7 @@ impl MeshlessGiSky {
     }
 
     /// The nearest sky of the same mean that is nowhere negative ([`SkyRadiance::without_ringing`]): for levels that see the sky through openings, where nine numbers beside a sun or a low sun's glow
-    /// would give strange colours.
+    /// would give strange colors.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
         self.radiance().without_ringing().into()
@@ -129,7 +129,7 @@ impl From<SkyRadiance> for MeshlessGiSky {
     }
 }
 
-/// The linear colours of a cubemap's largest level, face after face, row after row.
+/// The linear colors of a cubemap's largest level, face after face, row after row.
 fn texels(image: &Image) -> Result<Vec<Vec3>, MeshlessGiSkyError> {
     let descriptor = &image.texture_descriptor;
     let format = descriptor.format;
@@ -162,9 +162,9 @@ fn texels(image: &Image) -> Result<Vec<Vec3>, MeshlessGiSkyError> {
     for face in 0..6 {
         for y in 0..size.height {
             for x in 0..size.width {
-                let colour = flat.get_color_at_3d(x, y, face);
-                let colour = colour.map_err(|e| wrong(e.to_string()))?;
-                found.push(LinearRgba::from(colour).to_vec3());
+                let color = flat.get_color_at_3d(x, y, face);
+                let color = color.map_err(|e| wrong(e.to_string()))?;
+                found.push(LinearRgba::from(color).to_vec3());
             }
         }
     }
@@ -178,7 +178,7 @@ fn shared_exponent(word: u32) -> Vec3 {
 }
 
 /// Where the world lies from the middle of a cube through place (s, t) of a face, both within ±1 and t downwards. Cubemaps are left-handed, the world is not.
-fn towards(face: u32, s: f32, t: f32) -> Vec3 {
+fn toward(face: u32, s: f32, t: f32) -> Vec3 {
     let way = match face {
         0 => Vec3::new(1.0, -t, -s),
         1 => Vec3::new(-1.0, -t, s),
@@ -195,13 +195,13 @@ mod tests {
     use super::*;
     use bevy::render::render_resource::Extent3d;
 
-    fn cubemap(n: u32, colour: impl Fn(Vec3) -> Vec3) -> Image {
+    fn cubemap(n: u32, color: impl Fn(Vec3) -> Vec3) -> Image {
         let mut data = Vec::new();
         for face in 0..6 {
             for y in 0..n {
                 for x in 0..n {
                     let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-                    let c = colour(towards(face, at(x), at(y)).normalize());
+                    let c = color(toward(face, at(x), at(y)).normalize());
                     data.extend([c.x, c.y, c.z, 1.0].iter().flat_map(|v| v.to_le_bytes()));
                 }
             }
@@ -229,7 +229,7 @@ mod tests {
         let mut sky = sky.radiance();
         sky.terms[0] = Vec3::new(0.1, 0.0, 0.05);
         sky.terms[2] = Vec3::new(0.0, 0.2, 0.0);
-        let found = MeshlessGiSky::from_cubemap(&cubemap(32, |w| sky.towards(w)), 3.0);
+        let found = MeshlessGiSky::from_cubemap(&cubemap(32, |w| sky.toward(w)), 3.0);
         let found = found.unwrap().coefficients;
         let right = MeshlessGiSky::from(sky * 3.0).coefficients;
         for (a, b) in found.iter().zip(right) {
@@ -243,7 +243,7 @@ mod tests {
         let shines = |w: Vec3| Vec3::splat(if w.dot(sun) > 0.95 { 10.0 } else { 0.1 });
         let sky = MeshlessGiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
         let beside = Vec3::new(-0.6, 0.8, 0.0);
-        let least = |sky: &MeshlessGiSky| sky.radiance().towards(beside).max_element();
+        let least = |sky: &MeshlessGiSky| sky.radiance().toward(beside).max_element();
         assert!(least(&sky) < -0.1, "{}", least(&sky));
         let without = sky.without_ringing();
         assert!(least(&without) > -1e-4, "{}", least(&without));
@@ -297,7 +297,7 @@ mod tests {
         let (mut mean, mut way) = (Vec3::ZERO, Vec3::ZERO);
         for (x, y) in at {
             let place = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
-            let to = towards(2, place(x), place(y));
+            let to = toward(2, place(x), place(y));
             let angle = 4.0 / (n * n) as f32 * to.length().powi(-3);
             let share = angle / (4.0 * std::f32::consts::PI);
             mean += 3.0 * share * Vec3::new(1024.0, 512.0, 0.0);

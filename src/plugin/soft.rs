@@ -125,7 +125,7 @@ fn sphere(light: &Light, radius: f32, soft: &MeshlessGiSoftShadow) -> SoftLight 
 }
 
 fn rectangle(light: &Light, range: f32, soft: &MeshlessGiSoftShadow) -> SoftLight {
-    // Bevy's shortest range is a centimetre.
+    // Bevy's shortest range is a centimeter.
     SoftLight::of(light, soft.samples)
         .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
 }

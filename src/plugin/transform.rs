@@ -9,9 +9,9 @@ use bevy::transform::components::GlobalTransform;
 /// Placement of a bake: translation, rotation (perhaps with a reflection) and one scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Local to world, metres; its linear part is `scale` times an orthogonal matrix.
+    /// Local to world, meters; its linear part is `scale` times an orthogonal matrix.
     pub world_from_local: Affine3A,
-    /// World metres per local metre.
+    /// World meters per local meter.
     pub scale: f32,
     /// The transform that it came from was not such a one.
     pub distorted: bool,
@@ -29,7 +29,7 @@ impl Placement {
         }
         let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
         let scale = (lengths[0] + lengths[1] + lengths[2]) / 3.0;
-        // Orthonormalise: exact where the transform was a similarity, the nearest guess along x, then y, elsewhere.
+        // Orthonormalize: exact where the transform was a similarity, the nearest guess along x, then y, elsewhere.
         let x = m.x_axis.normalize();
         let y = (m.y_axis - x * x.dot(m.y_axis)).normalize();
         let z = x.cross(y) * determinant.signum();

@@ -44,7 +44,7 @@ use std::sync::Arc;
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct MeshlessGiVolume {
-    /// Edge of a voxel, metres of the bake's space; none for half of the distance between the bake's probes.
+    /// Edge of a voxel, meters of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
     /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions, and eight for the ways to walls. Voxels become larger where they would be more.
     pub most: u32,

@@ -46,11 +46,11 @@ fn programs() -> &'static Package {
 
 /// A hall around README's light and camera: a red wall, a green one, a block.
 fn hall() -> Room {
-    let quad = |corner: [f32; 3], u: [f32; 3], v: [f32; 3], colour: [f32; 3]| Quad {
+    let quad = |corner: [f32; 3], u: [f32; 3], v: [f32; 3], color: [f32; 3]| Quad {
         corner: corner.into(),
         u: u.into(),
         v: v.into(),
-        colour: colour.into(),
+        color: color.into(),
     };
     let white = [0.7, 0.7, 0.7];
     let (x, y, z) = ([6.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 9.0]);

@@ -23,7 +23,7 @@ use std::f32::consts::{FRAC_PI_4, PI};
 pub struct Ball {
     pub center: Vec3,
     pub radius: f32,
-    pub colour: Vec3,
+    pub color: Vec3,
 }
 
 /// Quads that are culled from behind, and balls.
@@ -94,11 +94,11 @@ impl Geometry for Things {
         let (normal, albedo) = match hit.primitive.checked_sub(BALLS) {
             Some(i) => {
                 let ball = self.balls[i as usize];
-                ((position - ball.center).normalize(), ball.colour)
+                ((position - ball.center).normalize(), ball.color)
             }
             None => {
                 let q = self.quads[hit.primitive as usize];
-                (q.u.cross(q.v).normalize(), q.colour)
+                (q.u.cross(q.v).normalize(), q.color)
             }
         };
         Surface {

@@ -59,7 +59,7 @@ fn document(room: &Room, uri: &str, texture: Option<&str>) -> (Vec<u8>, Vec<u8>)
             )),
             2 * i + 1
         ));
-        let [r, g, b] = quad.colour.to_array();
+        let [r, g, b] = quad.color.to_array();
         materials.push(format!(
             r#"{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[{r},{g},{b},1],"metallicFactor":0{}}}}}"#,
             texture.map_or("", |_| r#","baseColorTexture":{"index":0}"#)

@@ -20,7 +20,7 @@ pub struct Quad {
     pub corner: Vec3,
     pub u: Vec3,
     pub v: Vec3,
-    pub colour: Vec3,
+    pub color: Vec3,
 }
 
 /// Parallelograms that reflect on both sides.
@@ -30,13 +30,13 @@ pub struct Room(pub Vec<Quad>);
 const WHITE: Vec3 = Vec3::new(0.7, 0.7, 0.7);
 
 impl Room {
-    /// Two metres wide, open towards +Z, a red and a green wall, and a block.
+    /// Two meters wide, open toward +Z, a red and a green wall, and a block.
     pub fn cornell() -> Self {
-        let quad = |corner, u, v, colour| Quad {
+        let quad = |corner, u, v, color| Quad {
             corner,
             u,
             v,
-            colour,
+            color,
         };
         let v = Vec3::new;
         let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z * 2.0);
@@ -65,23 +65,23 @@ impl Room {
         Self(quads)
     }
 
-    /// One white wall of two metres in the plane z = 0, facing +Z.
+    /// One white wall of two meters in the plane z = 0, facing +Z.
     pub fn wall(albedo: f32) -> Self {
         Self(vec![Quad {
             corner: Vec3::new(-1.0, -1.0, 0.0),
             u: Vec3::X * 2.0,
             v: Vec3::Y * 2.0,
-            colour: Vec3::splat(albedo),
+            color: Vec3::splat(albedo),
         }])
     }
 
-    /// The same room with other colours.
-    pub fn recoloured(&self, colour: impl Fn(Vec3) -> Vec3) -> Self {
+    /// The same room with other colors.
+    pub fn recolored(&self, color: impl Fn(Vec3) -> Vec3) -> Self {
         Self(
             self.0
                 .iter()
                 .map(|q| Quad {
-                    colour: colour(q.colour),
+                    color: color(q.color),
                     ..*q
                 })
                 .collect(),
@@ -176,7 +176,7 @@ impl Room {
                 .world_mut()
                 .resource_mut::<Assets<StandardMaterial>>()
                 .add(StandardMaterial {
-                    base_color: Color::linear_rgb(quad.colour.x, quad.colour.y, quad.colour.z),
+                    base_color: Color::linear_rgb(quad.color.x, quad.color.y, quad.color.z),
                     perceptual_roughness: 1.0,
                     reflectance: 0.0,
                     ..default()
@@ -250,7 +250,7 @@ impl Geometry for Room {
         Surface {
             position: q.corner + q.u * hit.uv[0] + q.v * hit.uv[1],
             normal: if front { n } else { -n },
-            albedo: q.colour,
+            albedo: q.color,
             emission: Vec3::ZERO,
             front,
         }
@@ -267,7 +267,7 @@ impl Geometry for Room {
 
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         let factors = |q: &Quad| MaterialFactors {
-            base_color: q.colour.to_array(),
+            base_color: q.color.to_array(),
             emissive: [0.0; 3],
         };
         let named = self.0.iter().enumerate();

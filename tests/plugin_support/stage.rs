@@ -19,7 +19,7 @@ pub const MOST: f32 = 0.02;
 /// Candela of the test's lamps.
 pub const CANDELA: f32 = 1500.0;
 
-/// From the front; not quite from the middle, where the edges of the room would pass through centres of pixels and be a matter of rounding.
+/// From the front; not quite from the middle, where the edges of the room would pass through centers of pixels and be a matter of rounding.
 pub fn view() -> Transform {
     Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
 }

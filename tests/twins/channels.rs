@@ -45,8 +45,8 @@ fn one_channel_of_any_scene() {
     }
 }
 
-/// What lights a scene of grey surfaces, all in `HUE`.
-fn grey(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
+/// What lights a scene of gray surfaces, all in `HUE`.
+fn gray(form: SenderForm) -> (BakedScene, Vec<FrameLight>) {
     let mut scene = synthetic::scene(form);
     for surface in &mut scene.surfaces {
         surface.albedo = [surface.albedo[1]; 3];
@@ -74,11 +74,11 @@ fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -
 }
 
 #[test]
-fn where_all_is_grey_one_channel_says_as_much_as_three() {
+fn where_all_is_gray_one_channel_says_as_much_as_three() {
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     for form in FORMS {
-        let (scene, mut lights) = grey(form);
+        let (scene, mut lights) = gray(form);
         let right = cpu(&scene, &lights, &at(Channels::Three));
         assert_eq!(off(&scene, &lights, &right, HUE), 0, "{form:?}");
         // As bright as it comes.
@@ -94,7 +94,7 @@ fn where_all_is_grey_one_channel_says_as_much_as_three() {
         assert_eq!(counters.of(Pass::Apply), 0);
         assert!(counters.of(Pass::ApplyOne) >= 3);
 
-        // Another colour of light, or of a wall, is not grey any more.
+        // Another color of light, or of a wall, is not gray any more.
         assert!(off(&scene, &lights, &right, Vec3::ONE) > 100, "{form:?}");
         lights[0].color = [9.0, 1.0, 1.0];
         let three = cpu(&scene, &lights, &at(Channels::Three));

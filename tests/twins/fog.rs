@@ -15,7 +15,7 @@ use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];
 /// What the picture was.
-const GREY: f32 = 0.25;
+const GRAY: f32 = 0.25;
 /// The density's texture along each edge.
 const EDGE: u32 = 6;
 
@@ -53,7 +53,7 @@ impl Drawn {
                 Quat::from_rotation_x(0.4),
                 middle + 0.5,
             ),
-            colour: Vec3::new(0.9, 1.0, 0.6),
+            color: Vec3::new(0.9, 1.0, 0.6),
             density: 0.4,
             absorption: 0.1,
             scattering: 0.5,
@@ -122,7 +122,7 @@ impl Drawn {
                 at,
                 self.depth[i as usize],
             );
-            (added + GREY).extend(GREY).to_array()
+            (added + GRAY).extend(GRAY).to_array()
         };
         (0..SIZE[0] * SIZE[1]).map(pixel).collect()
     }
@@ -155,8 +155,8 @@ fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[
     assert_eq!((buffers.count(), buffers.bytes()), (4, bytes));
     let half4 = TextureFormat::Rgba16Float;
     let usage = TextureUsages::COPY_SRC | TextureUsages::RENDER_ATTACHMENT;
-    let grey = vec![[f16::from_f32(GREY); 4]; drawn.depth.len()];
-    let picture = harness.texture(SIZE, half4, usage, Some(&grey));
+    let gray = vec![[f16::from_f32(GRAY); 4]; drawn.depth.len()];
+    let picture = harness.texture(SIZE, half4, usage, Some(&gray));
     let depth = depth_samples(harness, SIZE, &drawn.depth, samples);
     let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
     let (canvas, depth) = (look(&picture), look(&depth));
@@ -206,7 +206,7 @@ fn fog_in_a_picture() {
     let count = drawn.depth.len();
     for which in 0..drawn.params.len() {
         let twin = drawn.run(which);
-        let lit = twin.iter().filter(|p| p[0] > 1.2 * GREY).count();
+        let lit = twin.iter().filter(|p| p[0] > 1.2 * GRAY).count();
         assert!(
             lit > count / 6 && lit < count,
             "{which}: {lit} of {count} lit"

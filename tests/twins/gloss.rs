@@ -26,7 +26,7 @@ struct OnGpu {
     nodes: Vec<GlossNode>,
     surprises: Vec<[u32; 4]>,
     texels: Vec<[f32; 4]>,
-    /// Added to a grey picture.
+    /// Added to a gray picture.
     drawn: Vec<[f32; 4]>,
 }
 
@@ -37,7 +37,7 @@ fn params() -> CompositeParams {
     }
 }
 
-const GREY: f32 = 0.25;
+const GRAY: f32 = 0.25;
 
 fn on_gpu(
     harness: &Harness,
@@ -104,9 +104,9 @@ fn on_gpu(
     assert_eq!(kernels.created(), 2);
 
     // Onto a picture.
-    let grey = vec![[f16::from_f32(GREY); 4]; (SIZE[0] * SIZE[1]) as usize];
+    let gray = vec![[f16::from_f32(GRAY); 4]; (SIZE[0] * SIZE[1]) as usize];
     let usage = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC;
-    let picture = harness.texture(SIZE, half4, usage | read, Some(&grey));
+    let picture = harness.texture(SIZE, half4, usage | read, Some(&gray));
     let passes = look(&harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes)));
     let mut splat = ViewBuffers::new(&harness.device);
     splat.write(queue, &bytemuck::Zeroable::zeroed(), &params());
@@ -220,7 +220,7 @@ fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
             let texel = scene.drawn.gbuffer[i];
             let add =
                 composite::composite_gloss_pixel(&params(), gpu.texels[i], texel, passes[i].into());
-            [add[0] + GREY, add[1] + GREY, add[2] + GREY, GREY].to_vec()
+            [add[0] + GRAY, add[1] + GRAY, add[2] + GRAY, GRAY].to_vec()
         })
         .collect();
     assert_eq!(differing(&texels_of(&gpu.drawn), &drawn), 0);

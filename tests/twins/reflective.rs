@@ -58,7 +58,7 @@ impl Map {
             let normal = (toward + 1.2 * dice.vec()).normalize();
             let metal = 0.5 * dice.unit();
             out.gbuffer
-                .push(gbuffer::pack(dice.colour(), metal, 1.0, normal, flags));
+                .push(gbuffer::pack(dice.color(), metal, 1.0, normal, flags));
         }
         out
     }
@@ -86,7 +86,7 @@ const EYE: Vec3 = Vec3::new(2.5, 1.5, 2.0);
 /// A light of each kind, with its maps.
 fn lamps() -> Vec<(FrameLight, Vec<Map>)> {
     let target = Vec3::new(0.5, 0.6, 0.4);
-    let colour = Vec3::new(9.0, 7.0, 5.0);
+    let color = Vec3::new(9.0, 7.0, 5.0);
     let toward = (target - EYE).normalize();
     let maps = |parallel| vec![Map::new(21, EYE, target, parallel)];
     let two = vec![
@@ -94,13 +94,13 @@ fn lamps() -> Vec<(FrameLight, Vec<Map>)> {
         Map::new(23, EYE, EYE + Vec3::X, false),
     ];
     [
-        (FrameLight::point(EYE, colour, 4.0), two),
+        (FrameLight::point(EYE, color, 4.0), two),
         (
-            FrameLight::spot(EYE, toward, colour, 0.2, 0.5, f32::INFINITY),
+            FrameLight::spot(EYE, toward, color, 0.2, 0.5, f32::INFINITY),
             maps(false),
         ),
-        (FrameLight::directional(toward, colour), maps(true)),
-        (FrameLight::patch(EYE, toward, colour), maps(false)),
+        (FrameLight::directional(toward, color), maps(true)),
+        (FrameLight::patch(EYE, toward, color), maps(false)),
     ]
     .map(|(light, maps)| (light_in_space(&light, ORIGIN), maps))
     .into()
@@ -146,7 +146,7 @@ fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     found
 }
 
-/// Virtual point lights whose numbers differ. A sum over texels in another order of the same rounding: a place within a ten-thousandth of a metre.
+/// Virtual point lights whose numbers differ. A sum over texels in another order of the same rounding: a place within a ten-thousandth of a meter.
 fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
     let near = |a: [f32; 3], b: [f32; 3], within: f32| {
         (Vec3::from_array(a) - Vec3::from_array(b))

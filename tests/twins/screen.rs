@@ -31,13 +31,13 @@ impl Screen {
             lit: Vec::new(),
         };
         for i in 0..count {
-            // Distances from 0.5 to 3.5 metres; some sky.
+            // Distances from 0.5 to 3.5 meters; some sky.
             let depth = NEAR / (0.5 + 3.0 * dice.unit());
             out.depth.push(if i % 13 == 0 { 0.0 } else { depth });
             let flags = if i % 17 == 0 { gbuffer::UNLIT } else { 0 };
             let normal = dice.direction();
             out.gbuffer.push(gbuffer::pack(
-                dice.colour(),
+                dice.color(),
                 0.5 * dice.unit(),
                 0.3 + 0.7 * dice.unit(),
                 normal,

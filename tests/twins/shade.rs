@@ -22,7 +22,7 @@ use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// What an earlier scene left in every third pixel, and what the picture was.
 const EARLIER: f32 = 0.25;
-const GREY: f32 = 0.5;
+const GRAY: f32 = 0.5;
 
 /// A box, a picture of it, what its points miss, and lamps.
 struct Shaded {
@@ -149,7 +149,7 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Ve
     let half4 = TextureFormat::Rgba16Float;
     let halves = |v: [f32; 4]| v.map(f16::from_f32);
     let before: Vec<[f16; 4]> = (0..drawn.depth.len()).map(|i| halves(earlier(i))).collect();
-    let grey = vec![halves([GREY; 4]); drawn.depth.len()];
+    let gray = vec![halves([GRAY; 4]); drawn.depth.len()];
     let depth = depth_texture(harness, SIZE, &drawn.depth);
     let gbuffer = harness.texture(SIZE, TextureFormat::Rgba32Uint, read, Some(&drawn.gbuffer));
     let passes = harness.texture(SIZE, TextureFormat::R8Uint, read, Some(passes));
@@ -157,7 +157,7 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Ve
     let storage = read | TextureUsages::STORAGE_BINDING;
     let out = [0; 2].map(|_| harness.texture::<[f16; 4]>(SIZE, half4, storage, None));
     let canvas = read | TextureUsages::RENDER_ATTACHMENT;
-    let picture = harness.texture(SIZE, half4, canvas, Some(&grey));
+    let picture = harness.texture(SIZE, half4, canvas, Some(&gray));
     let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
     let (depth, gbuffer, passes, before) =
         (look(&depth), look(&gbuffer), look(&passes), look(&before));
@@ -275,16 +275,16 @@ fn compare(gloss: bool) {
         .zip(&passes)
         .map(|(texel, &pass)| {
             let [r, g, b] = composite::composite_shade_pixel(*texel, pass.into());
-            [GREY - r, GREY - g, GREY - b, GREY]
+            [GRAY - r, GRAY - g, GRAY - b, GRAY]
         })
         .collect();
     assert_eq!(apart(&picture, &expected), 0);
-    assert!(picture.iter().any(|p| p[0] < 0.9 * GREY));
+    assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
     // Must fail: another lamp, another place, another range, other surfaces, other points, what is missing, and what there would be.
     type Spoil = fn(&mut Shaded);
     let spoils: [(&str, Spoil); 8] = [
-        ("colour", |s| s.lights[0].color[1] *= 1.02),
+        ("color", |s| s.lights[0].color[1] *= 1.02),
         ("place", |s| s.lights[0].center[0] += 0.05),
         ("range", |s| s.lights[1] = s.lights[1].within(4.0)),
         ("roughness", |s| {

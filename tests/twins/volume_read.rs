@@ -90,7 +90,7 @@ fn preprocessed(text: &str, defined: &[&str]) -> String {
     out
 }
 
-/// Texels of so many voxels with light of any colour and walls anywhere.
+/// Texels of so many voxels with light of any color and walls anywhere.
 pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
     let texels = size * UVec3::new(1, 2, 3);
     // A third of the voxels see no wall, and so does a corner of the volume; some ways are free.
@@ -113,7 +113,7 @@ pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
             );
             let (voxel, side) = (t % size, 2 * (t.z / size.z) + t.y / size.y);
             let voxel = voxel.x + size.x * (voxel.y + size.y * voxel.z);
-            let light = dice.colour();
+            let light = dice.color();
             [
                 light.x,
                 light.y,

@@ -15,7 +15,7 @@ use meshless_gi::scene::{
 use meshless_gi::transport::Passage;
 use std::path::Path;
 
-/// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Metres.
+/// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Meters.
 const SIZE: Vec3 = Vec3::new(8.0, 2.6, 3.6);
 const WALL: [f32; 2] = [3.9, 4.1];
 const OPENING: [f32; 3] = [1.4, 2.4, 2.0];
@@ -85,7 +85,7 @@ fn door() -> OccluderShape {
     door_at("door", 4.0)
 }
 
-/// A door in the middle of the wall at x, four centimetres thick.
+/// A door in the middle of the wall at x, four centimeters thick.
 fn door_at(name: &str, x: f32) -> OccluderShape {
     let [left, right, top] = OPENING;
     OccluderShape {
@@ -122,7 +122,7 @@ fn lamp() -> Vec<FrameLight> {
     FrameLight::expand(&lamp, 1)
 }
 
-/// Places on walls, floor and ceiling from x to x, with their normals, centimetres from the door and far.
+/// Places on walls, floor and ceiling from x to x, with their normals, centimeters from the door and far.
 fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     let mut out = Vec::new();
     let steps = 16;

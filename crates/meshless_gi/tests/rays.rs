@@ -22,7 +22,7 @@ fn sphere(rounds: u32) -> Triangles {
         out = out
             .into_iter()
             .flat_map(|[a, b, c]: [Vec3; 3]| {
-                // The sum does not depend on which triangle asks, so neighbours get the same bits.
+                // The sum does not depend on which triangle asks, so neighbors get the same bits.
                 let middle = |p: Vec3, q: Vec3| (p + q).normalize();
                 let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
                 [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
@@ -84,7 +84,7 @@ fn ray(triangles: &Triangles, center: Vec3, k: u64) -> Ray {
         2 if k % 64 == 2 => -[Vec3::X, Vec3::Y, Vec3::Z][r.below(3)],
         _ => uniform_sphere(Vec2::new(r.unit(), r.unit())),
     };
-    // From the very centre some rays run through shared vertices exactly.
+    // From the very center some rays run through shared vertices exactly.
     let origin = if k % 128 == 2 { center } else { origin };
     Ray::new(origin, direction)
 }
@@ -232,7 +232,7 @@ fn odd_meshes_and_odd_rays() {
     );
 }
 
-/// `site` is `surface` without its colours, on fronts, on backs and where there is no such hit.
+/// `site` is `surface` without its colors, on fronts, on backs and where there is no such hit.
 #[test]
 fn a_site_is_where_its_surface_is() {
     let triangles = sphere(2);
@@ -246,7 +246,7 @@ fn a_site_is_where_its_surface_is() {
     for k in 0..4000 {
         let inside = ray(&triangles, Vec3::ZERO, k);
         let ray = match k % 3 {
-            // From outside, towards the middle.
+            // From outside, toward the middle.
             0 => Ray::new(-3.0 * inside.direction, inside.direction),
             _ => inside,
         };
@@ -266,7 +266,7 @@ fn a_site_is_where_its_surface_is() {
 
 #[test]
 fn surfaces_a_hair_from_the_start_are_met() {
-    // In a level of two metres, a tile of a millimetre from 50 µm away; and the same a thousand times smaller and larger.
+    // In a level of two meters, a tile of a millimeter from 50 µm away; and the same a thousand times smaller and larger.
     for scale in [1e-3f32, 1.0, 1e3] {
         let v = |x: f32, y: f32, z: f32| scale * Vec3::new(x, y, z);
         let tile = [v(-5e-4, 0.0, -5e-4), v(5e-4, 0.0, -5e-4), v(0.0, 0.0, 5e-4)];

@@ -47,10 +47,10 @@ struct Options {
     /// How much care to take [draft, medium, high; medium if left out].
     #[arg(long, hide_possible_values = true, value_parser = preset())]
     preset: Option<Preset>,
-    /// A place in free space from which light can be seen, metres; may be given several times. Points without normals face it.
+    /// A place in free space from which light can be seen, meters; may be given several times. Points without normals face it.
     #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
-    /// Disk radius of the coarsest level, metres.
+    /// Disk radius of the coarsest level, meters.
     #[arg(long, value_name = "R", allow_hyphen_values = true)]
     coarse_radius: Option<f32>,
     /// Levels of points, 1 to 12.
@@ -101,7 +101,7 @@ struct Options {
     /// Bake light in free space, for what moves.
     #[arg(long)]
     probes: bool,
-    /// Light in free space: distance between its probes, metres [about 2000 in the box around the level].
+    /// Light in free space: distance between its probes, meters [about 2000 in the box around the level].
     #[arg(
         long,
         value_name = "M",
@@ -112,7 +112,7 @@ struct Options {
     /// Which skies may light the level: the same radiance from everywhere, or one that varies (spherical harmonics).
     #[arg(long, value_name = "KIND", value_parser = sky())]
     sky: Option<Sky>,
-    /// Bake what materials cover each sender, for base colours and emission that change in the running game.
+    /// Bake what materials cover each sender, for base colors and emission that change in the running game.
     #[arg(long)]
     live_materials: bool,
     /// A door or a lift that the running game opens and shuts: the name of a node of the level; again for several, 64 at most.

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The statue's points are no nearer to each other than this, metres.
+/// The statue's points are no nearer to each other than this, meters.
 const SPACING: f32 = 0.02;
 /// Patches that the lamp counts for in a frame.
 const PATCHES: u32 = 64;

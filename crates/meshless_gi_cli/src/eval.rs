@@ -87,7 +87,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         .map_err(|why| ToolError::write(&args.output, &why))
 }
 
-/// Where the bake was seen from, metres: what points without normals face.
+/// Where the bake was seen from, meters: what points without normals face.
 pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
     (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
 }

@@ -22,7 +22,7 @@ pub struct Args {
     /// Where the volume goes; its place and its intensity go beside it, to OUT.ron.
     #[arg(long, value_name = "OUT.ktx2")]
     irradiance_volume: PathBuf,
-    /// Edge of a voxel, metres [half of the distance between the bake's probes].
+    /// Edge of a voxel, meters [half of the distance between the bake's probes].
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = voxel)]
     voxel: Option<f32>,
     /// Most voxels; they become larger where they would be more.

@@ -1,4 +1,4 @@
-//! `illuminate`: the light at every point of a bake, or of a cloud, under a scene's lights: a `.ply` file with the light as colour, and the bake with the light in it.
+//! `illuminate`: the light at every point of a bake, or of a cloud, under a scene's lights: a `.ply` file with the light as color, and the bake with the light in it.
 
 use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
@@ -20,10 +20,10 @@ pub struct Args {
     /// The cloud whose points are lit; left out: the bake's own points.
     #[arg(long, value_name = "CLOUD.ply")]
     points: Option<PathBuf>,
-    /// Where the lit points go. Their colour is what they reflect, over what the brightest hundredth of them does at least; linear.
+    /// Where the lit points go. Their color is what they reflect, over what the brightest hundredth of them does at least; linear.
     #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
-    /// The irradiance, W/m², as colour, neither reflected nor scaled.
+    /// The irradiance, W/m², as color, neither reflected nor scaled.
     #[arg(long)]
     irradiance: bool,
     /// Writes the bake again, with the irradiance of its own points in it.
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
             output::count(uncovered as u64)
         ));
     }
-    let colours = match args.irradiance {
+    let colors = match args.irradiance {
         true => light.clone(),
         false => shown(&light, &surface.albedo),
     };
@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         encoding,
         &surface.positions,
         &surface.normals,
-        &colours,
+        &colors,
     )
     .and_then(|()| write_file(&args.output, &bytes))
     .map_err(|why| ToolError::write(&args.output, &why))?;
@@ -129,8 +129,8 @@ fn shown(light: &[Vec3], albedo: &[Vec3]) -> Vec<Vec3> {
     bright.sort_by(f32::total_cmp);
     let most = bright.get(bright.len() * 99 / 100).copied().unwrap_or(0.0);
     let scale = if most > 0.0 { 1.0 / most } else { 0.0 };
-    let colour = |b: &Vec3| (*b * scale).min(Vec3::ONE);
-    reflected.iter().map(colour).collect()
+    let color = |b: &Vec3| (*b * scale).min(Vec3::ONE);
+    reflected.iter().map(color).collect()
 }
 
 #[cfg(test)]
@@ -141,10 +141,10 @@ mod tests {
     fn the_brightest_hundredth_is_white() {
         let light: Vec<Vec3> = (0..200).map(|i| Vec3::splat(i as f32)).collect();
         let half = vec![Vec3::new(0.5, 0.25, 0.0); 200];
-        let colours = shown(&light, &half);
+        let colors = shown(&light, &half);
         let same = |a: Vec3, b: Vec3| assert!(a.abs_diff_eq(b, 1e-5), "{a} {b}");
-        same(colours[199], Vec3::new(1.0, 0.25 * 199.0 / 99.0, 0.0));
-        same(colours[99], Vec3::new(0.5, 0.25, 0.0));
+        same(colors[199], Vec3::new(1.0, 0.25 * 199.0 / 99.0, 0.0));
+        same(colors[99], Vec3::new(0.5, 0.25, 0.0));
         assert_eq!(shown(&[Vec3::ZERO; 3], &half[..3]), [Vec3::ZERO; 3]);
         assert!(shown(&[], &[]).is_empty());
     }

@@ -48,7 +48,7 @@ enum Command {
     Eval(eval::Args),
     /// Light for fixed lights in a file that Bevy reads without this crate.
     Export(export::Args),
-    /// The light at every point of a bake or of a cloud, as a point cloud with the light as colour.
+    /// The light at every point of a bake or of a cloud, as a point cloud with the light as color.
     Illuminate(illuminate::Args),
     /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
     Demo(demo::Args),

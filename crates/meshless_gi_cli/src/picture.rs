@@ -22,7 +22,7 @@ const WHITE: f32 = 4.0;
 /// What one sample of a pixel sees.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Metres.
+    /// Meters.
     pub position: Vec3,
     /// Unit.
     pub normal: Vec3,
@@ -92,7 +92,7 @@ fn luminance(c: Vec3) -> f32 {
     c.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// The exposure that takes the picture's mean luminance to a middle grey.
+/// The exposure that takes the picture's mean luminance to a middle gray.
 pub fn exposure(picture: &Image) -> f32 {
     let mean: f32 =
         picture.pixels.iter().map(|c| luminance(*c)).sum::<f32>() / picture.pixels.len() as f32;

@@ -13,7 +13,7 @@ pub const COLUMNS: [&str; 6] = ["px", "py", "pz", "nx", "ny", "nz"];
 pub struct Place {
     /// As they stand in the file.
     pub text: [String; 6],
-    /// Metres.
+    /// Meters.
     pub position: Vec3,
     /// Of unit length.
     pub normal: Vec3,

@@ -14,7 +14,7 @@ pub struct Args {
     /// Where the points go.
     #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
-    /// Points of one surface are at least this far apart, metres.
+    /// Points of one surface are at least this far apart, meters.
     #[arg(long, value_name = "S", default_value_t = 0.02, allow_hyphen_values = true, value_parser = spacing)]
     spacing: f32,
     /// Seed of all random numbers.

@@ -73,7 +73,7 @@ fn bake(folder: &Path, level: &[u8]) -> (i32, String, String) {
     ])
 }
 
-const GREY: &str = r#"{"doubleSided":true,"pbrMetallicRoughness":{"metallicFactor":0,"baseColorFactor":[0.5,0.5,0.5,1]}}"#;
+const GRAY: &str = r#"{"doubleSided":true,"pbrMetallicRoughness":{"metallicFactor":0,"baseColorFactor":[0.5,0.5,0.5,1]}}"#;
 const WHITE: &str = r#"{"doubleSided":true,"emissiveFactor":[1,1,1],"pbrMetallicRoughness":{"metallicFactor":0,"baseColorFactor":[1,1,1,1]}}"#;
 
 #[test]
@@ -81,26 +81,26 @@ fn broken_levels_are_told_of() {
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let clean = room(Vec3::ZERO, Vec3::splat(2.0));
     // Normals without numbers mean nothing: the triangles have their own.
-    let (code, _, err) = bake(folder.path(), &glb(&clean, Vec3::NAN, GREY));
+    let (code, _, err) = bake(folder.path(), &glb(&clean, Vec3::NAN, GRAY));
     assert!(code == 0 || err.contains("error: "), "{code} {err}");
     let mut dirty = clean.clone();
     for wrong in [f32::NAN, f32::INFINITY, 0.0] {
         dirty.push([Vec3::ONE, Vec3::ONE, Vec3::splat(wrong)]);
     }
-    let (code, _, err) = bake(folder.path(), &glb(&dirty, Vec3::Y, GREY));
+    let (code, _, err) = bake(folder.path(), &glb(&dirty, Vec3::Y, GRAY));
     assert_eq!(code, 0, "{err}");
     assert!(
         err.contains("3 triangles without area or without numbers"),
         "{err}"
     );
     // Nothing but damage, and nothing at all.
-    let (code, _, err) = bake(folder.path(), &glb(&vec![[Vec3::NAN; 3]], Vec3::Y, GREY));
+    let (code, _, err) = bake(folder.path(), &glb(&vec![[Vec3::NAN; 3]], Vec3::Y, GRAY));
     assert!(
         code == 1 && err.contains("no usable triangle"),
         "{code} {err}"
     );
     let away = room(Vec3::new(1e7, 0.0, 0.0), Vec3::splat(2.0));
-    let (code, _, err) = bake(folder.path(), &glb(&away, Vec3::Y, GREY));
+    let (code, _, err) = bake(folder.path(), &glb(&away, Vec3::Y, GRAY));
     assert!(code == 1 && err.contains("origin"), "{code} {err}");
 }
 

@@ -17,7 +17,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// Points are at least this far apart, metres, in a room of two.
+/// Points are at least this far apart, meters, in a room of two.
 const SPACING: f32 = 0.035;
 
 fn lamp() -> [Light; 1] {
@@ -220,7 +220,7 @@ fn the_tool_takes_points(rule: &str) {
             "{row:?}"
         );
     }
-    // The light at every point, stored in the bake and as a cloud's colours, is what `eval` says there.
+    // The light at every point, stored in the bake and as a cloud's colors, is what `eval` says there.
     let illuminate = |more: &[&str], out: &str| {
         let all = [
             "illuminate",
@@ -244,8 +244,8 @@ fn the_tool_takes_points(rule: &str) {
     let stored = BakedScene::read(Path::new(&at("lit.mgi")), &Limits::default()).unwrap();
     assert_eq!(stored.illumination.len(), stored.points.len());
     assert_eq!(own.2.len(), stored.points.len());
-    for (colour, light) in own.2.iter().zip(&stored.illumination) {
-        assert!(colour.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * colour.length()));
+    for (color, light) in own.2.iter().zip(&stored.illumination) {
+        assert!(color.abs_diff_eq(Vec3::from_array(*light), 1e-6 + 1e-5 * color.length()));
     }
     let mut asked = String::from("px,py,pz,nx,ny,nz\n");
     let mut told = Vec::new();

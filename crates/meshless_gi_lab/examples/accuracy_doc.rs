@@ -22,8 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut folder = PathBuf::from("docs");
     let mut levels = Vec::new();
     let mut command =
-        "cargo run --release -p meshless_gi_lab --example accuracy_doc --"
-            .to_string();
+        "cargo run --release -p meshless_gi_lab --example accuracy_doc --".to_string();
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 
 /// No bake begins that would end later than this.
 const LIMIT: Duration = Duration::from_mins(5);
-/// Points are at least this far apart, metres, in a room of two.
+/// Points are at least this far apart, meters, in a room of two.
 const SPACING: f32 = 0.035;
 
 /// Rules at what presets make of them, and what is rule `fmm`'s own.

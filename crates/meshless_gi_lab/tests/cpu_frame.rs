@@ -205,7 +205,7 @@ fn only_what_changed_is_done_again() {
     assert_eq!(
         frame.set_lights(&scene, &lights),
         0,
-        "a colour needs no projection"
+        "a color needs no projection"
     );
     assert!(frame.solve(&scene, &settings));
     lights[2].direction = [0.0, -1.0, 0.0];
@@ -314,7 +314,7 @@ fn lamps_shine_as_the_textbook_says() {
 #[test]
 fn direct_light_has_shadows() {
     let mut scene = furnace(false);
-    // A plate of one metre, one metre above the ground.
+    // A plate of one meter, one meter above the ground.
     scene.bvh = Bvh {
         nodes: vec![BvhNode {
             min: [-0.5, 0.999, -0.5],

@@ -93,7 +93,7 @@ fn lamps_are_as_the_reference_has_them_near_and_far() {
     let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
-    // A long panel that hangs half a metre before the back wall and shines down and at the wall.
+    // A long panel that hangs half a meter before the back wall and shines down and at the wall.
     let lights = [Light::Rect {
         center: Vec3::new(0.0, 1.7, -0.5),
         u: Vec3::new(0.5, 0.0, 0.0),

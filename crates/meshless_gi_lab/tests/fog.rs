@@ -1,4 +1,4 @@
-//! Light in fog: what a place in the air scatters towards an eye of a level's indirect light, beside the reference integrator; and none of the next room's.
+//! Light in fog: what a place in the air scatters toward an eye of a level's indirect light, beside the reference integrator; and none of the next room's.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
@@ -50,7 +50,7 @@ struct Air {
 }
 
 impl Air {
-    /// With voxels of so many metres, or as long as the plugin makes them where nothing else is said.
+    /// With voxels of so many meters, or as long as the plugin makes them where nothing else is said.
     fn new(scene: &BakedScene, lights: &[Light], edge: Option<f32>) -> Self {
         let mut frame = CpuFrame::new(scene);
         let lights: Vec<FrameLight> = lights
@@ -250,7 +250,7 @@ fn parts_of_rays_are_short_enough() {
         let fog = Fog {
             world_from_local: Mat4::from_translation(Vec3::new(4.0, 1.3, 1.8))
                 * Mat4::from_scale(Vec3::splat(9.0)),
-            colour: Vec3::ONE,
+            color: Vec3::ONE,
             density: 0.5,
             absorption: 0.1,
             scattering: 0.3,
@@ -293,7 +293,7 @@ fn parts_of_rays_are_short_enough() {
     assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 
-/// Two rooms with two centimetres between them, a lamp in one: nothing is in the other's fog, up to its walls.
+/// Two rooms with two centimeters between them, a lamp in one: nothing is in the other's fog, up to its walls.
 #[test]
 fn fog_in_the_next_room_is_dark() {
     let size = Vec3::new(3.0, 2.5, 3.0);

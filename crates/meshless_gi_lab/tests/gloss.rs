@@ -74,7 +74,7 @@ fn what_is_evaluated_is_exact() {
     println!("{checked} nodes, {off} not exact");
     // Halves round at every level.
     assert!(checked > 500 && off * 100 < checked, "{off} of {checked}");
-    // One light's colour is wrong: seen.
+    // One light's color is wrong: seen.
     let mut wrong = Scene::new(SMALL, scene.vpls.clone(), 0.25);
     wrong.view.scale = scene.view.scale;
     wrong.vpls[7].flux[0] *= 3.0;

@@ -262,7 +262,7 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
     }
 }
 
-/// Behind a wall of two centimetres a volume is black, whatever its voxels; on the lit walls and in the air it is what the probes say, or the display of the walls. Also where the level is turned.
+/// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in the air it is what the probes say, or the display of the walls. Also where the level is turned.
 #[test]
 fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
     let size = Vec3::new(3.0, 2.5, 3.0);
@@ -432,7 +432,7 @@ fn closed_forms() {
     for shines in [[true; 6], [false, false, true, false, false, false]] {
         let quads = room(Vec3::ZERO, Vec3::splat(2.0), 0.0, |k| shines[k]);
         let mesh = mesh_of_quads(&quads);
-        // Between probes light is interpolated: a wall's falls by half within a metre.
+        // Between probes light is interpolated: a wall's falls by half within a meter.
         let recipe = Recipe {
             viewpoints: Vec::new(),
             probes: Some(FreeSpaceLight {
@@ -462,7 +462,7 @@ fn closed_forms() {
                 .in_space(&scene, Vec3::ONE, Vec3::ZERO)
                 .expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
-            // A mean over half a metre to all sides is some per cent more than the middle, for light falls ever more slowly away from the wall.
+            // A mean over half a meter to all sides is some per cent more than the middle, for light falls ever more slowly away from the wall.
             // Form factor of a square of edge 2 to a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
             let s = std::f32::consts::FRAC_1_SQRT_2;
             let right = 4.0 * s * s.atan();
@@ -630,7 +630,7 @@ fn surfaces_and_space_meet_without_a_seam() {
     );
     assert!(below * 200 < covers.len());
 
-    // Up a flat dome on the floor, in steps of a millimetre: the largest step of the light, in parts of the mean.
+    // Up a flat dome on the floor, in steps of a millimeter: the largest step of the light, in parts of the mean.
     let (radius, center) = (0.4, Vec3::new(-0.55, -0.3, 0.6));
     let steps = (PI * radius / 1e-3) as u32;
     let largest = |light: &dyn Fn(Vec3, Vec3) -> Option<Vec3>| {
@@ -662,7 +662,7 @@ fn surfaces_and_space_meet_without_a_seam() {
         surface.or_else(|| Some(frame.in_space(&scene, x, n)?.irradiance(n)))
     });
     println!(
-        "largest step of a millimetre: {with:.4} of the mean, by probes alone {space:.4}, with a seam {without:.4}"
+        "largest step of a millimeter: {with:.4} of the mean, by probes alone {space:.4}, with a seam {without:.4}"
     );
     assert!(with < 0.05, "{with}");
     assert!(without > 5.0 * with, "{without} {with}");

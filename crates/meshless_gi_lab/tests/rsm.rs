@@ -16,7 +16,7 @@ use meshless_gi_lab::accuracy::errors;
 use room::{Aim, Grid, ORANGE, Room, ball, choose, cuboid, mesh};
 
 const PATHS: u32 = 16_384;
-/// Places nearer to the object are compared by themselves, metres.
+/// Places nearer to the object are compared by themselves, meters.
 const NEAR: f32 = 0.5;
 
 fn lamp(position: Vec3) -> Light {
@@ -219,7 +219,7 @@ fn one_bounce_agrees_with_the_reference() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// A ball that goes a millimetre a frame, where a texel is two centimetres wide: the light on the walls changes as smoothly.
+/// A ball that goes a millimeter a frame, where a texel is two centimeters wide: the light on the walls changes as smoothly.
 #[test]
 fn light_does_not_flicker_where_an_object_moves() {
     let eye = Vec3::new(0.5, 2.5, 0.6);
@@ -386,7 +386,7 @@ fn baked_walls_shadow_the_map() {
     let room = door_room();
     let lit = room.texels(64);
     let light = room.slot();
-    let drawn = room.aim.draw(&mesh(room.object.clone(), room.colour), 64);
+    let drawn = room.aim.draw(&mesh(room.object.clone(), room.color), 64);
     let bare = rsm::texels(&room.aim.params(&light, 64), &drawn.depth, &drawn.gbuffer);
     let eye = Vec3::from_array(light.position);
     let (mut dark, mut bright) = (0, 0);
@@ -424,13 +424,13 @@ fn hard_cases_stay_numbers() {
         lights
     };
     let aim = Aim::lamp(eye, center, 0.6);
-    let point = |colour: Vec3| FrameLight::point(eye, colour, f32::INFINITY);
+    let point = |color: Vec3| FrameLight::point(eye, color, f32::INFINITY);
     let usual = flux_of(&lights_of(&aim, &point(Vec3::ONE), &object, 32));
     assert!(usual.x > 0.0);
     // Light that is no number shines nowhere, nor does light that takes away; black gives nothing back.
-    for colour in [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE, Vec3::ZERO] {
+    for color in [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE, Vec3::ZERO] {
         assert_eq!(
-            flux_of(&lights_of(&aim, &point(colour), &object, 32)),
+            flux_of(&lights_of(&aim, &point(color), &object, 32)),
             Vec3::ZERO
         );
     }
@@ -479,7 +479,7 @@ fn hard_cases_stay_numbers() {
         pixel(&none, 0.05, [0.1, 0.2, 0.3, 0.0]),
         [0.1, 0.2, 0.3, 0.0]
     );
-    // A lamp a millimetre off the ball, and one inside of it: no more than the lamp gives.
+    // A lamp a millimeter off the ball, and one inside of it: no more than the lamp gives.
     for out in [0.501, 0.2] {
         let position = center + Vec3::new(0.0, out, 0.0);
         let light = FrameLight::point(position, Vec3::ONE, f32::INFINITY);
@@ -497,7 +497,7 @@ fn hard_cases_stay_numbers() {
 
 /// Far from the world's origin, in a space whose origin is near by, the lights are the same.
 #[test]
-fn a_hundred_kilometres_away_nothing_changes() {
+fn a_hundred_kilometers_away_nothing_changes() {
     // A power of two, so that the test's own camera is not rounded: places there are known to 8 mm.
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));

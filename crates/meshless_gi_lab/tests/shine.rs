@@ -1,4 +1,4 @@
-//! All that shines is a sender: emissive surfaces, the sky, a rectangular light, and base colours that change after the bake, on two scenes, beside the reference
+//! All that shines is a sender: emissive surfaces, the sky, a rectangular light, and base colors that change after the bake, on two scenes, beside the reference
 //! integrator. Four reflections; at preset `Medium` at most 4 % of the indirect irradiance, which takes minutes and runs when asked for (`-- --ignored --nocapture`), at `Draft` at most 10 % (20 % of emissive surfaces). Every comparison is
 //! made a second time with a wrong input, where it must fail.
 
@@ -16,7 +16,7 @@ use meshless_gi::scene::{
 use meshless_gi_lab::accuracy::{Errors, errors};
 use std::path::Path;
 
-/// Most of the error, relative to the light. A panel lights the wall that it hangs on, within centimetres: too little for `Draft`.
+/// Most of the error, relative to the light. A panel lights the wall that it hangs on, within centimeters: too little for `Draft`.
 fn most(preset: Preset, what: &str) -> f64 {
     match (preset, what) {
         (Preset::Draft, what) if what.starts_with("emissive surface") => 0.2,
@@ -101,7 +101,7 @@ fn cornell() -> Parts {
     cornell_with_panel_at(5.5)
 }
 
-/// The same with the panel a metre before the wall: a picture is as sharp as the senders that show it, and 9 cm before a wall that is not sharp enough.
+/// The same with the panel a meter before the wall: a picture is as sharp as the senders that show it, and 9 cm before a wall that is not sharp enough.
 fn cornell_with_screen() -> Parts {
     cornell_with_panel_at(4.6)
 }
@@ -301,7 +301,7 @@ fn dark(case: &Case) -> (BakedScene, TriangleMesh) {
     (scene, TriangleMesh::new(triangles, of, materials))
 }
 
-fn all_kinds(case: &Case, rect: [Vec3; 3], colours: [Vec3; 2]) {
+fn all_kinds(case: &Case, rect: [Vec3; 3], colors: [Vec3; 2]) {
     let lit = case.parts.mesh();
     let mut dimmer = case.scene.clone();
     for surface in &mut dimmer.surfaces {
@@ -346,7 +346,7 @@ fn all_kinds(case: &Case, rect: [Vec3; 3], colours: [Vec3; 2]) {
     let moved = [&[lamp(0.0)][..], &[lamp(2.0)]];
     case.holds("rectangular light", &mesh, [&scene, &scene], moved);
 
-    let [before, after] = colours;
+    let [before, after] = colors;
     let (triangles, of, mut materials) = case.parts.clone_parts();
     for material in &mut materials {
         material.emissive = Vec3::ZERO;
@@ -377,8 +377,8 @@ fn in_the_cornell_box(preset: Preset) {
         Vec3::new(0.6, 0.0, 0.0),
         Vec3::new(0.0, 0.0, 0.5),
     ];
-    let colours = [Vec3::new(0.63, 0.065, 0.05), Vec3::new(0.1, 0.2, 0.8)];
-    all_kinds(&case, rect, colours);
+    let colors = [Vec3::new(0.63, 0.065, 0.05), Vec3::new(0.1, 0.2, 0.8)];
+    all_kinds(&case, rect, colors);
 }
 
 fn in_two_rooms(preset: Preset) {
@@ -388,8 +388,8 @@ fn in_two_rooms(preset: Preset) {
         Vec3::new(0.5, 0.0, 0.0),
         Vec3::new(0.0, 0.0, 0.5),
     ];
-    let colours = [Vec3::new(0.5, 0.38, 0.28), Vec3::new(0.2, 0.3, 0.7)];
-    all_kinds(&case, rect, colours);
+    let colors = [Vec3::new(0.5, 0.38, 0.28), Vec3::new(0.2, 0.3, 0.7)];
+    all_kinds(&case, rect, colors);
 }
 
 /// A screen that shows a picture. Spoiled: the picture is mirrored.

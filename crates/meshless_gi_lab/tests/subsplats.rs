@@ -396,7 +396,7 @@ fn all_sky_gives_zeros_and_asks_nothing() {
     );
 }
 
-/// \[N09\] §5.2: a cell is divided too where a diagonal neighbour is not continuous, and nowhere else.
+/// \[N09\] §5.2: a cell is divided too where a diagonal neighbor is not continuous, and nowhere else.
 #[test]
 fn diagonals_divide_what_is_diagonal_to_an_edge() {
     let level = clutter();

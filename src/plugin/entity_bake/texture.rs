@@ -138,10 +138,10 @@ mod tests {
         let linear = image(TextureFormat::Rgba8Unorm, bytes);
         let near = |a: f32, b: f32| assert!((a - b).abs() < 0.004, "{a} {b}");
         // sRGB 188 is 0.5029 in linear light.
-        let color = texture(&srgb, Encoding::Color).unwrap().colour(left);
+        let color = texture(&srgb, Encoding::Color).unwrap().color(left);
         near(color.x, 0.5029);
         near(color.w, 128.0 / 255.0);
-        let color = texture(&linear, Encoding::Color).unwrap().colour(left);
+        let color = texture(&linear, Encoding::Color).unwrap().color(left);
         near(color.x, 188.0 / 255.0);
         near(texture(&srgb, Encoding::Data).unwrap().data(left).x, 0.5029);
         near(

@@ -36,7 +36,7 @@ pub struct PointSurface {
 /// The flat display basis (\[L08\] §4.1 "Flattening"): the same points, one level, one radius.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Display {
-    /// Radius of every function, metres (each point's `radius` says the same).
+    /// Radius of every function, meters (each point's `radius` says the same).
     pub radius: f32,
     /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes` points here.
     pub planes: Vec<[f32; 4]>,

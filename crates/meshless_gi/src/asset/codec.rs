@@ -3,7 +3,7 @@
 //! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a word. In columns, the values of all items are
 //! written field after field: first all lowest bytes, then all next ones (byte planes), so that signs and exponents, which hardly
 //! vary, lie side by side. That serves what is different in every item, links and weights. What comes again as a whole, normals,
-//! colours and corners of triangles, compresses better item after item. Ascending numbers are written as differences.
+//! colors and corners of triangles, compresses better item after item. Ascending numbers are written as differences.
 
 use bytemuck::Pod;
 

@@ -199,7 +199,7 @@ impl BakedScene {
                 let (center, size) = (Vec3::from_array(node.center), node.size);
                 let wide = center.abs().max_element() <= 4.0 && size > 1e-9 && size <= 4.0;
                 check.item(wide, "octree nodes", i, || {
-                    format!("centre {center}, size {size}")
+                    format!("center {center}, size {size}")
                 });
                 let inside = node.start <= node.end && node.end as usize <= octree.places.len();
                 check.item(inside, "octree nodes", i, || {
@@ -288,7 +288,7 @@ impl BakedScene {
                 let (x, n) = (Vec3::from_array(p.position), Vec3::from_array(p.normal));
                 let apart = x.distance(Vec3::from_array(node.center));
                 check.item(apart <= 2.0 * node.size, "octree places", i, || {
-                    format!("{apart} from the centre of its leaf of size {}", node.size)
+                    format!("{apart} from the center of its leaf of size {}", node.size)
                 });
                 let sound = (n.length_squared() - 1.0).abs() <= 1e-3;
                 check.item(sound, "octree places", i, || {

@@ -69,9 +69,9 @@ pub struct BakeInfo {
     pub triangles: u64,
     /// Rays cast by the bake.
     pub rays: u64,
-    /// Box around the geometry, metres: smallest and largest corner.
+    /// Box around the geometry, meters: smallest and largest corner.
     pub bounds: [[f32; 3]; 2],
-    /// Where the importance particles started, metres.
+    /// Where the importance particles started, meters.
     pub viewpoints: Vec<[f32; 3]>,
     /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface points for random lights.
     pub estimated_nrmse: f32,

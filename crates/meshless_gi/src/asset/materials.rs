@@ -1,4 +1,4 @@
-//! Which materials the senders are covered by, and how, so that base colours and emission may change in a running game: in memory, in the file, and whether a
+//! Which materials the senders are covered by, and how, so that base colors and emission may change in a running game: in memory, in the file, and whether a
 //! frame can run on them. Four sections that are there together or not at all.
 
 use super::baked::BakedScene;
@@ -17,13 +17,13 @@ use bytemuck::{Pod, Zeroable};
 pub struct MaterialShare {
     /// Index of the material.
     pub material: u32,
-    /// Mean over the sender's places of the reflectance for a base colour of one, zero where another material is: RGB, 0 to the material's share of the places.
+    /// Mean over the sender's places of the reflectance for a base color of one, zero where another material is: RGB, 0 to the material's share of the places.
     pub albedo: [f32; 3],
     /// The same of the radiance for an emissive factor of one.
     pub emission: [f32; 3],
 }
 
-/// The materials of a baked scene that may change: a sender's albedo is Σ share · base colour, its emitted radiosity π Σ share · emissive factor.
+/// The materials of a baked scene that may change: a sender's albedo is Σ share · base color, its emitted radiosity π Σ share · emissive factor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LiveMaterials {
     /// What the materials are called; names may be empty, and come again.

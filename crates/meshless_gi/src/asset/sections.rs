@@ -69,7 +69,7 @@ const BOUNCE: Layout = Layout::columns(&[
     Field::word(2),
     Field::word(3).delta(),
 ]);
-const COLOUR: Layout = Layout::columns(&[Field::word(0), Field::word(1), Field::word(2)]);
+const COLOR: Layout = Layout::columns(&[Field::word(0), Field::word(1), Field::word(2)]);
 pub(super) const PLANE: Layout = Layout::rows(&[
     Field::word(0),
     Field::word(1),
@@ -192,7 +192,7 @@ static KINDS: [Kind; 49] = [
     OCTREE[2],
     OCTREE[3],
     OCTREE[4],
-    kind::<[f32; 3]>(34, "illumination", COLOUR),
+    kind::<[f32; 3]>(34, "illumination", COLOR),
     PROBES[0],
     PROBES[1],
     PROBES[2],
@@ -326,7 +326,7 @@ impl BakedScene {
             sections.extend(fmm::sections(octree, &KINDS[FIRST_OCTREE..ILLUMINATED]));
         }
         if !self.illumination.is_empty() {
-            sections.push(section(ILLUMINATION, COLOUR, &self.illumination));
+            sections.push(section(ILLUMINATION, COLOR, &self.illumination));
         }
         if let Some(p) = &self.probes {
             sections.extend(probes::sections(p, &KINDS[FIRST_PROBES..SKY_PLACE]));
@@ -437,7 +437,7 @@ impl BakedScene {
             sky: sky::read(&file, SKY)?,
             materials: materials::read(&file, &KINDS[FIRST_MATERIAL..FIRST_OCCLUDER])?,
             illumination: match file.has(ILLUMINATION) {
-                true => items(&file, ILLUMINATION, COLOUR)?,
+                true => items(&file, ILLUMINATION, COLOR)?,
                 false => Vec::new(),
             },
             probes: probes::read(&file, &KINDS[FIRST_PROBES..SKY_PLACE], limits)?,

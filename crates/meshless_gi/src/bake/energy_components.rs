@@ -32,7 +32,7 @@ pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f6
         .collect()
 }
 
-/// The largest eigenvalue of a reflection in a frame of this tier, as far as a power iteration finds it; of the colour that has most.
+/// The largest eigenvalue of a reflection in a frame of this tier, as far as a power iteration finds it; of the color that has most.
 pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> f64 {
     let senders = scene.senders();
     let mut own = vec![false; senders];
@@ -81,7 +81,7 @@ pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> 
             false => 0.0,
         });
         found = gains.into_iter().fold(0.0, f64::max);
-        // Back to length one, each colour for itself.
+        // Back to length one, each color for itself.
         for light in &mut light {
             for c in 0..3 {
                 if after[c] > 0.0 {

@@ -76,7 +76,7 @@ fn arriving(
     out
 }
 
-/// The largest eigenvalue of a reflection, as far as a power iteration finds it; of the colour that has most.
+/// The largest eigenvalue of a reflection, as far as a power iteration finds it; of the color that has most.
 fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
     let finest = scene.finest_senders();
     let mut light = vec![[0.0f32; 4]; scene.senders()];
@@ -97,7 +97,7 @@ fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) 
             false => 0.0,
         });
         found = gains.into_iter().fold(0.0, f64::max);
-        // Back to length one, each colour for itself.
+        // Back to length one, each color for itself.
         for light in &mut light[finest.clone()] {
             for c in 0..3 {
                 if after[c] > 0.0 {

@@ -6,7 +6,7 @@
 //! standard error of a mean. Each lamp counts alike, as it may be the one that a user places, but for those of whose light next to nothing comes back: one that shines into the open
 //! has no error to speak of.
 //!
-//! Three lamps shine at a time, a red, a green and a blue one: light of one colour knows nothing of the others, so that a solve and a path serve all three.
+//! Three lamps shine at a time, a red, a green and a blue one: light of one color knows nothing of the others, so that a solve and a path serve all three.
 //!
 //! Three things make few paths say much. E' costs next to nothing, so that it is asked at many places (the pool), and the truth at few of them, drawn where errors
 //! are to be expected: where there is light, where it changes within the width of a basis function, and where half of the links say something else, but everywhere
@@ -26,8 +26,8 @@ use rayon::prelude::*;
 
 /// Share of the bake's rays that the estimate may cast.
 const SHARE: f64 = 0.04;
-/// Lamps that shine together, each in a colour of its own.
-const COLOURS: usize = 3;
+/// Lamps that shine together, each in a color of its own.
+const COLORS: usize = 3;
 /// Importance particles that places and lamps are drawn from.
 const PARTICLES: u64 = 4096;
 /// Free places of which the one with the most room becomes a lamp: lamps hang under ceilings and stand on tables.
@@ -67,7 +67,7 @@ impl Effort {
 }
 
 /// A ray on, and a shadow ray for each lamp.
-const RAYS_A_REFLECTION: u64 = 1 + COLOURS as u64;
+const RAYS_A_REFLECTION: u64 = 1 + COLORS as u64;
 
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -98,7 +98,7 @@ pub fn estimate_errors(
     progress: &Progress,
 ) -> Option<(Vec<Estimate>, u64)> {
     let (lamps, rays) = lamp_errors(scene, geometry, &Effort::of(scene), seed, progress)?;
-    let estimates = lamps.iter().map(|l| summarise(l)).collect();
+    let estimates = lamps.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
 }
 
@@ -116,7 +116,7 @@ fn lamp_errors(
     let traced = trace_particles(geometry, &viewpoints, 0..PARTICLES, seed, false);
     let mut candidates = traced.candidates;
     let mut random = Random::new(seed, 0, 0);
-    let count = COLOURS * effort.triples;
+    let count = COLORS * effort.triples;
     let lamps = roomy_places(geometry, &candidates, count, TRIED, &mut random);
     let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_A_PLACE;
     // Steps along this order spread over the surface.
@@ -132,7 +132,7 @@ fn lamp_errors(
         reach: 2.0 * radii.fold(f32::INFINITY, f32::min),
     };
     let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.tiers() as usize];
-    for (k, three) in lamps.chunks_exact(COLOURS).enumerate() {
+    for (k, three) in lamps.chunks_exact(COLORS).enumerate() {
         if !progress.set(Stage::Estimate, k as f32 / effort.triples as f32) {
             return None;
         }
@@ -153,14 +153,14 @@ fn lamp_errors(
     Some((all, rays))
 }
 
-/// Three lamps' share of the work. Vectors of three hold a number for each of them: its colour's.
+/// Three lamps' share of the work. Vectors of three hold a number for each of them: its color's.
 struct Question<'a> {
     scene: &'a BakedScene,
     geometry: &'a dyn Geometry,
     effort: &'a Effort,
     seed: u64,
     frame: CpuFrame,
-    /// Over how many metres a change of the light is a change within a basis function.
+    /// Over how many meters a change of the light is a change within a basis function.
     reach: f32,
 }
 
@@ -220,7 +220,7 @@ impl Question<'_> {
                 let h = 0.5 * (t.first - t.second) * (t.first - t.second);
                 noise += weight * weight * (2.0 * h * product + h * h);
             }
-            (0..COLOURS)
+            (0..COLORS)
                 // Where next to nothing comes back there is no error to speak of, and no number either.
                 .filter(|&c| power[c] > 1e-6 * direct[c] && power[c].is_finite())
                 .map(|c| LampError {
@@ -287,13 +287,13 @@ impl Question<'_> {
         for part in [bright, steep, open] {
             let mean = mean(part.iter().copied());
             for (score, part) in scores.iter_mut().zip(part) {
-                for c in 0..COLOURS {
+                for c in 0..COLORS {
                     let share = if mean[c] > 0.0 {
                         part[c] / mean[c]
                     } else {
                         1.0
                     };
-                    *score += share / (PARTS * COLOURS as f64);
+                    *score += share / (PARTS * COLORS as f64);
                 }
             }
         }
@@ -388,7 +388,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their squared errors tells both, and is what one more lamp
 /// will show. Only what the reference's paths put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay below
 /// m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom; they are skewed to larger errors, so that the upper end makes the width for both sides.
-fn summarise(lamps: &[LampError]) -> Estimate {
+fn summarize(lamps: &[LampError]) -> Estimate {
     let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
     let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
     let total: f64 = weights.iter().sum();
@@ -448,7 +448,7 @@ mod tests {
 
     #[test]
     fn lamps_that_differ_make_a_wide_interval_and_noise_does_not() {
-        let alike = summarise(&[lamp(0.01, 0.0, 1.0); 20]);
+        let alike = summarize(&[lamp(0.01, 0.0, 1.0); 20]);
         assert!(
             (alike.nrmse - 0.1).abs() < 1e-6 && alike.interval < 1e-6,
             "{alike:?}"
@@ -457,7 +457,7 @@ mod tests {
             let squares = (0..20).map(|k| if k % 2 == 0 { 0.005 } else { 0.015 });
             squares.map(|square| lamp(square, noise, 1.0)).collect()
         };
-        let (wide, known) = (summarise(&differ(0.0)), summarise(&differ(1.0)));
+        let (wide, known) = (summarize(&differ(0.0)), summarize(&differ(1.0)));
         assert!(
             (wide.nrmse - 0.1).abs() < 1e-6 && (0.03..0.06).contains(&wide.interval),
             "{wide:?}"
@@ -466,9 +466,9 @@ mod tests {
         // What next to no light comes back of hardly counts.
         let mut lamps = vec![lamp(0.01, 0.0, 1.0); 20];
         lamps.push(lamp(1.0, 0.0, 1e-5));
-        assert!((summarise(&lamps).nrmse - 0.1).abs() < 1e-3);
-        assert_eq!(summarise(&[]), Estimate::default());
-        let one = summarise(&[lamp(0.01, 0.0, 1.0)]);
+        assert!((summarize(&lamps).nrmse - 0.1).abs() < 1e-3);
+        assert_eq!(summarize(&[]), Estimate::default());
+        let one = summarize(&[lamp(0.01, 0.0, 1.0)]);
         assert_eq!(one.nrmse, one.interval);
     }
 

@@ -148,7 +148,7 @@ fn examples(
     (Examples { own, light }, rays)
 }
 
-/// Radiosity of the senders for each lamp, of the colour whose turn it is; `first` is the number of the first lamp.
+/// Radiosity of the senders for each lamp, of the color whose turn it is; `first` is the number of the first lamp.
 fn radiosity(
     (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &Places, &Weights),
     lamps: &[Lamp],

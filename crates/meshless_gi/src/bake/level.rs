@@ -40,7 +40,7 @@ pub fn bake_level(
     let whole = || {
         let began = Instant::now();
         if !progress.set(Stage::Bvh, 0.0) {
-            return Err(BakeError::Cancelled);
+            return Err(BakeError::Canceled);
         }
         let nodes = node_names(&recipe.occluders);
         let held = (!nodes.is_empty()).then(|| level.hold_out(&nodes));
@@ -92,7 +92,7 @@ mod tests {
         stopped.cancel();
         assert!(matches!(
             bake(&stopped),
-            Err(BakeLevelError::Bake(BakeError::Cancelled))
+            Err(BakeLevelError::Bake(BakeError::Canceled))
         ));
         let wrong = Recipe {
             viewpoints: vec![[f32::NAN, Vec3::X.y, 0.0]],

@@ -98,11 +98,11 @@ pub enum BakeError {
         "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and place its root instead"
     )]
     TooFar {
-        /// Largest coordinate, metres.
+        /// Largest coordinate, meters.
         far: f32,
-        /// Largest edge of the box around it, metres.
+        /// Largest edge of the box around it, meters.
         size: f32,
-        /// Distance between neighbouring coordinates there, metres.
+        /// Distance between neighboring coordinates there, meters.
         spacing: f32,
     },
     /// An occluder that the level has no part for.
@@ -126,8 +126,8 @@ pub enum BakeError {
     #[error("the octree: {0}")]
     Octree(#[from] crate::transport::fmm::FmmError),
     /// Somebody asked it to stop.
-    #[error("the bake was cancelled")]
-    Cancelled,
+    #[error("the bake was canceled")]
+    Canceled,
 }
 
 /// Bakes `source` as `recipe` says.
@@ -178,7 +178,7 @@ fn bake_known(
             break;
         }
     }
-    let mut baked = best.ok_or(BakeError::Cancelled)?;
+    let mut baked = best.ok_or(BakeError::Canceled)?;
     if error(&baked) > most {
         baked.stats.warnings.push(format!(
             "the estimated error is {:.2} %, not the {:.2} % that were asked for: this is the best of what was tried, up to the finest settings",
@@ -202,7 +202,7 @@ fn bake_once(
         if progress.set(stage, done) {
             Ok(())
         } else {
-            Err(BakeError::Cancelled)
+            Err(BakeError::Canceled)
         }
     };
     let mut stats = BakeStats {
@@ -253,7 +253,7 @@ fn bake_once(
     let mut hierarchy = Hierarchy::build(geometry, &viewpoints, &building, &|done| {
         progress.set(Stage::Points, 0.9 * done)
     })
-    .ok_or(BakeError::Cancelled)?;
+    .ok_or(BakeError::Canceled)?;
     stats.rays += hierarchy.rays;
     if hierarchy.is_empty() {
         return Err(BakeError::NothingReached {
@@ -379,12 +379,12 @@ fn bake_once(
             (refined, form)
         }
         Rule::L08 => {
-            let neighbours = l08::neighbours(&hierarchy, sender_levels);
+            let neighbors = l08::neighbors(&hierarchy, sender_levels);
             (
                 l08::refine_l08(
                     &gathering.scene(&hierarchy),
                     &parents,
-                    &neighbours,
+                    &neighbors,
                     settings.epsilon,
                     &told,
                 ),
@@ -392,7 +392,7 @@ fn bake_once(
             )
         }
     };
-    let refined = refined.ok_or(BakeError::Cancelled)?;
+    let refined = refined.ok_or(BakeError::Canceled)?;
     let (flat, rays) = hierarchy.flat(geometry, &viewpoints, &building);
     stats.rays += rays;
     let transport_seconds = transport_began.elapsed().as_secs_f64();
@@ -495,7 +495,7 @@ fn assemble(
             ..PointSurface::default()
         })
         .collect();
-    // A sender reflects with the mean albedo of what it stands for, not with the texel under its centre.
+    // A sender reflects with the mean albedo of what it stands for, not with the texel under its center.
     for level in (0..sender_levels).rev() {
         for k in hierarchy.level(level) {
             let row = pull.row(k);
@@ -631,8 +631,8 @@ fn assemble(
             )
         });
     stats.seconds.bounces = bounces_began.elapsed().as_secs_f64();
-    if progress.is_cancelled() {
-        return Err(BakeError::Cancelled);
+    if progress.is_canceled() {
+        return Err(BakeError::Canceled);
     }
 
     Ok((Baked { scene, stats }, packed.passing))
@@ -648,7 +648,7 @@ fn finish(
 ) -> Result<Baked, BakeError> {
     let estimate_began = Instant::now();
     let (estimates, rays) = estimate_errors(&baked.scene, source.geometry, recipe.seed, progress)
-        .ok_or(BakeError::Cancelled)?;
+        .ok_or(BakeError::Canceled)?;
     let info = &mut baked.scene.info;
     for (tier, estimate) in info.tiers.iter_mut().zip(&estimates) {
         tier.estimated_nrmse = estimate.nrmse;

@@ -28,9 +28,9 @@ pub struct OccluderShape {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderBox {
-    /// Its middle, metres.
+    /// Its middle, meters.
     pub center: [f32; 3],
-    /// Half of its edges, metres.
+    /// Half of its edges, meters.
     pub half_edges: [f32; 3],
 }
 
@@ -84,7 +84,7 @@ pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> 
         };
         if let Some(b) = shape.boxes.iter().find(|b| !sound(b)) {
             let value = format!("`{}` with {b:?}", shape.name);
-            let allowed = "boxes with a middle within 1e9 metres and half edges from 1e-9 to 1e9";
+            let allowed = "boxes with a middle within 1e9 meters and half edges from 1e-9 to 1e9";
             return Err(wrong(value, allowed));
         }
     }

@@ -136,7 +136,7 @@ pub(super) fn grow(
     };
     let began = Instant::now();
     if !progress.set(Stage::Transport, 0.9) {
-        return Err(BakeError::Cancelled);
+        return Err(BakeError::Canceled);
     }
     let scene = &mut baked.scene;
     let looks = (settings.rays / 4).max(16);

@@ -15,7 +15,7 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FreeSpaceLight {
-    /// Distance that probes keep from those they see, metres; where left out, so that about 2048 fill the box around the level.
+    /// Distance that probes keep from those they see, meters; where left out, so that about 2048 fill the box around the level.
     pub spacing: Option<f32>,
     /// Rays a probe, 64 to 65536; where left out, twice those of a surface point.
     pub rays: Option<u32>,
@@ -47,7 +47,7 @@ impl FreeSpaceLight {
             (Some(s), _) if !(1e-9..=1e9).contains(&s) => wrong(
                 "probes.spacing",
                 s.to_string(),
-                "a length from 1e-9 to 1e9 metres",
+                "a length from 1e-9 to 1e9 meters",
             ),
             (_, Some(rays)) if !(64..=65_536).contains(&rays) => {
                 wrong("probes.rays", rays.to_string(), "64 to 65536")
@@ -93,7 +93,7 @@ pub(super) fn bake(
     let geometry = room.gathering.geometry;
     let settings = light.settings(&geometry.bounds(), room.gathering.rays);
     if !progress.set(Stage::Probes, 0.0) {
-        return Err(BakeError::Cancelled);
+        return Err(BakeError::Canceled);
     }
     let space = fill_free_space(
         geometry,
@@ -127,7 +127,7 @@ pub(super) fn bake(
         room.sky_terms,
         &told,
     )
-    .ok_or(BakeError::Cancelled)?;
+    .ok_or(BakeError::Canceled)?;
     let tiers = vec![1; gathered.rows.len()];
     let senders = room.tree.parent.len();
     let packed = pack(

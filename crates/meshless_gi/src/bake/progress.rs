@@ -52,7 +52,7 @@ impl Stage {
 pub struct Progress {
     stage: AtomicU32,
     permille: AtomicU32,
-    cancelled: AtomicBool,
+    canceled: AtomicBool,
 }
 
 impl Progress {
@@ -64,15 +64,15 @@ impl Progress {
         (stage, self.permille.load(Ordering::Relaxed) as f32 / 1000.0)
     }
 
-    /// Asks the bake to stop; it answers with [`BakeError::Cancelled`](super::BakeError) soon after.
+    /// Asks the bake to stop; it answers with [`BakeError::Canceled`](super::BakeError) soon after.
     pub fn cancel(&self) {
-        self.cancelled.store(true, Ordering::Relaxed);
+        self.canceled.store(true, Ordering::Relaxed);
     }
 
     /// True once somebody asked the bake to stop.
     #[must_use]
-    pub fn is_cancelled(&self) -> bool {
-        self.cancelled.load(Ordering::Relaxed)
+    pub fn is_canceled(&self) -> bool {
+        self.canceled.load(Ordering::Relaxed)
     }
 
     /// Tells how much of `stage` is done; false when the bake should stop.
@@ -81,6 +81,6 @@ impl Progress {
         self.stage.store(index as u32, Ordering::Relaxed);
         self.permille
             .store((done.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
-        !self.is_cancelled()
+        !self.is_canceled()
     }
 }

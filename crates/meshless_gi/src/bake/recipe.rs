@@ -57,9 +57,9 @@ pub struct Recipe {
     pub scene: Option<String>,
     /// How much care to take.
     pub preset: Preset,
-    /// Places in free space from which light can be seen, metres; found by itself where empty (\[L08\] §2.3).
+    /// Places in free space from which light can be seen, meters; found by itself where empty (\[L08\] §2.3).
     pub viewpoints: Vec<[f32; 3]>,
-    /// Disk radius of the coarsest level, metres.
+    /// Disk radius of the coarsest level, meters.
     pub coarse_radius: Option<f32>,
     /// Levels of the hierarchy, 1 to 12.
     pub levels: Option<u32>,
@@ -108,7 +108,7 @@ pub struct Recipe {
     pub probes: Option<FreeSpaceLight>,
     /// Which skies may light the level (`Harmonics` with rule `Bounded` only).
     pub sky: Sky,
-    /// Base colours and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
+    /// Base colors and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
     pub live_materials: bool,
     /// Doors, lifts and what else comes and goes in the running game, 64 at most: the light through them gets a gain (rule `Bounded`, bounce mode `Live`).
     pub occluders: Vec<OccluderShape>,
@@ -252,7 +252,7 @@ impl Recipe {
             self.coarse_radius,
             1e-9,
             1e9,
-            "a length from 1e-9 to 1e9 metres",
+            "a length from 1e-9 to 1e9 meters",
         )?;
         within("levels", self.levels, 1, 12, "1 to 12")?;
         within(

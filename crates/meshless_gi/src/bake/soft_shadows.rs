@@ -116,7 +116,7 @@ pub(super) fn see(
         &told,
     )
     .map_err(|e| match e {
-        VisibilityError::Stopped => BakeError::Cancelled,
+        VisibilityError::Stopped => BakeError::Canceled,
         e @ VisibilityError::TooLarge { .. } => BakeError::Visibility(e),
     })?;
     baked.stats.rays += rays;

@@ -15,7 +15,7 @@ const LOOKS: u32 = 64;
 /// A piece of a point's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPart {
-    /// Where, metres.
+    /// Where, meters.
     pub position: Vec3,
     /// Unit normal there.
     pub normal: Vec3,

@@ -1,11 +1,11 @@
 //! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that this mends).
 //!
-//! A function's support is a ball-like region that knows nothing of walls. Places in it that the function's centre cannot see must
+//! A function's support is a ball-like region that knows nothing of walls. Places in it that the function's center cannot see must
 //! not get light from it, nor give any. Exact visibility per place would cost a ray per weight; instead the bake looks, once, from
-//! each centre at the surface places around it. Where the view is blocked, the plane of the blocker, turned towards the centre, is a
+//! each center at the surface places around it. Where the view is blocked, the plane of the blocker, turned toward the center, is a
 //! candidate; the planes that cut off most blocked places and no visible one are kept, four at most.
 //!
-//! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each centre also looks around
+//! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each center also looks around
 //! along its tangent plane for walls, and behind each one for surface.
 
 use super::kernel::{before, kernel, leans, plane_at};
@@ -35,13 +35,13 @@ const WORTH: f32 = 1e-5;
 
 /// A place in a function's support.
 pub(super) struct Place {
-    /// Metres.
+    /// Meters.
     pub x: Vec3,
     /// Its normal; zero in free space.
     pub n: Vec3,
     /// What the function weighs there, dimensionless.
     pub weight: f32,
-    /// Whether the function's centre cannot see it.
+    /// Whether the function's center cannot see it.
     pub blocked: bool,
 }
 
@@ -136,7 +136,7 @@ pub fn clip_planes(
     choose_planes(&mut places, &occluders, &candidates, x_j, radius)
 }
 
-/// How far above its centre (x, n), metres, a function of this radius has its eye: high enough to see over gravel and round a bend, and no higher than half-way to whatever is
+/// How far above its center (x, n), meters, a function of this radius has its eye: high enough to see over gravel and round a bend, and no higher than half-way to whatever is
 /// above.
 pub(super) fn eye_height(
     geometry: &dyn Geometry,
@@ -203,7 +203,7 @@ pub(super) fn with_planes(
     if !clip || points.is_empty() {
         return (LevelBasis::new(points, Vec::new()), 0);
     }
-    // The places by cell; a place is looked up from the cell of the function's centre, so its box is as large as a support.
+    // The places by cell; a place is looked up from the cell of the function's center, so its box is as large as a support.
     let places: Vec<(Vec3, Vec3)> = around
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))

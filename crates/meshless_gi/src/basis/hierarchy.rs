@@ -19,7 +19,7 @@ const LOCAL_RAYS: u64 = 64;
 /// How to build a hierarchy.
 #[derive(Clone, Debug)]
 pub struct HierarchySettings {
-    /// Disk radius of the coarsest level, metres; halves from level to level.
+    /// Disk radius of the coarsest level, meters; halves from level to level.
     pub coarse_radius: f32,
     /// How many levels.
     pub levels: usize,
@@ -265,7 +265,7 @@ impl Hierarchy {
             }
         }
         for row in &mut rows {
-            normalise(row);
+            normalize(row);
         }
         Weights::from_rows(rows)
     }
@@ -386,14 +386,14 @@ impl Hierarchy {
             }
         }
         for row in &mut rows {
-            normalise(row);
+            normalize(row);
         }
         Weights::from_rows(rows)
     }
 }
 
 /// Makes the weights sum to one; a row whose sum is next to nothing is emptied.
-fn normalise(row: &mut Vec<WeightEntry>) {
+fn normalize(row: &mut Vec<WeightEntry>) {
     let sum: f32 = row.iter().map(|w| w.weight).sum();
     if sum <= super::NO_COVER {
         row.clear();

@@ -41,7 +41,7 @@ pub(super) fn leans(plane: Vec4) -> bool {
 }
 
 /// Above zero where the place is on the function's side of a clip plane. The plane of an occluder lies in its middle and moves with the normal of what is lit: by its lean away from the function for what
-/// faces it, and towards it for what faces away. So all that lies in a shut door is lit from the side that it faces, and floor and jambs from the nearer one.
+/// faces it, and toward it for what faces away. So all that lies in a shut door is lit from the side that it faces, and floor and jambs from the nearer one.
 #[inline]
 pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     let m = plane.truncate();

@@ -1,8 +1,8 @@
 //! Where a sender is lit: places spread over its function's support, as dense as the function weighs ([L08] Eq. (9)).
 //!
-//! [L08] §2.1 takes a coefficient from the light at the function's own centre. A lamp's shadow edge then jumps from centre to centre as the lamp moves,
+//! [L08] §2.1 takes a coefficient from the light at the function's own center. A lamp's shadow edge then jumps from center to center as the lamp moves,
 //! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
-//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the centre are left out.
+//! with the kernel's density, turned for each sender, dropped onto the surface; those that a wall or a fold hides from the center are left out.
 //! On a rough surface (the cells of a point cloud) they stand above the rims around them, which a frame's shadow rays would meet otherwise, and one looks from a little above, as for clip planes: the
 //! next cell of a bend would hide all behind it. Triangles are looked at from the surface itself, as from higher up one sees over sills and ledges to what is lit otherwise.
 
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// Lattices tried, each as large as the number of places wanted: what walls and folds take from the first, the others give.
 const LATTICES: u32 = 4;
 
-/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the functions' centres and get the mean reflectance
+/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the functions' centers and get the mean reflectance
 /// and emission over the places. Also says how many rays it took.
 pub fn find_places(
     geometry: &dyn Geometry,
@@ -267,7 +267,7 @@ mod tests {
     fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
-        // Nothing but the ball is there: a lamp above a place's own and its neighbours' horizon shines on it. The start is a frame's.
+        // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LitPlace)| {
                 let (x, n) = (place.x(), place.n());

@@ -32,7 +32,7 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `places`, `spacing` metres apart, with clip planes by what they see of the places in `crossed`. Also says how many rays it took.
+/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the places in `crossed`. Also says how many rays it took.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,

@@ -1,4 +1,4 @@
-//! One level of the basis: its functions, and their normalised (Shepard) weights at any place, [L08] Eqs. (1)-(3).
+//! One level of the basis: its functions, and their normalized (Shepard) weights at any place, [L08] Eqs. (1)-(3).
 //!
 //! A level's points, clip planes and hashed grid are the layout that the kernels read; see [`HashedGrid`].
 
@@ -55,7 +55,7 @@ impl LevelBasis {
         }
     }
 
-    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalised, appended to `out`. Returns their sum.
+    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalized, appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         const AT_ONCE: usize = 32;

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct WeightEntry {
     /// Which point.
     pub index: u32,
-    /// Its normalised weight, dimensionless.
+    /// Its normalized weight, dimensionless.
     pub weight: f32,
 }
 

@@ -77,7 +77,7 @@ impl<'a> GlowLight<'a> {
         }
     }
 
-    /// How far what is near `x` rises over it, metres; see [`Geometry::roughness`].
+    /// How far what is near `x` rises over it, meters; see [`Geometry::roughness`].
     #[must_use]
     pub fn roughness(&self, x: Vec3) -> f32 {
         let rises = self.meshes.iter().map(|m| m.roughness(x));
@@ -107,7 +107,7 @@ impl<'a> GlowLight<'a> {
             let d = cosine_hemisphere(lattice(k, SAMPLES, for_directions));
             let ray = Ray::new(start, (t * d.x + b * d.y + n * d.z).normalize_or(n));
             sum += match self.closest(&ray) {
-                None => self.sky.towards(ray.direction) / SAMPLES as f32,
+                None => self.sky.toward(ray.direction) / SAMPLES as f32,
                 Some((mesh, hit)) => self.seen(&ray, n, mesh, &hit),
             };
             if self.emitters.is_empty() {
@@ -193,8 +193,8 @@ mod tests {
         )
     }
 
-    /// Form factor from a point below the centre of a parallel square: 4 times that of a quarter seen from its corner.
-    fn below_the_centre(h: f32) -> f32 {
+    /// Form factor from a point below the center of a parallel square: 4 times that of a quarter seen from its corner.
+    fn below_the_center(h: f32) -> f32 {
         let a = 1.0 / h;
         let s = (1.0 + a * a).sqrt();
         4.0 / (2.0 * PI) * 2.0 * (a / s) * (a / s).atan()
@@ -206,7 +206,7 @@ mod tests {
             let mesh = [panel(h)];
             let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
             let e = light.irradiance(Vec3::ZERO, Vec3::Y, 7);
-            let right = 3.0 * PI * below_the_centre(h);
+            let right = 3.0 * PI * below_the_center(h);
             assert!((e.x / right - 1.0).abs() < 4e-3, "{h}: {e} {right}");
             assert!((e.y / e.x - 0.5).abs() < 1e-4 && e.z == 0.0);
             assert_eq!(light.irradiance(Vec3::ZERO, Vec3::NEG_Y, 7), Vec3::ZERO);
@@ -218,14 +218,14 @@ mod tests {
         let mesh = [panel(1.0)];
         let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
         let parts = 200;
-        let centre = |i: i32| (2 * i + 1) as f32 / parts as f32 - 1.0;
+        let center = |i: i32| (2 * i + 1) as f32 / parts as f32 - 1.0;
         for (x, n) in [
             (Vec3::new(1.5, 0.0, 0.7), Vec3::Y),
             (Vec3::new(-0.8, 0.5, 0.4), Vec3::new(0.6, 0.0, 0.8)),
         ] {
             let mut right = 0.0f64;
             for i in 0..parts * parts {
-                let to = Vec3::new(centre(i % parts), 1.0, centre(i / parts)) - x;
+                let to = Vec3::new(center(i % parts), 1.0, center(i / parts)) - x;
                 let d = to.length();
                 let area = 4.0 / (parts * parts) as f32;
                 right += f64::from(3.0 * area * to.dot(n).max(0.0) * to.y / d.powi(4));
@@ -240,7 +240,7 @@ mod tests {
         let mesh = [panel(1.0)];
         let light = GlowLight::new(&mesh, Vec3::ONE.into());
         let e = light.irradiance(Vec3::ZERO, Vec3::Y, 1);
-        let share = below_the_centre(1.0);
+        let share = below_the_center(1.0);
         assert!((e.z / (PI * (1.0 - share)) - 1.0).abs() < 5e-3, "{e}");
         assert!(!light.is_dark() && GlowLight::new(&[], SkyRadiance::BLACK).is_dark());
     }

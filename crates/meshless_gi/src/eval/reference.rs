@@ -174,7 +174,7 @@ pub fn irradiance(
             let hit = geometry.cast(&ray);
             let seen = hit.map(|hit| geometry.surface(&ray, &hit));
             let emitted =
-                throughput * seen.map_or_else(|| sky.towards(ray.direction), |s| s.emission);
+                throughput * seen.map_or_else(|| sky.toward(ray.direction), |s| s.emission);
             if depth == 0 {
                 direct += emitted;
             } else {

@@ -1,4 +1,4 @@
-//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces are grey and whose light has one chromaticity ([`Channels::One`](super::Channels::One)):
+//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces are gray and whose light has one chromaticity ([`Channels::One`](super::Channels::One)):
 //! E⃗_i = h s_i Σ_j F_ij f_j (\[L08\] Eq. (14)) with f_j the channel of the coefficients that is largest in the chromaticity h. A third of the products and of the loads of coefficients; what is
 //! written has three channels, so that no kernel after it differs.
 

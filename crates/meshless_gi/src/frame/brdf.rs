@@ -5,7 +5,7 @@
 //! - V, Smith's correlated masking over 4 (n·v) (n·l) (\[RG18\] §4.4.2).
 //! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as Bevy has it.
 //!
-//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p) and D V p: whoever interpolates them puts each pixel's own colour in.
+//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p) and D V p: whoever interpolates them puts each pixel's own color in.
 //!
 //! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors are turned by half of that, so its lobe is a GGX with
 //! α'² = α² + sin²σ / 4: energy stays what it is, the highlight is wider and never brighter than the disk can be. Bevy moves a lamp's place to the point of a ball that is nearest to the mirrored ray and scales by (α / α')²

@@ -8,8 +8,8 @@ pub enum Channels {
     /// Red, green and blue.
     #[default]
     Three,
-    /// One, and the others follow from it: right where all surfaces are grey and all that shines has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or not
-    /// finite) is white. Of light of other colours the channel that is largest here decides alone, green where several are.
+    /// One, and the others follow from it: right where all surfaces are gray and all that shines has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or not
+    /// finite) is white. Of light of other colors the channel that is largest here decides alone, green where several are.
     One(Vec3),
 }
 

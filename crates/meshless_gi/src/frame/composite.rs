@@ -19,9 +19,8 @@ pub fn composite_pixel(
         return [0.0; 3];
     }
     let e = Vec3::new(irradiance[0], irradiance[1], irradiance[2]);
-    let colour =
-        (gbuffer::occlusion(texel) * gbuffer::diffuse(texel)).lerp(Vec3::ONE, params.white);
-    (params.scale * FRAC_1_PI * colour * e).to_array()
+    let color = (gbuffer::occlusion(texel) * gbuffer::diffuse(texel)).lerp(Vec3::ONE, params.white);
+    (params.scale * FRAC_1_PI * color * e).to_array()
 }
 
 /// What the shader's second entry, `composite_gloss`, adds at a pixel: `radiance` is the texel that `gloss_pixels` wrote.

@@ -291,7 +291,7 @@ impl CpuFrame {
         let own: Vec<usize> = (0..scene.senders())
             .filter(|&j| j >= finest || scene.pull.row(j).is_empty())
             .collect();
-        // Colours have nothing to do with one another.
+        // Colors have nothing to do with one another.
         let mut memory: [Anderson; 3] = Default::default();
         let values = |senders: &[[f32; 4]], c: usize| -> Vec<f32> {
             own.iter().map(|&j| senders[j][c]).collect()
@@ -489,7 +489,7 @@ impl CpuFrame {
         &self.lights
     }
 
-    /// Irradiance of the senders from the light of `slot` with colour one.
+    /// Irradiance of the senders from the light of `slot` with color one.
     #[must_use]
     pub fn projected(&self, slot: usize) -> &[f32] {
         let senders = self.made_for[1];

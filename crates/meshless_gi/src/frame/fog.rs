@@ -21,7 +21,7 @@ pub const DARK: f32 = 1e-3;
 pub const PART: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;
-/// Where nothing is behind the fog it is so far away, metres: longer than any ray.
+/// Where nothing is behind the fog it is so far away, meters: longer than any ray.
 pub const ENDLESS: f32 = 3.4e38;
 
 /// One fog volume before one level in one view, for `fog`. 560 bytes.
@@ -39,12 +39,12 @@ pub struct FogParams {
     /// The view's corner and size on its target, pixels.
     pub viewport: [f32; 4],
     /// What the light that is scattered is multiplied with, σₛ and exposure in it.
-    pub colour: [f32; 3],
+    pub color: [f32; 3],
     /// σₜ, absorption and out-scattering, 1/m.
     pub extinction: f32,
     /// Added to places in the density's texture.
     pub offset: [f32; 3],
-    /// Multiplies `extinction`, `colour` and the density's texture.
+    /// Multiplies `extinction`, `color` and the density's texture.
     pub density: f32,
     /// Voxels along each edge.
     pub size: [u32; 3],
@@ -58,9 +58,9 @@ pub struct FogParams {
     pub high: [f32; 3],
     /// 1 where a texture says the density.
     pub textured: u32,
-    /// The radius of the fog volume, metres.
+    /// The radius of the fog volume, meters.
     pub radius: f32,
-    /// How long parts of a ray are, metres of the world: [`PART`] of the shortest edges of voxels.
+    /// How long parts of a ray are, meters of the world: [`PART`] of the shortest edges of voxels.
     pub part: f32,
     /// Not used.
     pub pad: [u32; 2],
@@ -71,7 +71,7 @@ pub struct FogParams {
 pub struct FogView {
     /// From clip space, with the depth of 1 at the near plane and 0 farthest away, to the view's.
     pub view_from_clip: Mat4,
-    /// From the view's space to the world, metres.
+    /// From the view's space to the world, meters.
     pub world_from_view: Mat4,
     /// Corner and size on its target, pixels.
     pub viewport: [f32; 4],
@@ -86,8 +86,8 @@ pub struct FogView {
 pub struct Fog {
     /// Where the cube is.
     pub world_from_local: Mat4,
-    /// Its colour, times whatever the light is multiplied with.
-    pub colour: Vec3,
+    /// Its color, times whatever the light is multiplied with.
+    pub color: Vec3,
     /// Multiplies the coefficients.
     pub density: f32,
     /// 1/m.
@@ -125,7 +125,7 @@ impl FogParams {
             fog_from_view: fog_from_view.to_cols_array_2d(),
             voxels_from_view: voxels_from_view.to_cols_array_2d(),
             viewport: view.viewport,
-            colour: (fog.colour * fog.scattering * view.exposure).to_array(),
+            color: (fog.color * fog.scattering * view.exposure).to_array(),
             offset: fog.texture.unwrap_or_default().to_array(),
             density: fog.density,
             size: shape.size().to_array(),
@@ -195,7 +195,7 @@ pub fn fog(
         }
         left *= (-lost * part).exp();
     }
-    sum * Vec3::from(params.colour)
+    sum * Vec3::from(params.color)
 }
 
 /// What is left of light from where the ray enters the level on its way back through the fog.
@@ -312,7 +312,7 @@ mod tests {
         Mat4::look_at_rh(at, at + Vec3::X, Vec3::Y).inverse()
     }
 
-    /// A room of 4 × 3 × 5 voxels of a metre, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
+    /// A room of 4 × 3 × 5 voxels of a meter, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
     fn scene(fog: Fog, steps: u32) -> FogParams {
         let shape = VolumeShape::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
         let view = FogView {
@@ -331,7 +331,7 @@ mod tests {
         Fog {
             world_from_local: Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5))
                 * Mat4::from_scale(Vec3::splat(20.0)),
-            colour: Vec3::new(1.0, 0.5, 0.25),
+            color: Vec3::new(1.0, 0.5, 0.25),
             density: 0.5,
             absorption: 0.3,
             scattering: 0.2,
@@ -361,7 +361,7 @@ mod tests {
         let radius = 10.0 * 3f32.sqrt();
         let sent = 3.0 * 2.0 * fog.density * fog.scattering * (-lost * radius).exp();
         let light = ((-lost * from).exp() - (-lost * to).exp()) / lost;
-        fog.colour * sent * light
+        fog.color * sent * light
     }
 
     #[test]
@@ -387,7 +387,7 @@ mod tests {
         };
         let (found, right) = (
             middle(&scene(thin, 64), 0.0),
-            4.0 * 6.0 * 0.2e-7 * fog.colour,
+            4.0 * 6.0 * 0.2e-7 * fog.color,
         );
         assert!(
             (found / right - 1.0).abs().max_element() < 1e-3,

@@ -63,7 +63,7 @@ impl FogVoxelsParams {
     }
 }
 
-/// One texel: RGB as [`Fog::colour`](super::Fog::colour) multiplies it, cd/m² where lamps are in lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN) where no wall is near.
+/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lamps are in lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN) where no wall is near.
 /// `texels` are those of [`volume`](super::volume::volume).
 #[must_use]
 pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
@@ -71,8 +71,8 @@ pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -
     let world_from_voxels = Mat4::from_cols_array_2d(&params.world_from_voxels);
     let middle = world_from_voxels.transform_point3(voxel.as_vec3() + 0.5);
     let eye = Vec4::from(params.eye);
-    let towards = middle * eye.w - eye.truncate();
-    let weights = sides(params.asymmetry, towards / towards.length().max(NEAREST));
+    let toward = middle * eye.w - eye.truncate();
+    let weights = sides(params.asymmetry, toward / toward.length().max(NEAREST));
     let texel = |voxel: UVec3, side: usize| {
         let t = voxel + size * UVec3::new(0, (side % 2) as u32, (side / 2) as u32);
         Vec4::from(texels[(t.x + size.x * (t.y + 2 * size.y * t.z)) as usize])

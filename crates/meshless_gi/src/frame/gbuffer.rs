@@ -2,16 +2,16 @@
 //!
 //! | channel | bits |
 //! |---|---|
-//! | r | base colour^(1/2.2) as three unorm8, roughness |
+//! | r | base color^(1/2.2) as three unorm8, roughness |
 //! | g | emissive, rgb9e5 |
 //! | b | reflectance, metallic, occlusion, clearcoat, as unorm8 |
 //! | a | normal as an octahedral map of twice 12 bits, 8 flags |
 
 use glam::Vec3;
 
-/// Flag: the colour is what it is, no light applies.
+/// Flag: the color is what it is, no light applies.
 pub const UNLIT: u32 = 1;
-/// Gamma of the base colour.
+/// Gamma of the base color.
 pub const GAMMA: f32 = 2.2;
 
 /// The unit world-space normal.
@@ -39,14 +39,14 @@ pub fn is_unlit(texel: [u32; 4]) -> bool {
     (texel[3] >> 24) & UNLIT != 0
 }
 
-/// Base colour, linear RGB.
+/// Base color, linear RGB.
 #[must_use]
 pub fn base(texel: [u32; 4]) -> Vec3 {
     let base = [0, 8, 16].map(|shift| libm::powf(unorm8(texel[0] >> shift), GAMMA));
     Vec3::from_array(base)
 }
 
-/// Diffuse reflectance, linear RGB: base colour × (1 − metallic).
+/// Diffuse reflectance, linear RGB: base color × (1 − metallic).
 #[must_use]
 pub fn diffuse(texel: [u32; 4]) -> Vec3 {
     base(texel) * (1.0 - metallic(texel))
@@ -64,7 +64,7 @@ pub fn roughness(texel: [u32; 4]) -> f32 {
     unorm8(texel[0] >> 24)
 }
 
-/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for what is no metal, the base colour for what is.
+/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for what is no metal, the base color for what is.
 #[must_use]
 pub fn straight(texel: [u32; 4]) -> Vec3 {
     let reflectance = unorm8(texel[2]);
@@ -77,7 +77,7 @@ pub fn occlusion(texel: [u32; 4]) -> f32 {
     unorm8(texel[2] >> 16)
 }
 
-/// A texel of a material: what Bevy would write for a base colour, metalness, occlusion and normal. For tests and CPU pictures.
+/// A texel of a material: what Bevy would write for a base color, metalness, occlusion and normal. For tests and CPU pictures.
 #[must_use]
 pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32) -> [u32; 4] {
     let unorm = |v: f32, max: f32| (v.clamp(0.0, 1.0) * max + 0.5) as u32;

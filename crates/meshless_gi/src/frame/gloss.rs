@@ -12,7 +12,7 @@
 //! with j the nodes around it. The last sum evaluates light i there again: nothing is kept of single lights but their bit, whatever their number. A node for which nothing around is
 //! alike (another surface, a normal too far turned, another roughness) evaluates all lights, as does such a pixel.
 //!
-//! Nodes keep two colours, the light over f₀ and over f₉₀ ([`brdf`]): textures of colour need no subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
+//! Nodes keep two colors, the light over f₀ and over f₉₀ ([`brdf`]): textures of color need no subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
 //! how much of a light arrives, and from where.
 
 use super::brdf::{self, Facet, Gloss};
@@ -32,7 +32,7 @@ use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bits of a surprise: more lights than that share them in groups of neighbours.
+/// Bits of a surprise: more lights than that share them in groups of neighbors.
 pub const GROUPS: u32 = 128;
 /// Perceptual roughness over which what is no metal loses its gloss.
 pub const FADES: f32 = 0.1;
@@ -198,7 +198,7 @@ impl Lights<'_> {
 /// A surface that lights shine on, in their space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Receiver {
-    /// Where, metres.
+    /// Where, meters.
     pub x: Vec3,
     /// Normal, eye, roughness.
     pub facet: Facet,

@@ -5,7 +5,7 @@ use crate::samples::HashedGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 
-/// The vector irradiance E⃗ of the three colour channels, W/m². 48 bytes.
+/// The vector irradiance E⃗ of the three color channels, W/m². 48 bytes.
 ///
 /// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the fourth float of each is not used (but by [`soft`](super::soft), for what three more numbers say). The irradiance for a
 /// normal n is then x·n.x + y·n.y + z·n.z, all channels at once.
@@ -60,7 +60,7 @@ pub struct SolveParams {
     pub slots: u32,
     /// Nodes of the BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
-    /// Largest edge of the box around the geometry, metres: what [`lift`](super::project::lift) is relative to.
+    /// Largest edge of the box around the geometry, meters: what [`lift`](super::project::lift) is relative to.
     pub extent: f32,
     /// Rows of higher tiers are not used, and none where it is 0 ([`Row::tier`](crate::transport::Row::tier)).
     pub tier: u32,
@@ -70,7 +70,7 @@ pub struct SolveParams {
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// How far apart a sender's places lie, metres ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
+    /// How far apart a sender's places lie, meters ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
     pub apart: f32,
     /// How many terms of the sky beside its mean the bake knows: none or all eight.
     pub sky_terms: u32,
@@ -103,7 +103,7 @@ pub struct Span {
 pub struct GridShape {
     /// Slots of the hash table, less one.
     pub slot_mask: u32,
-    /// Edge of a cell, metres.
+    /// Edge of a cell, meters.
     pub cell_size: f32,
 }
 
@@ -130,7 +130,7 @@ pub struct SplatParams {
     pub size: [u32; 2],
     /// Slots of the display grid's hash table, less one.
     pub slot_mask: u32,
-    /// Edge of a grid cell, metres of the local space.
+    /// Edge of a grid cell, meters of the local space.
     pub cell_size: f32,
     /// Multiplies the irradiance before it is stored as halves (the exposure, so that daylight fits).
     pub scale: f32,
@@ -190,7 +190,7 @@ impl SplatParams {
 pub struct CompositeParams {
     /// Exposure (and taste) still to multiply with, over the scale that `splat` already applied.
     pub scale: f32,
-    /// 1 shows the irradiance as a white surface would, 0 the surfaces' own colours.
+    /// 1 shows the irradiance as a white surface would, 0 the surfaces' own colors.
     pub white: f32,
     /// Not used.
     pub pad: [f32; 2],

@@ -1,5 +1,5 @@
-//! Lights as the kernels see them: one slot each, a rectangle as several slots. Colour and geometry are apart, so that a lamp that only changes its
-//! colour is not projected again.
+//! Lights as the kernels see them: one slot each, a rectangle as several slots. Color and geometry are apart, so that a lamp that only changes its
+//! color is not projected again.
 
 use crate::scene::Light;
 use bytemuck::{Pod, Zeroable};
@@ -9,7 +9,7 @@ use glam::{Mat4, Vec3};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FrameLight {
-    /// Metres. Not used by directional lights.
+    /// Meters. Not used by directional lights.
     pub position: [f32; 3],
     /// One of [`FrameLight::NONE`], [`POINT`](Self::POINT), [`SPOT`](Self::SPOT), [`DIRECTIONAL`](Self::DIRECTIONAL), [`PATCH`](Self::PATCH).
     pub kind: u32,
@@ -42,7 +42,7 @@ impl FrameLight {
     /// `kind` of one sample of a rectangle.
     pub const PATCH: u32 = 4;
 
-    /// A point light: metres, W/sr; `range` in metres or infinite.
+    /// A point light: meters, W/sr; `range` in meters or infinite.
     #[must_use]
     pub fn point(position: Vec3, intensity: Vec3, range: f32) -> Self {
         Self {
@@ -55,7 +55,7 @@ impl FrameLight {
         .or_none()
     }
 
-    /// A spot light that goes along `direction`: metres, W/sr on the axis, half angles in radians; `range` in metres or infinite.
+    /// A spot light that goes along `direction`: meters, W/sr on the axis, half angles in radians; `range` in meters or infinite.
     #[must_use]
     pub fn spot(
         position: Vec3,
@@ -92,7 +92,7 @@ impl FrameLight {
         .or_none()
     }
 
-    /// One sample of a surface that emits to the side of `normal`: metres, radiance times area in W/sr.
+    /// One sample of a surface that emits to the side of `normal`: meters, radiance times area in W/sr.
     #[must_use]
     pub fn patch(position: Vec3, normal: Vec3, intensity: Vec3) -> Self {
         Self {
@@ -143,7 +143,7 @@ impl FrameLight {
     /// the intensities (by s²): irradiance is the same in both spaces.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
-        // Local metres a world metre.
+        // Local meters a world meter.
         let length = local_from_world.determinant().abs().cbrt();
         let area = length * length;
         let direction = local_from_world.transform_vector3(self.direction.into());
@@ -159,7 +159,7 @@ impl FrameLight {
         out.or_none()
     }
 
-    /// True when a projection of `other` serves this light too: equal but for the colour.
+    /// True when a projection of `other` serves this light too: equal but for the color.
     #[must_use]
     pub fn same_geometry(&self, other: &Self) -> bool {
         Self {
@@ -202,7 +202,7 @@ fn inverse_square(range: f32) -> f32 {
     }
 }
 
-/// A rectangle as a grid of about `count` equal patches, as square as they can be, each sampled at its centre.
+/// A rectangle as a grid of about `count` equal patches, as square as they can be, each sampled at its center.
 fn patches_of(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, count: u32) -> Vec<FrameLight> {
     let normal = u.cross(v).normalize_or_zero();
     let area = 4.0 * u.cross(v).length();

@@ -11,10 +11,10 @@ use rayon::prelude::*;
 use std::f32::consts::PI;
 
 /// No material that changes reflects more, but what was baked so: light must die away whatever the game says, and the bake's own guard (design D12) has
-/// seen the baked colours only.
+/// seen the baked colors only.
 pub const MOST_ALBEDO: f32 = 0.99;
 
-/// `factors` as light can have them: base colours in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
+/// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
 /// are missing as they were baked.
 #[must_use]
 pub fn sound_factors(live: &LiveMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {

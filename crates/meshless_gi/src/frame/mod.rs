@@ -10,7 +10,7 @@
 //! | [`push`] | → differences, coarse to fine, where the operator asks for them |
 //! | [`compress`] | → coefficients in bases of direct light, where the operator asks for them |
 //! | [`apply`] | operator × coefficients → vector irradiance at the points with rows |
-//! | [`apply_one`] | the same in one channel, where surfaces are grey and all light has one colour |
+//! | [`apply_one`] | the same in one channel, where surfaces are gray and all light has one color |
 //! | [`fmm_up`], [`fmm_down`] | radiosity → expansions of an octree's nodes → vector irradiance of the senders' points, in place of `apply` where the bake has an octree |
 //! | [`bounce`] | → the senders' coefficients after further reflections |
 //! | [`flatten`] | → vector irradiance at all points |
@@ -24,7 +24,7 @@
 //! | [`gloss`] | what glossy surfaces send to the eye of the virtual lights |
 //! | [`soft`] | what lamps with soft shadows do not reach, at the points that remember what they see |
 //! | [`shade`] | → what was drawn of it at every pixel |
-//! | [`composite`] | → what a pixel's colour gains, and loses |
+//! | [`composite`] | → what a pixel's color gains, and loses |
 //! | [`volume`] | light in free space → a volume that engines read ([`volume_read`]) |
 //! | [`fog_voxels`] | → what fog would send of it to the eye |
 //! | [`fog`] | → what fog between the eye and a pixel sends of it |

@@ -1,5 +1,5 @@
-//! Kernel `project`: the scalar irradiance of each sender from one light of colour one, shadows included: the mean over the sender's places, so that a
-//! shadow's edge moves over it smoothly (\[L08\] takes the light at its centre). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+//! Kernel `project`: the scalar irradiance of each sender from one light of color one, shadows included: the mean over the sender's places, so that a
+//! shadow's edge moves over it smoothly (\[L08\] takes the light at its center). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
@@ -8,10 +8,10 @@ use crate::scene::{Bvh, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// How far a directional light's shadow ray goes, metres.
+/// How far a directional light's shadow ray goes, meters.
 pub const FAR: f32 = 1e30;
 
-/// Largest edge of the box around the geometry, metres; 0 where there is none.
+/// Largest edge of the box around the geometry, meters; 0 where there is none.
 #[must_use]
 pub fn extent(scene: &BakedScene) -> f32 {
     let [min, max] = scene.info.bounds.map(Vec3::from_array);
@@ -19,21 +19,21 @@ pub fn extent(scene: &BakedScene) -> f32 {
     if size.is_finite() { size.max(0.0) } else { 0.0 }
 }
 
-/// How far a shadow ray's start is lifted off the surface at `x`, metres; the rule of [`Geometry::lift`](crate::scene::Geometry::lift).
+/// How far a shadow ray's start is lifted off the surface at `x`, meters; the rule of [`Geometry::lift`](crate::scene::Geometry::lift).
 #[must_use]
 #[inline]
 pub fn lift(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimetre, and in levels below two metres as much less.
+/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimeter, and in levels below two meters as much less.
 #[must_use]
 #[inline]
 pub fn nearest_square(extent: f32) -> f32 {
     (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
 }
 
-/// How far apart the places of a sender lie, metres; 0 where they are lit at their own points alone.
+/// How far apart the places of a sender lie, meters; 0 where they are lit at their own points alone.
 ///
 /// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks of that level's points are 0.8 of the radius, and there are
 /// 0.7 of them to a square of that: a place stands for a square of edge 2σ / √places.
@@ -60,17 +60,17 @@ pub fn apart(scene: &BakedScene) -> f32 {
     if apart.is_finite() { apart } else { 0.0 }
 }
 
-/// [`unshadowed_within`] in a level of two metres or more, at a single place.
+/// [`unshadowed_within`] in a level of two meters or more, at a single place.
 #[must_use]
 #[inline]
 pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
     unshadowed_within(light, x, n, f32::MAX, 0.0)
 }
 
-/// Irradiance at (x, n) from `light` with colour one and without shadows, in a level as large as `extent` (metres): 1/m² (point, spot, patch) or
+/// Irradiance at (x, n) from `light` with color one and without shadows, in a level as large as `extent` (meters): 1/m² (point, spot, patch) or
 /// dimensionless (directional). Finite for every input that is.
 ///
-/// A point or spot lamp nearer to the place's plane than `apart` (metres) shines from that height: I cos θ / d² is far narrower there than the places are
+/// A point or spot lamp nearer to the place's plane than `apart` (meters) shines from that height: I cos θ / d² is far narrower there than the places are
 /// apart, which would miss it or take it for all of their surface. What a plane receives does not depend on the height.
 #[must_use]
 #[inline]
@@ -126,7 +126,7 @@ pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<R
     (max_t > 0.0).then(|| Ray::segment(origin, to / distance, max_t))
 }
 
-/// Irradiance at (x, n) from `light` with colour one.
+/// Irradiance at (x, n) from `light` with color one.
 #[must_use]
 #[inline]
 pub fn project_at(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
@@ -167,7 +167,7 @@ pub fn places_for<'a>(
     own.iter().skip(stride / 2).step_by(stride)
 }
 
-/// Irradiance of sender `j` from `light` with colour one. `bvh` is the scene's, with the gains that its occluders have now.
+/// Irradiance of sender `j` from `light` with color one. `bvh` is the scene's, with the gains that its occluders have now.
 #[must_use]
 #[inline]
 pub fn project_sender(

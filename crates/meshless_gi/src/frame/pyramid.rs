@@ -8,7 +8,7 @@ use super::subsplat::{Levels, SubsplatParams};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
-/// Depth where nothing was drawn, metres.
+/// Depth where nothing was drawn, meters.
 pub const NOTHING: f32 = 1e30;
 
 /// The steepest slope that is told apart.
@@ -18,9 +18,9 @@ pub const STEEPEST: f32 = 1e9;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct CellRange {
-    /// Smallest depth, metres; 0 where the test measures pixels.
+    /// Smallest depth, meters; 0 where the test measures pixels.
     pub near: f32,
-    /// Largest depth, metres, or the largest measure of a pixel.
+    /// Largest depth, meters, or the largest measure of a pixel.
     pub far: f32,
     /// Smallest components of the normal (WGSL's `pack4x8snorm`); 0 for curvature.
     pub low: u32,
@@ -64,18 +64,18 @@ impl Picture<'_> {
 /// A surface in a pixel, in the view's space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
-    /// Where, metres; −z is the linear depth.
+    /// Where, meters; −z is the linear depth.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
-    /// What tolerances of depth are parts of, metres: see [`reach`].
+    /// What tolerances of depth are parts of, meters: see [`reach`].
     pub reach: f32,
 }
 
 /// Widths of a pixel that a tolerance's measure is at most: as many as fill the distance of a picture 2000 pixels high with a vertical angle of 64°.
 pub const REACH: f32 = 1600.0;
 
-/// What tolerances of depth are parts of, metres: a pixel's linear depth `z`, as in \[N09\], but at most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays, things a pixel wide
+/// What tolerances of depth are parts of, meters: a pixel's linear depth `z`, as in \[N09\], but at most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays, things a pixel wide
 /// are a small part of their distance, and edges all the same.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
@@ -107,7 +107,7 @@ pub fn seen(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> 
     })
 }
 
-/// Linear depth, metres.
+/// Linear depth, meters.
 fn linear(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> f32 {
     if depth > 0.0 {
         -view_place(params, pixel, depth).z
@@ -133,7 +133,7 @@ fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> C
             let mut most = 0.0f32;
             for (dx, dy) in [(1, 0), (0, 1)] {
                 let (a, b) = (beside(size, pixel, -dx, -dy), beside(size, pixel, dx, dy));
-                // At the picture's edge there is one neighbour only.
+                // At the picture's edge there is one neighbor only.
                 if d > 0.0 && a != pixel && b != pixel {
                     // Depth is linear on the screen over a plane, in both kinds of projection.
                     let on_plane = linear(params, pixel, 0.5 * (depth(a) + depth(b)));

@@ -30,7 +30,7 @@ pub fn sky_at(
     e.max(Vec3::ZERO)
 }
 
-/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light colour one, slot after slot, `params.senders` each.
+/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light color one, slot after slot, `params.senders` each.
 #[must_use]
 #[inline]
 pub fn radiosity_at(

@@ -1,5 +1,5 @@
 //! Kernel `refine`: which cells are divided (\[N09\] §3.3). Entry points: `start` lists the cells of the coarsest level, `refine` the children of those listed of level k that are divided: all
-//! of the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal neighbours are not (\[N09\] §5.2), or where light was not as foretold.
+//! of the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal neighbors are not (\[N09\] §5.2), or where light was not as foretold.
 
 use super::gbuffer;
 use super::pyramid::{self, CellRange, Picture};

@@ -1,7 +1,7 @@
 //! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a map and its texels, virtual point lights, a view.
 //! `shaders/lib/reflective.wgsl` declares the same; `tests/shader_layout.rs` compares the two.
 //!
-//! All of them speak of one *space*: the world's axes and metres, with the origin moved to a place near by ([`space_from_clip`]), so that single precision
+//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a place near by ([`space_from_clip`]), so that single precision
 //! serves a level far from the world's origin too. Whoever has several lights or views takes one origin for all of them.
 
 use super::FrameLight;
@@ -21,7 +21,7 @@ pub fn side(resolution: u32) -> u32 {
     1 << resolution.ilog2()
 }
 
-/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of the world, metres; computed in double precision.
+/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of the world, meters; computed in double precision.
 #[must_use]
 pub fn space_from_clip(world_from_view: &Mat4, clip_from_view: &Mat4, origin: Vec3) -> Mat4 {
     let shift = DMat4::from_translation(-origin.as_dvec3());
@@ -102,7 +102,7 @@ impl RsmParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct RsmTexel {
-    /// Metres.
+    /// Meters.
     pub position: [f32; 3],
     /// Mean squared distance of its surface from its position, m².
     pub spread: f32,
@@ -128,7 +128,7 @@ pub struct RsmShadowParams {
     pub texels: u32,
     /// Nodes of the scene's BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
-    /// Largest edge of the box around the bake's geometry, metres.
+    /// Largest edge of the box around the bake's geometry, meters.
     pub extent: f32,
     /// Not used.
     pub pad: u32,
@@ -173,7 +173,7 @@ pub struct RsmChooseParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Vpl {
-    /// Mean place of the part, metres.
+    /// Mean place of the part, meters.
     pub position: [f32; 3],
     /// Square of the radius of a disk that is spread as widely as the part, m².
     pub square: f32,
@@ -197,7 +197,7 @@ pub struct VplParams {
     pub vpls: u32,
     /// Nodes of the scene's BVH; 0 means that nothing shadows them.
     pub nodes: u32,
-    /// Largest edge of the box around the bake's geometry, metres.
+    /// Largest edge of the box around the bake's geometry, meters.
     pub extent: f32,
     /// What gives less (W/m²) arrives without a ray; 0 asks for a ray each time.
     pub dim: f32,
@@ -258,7 +258,7 @@ mod tests {
         let world_from_view = Mat4::from_translation(eye);
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(1.0, 1.0, 0.1);
         let m = space_from_clip(&world_from_view, &clip_from_view, eye);
-        // A pixel two metres ahead in the middle.
+        // A pixel two meters ahead in the middle.
         let x = m.project_point3(Vec3::new(0.0, 0.0, 0.05));
         assert!((x - Vec3::new(0.0, 0.0, -2.0)).length() < 1e-6, "{x}");
         let light = FrameLight::point(eye, Vec3::ONE, f32::INFINITY);

@@ -20,14 +20,14 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 
 /// Threads of `choose`; each sums up a run of texels.
 pub const CHUNKS: usize = 256;
-/// No place is farther from the space's origin, metres: beyond, a texel is dark.
+/// No place is farther from the space's origin, meters: beyond, a texel is dark.
 pub const FARTHEST: f32 = 1e8;
 /// Surfaces that are seen at a lower cosine count as no larger, for their spread.
 pub const LEAST_COSINE: f32 = 0.1;
-/// Below its square (a square centimetre, as Bevy's lamps) a lamp grows no brighter, m².
+/// Below its square (a square centimeter, as Bevy's lamps) a lamp grows no brighter, m².
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
-/// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbours on the curve are neighbours in the map, which Morton's
+/// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the curve are neighbors in the map, which Morton's
 /// curve does not give.
 #[must_use]
 pub fn curve(side: u32, x: u32, y: u32) -> u32 {
@@ -259,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_visits_every_texel_and_goes_to_neighbours() {
+    fn the_curve_visits_every_texel_and_goes_to_neighbors() {
         for side in [1, 2, 8, 64] {
             let mut at = vec![None; (side * side) as usize];
             for y in 0..side {

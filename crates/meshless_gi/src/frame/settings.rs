@@ -83,9 +83,9 @@ pub struct SceneShape {
     pub bounces: bool,
     /// Nodes of the BVH.
     pub nodes: usize,
-    /// Largest edge of the geometry's box, metres.
+    /// Largest edge of the geometry's box, meters.
     pub extent: f32,
-    /// How far apart a sender's places lie, metres.
+    /// How far apart a sender's places lie, meters.
     pub apart: f32,
 }
 

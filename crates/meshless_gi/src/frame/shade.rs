@@ -3,7 +3,7 @@
 //!
 //! The points know the irradiance D·n that is missing of all lamps and the irradiance E that they would give ([`soft`](super::soft) writes both). Splatted as [`splat`](super::splat) splats, their
 //! quotient is the missing share, and the share times what was drawn at the pixel is taken away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full shadow nothing is left, in
-//! full light nothing is taken, and colours, normals and the falloff are those of the picture. With several lamps the share is that of their sum.
+//! full light nothing is taken, and colors, normals and the falloff are those of the picture. With several lamps the share is that of their sum.
 //!
 //! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's (\[RG18\] §4.5) over
 //! [`unshadowed`], whose specular light is not taken.
@@ -29,7 +29,7 @@ pub const TAKEN: f32 = 0.998;
 pub struct ShadeParams {
     /// How many lamps the view was drawn with.
     pub lights: u32,
-    /// Largest edge of the level's box, metres.
+    /// Largest edge of the level's box, meters.
     pub extent: f32,
     /// 1 where rectangles were drawn with gloss too, by [`Tables`]; 0 for diffuse light alone.
     pub gloss: u32,
@@ -190,7 +190,7 @@ pub fn drawn(
     let mut sum = Vec3::ZERO;
     for light in &lights[..params.lights as usize] {
         let to = Vec3::from_array(light.center) - x;
-        let colour = Vec3::from_array(light.color);
+        let color = Vec3::from_array(light.color);
         let e = FRAC_1_PI * unshadowed(light, x, surface.n, params.extent);
         if light.kind == SoftLight::SPHERE {
             if e > 0.0 {
@@ -198,16 +198,16 @@ pub fn drawn(
                 sum += e
                     * burley(surface.n, surface.v, l, surface.roughness)
                     * surface.diffuse
-                    * colour;
+                    * color;
             }
             continue;
         }
-        sum += e * surface.diffuse * colour;
+        sum += e * surface.diffuse * color;
         if let Some(lobe) = &lobe
             && light.kind == SoftLight::RECTANGLE
             && light.normal().dot(to) < 0.0
         {
-            sum += lobe.mirrored(light, to) * window(light, to.dot(to)) * lobe.weight * colour;
+            sum += lobe.mirrored(light, to) * window(light, to.dot(to)) * lobe.weight * color;
         }
     }
     sum

@@ -31,15 +31,15 @@ use std::f32::consts::TAU;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SoftLight {
-    /// Metres.
+    /// Meters.
     pub center: [f32; 3],
     /// One of [`SoftLight::NONE`], [`SPHERE`](Self::SPHERE), [`RECTANGLE`](Self::RECTANGLE).
     pub kind: u32,
-    /// Half edge of a rectangle, metres; it emits to the side of u × v.
+    /// Half edge of a rectangle, meters; it emits to the side of u × v.
     pub u: [f32; 3],
-    /// Radius of a sphere, metres; 0 for a point.
+    /// Radius of a sphere, meters; 0 for a point.
     pub radius: f32,
-    /// The other half edge of a rectangle, metres.
+    /// The other half edge of a rectangle, meters.
     pub v: [f32; 3],
     /// 1 / range², 1/m², from the middle; 0 for no range.
     pub inverse_square_range: f32,
@@ -63,7 +63,7 @@ impl SoftLight {
     /// Most samples along an edge.
     pub const MOST_SAMPLES: u32 = 16;
 
-    /// A sphere: metres, W/sr; `range` in metres or infinite; about `samples` samples. One that is not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
+    /// A sphere: meters, W/sr; `range` in meters or infinite; about `samples` samples. One that is not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
     #[must_use]
     pub fn sphere(center: Vec3, radius: f32, intensity: Vec3, range: f32, samples: u32) -> Self {
         let side = side(samples);
@@ -123,7 +123,7 @@ impl SoftLight {
         }
     }
 
-    /// The light with a range, metres: Bevy lets lights fade out there. Infinite for none.
+    /// The light with a range, meters: Bevy lets lights fade out there. Infinite for none.
     #[must_use]
     pub fn within(self, range: f32) -> Self {
         Self {
@@ -179,7 +179,7 @@ impl SoftLight {
     }
 }
 
-/// Metres, W/sr and W/(m² sr) stay below: no square of them is infinite.
+/// Meters, W/sr and W/(m² sr) stay below: no square of them is infinite.
 const MOST: f32 = 1e15;
 
 /// Samples along an edge for so many in all.
@@ -190,7 +190,7 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MOST_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with colour one, in a level as large as `extent` (metres): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade towards their range, as Bevy draws them.
+/// Irradiance at (x, n) without shadows from `light` with color one, in a level as large as `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
@@ -208,7 +208,7 @@ pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     lambert(corners(light, to), n) * window(light, square)
 }
 
-/// How a light fades towards its range, at the square of a distance, m².
+/// How a light fades toward its range, at the square of a distance, m².
 #[must_use]
 pub fn window(light: &SoftLight, square: f32) -> f32 {
     let factor = square * light.inverse_square_range;
@@ -269,7 +269,7 @@ fn arc(a: Vec3, b: Vec3, n: Vec3) -> f32 {
 /// The golden section.
 pub const GOLDEN: f32 = 0.618_034;
 
-/// Sample `k` of `light` as seen from x: its place, metres.
+/// Sample `k` of `light` as seen from x: its place, meters.
 #[must_use]
 #[inline]
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
@@ -325,7 +325,7 @@ pub struct SoftParams {
     pub columns: u32,
     /// Rows of the map.
     pub rows: u32,
-    /// Largest edge of the level's box, metres.
+    /// Largest edge of the level's box, meters.
     pub extent: f32,
     /// Where depths are exact: what stands before the light by this part of its distance hides half of it, half as far before it nothing, twice as far all.
     pub bias: f32,
@@ -347,7 +347,7 @@ pub const RAMP: f32 = 3.0;
 pub const ROUNDING: f32 = 1e-3;
 
 impl SoftParams {
-    /// The parameters for a level as large as `extent` metres.
+    /// The parameters for a level as large as `extent` meters.
     #[must_use]
     pub fn new(visibility: &Visibility, extent: f32, lights: usize) -> Self {
         Self {
@@ -364,7 +364,7 @@ impl SoftParams {
     }
 }
 
-/// How much is seen of a sample in a direction (unit), at a distance (metres), of a light on a plane with a normal (zero for none).
+/// How much is seen of a sample in a direction (unit), at a distance (meters), of a light on a plane with a normal (zero for none).
 pub trait Sight {
     /// 0 to 1.
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
@@ -437,7 +437,7 @@ impl Sight for Eye<'_> {
 pub struct Rays<'a> {
     /// What they meet.
     pub geometry: &'a dyn Geometry,
-    /// Where they start, a lift above the surface, metres.
+    /// Where they start, a lift above the surface, meters.
     pub start: Vec3,
 }
 
@@ -477,7 +477,7 @@ pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32
 /// Vectors lean so far at most that their length is ten times their part along the normal.
 pub const LEAST_ALONG: f32 = 0.1;
 
-/// What `light` with colour one does not give to (x, n) because something is before it: a vector whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle,
+/// What `light` with color one does not give to (x, n) because something is before it: a vector whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle,
 /// dimensionless.
 #[must_use]
 pub fn deficit(

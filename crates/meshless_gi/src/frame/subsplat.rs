@@ -23,7 +23,7 @@ pub const PIXELS_A_HOLE: u32 = 4;
 /// How discontinuities of depth are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthTest {
-    /// How far a pixel is from the plane through its neighbours, in parts of its distance, times the cell's edge in pixels: slanted planes are none. Ours.
+    /// How far a pixel is from the plane through its neighbors, in parts of its distance, times the cell's edge in pixels: slanted planes are none. Ours.
     Plane(f32),
     /// Farthest less nearest depth over the nearest (\[N09\] §3.2.1, there in units of length).
     MinMax(f32),
@@ -36,7 +36,7 @@ pub enum DepthTest {
 pub enum NormalTest {
     /// Largest less smallest of any component (\[N09\] §3.2.2), 0 to 2.
     MinMax(f32),
-    /// Largest curvature between neighbours, κ = 2 sin(arccos(n₁·n₂) / 2) (\[N09\] Eq. (1)), 0 to 2.
+    /// Largest curvature between neighbors, κ = 2 sin(arccos(n₁·n₂) / 2) (\[N09\] Eq. (1)), 0 to 2.
     Curvature(f32),
 }
 
@@ -51,9 +51,9 @@ pub struct SubsplatSettings {
     pub depth: DepthTest,
     /// Test of normals.
     pub normal: NormalTest,
-    /// Test the four diagonal neighbours too (\[N09\] §5.2).
+    /// Test the four diagonal neighbors too (\[N09\] §5.2).
     pub diagonal: bool,
-    /// A cell is refined where a node's light is this far from what its surroundings foretold, in parts of the light (\[N09\] §3.3.1 compares neighbours, which refines
+    /// A cell is refined where a node's light is this far from what its surroundings foretold, in parts of the light (\[N09\] §3.3.1 compares neighbors, which refines
     /// where light merely slopes). Infinite for never.
     pub light: f32,
     /// A pixel is evaluated by itself where no more than this share of its surroundings is of its own surface.
@@ -133,7 +133,7 @@ pub struct SubsplatParams {
     pub alike: f32,
     /// See [`SubsplatSettings::detail`].
     pub detail: f32,
-    /// 1 to test diagonal neighbours.
+    /// 1 to test diagonal neighbors.
     pub diagonal: u32,
     /// Where each level's cells start; those of level 0, the pixels that are evaluated by themselves, last: two vectors of four, the last not used.
     pub starts: [[u32; 4]; 2],

@@ -160,7 +160,7 @@ pub(super) struct Beside {
 }
 
 impl Beside {
-    /// How far before the wall `x` lies, metres; behind it that is negative.
+    /// How far before the wall `x` lies, meters; behind it that is negative.
     pub fn height(&self, x: Vec3) -> f32 {
         (x - self.at).dot(self.n)
     }

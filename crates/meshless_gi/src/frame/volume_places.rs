@@ -42,7 +42,7 @@ pub struct VolumeShape {
 }
 
 impl VolumeShape {
-    /// `size` voxels from `low` to `high`, metres. None where that is no box or there are no voxels, more than [`MOST_VOXELS`] along an edge or more than [`MOST_PLACES`].
+    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no voxels, more than [`MOST_VOXELS`] along an edge or more than [`MOST_PLACES`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
@@ -79,13 +79,13 @@ impl VolumeShape {
         self.size
     }
 
-    /// Edges of a voxel, metres.
+    /// Edges of a voxel, meters.
     #[must_use]
     pub fn voxel(&self) -> Vec3 {
         self.voxel
     }
 
-    /// The corner where the first voxel is, metres.
+    /// The corner where the first voxel is, meters.
     #[must_use]
     pub fn low(&self) -> Vec3 {
         self.low
@@ -128,7 +128,7 @@ impl VolumeShape {
             .then(|| [from.as_uvec3(), to.as_uvec3()])
     }
 
-    /// The middle of a voxel, metres; x runs fastest.
+    /// The middle of a voxel, meters; x runs fastest.
     #[must_use]
     pub fn place(&self, index: u32) -> Vec3 {
         let [x, y, _] = self.size.to_array();
@@ -137,7 +137,7 @@ impl VolumeShape {
     }
 }
 
-/// How many voxels a box of these edges, metres, is divided into: cubes of `edge` metres, about, and larger ones where they would be more than `most` or [`MOST_PLACES`], or more than [`MOST_VOXELS`]
+/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about, and larger ones where they would be more than `most` or [`MOST_PLACES`], or more than [`MOST_VOXELS`]
 /// along an edge.
 #[must_use]
 pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {

@@ -42,7 +42,7 @@ impl Default for Ways {
 }
 
 impl Ways {
-    /// Of a voxel with middle `x`, metres. `behind` are the surfaces beside it that it lies behind: how far, metres, and their normals.
+    /// Of a voxel with middle `x`, meters. `behind` are the surfaces beside it that it lies behind: how far, meters, and their normals.
     pub(super) fn find(
         shape: &VolumeShape,
         bvh: &Bvh,

@@ -20,7 +20,7 @@ use crate::scene::{Bvh, Ray};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Squared radius of an even disk over its mean squared distance from the centre.
+/// Squared radius of an even disk over its mean squared distance from the center.
 pub const DISK: f32 = 2.0;
 /// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
 pub const LIFTS: f32 = 4.0;

@@ -5,7 +5,7 @@ use glam::Vec3;
 /// How much faster the distance grows along the normal, less one (\[L08\] §2.2).
 pub const F_SQUASH: f32 = 2.0;
 
-/// dist_j(x) of \[L08\] Eq. (10): the length of v + F_squash ⟨v, n_j⟩ n_j with v = x − x_j, metres.
+/// dist_j(x) of \[L08\] Eq. (10): the length of v + F_squash ⟨v, n_j⟩ n_j with v = x − x_j, meters.
 #[must_use]
 #[inline]
 pub fn dist(v: Vec3, n_j: Vec3) -> f32 {
@@ -19,7 +19,7 @@ pub fn dist_squared(v: Vec3, n_j: Vec3) -> f32 {
     (v + F_SQUASH * v.dot(n_j) * n_j).length_squared()
 }
 
-/// D(p, q) of \[L08\] Eq. (11), metres; infinite where the normals are 90° or more apart.
+/// D(p, q) of \[L08\] Eq. (11), meters; infinite where the normals are 90° or more apart.
 #[must_use]
 pub fn distance_5d(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f32 {
     let cosine = n_p.dot(n_q).max(0.0);

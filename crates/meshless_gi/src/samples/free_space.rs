@@ -1,4 +1,4 @@
-//! Where light is known off the surfaces: places in free space, where what moves may come. From geometry to the centres of the probes' basis.
+//! Where light is known off the surfaces: places in free space, where what moves may come. From geometry to the centers of the probes' basis.
 //!
 //! Free space is what paths of light cross. Importance particles ([L08] §2.3) and short ways up from the surfaces that they reach give candidates; none
 //! can lie inside of solid things. A candidate becomes a probe where no probe within the spacing *sees* it: both sides of a thin wall get their own, and
@@ -24,7 +24,7 @@ const MOST_CANDIDATES: usize = 1 << 15;
 /// How densely.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FreeSpaceSettings {
-    /// Distance that no two probes which see each other are below, metres; above zero.
+    /// Distance that no two probes which see each other are below, meters; above zero.
     pub spacing: f32,
     /// Most probes.
     pub most: usize,
@@ -37,9 +37,9 @@ pub struct FreeSpaceSettings {
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FreeSpace {
-    /// The probes' places, metres.
+    /// The probes' places, meters.
     pub probes: Vec<Vec3>,
-    /// Other places in free space, metres.
+    /// Other places in free space, meters.
     pub crossed: Vec<Vec3>,
     /// Whether there would have been more than the most.
     pub truncated: bool,
@@ -108,7 +108,7 @@ pub fn fill_free_space(
     out
 }
 
-/// Candidates with the room that each has around it, up to half the spacing, metres.
+/// Candidates with the room that each has around it, up to half the spacing, meters.
 fn candidates(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],

@@ -24,10 +24,10 @@ impl GridSlot {
     pub const EMPTY: u32 = u32::MAX;
 }
 
-/// A hashed grid over boxes. Cells are cubes of `cell_size` metres; cell = floor(p / cell_size).
+/// A hashed grid over boxes. Cells are cubes of `cell_size` meters; cell = floor(p / cell_size).
 #[derive(Clone, Debug, PartialEq)]
 pub struct HashedGrid {
-    /// Edge of a cell, metres.
+    /// Edge of a cell, meters.
     pub cell_size: f32,
     /// Hash table, a power of two long, at most half full, linear probing.
     pub slots: Vec<GridSlot>,

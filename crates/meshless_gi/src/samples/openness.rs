@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 /// Rays a candidate.
 pub const OPENNESS_RAYS: u32 = 32;
 
-/// Harmonic mean distance in metres over the hemisphere of `n` at `x`, rays of length 3 `radius` (\[L08\] §2.3). Rays that meet
+/// Harmonic mean distance in meters over the hemisphere of `n` at `x`, rays of length 3 `radius` (\[L08\] §2.3). Rays that meet
 /// nothing count with their full length.
 #[must_use]
 pub fn openness(

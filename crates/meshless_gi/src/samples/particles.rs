@@ -108,7 +108,7 @@ fn trace_one(
 }
 
 /// Candidates around the given points of `surfaces`: what rays meet that start above a random place near each, no farther from it than `reach`
-/// metres. `rounds` rays for each point; round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
+/// meters. `rounds` rays for each point; round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
 #[must_use]
 pub fn local_candidates(
     geometry: &dyn Geometry,

@@ -7,9 +7,9 @@ use glam::{Vec2, Vec3};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LitPlace {
-    /// Position, metres.
+    /// Position, meters.
     pub position: [f32; 3],
-    /// Unit normal on the octahedron, two signed normalised 16-bit numbers (WGSL's `unpack2x16snorm`); 5e-5 exact.
+    /// Unit normal on the octahedron, two signed normalized 16-bit numbers (WGSL's `unpack2x16snorm`); 5e-5 exact.
     pub normal: u32,
 }
 
@@ -33,7 +33,7 @@ impl LitPlace {
         }
     }
 
-    /// Position, metres.
+    /// Position, meters.
     #[must_use]
     pub fn x(&self) -> Vec3 {
         Vec3::from_array(self.position)

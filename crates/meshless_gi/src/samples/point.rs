@@ -7,9 +7,9 @@ use glam::Vec3;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Point {
-    /// Position, metres.
+    /// Position, meters.
     pub position: [f32; 3],
-    /// Radius r of the support of its basis function, metres (\[L08\] Eq. (9)).
+    /// Radius r of the support of its basis function, meters (\[L08\] Eq. (9)).
     pub radius: f32,
     /// Unit normal.
     pub normal: [f32; 3],
@@ -29,7 +29,7 @@ impl Point {
         }
     }
 
-    /// Position, metres.
+    /// Position, meters.
     #[must_use]
     pub fn x(&self) -> Vec3 {
         Vec3::from_array(self.position)

@@ -25,7 +25,7 @@ const LOOKS: u64 = 16;
 /// How one level is filled.
 #[derive(Clone, Copy, Debug)]
 pub struct DiskSettings {
-    /// Disk radius R, metres.
+    /// Disk radius R, meters.
     pub radius: f32,
     /// Reject candidates whose openness is below R / 6 (\[L08\] §2.3). Where not, the level covers everything.
     pub open_only: bool,
@@ -212,7 +212,7 @@ pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<
     points
 }
 
-/// Those of `points`, places (metres) and unit normals, that are left when all of them are thrown in `order` and at least `radius` apart under \[L08\] Eq. (11):
+/// Those of `points`, places (meters) and unit normals, that are left when all of them are thrown in `order` and at least `radius` apart under \[L08\] Eq. (11):
 /// their numbers, in that order. Every other one is nearer than `radius` to one of them.
 #[must_use]
 pub fn thin_out(points: &[(Vec3, Vec3)], order: &[u32], radius: f32) -> Vec<u32> {

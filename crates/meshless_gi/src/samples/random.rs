@@ -63,7 +63,7 @@ mod tests {
                 .sum();
             assert!(
                 (8.0..120.0).contains(&chi2),
-                "first numbers of neighbouring streams: χ² = {chi2}"
+                "first numbers of neighboring streams: χ² = {chi2}"
             );
         }
     }

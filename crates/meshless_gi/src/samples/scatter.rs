@@ -10,7 +10,7 @@ const DARTS: f64 = 16.0;
 /// No more darts than this.
 const MOST: f64 = 3e8;
 
-/// Points on `mesh` of which no two on one surface are nearer than `spacing` (metres), with the normals of the triangles' fronts and their reflectances there.
+/// Points on `mesh` of which no two on one surface are nearer than `spacing` (meters), with the normals of the triangles' fronts and their reflectances there.
 /// `None` where that would be too many, or `spacing` is no length. The same arguments give the same points.
 #[must_use]
 pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints> {

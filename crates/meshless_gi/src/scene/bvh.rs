@@ -9,7 +9,7 @@ use glam::Vec3;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BvhNode {
-    /// Smallest corner, metres, already padded so that the box test is conservative.
+    /// Smallest corner, meters, already padded so that the box test is conservative.
     pub min: [f32; 3],
     /// An inner node: its first child, the second follows. A leaf: its first triangle.
     pub first: u32,
@@ -23,7 +23,7 @@ pub struct BvhNode {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BvhTriangle {
-    /// First vertex, metres.
+    /// First vertex, meters.
     pub a: [f32; 3],
     /// 0 for what stays, else one more than the number of the occluder that it belongs to.
     pub occluder: u32,
@@ -85,7 +85,7 @@ impl Bvh {
         crossed
     }
 
-    /// How far `ray` comes before it meets something, metres, occluders among it, open or not; `ray.max_t` where it meets nothing.
+    /// How far `ray` comes before it meets something, meters, occluders among it, open or not; `ray.max_t` where it meets nothing.
     #[must_use]
     pub fn distance(&self, ray: &Ray) -> f32 {
         let mut ray = *ray;

@@ -18,7 +18,7 @@ use obvhs::ploc::PlocBuilder;
 use obvhs::{Boundable, BvhBuildParams};
 use std::time::Duration;
 
-/// A triangle's vertices in metres.
+/// A triangle's vertices in meters.
 pub(super) type Corners = [Vec3; 3];
 
 /// Units in the last place of the scene's largest coordinate by which a box is padded on each side: the vertices that the

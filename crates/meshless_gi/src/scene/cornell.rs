@@ -1,4 +1,4 @@
-//! The built-in scene: a Cornell box, for the demo, the examples and tests. Coloured walls that a lamp's light bleeds from, two blocks that shade.
+//! The built-in scene: a Cornell box, for the demo, the examples and tests. Colored walls that a lamp's light bleeds from, two blocks that shade.
 
 use super::{Material, TriangleMesh};
 use glam::{Quat, Vec3};
@@ -6,7 +6,7 @@ use glam::{Quat, Vec3};
 /// A flat four-sided surface, its corners counter-clockwise as seen from its front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quad {
-    /// Metres.
+    /// Meters.
     pub corners: [Vec3; 4],
     /// What it is made of; textures are not used.
     pub material: Material,
@@ -16,14 +16,14 @@ const WHITE: Vec3 = Vec3::new(0.73, 0.71, 0.68);
 const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
 const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
 
-/// A room of 2 m, open towards +Z, red on the left, green on the right, with two blocks on its floor. The floor is at y = 0, its centre in the
+/// A room of 2 m, open toward +Z, red on the left, green on the right, with two blocks on its floor. The floor is at y = 0, its center in the
 /// origin.
 #[must_use]
 pub fn cornell_box() -> Vec<Quad> {
     let v = Vec3::new;
-    let wall = |colour, corners| Quad {
+    let wall = |color, corners| Quad {
         corners,
-        material: Material::diffuse(colour),
+        material: Material::diffuse(color),
     };
     let corner = |x: f32, y: f32, z: f32| v(x, 1.0 + y, z);
     let mut quads = vec![
@@ -146,10 +146,10 @@ mod tests {
         }
         let out = Ray::new(eye, Vec3::Z);
         assert!(mesh.cast(&out).is_none(), "open in front");
-        for (x, colour) in [(Vec3::NEG_X, RED), (Vec3::X, GREEN)] {
+        for (x, color) in [(Vec3::NEG_X, RED), (Vec3::X, GREEN)] {
             let ray = Ray::new(eye, x);
             let hit = mesh.cast(&ray).expect("a wall");
-            assert_eq!(mesh.surface(&ray, &hit).albedo, colour);
+            assert_eq!(mesh.surface(&ray, &hit).albedo, color);
         }
     }
 }

@@ -298,7 +298,7 @@ mod tests {
             other => panic!("{other:?}"),
         };
         assert_eq!(sky(0), Vec3::new(1.0, 2.0, 3.0).into());
-        assert!((sky(1).towards(Vec3::Y) - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-6);
+        assert!((sky(1).toward(Vec3::Y) - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-6);
         assert_eq!(sky(2).terms[1], Vec3::new(-0.5, 0.0, 0.0));
         assert_eq!(sky(2).terms[7], Vec3::new(0.0, 0.25, 0.0));
     }

@@ -3,7 +3,7 @@
 use super::MaterialFactors;
 use glam::Vec3;
 
-/// An axis-aligned box, in metres.
+/// An axis-aligned box, in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Smallest corner.
@@ -28,13 +28,13 @@ impl Bounds {
         }
     }
 
-    /// Edge lengths in metres; zero where the box is empty.
+    /// Edge lengths in meters; zero where the box is empty.
     #[must_use]
     pub fn size(self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
-    /// The centre, in metres.
+    /// The center, in meters.
     #[must_use]
     pub fn center(self) -> Vec3 {
         0.5 * (self.min + self.max)
@@ -45,11 +45,11 @@ impl Bounds {
 /// wide BVH would miss.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// Start, in metres.
+    /// Start, in meters.
     pub origin: Vec3,
     /// Unit direction; no component is -0.0.
     pub direction: Vec3,
-    /// Hits farther than this (metres) do not count.
+    /// Hits farther than this (meters) do not count.
     pub max_t: f32,
 }
 
@@ -60,7 +60,7 @@ impl Ray {
         Self::segment(origin, direction, f32::INFINITY)
     }
 
-    /// A ray that ends after `max_t` metres.
+    /// A ray that ends after `max_t` meters.
     #[must_use]
     pub fn segment(origin: Vec3, direction: Vec3, max_t: f32) -> Self {
         Self {
@@ -81,7 +81,7 @@ impl Ray {
 /// Where a ray met a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Distance along the ray, in metres.
+    /// Distance along the ray, in meters.
     pub t: f32,
     /// Which primitive of the geometry (a triangle's index, a shape's index).
     pub primitive: u32,
@@ -92,7 +92,7 @@ pub struct Hit {
 /// The surface at a hit, seen from the side the ray came from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Position in metres, as near to the true surface as the representation can say.
+    /// Position in meters, as near to the true surface as the representation can say.
     pub position: Vec3,
     /// Unit geometric normal on the side the ray came from.
     pub normal: Vec3,
@@ -107,7 +107,7 @@ pub struct Surface {
 /// The part of a [`Surface`] that a gather needs of each of its hits: no texture is read for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Site {
-    /// Position in metres.
+    /// Position in meters.
     pub position: Vec3,
     /// Unit geometric normal on the side the ray came from.
     pub normal: Vec3,
@@ -120,7 +120,7 @@ pub struct Site {
 pub struct Coating {
     /// Index of the material among [`Geometry::materials`].
     pub material: u32,
-    /// Diffuse reflectance for a base colour of one. Black on the back of a single-sided material.
+    /// Diffuse reflectance for a base color of one. Black on the back of a single-sided material.
     pub albedo: Vec3,
     /// Emitted radiance for an emissive factor of one. Black on the back of a single-sided material.
     pub emission: Vec3,
@@ -129,7 +129,7 @@ pub struct Coating {
 /// Where a function ends at a surface: a plane, and how far light for one side may be asked for beyond it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Barrier {
-    /// Unit normal, towards the start of the ray that met it.
+    /// Unit normal, toward the start of the ray that met it.
     pub normal: Vec3,
     /// A position on the plane, meters.
     pub position: Vec3,
@@ -193,19 +193,19 @@ pub trait Geometry: Sync {
         }
     }
 
-    /// A length, in metres, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
+    /// A length, in meters, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
     fn lift(&self, p: Vec3) -> f32 {
         mesh_lift(self.bounds().size().max_element(), p)
     }
 
-    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it, metres; 0 for smooth surfaces. A frame knows no geometry but
+    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it, meters; 0 for smooth surfaces. A frame knows no geometry but
     /// triangles, and lifts its shadow rays for rounding alone: places that are to be lit by one stand so far above the surface.
     fn roughness(&self, _p: Vec3) -> f32 {
         0.0
     }
 }
 
-/// The lift off exact surfaces at `p` of a geometry of this size, metres.
+/// The lift off exact surfaces at `p` of a geometry of this size, meters.
 pub(super) fn mesh_lift(size: f32, p: Vec3) -> f32 {
     (1e-5 * size).max(8.0 * f32::EPSILON * p.abs().max_element().max(size))
 }

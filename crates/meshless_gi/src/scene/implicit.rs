@@ -17,12 +17,12 @@ const MOST_STEPS: u32 = 4096;
 /// Halvings of the interval in which a sign changes: an f32's worth.
 const HALVINGS: u32 = 30;
 
-/// A solid whose surface is an implicit function's zero set. Lengths in metres.
+/// A solid whose surface is an implicit function's zero set. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A ball.
     Sphere {
-        /// Its centre.
+        /// Its center.
         center: Vec3,
         /// Its radius.
         radius: f32,
@@ -36,39 +36,39 @@ pub enum Shape {
     },
     /// A box along the axes.
     Cuboid {
-        /// Its centre.
+        /// Its center.
         center: Vec3,
         /// Half its edges.
         half: Vec3,
     },
     /// The room inside a box along the axes: everything outside of the box is solid, its surface faces inwards.
     Room {
-        /// Its centre.
+        /// Its center.
         center: Vec3,
         /// Half its edges.
         half: Vec3,
     },
     /// The hollow inside a ball: everything outside is solid.
     Cavity {
-        /// Its centre.
+        /// Its center.
         center: Vec3,
         /// Its radius.
         radius: f32,
     },
     /// A ring.
     Torus {
-        /// Its centre.
+        /// Its center.
         center: Vec3,
         /// Unit axis.
         axis: Vec3,
-        /// From the centre to the middle of the tube.
+        /// From the center to the middle of the tube.
         major: f32,
         /// Radius of the tube.
         minor: f32,
     },
     /// A cylinder with flat ends; a low one is a disk.
     Cylinder {
-        /// Its centre, half-way between the ends.
+        /// Its center, half-way between the ends.
         center: Vec3,
         /// Unit axis.
         axis: Vec3,
@@ -195,7 +195,7 @@ impl ImplicitScene {
         }
     }
 
-    /// Surfaces nearer than this (metres) to each other can't be told apart.
+    /// Surfaces nearer than this (meters) to each other can't be told apart.
     #[must_use]
     pub fn tolerance(&self) -> f32 {
         self.tolerance

@@ -9,7 +9,7 @@ use std::path::Path;
 /// A level's geometry as one mesh.
 #[derive(Debug)]
 pub struct LoadedGeometry {
-    /// Triangles, and the cells of points, in metres.
+    /// Triangles, and the cells of points, in meters.
     pub mesh: TriangleMesh,
     /// Points whose cells are in the mesh; 0 where there are triangles only.
     pub points: u64,
@@ -20,7 +20,7 @@ pub struct LoadedGeometry {
 }
 
 /// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene description whose geometry is joined. Points without normals face the `viewpoints`
-/// (metres, in free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
+/// (meters, in free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
 ///
 /// # Errors
 /// See [`SceneError`].

@@ -1,4 +1,4 @@
-//! Light sources as the frame knows them: metres, W/sr, W/m², linear RGB.
+//! Light sources as the frame knows them: meters, W/sr, W/m², linear RGB.
 
 use super::SkyRadiance;
 use glam::Vec3;
@@ -8,16 +8,16 @@ use glam::Vec3;
 pub enum Light {
     /// Shines alike in all directions.
     Point {
-        /// Metres.
+        /// Meters.
         position: Vec3,
         /// W/sr.
         intensity: Vec3,
-        /// Metres at which the smooth window (1 − (d/range)⁴…) ends, as Bevy's shader has it; infinite for none.
+        /// Meters at which the smooth window (1 − (d/range)⁴…) ends, as Bevy's shader has it; infinite for none.
         range: f32,
     },
     /// Shines in a cone. Falloff: clamp((cos t − cos outer)/(cos inner − cos outer), 0, 1)².
     Spot {
-        /// Metres.
+        /// Meters.
         position: Vec3,
         /// Unit, where the light goes.
         direction: Vec3,
@@ -39,11 +39,11 @@ pub enum Light {
     },
     /// A rectangle that emits to the side of `u × v`.
     Rect {
-        /// Metres.
+        /// Meters.
         center: Vec3,
-        /// Half edge, metres.
+        /// Half edge, meters.
         u: Vec3,
-        /// Half edge, metres.
+        /// Half edge, meters.
         v: Vec3,
         /// W/(m² sr).
         radiance: Vec3,

@@ -94,9 +94,9 @@ impl Texture {
         top * (1.0 - f.y) + bottom * f.y
     }
 
-    /// The colour at `uv`, sRGB decoded to linear before it is filtered; alpha is linear.
+    /// The color at `uv`, sRGB decoded to linear before it is filtered; alpha is linear.
     #[must_use]
-    pub fn colour(&self, uv: Vec2) -> Vec4 {
+    pub fn color(&self, uv: Vec2) -> Vec4 {
         let table = srgb_table();
         let linear = |i: u8| table[usize::from(i)];
         self.blend(uv, |t| {
@@ -176,7 +176,7 @@ pub(super) fn srgb_table() -> &'static [f32; 256] {
 pub struct Material {
     /// Linear RGB in [0, 1], and alpha.
     pub base_color: Vec4,
-    /// Multiplies `base_color`: sRGB colour, linear alpha.
+    /// Multiplies `base_color`: sRGB color, linear alpha.
     pub base_color_texture: Option<u32>,
     /// How much of the surface is metal, which reflects nothing diffusely: 0 to 1.
     pub metallic: f32,
@@ -287,27 +287,27 @@ mod tests {
     }
 
     #[test]
-    fn texel_centres_are_exact_and_colours_are_linear() {
+    fn texel_centers_are_exact_and_colors_are_linear() {
         let t = checks(Wrap::Repeat);
         assert_eq!(
-            t.colour(Vec2::new(0.25, 0.25)),
+            t.color(Vec2::new(0.25, 0.25)),
             Vec4::new(0.0, 0.0, 0.0, 1.0)
         );
         assert_eq!(
-            t.colour(Vec2::new(0.75, 0.75)),
+            t.color(Vec2::new(0.75, 0.75)),
             Vec4::new(0.0, 1.0, 0.0, 1.0)
         );
         // sRGB 188 is 0.5029 in linear light.
-        assert!((t.colour(Vec2::new(0.25, 0.75)).x - 0.5029).abs() < 1e-4);
+        assert!((t.color(Vec2::new(0.25, 0.75)).x - 0.5029).abs() < 1e-4);
         assert!((t.data(Vec2::new(0.25, 0.75)).x - 188.0 / 255.0).abs() < 1e-6);
         // Half way between black and white in linear light.
-        assert!((t.colour(Vec2::new(0.5, 0.25)).x - 0.5).abs() < 1e-6);
+        assert!((t.color(Vec2::new(0.5, 0.25)).x - 0.5).abs() < 1e-6);
         assert!((t.alpha(Vec2::new(0.5, 0.25)) - 0.5).abs() < 1e-6);
     }
 
     #[test]
     fn wrap_modes() {
-        let left = |wrap: Wrap, u: f32| checks(wrap).colour(Vec2::new(u, 0.25)).x;
+        let left = |wrap: Wrap, u: f32| checks(wrap).color(Vec2::new(u, 0.25)).x;
         assert_eq!(left(Wrap::Repeat, 1.25), 0.0);
         assert_eq!(left(Wrap::Mirror, 1.25), 1.0);
         assert_eq!(left(Wrap::Clamp, 7.0), 1.0);

@@ -19,7 +19,7 @@ use obvhs::cwbvh::CwBvh;
 use obvhs::ray::RayHit;
 use std::time::{Duration, Instant};
 
-/// Coordinates from here on, in metres, are taken for damage: squares of them overflow.
+/// Coordinates from here on, in meters, are taken for damage: squares of them overflow.
 const FARTHEST: f32 = 1e9;
 
 /// Radiances from here on, in W/(m² sr), are taken for damage: sums of them overflow.
@@ -28,7 +28,7 @@ const BRIGHTEST: f32 = 1e18;
 /// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TriangleUvs {
-    /// For the base colour.
+    /// For the base color.
     pub base_color: [Vec2; 3],
     /// For the metallic texture.
     pub metallic: [Vec2; 3],
@@ -83,7 +83,7 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
-    /// A mesh of plain materials. `triangles` are corners in metres, counter-clockwise seen from the front; `material_of`
+    /// A mesh of plain materials. `triangles` are corners in meters, counter-clockwise seen from the front; `material_of`
     /// has each triangle's index into `materials`, and triangles beyond its end get the default material.
     /// Triangles that no ray could meet are left out and counted in [`Self::problems`]; the others keep their order.
     #[must_use]
@@ -215,7 +215,7 @@ impl TriangleMesh {
         self.faces.is_empty()
     }
 
-    /// Corners, in metres, of the triangle with index `i`, as [`Hit::primitive`] counts them.
+    /// Corners, in meters, of the triangle with index `i`, as [`Hit::primitive`] counts them.
     #[must_use]
     pub fn triangle(&self, i: usize) -> Option<[Vec3; 3]> {
         self.place.get(i).map(|&k| self.faces[k as usize].corners)
@@ -330,15 +330,15 @@ impl TriangleMesh {
         }
     }
 
-    /// The textures at a hit: of the base colour (white without one), how metallic the surface is, and of the emission (white without one).
+    /// The textures at a hit: of the base color (white without one), how metallic the surface is, and of the emission (white without one).
     fn texels(&self, face: &Face, hit: &Hit) -> (Vec3, f32, Vec3) {
         let material = &self.materials[face.material as usize];
-        let (mut colour, mut metallic, mut glow) = (Vec3::ONE, material.metallic, Vec3::ONE);
+        let (mut color, mut metallic, mut glow) = (Vec3::ONE, material.metallic, Vec3::ONE);
         if let Some(uvs) = self.uvs.get(face.index as usize) {
             let texture = |t: u32| &self.textures[t as usize];
             if let Some(t) = material.base_color_texture {
-                colour = texture(t)
-                    .colour(interpolate(uvs.base_color, hit.uv))
+                color = texture(t)
+                    .color(interpolate(uvs.base_color, hit.uv))
                     .truncate();
             }
             if let Some(t) = material.metallic_texture {
@@ -346,11 +346,11 @@ impl TriangleMesh {
             }
             if let Some(t) = material.emissive_texture {
                 glow = texture(t)
-                    .colour(interpolate(uvs.emissive, hit.uv))
+                    .color(interpolate(uvs.emissive, hit.uv))
                     .truncate();
             }
         }
-        (colour, metallic, glow)
+        (color, metallic, glow)
     }
 
     /// A digest of everything that a bake reads from this mesh: geometry, materials, textures.
@@ -614,8 +614,8 @@ impl Geometry for TriangleMesh {
         let material = &self.materials[face.material as usize];
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
         if front || material.double_sided {
-            let (colour, metallic, glow) = self.texels(face, hit);
-            albedo = material.base_color.truncate() * colour * (1.0 - metallic);
+            let (color, metallic, glow) = self.texels(face, hit);
+            albedo = material.base_color.truncate() * color * (1.0 - metallic);
             emission = PI * material.emissive * glow;
         }
         Surface {
@@ -632,8 +632,8 @@ impl Geometry for TriangleMesh {
         let (_, _, front) = arrive(face, ray, hit);
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
         if front || self.materials[face.material as usize].double_sided {
-            let (colour, metallic, glow) = self.texels(face, hit);
-            (albedo, emission) = (colour * (1.0 - metallic), glow);
+            let (color, metallic, glow) = self.texels(face, hit);
+            (albedo, emission) = (color * (1.0 - metallic), glow);
         }
         Some(Coating {
             material: face.material,

@@ -13,7 +13,7 @@ use glam::Vec3;
 pub struct Occluder {
     /// What it is called.
     pub name: String,
-    /// Corners of its triangles where it is shut, metres.
+    /// Corners of its triangles where it is shut, meters.
     pub triangles: Vec<[Vec3; 3]>,
     /// Boxes where it is shut.
     pub boxes: Vec<Shutter>,
@@ -90,7 +90,7 @@ impl Shutter {
         out
     }
 
-    /// The plane of its middle, towards `from`.
+    /// The plane of its middle, toward `from`.
     fn barrier(&self, from: Vec3) -> Barrier {
         let position = self.bounds.center();
         let mut normal = Vec3::ZERO;

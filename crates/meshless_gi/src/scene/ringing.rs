@@ -1,14 +1,14 @@
 //! A sky without ringing: the radiance of [`SkyRadiance`] that is nowhere below zero and otherwise as it was, for levels that see the sky through openings.
 //!
 //! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the other. A surface in the open never knows, because the cosine takes what rings away
-//! \[RH01\]; one that sees only that part of the sky has negative light, in a channel or in all, and a strange colour. \[Sl08\] multiplies the degrees by a window
+//! \[RH01\]; one that sees only that part of the sky has negative light, in a channel or in all, and a strange color. \[Sl08\] multiplies the degrees by a window
 //! until nothing is negative, which also flattens what was right. Here the series moves to the nearest one, by the mean square over directions, that is nowhere negative
 //! and has the same mean. That is a convex problem of sixteen numbers: by the S-lemma c + d·ω + ω·Q ω ≥ 0 on the unit sphere exactly if
 //!
 //! M(t) = ((Q + t I, d/2), (dᵀ/2, c − t))
 //!
 //! is positive semidefinite for some t (\[BV04\] appendix B.2). It is solved by alternating directions (\[BP11\] §3.1, scaled form), each step a closed form; what the last step
-//! leaves below zero goes by drawing the series towards its mean.
+//! leaves below zero goes by drawing the series toward its mean.
 
 use super::SkyRadiance;
 use nalgebra::{Matrix4, SymmetricEigen};
@@ -93,7 +93,7 @@ fn nearest(terms: &Terms) -> Option<Terms> {
             break;
         }
     }
-    // f(ω) = (ω, 1)·M (ω, 1) ≥ 2 λ; towards the mean it rises.
+    // f(ω) = (ω, 1)·M (ω, 1) ≥ 2 λ; toward the mean it rises.
     let below = -2.0 * best(&found).min(0.0);
     Some(found.map(|t| t / (1.0 + below)))
 }
@@ -148,15 +148,15 @@ mod tests {
     }
 
     fn least(sky: &SkyRadiance, ways: &[Vec3]) -> Vec3 {
-        let all = ways.iter().map(|w| sky.towards(*w));
+        let all = ways.iter().map(|w| sky.toward(*w));
         all.fold(Vec3::INFINITY, Vec3::min)
     }
 
     fn any(random: &mut Random, size: f32) -> SkyRadiance {
-        let mut colour = || Vec3::new(random.unit(), random.unit(), random.unit());
+        let mut color = || Vec3::new(random.unit(), random.unit(), random.unit());
         SkyRadiance {
-            mean: colour() + 0.05,
-            terms: std::array::from_fn(|_| size * (2.0 * colour() - 1.0)),
+            mean: color() + 0.05,
+            terms: std::array::from_fn(|_| size * (2.0 * color() - 1.0)),
         }
     }
 
@@ -255,7 +255,7 @@ mod tests {
 
     /// A sky with a low sun's glow on one side, seen in the open and through openings: as it comes, by \[Sl08\]'s window and here.
     #[test]
-    fn through_openings_colours_are_those_of_the_sky() {
+    fn through_openings_colors_are_those_of_the_sky() {
         let ways = ways(20_000);
         let angle = 4.0 * std::f32::consts::PI / ways.len() as f32;
         let sky = |w: Vec3| {
@@ -303,7 +303,7 @@ mod tests {
                 let right = arrives(&sky);
                 squares[usize::from(open)] += right.length_squared();
                 for (k, s) in [&fitted, &windowed, &found].into_iter().enumerate() {
-                    let shown = arrives(&|w| s.towards(w));
+                    let shown = arrives(&|w| s.toward(w));
                     errors[k][usize::from(open)] += (shown - right).length_squared();
                     negative[k] += u32::from(shown.min_element() < -1e-4);
                 }

@@ -1,4 +1,4 @@
-//! The radiance of the sky as nine numbers a colour: spherical harmonics up to the second degree \[RH01\], which hold all that diffuse surfaces see of it but
+//! The radiance of the sky as nine numbers a color: spherical harmonics up to the second degree \[RH01\], which hold all that diffuse surfaces see of it but
 //! for a hundredth.
 //!
 //! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and without trace, as probes have it (`transport::probes`): the nine polynomials 1; x, y, z; x² − z², y² − z², 2xy, 2xz,
@@ -7,7 +7,7 @@
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 
-/// Radiance of the sky, W/(m² sr), in directions ω towards it.
+/// Radiance of the sky, W/(m² sr), in directions ω toward it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SkyRadiance {
     /// c, the mean over all directions.
@@ -53,12 +53,12 @@ impl SkyRadiance {
 
     /// Radiance from direction `way`, of unit length. The series may fall below zero beside something very bright.
     #[must_use]
-    pub fn towards(&self, way: Vec3) -> Vec3 {
+    pub fn toward(&self, way: Vec3) -> Vec3 {
         let terms = self.terms.iter().zip(Self::polynomials(way));
         self.mean + terms.map(|(term, p)| *term * p).sum::<Vec3>()
     }
 
-    /// The sky that has three colours straight up (+Y), at the horizon and straight down, and between them the only polynomial of the second degree in the height.
+    /// The sky that has three colors straight up (+Y), at the horizon and straight down, and between them the only polynomial of the second degree in the height.
     #[must_use]
     pub fn gradient(zenith: Vec3, horizon: Vec3, ground: Vec3) -> Self {
         // L = horizon + b y + a y²; y² = 1/3 + (y² − 1/3), and Q = a diag(−1/3, 2/3, −1/3).
@@ -190,10 +190,10 @@ mod tests {
 
     fn any(seed: u64) -> SkyRadiance {
         let mut random = Random::new(seed, 1, 2);
-        let mut colour = || Vec3::new(random.unit(), random.unit(), random.unit()) - 0.4;
+        let mut color = || Vec3::new(random.unit(), random.unit(), random.unit()) - 0.4;
         SkyRadiance {
-            mean: colour() + 1.0,
-            terms: std::array::from_fn(|_| colour()),
+            mean: color() + 1.0,
+            terms: std::array::from_fn(|_| color()),
         }
     }
 
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn a_map_of_the_series_gives_the_series_back() {
         let sky = any(3);
-        let found = SkyRadiance::of_map(ways(20_000).map(|w| (w, 2.0, sky.towards(w))));
+        let found = SkyRadiance::of_map(ways(20_000).map(|w| (w, 2.0, sky.toward(w))));
         let pairs = found.terms.iter().zip(&sky.terms);
         let off = pairs.map(|(a, b)| (*a - *b).length()).fold(0.0, f32::max);
         assert!(
@@ -215,16 +215,16 @@ mod tests {
     }
 
     #[test]
-    fn a_gradient_has_its_three_colours() {
-        let colours = [
+    fn a_gradient_has_its_three_colors() {
+        let colors = [
             Vec3::new(0.1, 0.3, 0.9),
             Vec3::new(0.9, 0.8, 0.7),
             Vec3::new(0.2, 0.1, 0.05),
         ];
-        let sky = SkyRadiance::gradient(colours[0], colours[1], colours[2]);
+        let sky = SkyRadiance::gradient(colors[0], colors[1], colors[2]);
         let ways = [Vec3::Y, Vec3::new(0.6, 0.0, -0.8), Vec3::NEG_Y];
-        for (colour, way) in colours.iter().zip(ways) {
-            assert!((sky.towards(way) - *colour).length() < 1e-6, "{way}");
+        for (color, way) in colors.iter().zip(ways) {
+            assert!((sky.toward(way) - *color).length() < 1e-6, "{way}");
         }
         assert!(!sky.is_uniform());
         let even = SkyRadiance::gradient(Vec3::ONE, Vec3::ONE, Vec3::ONE);
@@ -237,10 +237,10 @@ mod tests {
         let turn = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7));
         let turned = sky.turned(turn);
         for way in ways(50) {
-            let d = turned.towards(turn * way) - sky.towards(way);
+            let d = turned.toward(turn * way) - sky.toward(way);
             assert!(d.length() < 1e-5, "{d}");
         }
-        assert!((turned.towards(Vec3::X) - sky.towards(Vec3::X)).length() > 0.01);
+        assert!((turned.toward(Vec3::X) - sky.toward(Vec3::X)).length() > 0.01);
     }
 
     #[test]
@@ -252,7 +252,7 @@ mod tests {
             let sum: Vec3 = (0..count)
                 .map(|k| {
                     let d = cosine_hemisphere(lattice(k, count, Vec2::ZERO));
-                    sky.towards((t * d.x + b * d.y + n * d.z).normalize())
+                    sky.toward((t * d.x + b * d.y + n * d.z).normalize())
                 })
                 .sum();
             let right = sum * (PI / count as f32);

@@ -10,10 +10,10 @@ const STONE: Vec3 = Vec3::new(0.45, 0.44, 0.42);
 const ALONG: u32 = 480;
 const AROUND: u32 = 48;
 const TURN: u32 = 96;
-/// Metres for one unit of the knot's equation; half the width of its tube in metres.
+/// Meters for one unit of the knot's equation; half the width of its tube in meters.
 const SIZE: f64 = 0.16;
 const TUBE: f64 = 0.1;
-/// The pedestal's profile: radius and height of each ring, metres, from the floor to the middle of its top.
+/// The pedestal's profile: radius and height of each ring, meters, from the floor to the middle of its top.
 const PROFILE: [[f64; 2]; 8] = [
     [0.34, 0.0],
     [0.34, 0.08],
@@ -34,7 +34,7 @@ pub fn statue() -> TriangleMesh {
     TriangleMesh::new([pedestal, knot].concat(), material_of, materials)
 }
 
-/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its centre in the origin.
+/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its center in the origin.
 #[must_use]
 pub fn statue_room() -> TriangleMesh {
     let walls = mesh_of_quads(&cornell_box()[..5]);

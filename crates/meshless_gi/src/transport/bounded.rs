@@ -17,7 +17,7 @@ use super::gather::Gathered;
 use super::training::{SIGNALS, Training};
 use glam::Vec3A;
 
-/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets centimetre-scale light beside ledges go
+/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets centimeter-scale light beside ledges go
 /// unseen, four times as much makes twice the links for no less error.
 const GUARD: f32 = 0.25;
 

@@ -2,7 +2,7 @@
 //!
 //! Links are differences on both sides: senders carry differences to coarser levels (\[L08\] Eq. (7)), receivers encode what their parents do not
 //! already say (Eq. (17)). A link to a coarsest sender is kept when its magnitude exceeds ε; one to a finer sender when also its
-//! variation among the sender's neighbours does; a receiver's children are looked at when any of its links was kept.
+//! variation among the sender's neighbors does; a receiver's children are looked at when any of its links was kept.
 //!
 //! Deviations: reflectance is not in the link (design D1); a level is worked on in parallel, which Figure 5's queue allows because it
 //! holds the levels one after another.
@@ -14,9 +14,9 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Same-level functions that cover each sender's point: the neighbours of \[L08\] §2.1 ("B_i(p_n) ≠ 0"), both ways.
+/// Same-level functions that cover each sender's point: the neighbors of \[L08\] §2.1 ("B_i(p_n) ≠ 0"), both ways.
 #[must_use]
-pub fn neighbours(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
+pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
     let count = hierarchy.level_starts[sender_levels] as usize;
     (0..count)
         .into_par_iter()
@@ -42,13 +42,13 @@ type Gathered1 = (RawRow, Vec3A, [f32; 2], f32, [Duration; 2]);
 pub fn refine_l08(
     scene: &GatherScene<'_>,
     parents: &Weights,
-    neighbours: &[Vec<u32>],
+    neighbors: &[Vec<u32>],
     epsilon: f32,
     progress: &(dyn Fn(f32) -> bool + Sync),
 ) -> Option<Refined> {
     let hierarchy = scene.hierarchy;
     let points = hierarchy.len();
-    let senders = neighbours.len();
+    let senders = neighbors.len();
     let coarsest = hierarchy.level_starts[1];
     let mut out = Refined {
         rows: Vec::with_capacity(points),
@@ -97,7 +97,7 @@ pub fn refine_l08(
                         let link = links[j as usize];
                         let keep = link.length() > epsilon
                             && (j < coarsest
-                                || neighbours[j as usize]
+                                || neighbors[j as usize]
                                     .iter()
                                     .any(|&k| (link - links[k as usize]).length() > epsilon));
                         if keep {

@@ -25,7 +25,7 @@ pub struct BounceScene<'a> {
     pub senders: usize,
 }
 
-/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the largest of their row and colour are handed to the
+/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the largest of their row and color are handed to the
 /// others of the row in proportion, so that each row keeps its sum.
 #[must_use]
 pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {

@@ -180,7 +180,7 @@ pub fn place_links(rows: &mut [Row]) -> Option<u32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct BounceLink {
-    /// Dimensionless gain per colour channel.
+    /// Dimensionless gain per color channel.
     pub gain: [f32; 3],
     /// The sender's index (never the sky's).
     pub sender: u32,

@@ -53,8 +53,10 @@ pub fn pack(
                 .chain(terms.clone())
         };
         let parts = &rows[i].parts;
+        // The rest of a link beyond its parts may be larger than the link: parts of a probe have signs.
+        let rests = all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
         let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
-        let scale = sizes.fold(0.0f32, |a, v| a.max(v.abs().max_element()));
+        let scale = sizes.chain(rests).fold(0.0f32, |a, v| a.max(v.abs().max_element()));
         let start = operator.links.len() as u32;
         if scale > 0.0 {
             for (j, v) in all() {
@@ -133,6 +135,26 @@ mod tests {
             assert!((back - Vec3::from(v)).abs().max_element() < 5e-4 * 5e-7);
         }
         assert_eq!(packed.operator.rows[1], Row::default());
+    }
+
+    #[test]
+    fn rest_of_a_link_larger_than_its_row_sets_the_scale() {
+        let part = Part {
+            sender: 3,
+            crossed: 1,
+            value: Vec3A::new(-0.6, 0.2, 0.0),
+        };
+        let row = RawRow {
+            links: vec![(3, Vec3A::new(0.5, 0.1, 0.0))],
+            parts: vec![part],
+            active: true,
+            ..RawRow::default()
+        };
+        let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], 8, SenderForm::Averages);
+        assert_eq!(packed.passing.len(), 2);
+        let largest = |p: &Passing| p.packed.vector().abs().max_element();
+        let largest = packed.passing.iter().map(largest).fold(0.0, f32::max);
+        assert!((largest - 1.0).abs() < 1e-3, "{largest}");
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! interpolated value, so nothing cancels and nothing is lost.
 //!
 //! Where receivers of the finest level still differ from their parents, a finer level is added around them, and so on: beside ledges and in
-//! corners light changes over centimetres. A receiver of level l stands for a surface of R_l², so the tolerance doubles from level to
+//! corners light changes over centimeters. A receiver of level l stands for a surface of R_l², so the tolerance doubles from level to
 //! level: what remains is spread evenly over the surface.
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};

@@ -86,7 +86,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
             "time.svg",
             Chart {
                 title: "Time by number of points".into(),
-                caption: "Order 4, no visibility, all three colours, one bounce".into(),
+                caption: "Order 4, no visibility, all three colors, one bounce".into(),
                 x: Axis::log("points", Format::Si),
                 y: Axis::log("seconds", Format::Number),
                 series: vec![
@@ -256,7 +256,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     }
     writeln!(
         w,
-        "\nParts: pairs of nodes in the lists that see each other in part. Disks in place of points keep pairs that nearly touch from outshining everything: with [G08] Eq. (4) as it stands two points of neighbouring walls may\n\
+        "\nParts: pairs of nodes in the lists that see each other in part. Disks in place of points keep pairs that nearly touch from outshining everything: with [G08] Eq. (4) as it stands two points of neighboring walls may\n\
          send each other more light than they have, and bounces grow without end. Disks lose some light along edges instead: the bias, which falls as points are denser."
     )?;
     Ok(out)

@@ -177,7 +177,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
         out,
         "\nMemory is the faster one in {wins} of {} rows, and takes {least:.1} to {most:.1} times as long as rays: it multiplies fifty coefficients for each of four directions a sample, where a ray \
         visits some dozens of boxes. {}\n\n## Pictures\n\nThe panel's light \
-        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around grey.\n",
+        on white surfaces: from memory, by the reference integrator, and the difference, five times as bright around gray.\n",
         races.len(),
         match wins {
             0 => "It wins nowhere here, and rays are exact: `project` keeps its rays.",
@@ -246,7 +246,7 @@ pub fn transfer(all: &[Transfer]) -> String {
         out,
         "\n### Size and time beside the paper's\n\n\
         [P14] §6: 45K points, 48 clusters, ten coefficients, 21 MB for transfer, less than a fifth of all entries; 4 hours for visibility and transfer together. It stores three scalars, one for \
-        each colour, with reflectance inside; a link here is a vector without colour, so that materials may change and normals may be bent. Ours at medium:\n\n{}",
+        each color, with reflectance inside; a link here is a vector without color, so that materials may change and normals may be bent. Ours at medium:\n\n{}",
         head(&["level"])
     );
     for t in all {

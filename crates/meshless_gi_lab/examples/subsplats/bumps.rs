@@ -62,7 +62,7 @@ fn scene() -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-/// Bumps a few centimetres wide, up to 25 degrees steep.
+/// Bumps a few centimeters wide, up to 25 degrees steep.
 fn bump(view: &mut View<'_>) {
     for i in 0..view.drawn.depth.len() {
         if view.drawn.depth[i] <= 0.0 {

@@ -94,7 +94,7 @@ pub fn charts(found: &Found) -> Vec<(&'static str, Chart)> {
                     points: own
                         .map(|l| {
                             Mark::new(l.measured.share(), f64::from(l.measured.flip))
-                                .labelled(threshold(l.light))
+                                .labeled(threshold(l.light))
                         })
                         .collect(),
                     ..Series::new(name, Style::LineAndPoints, [])
@@ -242,7 +242,7 @@ fn tests(found: &Found, out: &mut String) -> Result<(), Error> {
         "## Tests of discontinuities ([N09] Fig. 9)\n\n\
          {} places on a path through {} at {} × {} pixels, refined by shapes alone. Both thresholds of a pair are one factor, found by halving, times what they start from\n\
          (plane 0.05, min-max 0.1, derivative 0.02; normals min-max 1, curvature 0.5): that at which the mean FLIP of every second place is that of plane and min-max as they start. FLIP is the mean of all\n\
-         places; \"no diagonals\": without the test of the four diagonal neighbours ([N09] §5.2, where that is 2 to 3 % of the time).\n\n\
+         places; \"no diagonals\": without the test of the four diagonal neighbors ([N09] §5.2, where that is 2 to 3 % of the time).\n\n\
          ![Subsplats along the path](subsplats/path.svg)\n\n\
          | depth | threshold | normals | threshold | subsplats | fewest to most | FLIP | no diagonals: subsplats | FLIP | diagonals add |\n\
          |---|---|---|---|---|---|---|---|---|---|",

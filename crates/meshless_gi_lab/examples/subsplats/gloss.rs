@@ -105,8 +105,8 @@ fn of_light(view: &GlossView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     let at = receiver(view.view, &view.lights, pixel, depth, texel);
     let found = gloss_of(&view.lights, i, &at);
     let straight = gbuffer::straight(texel);
-    let colour = found.straight * straight + found.grazing * brdf::grazing(straight);
-    view.view.scale * colour * Vec3::from_array(view.lights.vpls[i as usize].flux)
+    let color = found.straight * straight + found.grazing * brdf::grazing(straight);
+    view.view.scale * color * Vec3::from_array(view.lights.vpls[i as usize].flux)
 }
 
 /// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more than `most` in a channel replaced by the quadrants. For each pass how many cells the list
@@ -155,7 +155,7 @@ fn column(scene: &Scene, passes: u32) -> Column {
         .filter(|t| t[3] > 0.0)
         .collect();
     let each = every.iter().map(|t| Vec3::new(t[0], t[1], t[2]));
-    let sum: f32 = each.map(|colour| LUMINANCE.dot(colour)).sum();
+    let sum: f32 = each.map(|color| LUMINANCE.dot(color)).sum();
     let mean = sum / every.len().max(1) as f32;
     let most = view.screen.light * (mean + FLOOR * FRAC_1_PI) / lights as f32;
     let mut theirs = vec![(0, 0.0); passes as usize + 1];

@@ -10,7 +10,7 @@ use meshless_gi_lab::accuracy::{
 use std::error::Error;
 use std::f64::consts::TAU;
 
-/// The bases of the charts that show several, in the order of their colours. The widest Gaussians leave every frame: they have their own charts.
+/// The bases of the charts that show several, in the order of their colors. The widest Gaussians leave every frame: they have their own charts.
 const SEVERAL: [Basis; 6] = [
     Basis::Ours,
     Basis::Shepard,
@@ -65,7 +65,7 @@ const CURVES: [Curve; 4] = [
 ];
 
 impl Curve {
-    /// Where along the axis the curve has its places: degrees or metres.
+    /// Where along the axis the curve has its places: degrees or meters.
     fn places(self, solution: &Solution) -> Vec<f64> {
         let (from, to) = if self.sphere {
             (-90.0, 90.0)

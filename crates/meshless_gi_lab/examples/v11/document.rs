@@ -313,7 +313,7 @@ fn solution(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
         "## The solution that all is compared with\n\n\
-         [V11] §VIII: a sphere of {} m with its centre {} m over a disk of {} m, both with reflectance {}, under light of {} W/m² from straight above. B(ζ) and D(u)\n\
+         [V11] §VIII: a sphere of {} m with its center {} m over a disk of {} m, both with reflectance {}, under light of {} W/m² from straight above. B(ζ) and D(u)\n\
          solve two coupled integral equations (`crates/meshless_gi_lab/src/accuracy/sphere_over_disk.rs`), here with {} cells on each and the integral over the azimuth in closed form; the\n\
          iteration stands after {} steps. `tests/sphere_over_disk.rs` compares it with Monte Carlo at ten places, within noise, and shows that other constants\n\
          are noticed. The paper's form factor reads without its 1/π, and μ = 0.9 is inferred from the axes of its Figure 10: see the file's head.\n\n\

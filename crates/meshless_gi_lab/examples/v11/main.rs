@@ -18,7 +18,7 @@ use meshless_gi_lab::accuracy::{
 use std::error::Error;
 use std::path::PathBuf;
 
-/// Smallest distances of two points, metres; the third is the paper's own.
+/// Smallest distances of two points, meters; the third is the paper's own.
 pub const SPACINGS: [f64; 5] = [6.0, 4.24, 3.0, 2.12, 1.5];
 /// The one that charts and pictures of the document show.
 pub const SHOWN: f64 = 3.0;

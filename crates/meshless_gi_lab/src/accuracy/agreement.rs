@@ -1,6 +1,6 @@
 //! Do two estimates agree? A two-sided test that knows the noise of both, for irradiances at many places.
 //!
-//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three questions are asked of each colour channel: is a single place too far
+//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three questions are asked of each color channel: is a single place too far
 //! off (the largest |z|, by Šidák's rule for independent places), are they all together (Σz² against χ²), and do they lean to one side (Σz / √k against
 //! the normal distribution, which finds a small bias that no single place shows). Channels share their paths and are not independent, so that the smallest of the
 //! nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the dependence).
@@ -210,7 +210,7 @@ mod tests {
         (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
     }
 
-    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's standard error; all channels alike, as grey light has it.
+    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's standard error; all channels alike, as gray light has it.
     fn p(run: u64, change: impl Fn(usize) -> f32) -> f64 {
         let mut random = Random::new(1, run, 2);
         let (mut a, mut b, mut s) = (Vec::new(), Vec::new(), Vec::new());

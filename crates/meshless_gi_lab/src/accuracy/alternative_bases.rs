@@ -12,7 +12,7 @@ use meshless_gi::basis::{LevelBasis, WeightEntry};
 use rayon::prelude::*;
 
 /// t: how many other points a nominal radius reaches ([V11] §V, as [L08]).
-const NEIGHBOURS: usize = 10;
+const NEIGHBORS: usize = 10;
 /// Where the Gaussian counts as zero ([V11] §V.A).
 const GAUSSIAN_END: f64 = 4.0;
 /// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how much more each time that does not help.
@@ -91,7 +91,7 @@ pub fn check_samples(points: usize, samples: &[PointSample]) -> Result<(), Point
     }
 }
 
-/// The normal-sensitive distance of \[V11\] Eq. (15), metres: |p − q| over the cosine of the normals; infinite where they are 90° or more apart.
+/// The normal-sensitive distance of \[V11\] Eq. (15), meters: |p − q| over the cosine of the normals; infinite where they are 90° or more apart.
 #[must_use]
 pub fn site_distance(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f64 {
     let cosine = f64::from(n_p.dot(n_q));
@@ -151,7 +151,7 @@ impl PointBasis for ShepardBasis {
 #[derive(Clone, Debug)]
 pub struct GaussianBasis {
     points: Vec<(Vec3, Vec3)>,
-    /// Standard deviation of each function, metres.
+    /// Standard deviation of each function, meters.
     widths: Vec<f64>,
     system: Lu,
     ridge: f64,
@@ -230,7 +230,7 @@ fn nominal_radius(points: &[(Vec3, Vec3)], i: usize) -> f64 {
         .filter(|d| d.is_finite() && *d > 0.0)
         .collect();
     all.sort_unstable_by(f64::total_cmp);
-    let reached = all.get(NEIGHBOURS - 1).or(all.last());
+    let reached = all.get(NEIGHBORS - 1).or(all.last());
     reached.copied().unwrap_or(1.0)
 }
 

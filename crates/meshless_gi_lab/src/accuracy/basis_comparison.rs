@@ -65,7 +65,7 @@ pub struct SurfaceErrors {
 pub struct ComparisonRow {
     /// Which basis.
     pub basis: Basis,
-    /// Smallest distance of two points, metres.
+    /// Smallest distance of two points, meters.
     pub spacing: f64,
     /// How many points have a sample.
     pub points: usize,

@@ -1,7 +1,7 @@
 //! Closed forms: light that is known without any simulation, in double precision. What the reference integrator is tested against.
 //!
-//! Form factors are those of Howell's catalogue \[H10\], by its numbers; enclosures follow from the geometric series of reflections, integrating
-//! spheres from the constant form factor between any two places inside a sphere. Angles in radians, lengths in metres, irradiances in W/m².
+//! Form factors are those of Howell's catalog \[H10\], by its numbers; enclosures follow from the geometric series of reflections, integrating
+//! spheres from the constant form factor between any two places inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
 
 use core::f64::consts::PI;
 use glam::DVec3;
@@ -16,7 +16,7 @@ pub fn lamp_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
 /// Irradiance at the foot of a point lamp that hangs `below` a boundless ceiling of reflectance `albedo`, itself `room` above the floor, from one
 /// reflection at the ceiling alone (a black floor). 0 < `below` < `room`.
 ///
-/// The ceiling's radiosity ρ I h / (h² + s²)^(3/2) seen from H below its centre, ∫ B H² 2s / (s² + H²)² ds: with w² = s² + h² and c = H² − h² the integrand is
+/// The ceiling's radiosity ρ I h / (h² + s²)^(3/2) seen from H below its center, ∫ B H² 2s / (s² + H²)² ds: with w² = s² + h² and c = H² − h² the integrand is
 /// rational, 2 ρ I h H² ∫_h^∞ dw / (w² (w² + c)²).
 #[must_use]
 pub fn lamp_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -> f64 {

@@ -57,7 +57,7 @@ impl DrawnView {
         }
     }
 
-    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's: `vertical_angle` in radians, the near plane `near` metres ahead.
+    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's: `vertical_angle` in radians, the near plane `near` meters ahead.
     #[must_use]
     pub fn perspective(
         eye: Vec3,

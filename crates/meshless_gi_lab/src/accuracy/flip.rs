@@ -1,7 +1,7 @@
 //! FLIP, the perceptual difference of two pictures (\[ANA20\]): 0 for equal pictures, 1 for the largest difference. For low-dynamic-range pictures in
 //! linear RGB (values beyond 0..1 are clamped), seen at 67 pixels a degree.
 //!
-//! Two differences of each pixel, ΔE = ΔE_c^(1 − ΔE_f): of colours in an opponent space blurred by the eye's contrast sensitivity, measured by HyAB in L*a*b* with the
+//! Two differences of each pixel, ΔE = ΔE_c^(1 − ΔE_f): of colors in an opponent space blurred by the eye's contrast sensitivity, measured by HyAB in L*a*b* with the
 //! Hunt effect, its larger part compressed; and of features, edges and points that one picture has and the other lacks.
 
 use super::Image;
@@ -45,9 +45,9 @@ pub fn flip_map(reference: &Image, test: &Image) -> Vec<f32> {
         [of(0), of(1), of(2)]
     };
     let (a, b) = (opponent(reference), opponent(test));
-    let colour = colour_difference(&filtered(&a, w, h), &filtered(&b, w, h));
+    let color = color_difference(&filtered(&a, w, h), &filtered(&b, w, h));
     let feature = feature_difference(&a[0], &b[0], w, h);
-    colour
+    color
         .iter()
         .zip(&feature)
         .map(|(c, f)| c.powf(1.0 - f))
@@ -85,7 +85,7 @@ fn rgb_of(opponent: [f32; 3]) -> [f32; 3] {
     .map(|v| v.clamp(0.0, 1.0))
 }
 
-/// L*a*b* with the Hunt effect: colours of dark places count less.
+/// L*a*b* with the Hunt effect: colors of dark places count less.
 fn hunt_lab(rgb: [f32; 3]) -> [f32; 3] {
     let v = xyz(rgb);
     let f = |t: f32| {
@@ -174,7 +174,7 @@ fn filtered(opponent: &[Plane; 3], w: usize, h: usize) -> Vec<[f32; 3]> {
         .collect()
 }
 
-fn colour_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
+fn color_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
     const POWER: f32 = 0.7;
     const KNEE: f32 = 0.4;
     const AT_KNEE: f32 = 0.95;
@@ -203,7 +203,7 @@ fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
     let edge = along(&|x| -(x as f32) * bell(x));
     let point = along(&|x| ((x * x) as f32 / (sigma * sigma) - 1.0) * bell(x));
     let features = |plane: &Plane| -> (Plane, Plane) {
-        let grey: Plane = plane.iter().map(|y| (y + 16.0) / 116.0).collect();
+        let gray: Plane = plane.iter().map(|y| (y + 16.0) / 116.0).collect();
         let strength = |kernel: &[f32]| -> Plane {
             // Positive weights sum to 1, negative ones to -1.
             let beside: f32 = gauss.iter().sum();
@@ -211,8 +211,8 @@ fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
             let (plus, minus) = (sum(1.0), sum(-1.0));
             let even = |v: &f32| if *v > 0.0 { v / plus } else { v / minus };
             let k: Vec<f32> = kernel.iter().map(even).collect();
-            let across = convolve(&grey, w, h, &k, &gauss);
-            let down = convolve(&grey, w, h, &gauss, &k);
+            let across = convolve(&gray, w, h, &k, &gauss);
+            let down = convolve(&gray, w, h, &gauss, &k);
             across.iter().zip(&down).map(|(a, b)| a.hypot(*b)).collect()
         };
         (strength(&edge), strength(&point))
@@ -231,25 +231,25 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    fn flat(colour: Vec3) -> Image {
+    fn flat(color: Vec3) -> Image {
         Image {
             width: 24,
             height: 16,
-            pixels: vec![colour; 24 * 16],
+            pixels: vec![color; 24 * 16],
         }
     }
 
     #[test]
-    fn flat_pictures_differ_as_their_colours_do() {
+    fn flat_pictures_differ_as_their_colors_do() {
         let of = |a, b| flip(&flat(a), &flat(b));
         // Green against blue is the largest difference by definition; black against white is 100 by HyAB, 0.967 after compression.
         assert!((of(Vec3::Y, Vec3::Z) - 1.0).abs() < 1e-3);
         assert!((of(Vec3::ZERO, Vec3::ONE) - 0.967).abs() < 2e-3);
-        let grey = Vec3::splat(0.2);
-        assert_eq!(of(grey, grey), 0.0);
-        let (near, far) = (of(grey, 1.02 * grey), of(grey, 1.2 * grey));
+        let gray = Vec3::splat(0.2);
+        assert_eq!(of(gray, gray), 0.0);
+        let (near, far) = (of(gray, 1.02 * gray), of(gray, 1.2 * gray));
         assert!(0.0 < near && near < 0.5 * far && far < 0.2, "{near} {far}");
-        assert_eq!(of(grey, 0.5 * grey), of(0.5 * grey, grey));
+        assert_eq!(of(gray, 0.5 * gray), of(0.5 * gray, gray));
         // What is too bright for a screen is white.
         assert!(of(Vec3::splat(7.0), Vec3::ONE) < 1e-4);
         assert_eq!(of(Vec3::NAN, Vec3::ONE), 1.0);

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// How far values are from a reference, over all places and colour channels.
+/// How far values are from a reference, over all places and color channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     /// ‖x − ref‖₂ / ‖ref‖₂, the reference's own variance subtracted; 0 where the reference is.

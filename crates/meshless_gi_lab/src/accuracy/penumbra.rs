@@ -22,7 +22,7 @@ const LEAST: f32 = 1e-4;
 /// A place that a lamp would light, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadowPlace {
-    /// Metres.
+    /// Meters.
     pub x: Vec3,
     /// Unit normal.
     pub n: Vec3,
@@ -103,7 +103,7 @@ pub fn shadow_places(
         .collect()
 }
 
-/// What `light` of colour one does not give to the points of `scene` by shadow rays at the first `known` points, which are whole levels; the others take the mean of their parents.
+/// What `light` of color one does not give to the points of `scene` by shadow rays at the first `known` points, which are whole levels; the others take the mean of their parents.
 #[must_use]
 pub fn deficits_by_rays(
     scene: &BakedScene,

@@ -73,7 +73,7 @@ impl Basis {
 /// Points of one density with what the bases need of them.
 #[derive(Debug)]
 pub struct PointSet {
-    /// Smallest distance of two points, metres.
+    /// Smallest distance of two points, meters.
     pub spacing: f64,
     /// One level.
     single: Hierarchy,
@@ -84,7 +84,7 @@ pub struct PointSet {
 }
 
 impl PointSet {
-    /// Poisson disks of radius `spacing` (metres) over sphere and disk.
+    /// Poisson disks of radius `spacing` (meters) over sphere and disk.
     #[must_use]
     pub fn new(scene: &SphereOverDisk, spacing: f64, seed: u64) -> Self {
         let geometry = scene.geometry();

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 /// A pinhole camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where it stands, metres.
+    /// Where it stands, meters.
     pub eye: Vec3,
-    /// What it looks at, metres.
+    /// What it looks at, meters.
     pub target: Vec3,
     /// Which way is up; not along the view.
     pub up: Vec3,
@@ -148,11 +148,11 @@ mod tests {
         assert_eq!(at(5, 5), Vec3::splat(-1.0));
         let bytes = picture.to_srgb8(1.0);
         assert_eq!((bytes.len(), bytes[0]), (3 * 160 * 80, 0));
-        let grey = Image {
+        let gray = Image {
             width: 1,
             height: 1,
             pixels: vec![Vec3::new(0.502_886, 1.0, 7.0)],
         };
-        assert_eq!(grey.to_srgb8(1.0), [188, 255, 255]);
+        assert_eq!(gray.to_srgb8(1.0), [188, 255, 255]);
     }
 }

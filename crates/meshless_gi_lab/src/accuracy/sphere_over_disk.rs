@@ -8,12 +8,12 @@
 //! one does not see of the other lies behind its own horizon, so there is no other visibility ([V11] §VIII).
 //!
 //! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the midpoint rule over cells that end at the shadow's edge;
-//! its error falls with the square of the cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretisation, Eqs. (22), (23): plain sums over
+//! its error falls with the square of the cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretization, Eqs. (22), (23): plain sums over
 //! evenly spaced latitudes, radii and azimuths. With its n = 100 the thirteenth radius is 5, just the shadow's edge, and half a cell is lit too little.
 //!
 //! The constants. The paper's text as we have it is damaged; what follows from it otherwise: Eq. (5) must be K = (1/π) cos / d², or the disk would
 //! give the sphere more light than there is; with r = 5, R = 40, h = 20, β = 0.9, μ = 0.9 the largest B⁺ is 0.577 and D* = βμ = 0.81, which is what the axes
-//! of its Figure 10 end above (0.6 and 1), while μ = 1 would not fit under 0.6. h is the height of the sphere's centre.
+//! of its Figure 10 end above (0.6 and 1), while μ = 1 would not fit under 0.6. h is the height of the sphere's center.
 
 use glam::{DVec2, DVec3, Vec3};
 use meshless_gi::scene::{ImplicitObject, ImplicitScene, Light, Shape};
@@ -27,14 +27,14 @@ const MOST_ITERATIONS: usize = 1000;
 /// Cells at most: two kernels of this many squared numbers are kept.
 const MOST_CELLS: usize = 8192;
 
-/// The scene. Its origin is the middle of the disk, +Y is up. Lengths in metres.
+/// The scene. Its origin is the middle of the disk, +Y is up. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereOverDisk {
     /// Radius r of the sphere.
     pub radius: f64,
     /// Radius R of the disk.
     pub disk: f64,
-    /// Height h of the sphere's centre over the disk.
+    /// Height h of the sphere's center over the disk.
     pub height: f64,
     /// Reflectance β of both.
     pub albedo: f64,
@@ -80,7 +80,7 @@ pub struct Solution {
     pub sphere: Vec<f64>,
     /// The vector irradiance of the reflected light there, W/m²: outwards from the axis, and up. Empty for [`SphereOverDisk::solve_sums`].
     pub vectors: Vec<DVec2>,
-    /// The radii u at the middles of the cells, metres, ascending.
+    /// The radii u at the middles of the cells, meters, ascending.
     pub radii: Vec<f64>,
     /// D(u) − D*(u) there, W/m².
     pub disk: Vec<f64>,
@@ -93,7 +93,7 @@ pub struct Solution {
 pub enum Site {
     /// On the sphere: its latitude, radians.
     Sphere(f64),
-    /// On the disk: its distance from the axis, metres.
+    /// On the disk: its distance from the axis, meters.
     Disk(f64),
 }
 
@@ -214,7 +214,7 @@ impl SphereOverDisk {
         self.ring(latitude, u, a, u * cosine * y)
     }
 
-    /// What a ring of the disk of one W/m² and one metre of circumference per radian gives the sphere's place as vector irradiance: outwards and up.
+    /// What a ring of the disk of one W/m² and one meter of circumference per radian gives the sphere's place as vector irradiance: outwards and up.
     fn vector(&self, latitude: f64, u: f64) -> DVec2 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);

@@ -13,7 +13,7 @@ const BLACK: usize = 6;
 /// Errors to compare with: the axis names them.
 const GUIDES: [f64; 4] = [0.2, 0.1, 0.05, 0.02];
 
-/// Which factors share a colour.
+/// Which factors share a color.
 const GROUPS: [(&str, &[Factor]); 7] = [
     ("presets", &[Factor::Preset]),
     ("rule l08, as published", &[Factor::RuleL08]),
@@ -112,7 +112,7 @@ fn hint(row: &Row) -> String {
     )
 }
 
-/// Error against some cost: every bake in the colour of what it changes, and the front of all.
+/// Error against some cost: every bake in the color of what it changes, and the front of all.
 fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f64) -> Figure {
     let rows: Vec<&Row> = rows.iter().filter(|r| comparable(r)).collect();
     let places: Vec<(f64, f64)> = rows.iter().map(|r| (cost(r), r.nrmse)).collect();

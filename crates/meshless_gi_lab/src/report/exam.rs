@@ -153,7 +153,7 @@ impl Exam {
         self.questions.iter().map(|q| q.lamp).collect()
     }
 
-    /// All places, those of one lamp after the other's: position in metres and unit normal.
+    /// All places, those of one lamp after the other's: position in meters and unit normal.
     pub fn places(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         self.questions.iter().flat_map(|q| q.places.iter().copied())
     }

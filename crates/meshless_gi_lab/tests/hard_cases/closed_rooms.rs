@@ -96,7 +96,7 @@ fn truncation_and_the_baked_series_neither_gain_nor_lose() {
     }
 }
 
-/// Subdivided octahedron, radius 1, faces towards the inside; every face is a triangle of `rounds` halvings.
+/// Subdivided octahedron, radius 1, faces toward the inside; every face is a triangle of `rounds` halvings.
 fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     let mut out = Vec::new();

@@ -16,10 +16,10 @@ fn pca() -> Recipe {
     }
 }
 
-/// Irradiance at all points, under three lamps of one colour each.
+/// Irradiance at all points, under three lamps of one color each.
 fn lit(scene: &BakedScene, bounces: u32) -> Vec<Vec3> {
     let mut frame = CpuFrame::new(scene);
-    let lamp = |x: Vec3, colour| FrameLight::point(x, colour, f32::INFINITY);
+    let lamp = |x: Vec3, color| FrameLight::point(x, color, f32::INFINITY);
     frame.set_lights(
         scene,
         &[

@@ -68,7 +68,7 @@ fn a_lamp_in_a_corner_loses_what_its_walls_share() {
     }
 }
 
-/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimetre behind one, lights nothing of the room beyond.
+/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimeter behind one, lights nothing of the room beyond.
 #[test]
 fn a_lamp_behind_a_wall_lights_nothing_before_it() {
     let mut triangles = room(Vec3::ZERO, Vec3::new(2.0, 2.0, 2.0));
@@ -221,7 +221,7 @@ fn thousands_of_lamps_are_their_sum() {
     }
     let share = mean(&whole, &scene).x / (0.5 * 4.0 * PI / 24.0);
     eprintln!("{LAMPS} lamps: {share:.4} of their light");
-    // With senders a quarter of a metre apart.
+    // With senders a quarter of a meter apart.
     assert!((share - 1.0).abs() < 0.03, "{share}");
     // All in one place, they are one lamp.
     let place = Vec3::new(0.7, 1.1, 1.3);

@@ -32,7 +32,7 @@ fn half() -> Material {
 
 #[test]
 fn slivers_and_copies_change_nothing() {
-    // Strips down to a micrometre, a thousandth of what their neighbours measure, and fans of needles.
+    // Strips down to a micrometer, a thousandth of what their neighbors measure, and fans of needles.
     let strips = walls(|a, u, v| {
         let cuts = [0.0, 0.3, 0.300_000_5, 0.300_5, 0.7, 0.700_000_1, 1.0];
         let pairs = cuts.windows(2);

@@ -79,7 +79,7 @@ fn size_changes_nothing() {
 
 #[test]
 fn far_from_the_origin_light_is_as_good_as_single_precision() {
-    // Metres from the origin, then bounds on the errors of direct and indirect light; from 10 km on the bake warns.
+    // Meters from the origin, then bounds on the errors of direct and indirect light; from 10 km on the bake warns.
     for (far, most_direct, most_indirect, warned) in [
         (1e3, 1e-3, 0.08, false),
         (1e4, 0.03, 0.08, true),
@@ -110,7 +110,7 @@ fn farther_than_that_is_an_error() {
         error.to_string().contains("move it to its origin"),
         "{error}"
     );
-    // A level of ten kilometres may have its corner in the origin.
+    // A level of ten kilometers may have its corner in the origin.
     let wide = Recipe {
         coarse_radius: Some(2500.0),
         ..quick()

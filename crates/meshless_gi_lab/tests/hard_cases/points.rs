@@ -86,7 +86,7 @@ fn copies_and_normals_of_no_length_change_little_or_nothing() {
     closed_form("no normals", &cloud(none), 1.0, 0.1);
 }
 
-/// A scanner that stood still: ten times as many points as the room has, within a tenth of a millimetre, looking everywhere.
+/// A scanner that stood still: ten times as many points as the room has, within a tenth of a millimeter, looking everywhere.
 #[test]
 fn thousands_of_points_in_one_spot_of_a_room_change_little() {
     let mut all = points();
@@ -97,7 +97,7 @@ fn thousands_of_points_in_one_spot_of_a_room_change_little() {
         all.positions.push(at + 1e-4 * off);
         let normal = uniform_sphere(Vec2::new(r.unit(), r.unit()));
         all.normals.as_mut().expect("normals").push(normal);
-        all.albedo.as_mut().expect("colours").push(Vec3::splat(0.5));
+        all.albedo.as_mut().expect("colors").push(Vec3::splat(0.5));
     }
     closed_form("a spot", &cloud(all), 1.0, 0.05);
 }

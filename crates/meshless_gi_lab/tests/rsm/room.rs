@@ -88,7 +88,7 @@ impl Aim {
         }
     }
 
-    /// Along parallel rays, `width` metres wide.
+    /// Along parallel rays, `width` meters wide.
     pub fn parallel(eye: Vec3, target: Vec3, width: f32) -> Self {
         let up = (target - eye).normalize().any_orthonormal_vector();
         let h = 0.5 * width;
@@ -114,10 +114,10 @@ pub struct Room {
     pub walls: TriangleMesh,
     pub bvh: Bvh,
     pub object: Triangles,
-    pub colour: Vec3,
+    pub color: Vec3,
     pub light: Light,
     pub aim: Aim,
-    /// Places on the walls, metres, and their normals.
+    /// Places on the walls, meters, and their normals.
     pub places: Vec<(Vec3, Vec3)>,
 }
 
@@ -129,7 +129,7 @@ impl Room {
             bvh: walls.bvh(),
             walls,
             object,
-            colour: ORANGE,
+            color: ORANGE,
             light,
             aim,
             places,
@@ -148,7 +148,7 @@ impl Room {
         let mut material_of = vec![0; triangles.len()];
         triangles.extend(&self.object);
         material_of.resize(triangles.len(), 1);
-        let materials = [Vec3::ZERO, self.colour].map(Material::diffuse).to_vec();
+        let materials = [Vec3::ZERO, self.color].map(Material::diffuse).to_vec();
         let all = TriangleMesh::new(triangles, material_of, materials);
         let settings = ReferenceSettings {
             paths,
@@ -171,7 +171,7 @@ impl Room {
     /// The lit texels of a map, with the walls' shadows on them.
     pub fn texels(&self, side: u32) -> Vec<RsmTexel> {
         let light = self.slot();
-        let drawn = self.aim.draw(&mesh(self.object.clone(), self.colour), side);
+        let drawn = self.aim.draw(&mesh(self.object.clone(), self.color), side);
         let params = self.aim.params(&light, side);
         let mut texels = rsm::texels(&params, &drawn.depth, &drawn.gbuffer);
         let nodes = self.bvh.nodes.len() as u32;
@@ -214,7 +214,7 @@ pub fn choose(texels: &[RsmTexel], vpls: u32) -> Vec<Vpl> {
     rsm::choose(&params, texels)
 }
 
-/// Places on triangles, as many a square metre everywhere; a hair's breadth off them.
+/// Places on triangles, as many a square meter everywhere; a hair's breadth off them.
 fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
     let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
     let all: f32 = triangles.iter().map(area).sum();

@@ -1,4 +1,4 @@
-//! Reading accessors: typed arrays inside buffers, with stride, normalised integers (also those of KHR_mesh_quantization)
+//! Reading accessors: typed arrays inside buffers, with stride, normalized integers (also those of KHR_mesh_quantization)
 //! and sparse substitution. Every count and offset is checked against the bytes that are there before anything is read
 //! or allocated.
 

@@ -59,7 +59,7 @@ impl Placement {
     }
 }
 
-/// A material with the placements of its base colour, metallic and emissive texture.
+/// A material with the placements of its base color, metallic and emissive texture.
 pub(super) struct Placed {
     pub(super) material: Material,
     pub(super) placements: [Placement; 3],

@@ -5,15 +5,15 @@
 //!
 //! | glTF | here |
 //! |---|---|
-//! | nodes, instances, mirrored scales | triangles in metres, the winding turned with the mirror |
+//! | nodes, instances, mirrored scales | triangles in meters, the winding turned with the mirror |
 //! | triangles, strips, fans, with and without indices | triangles; points and lines are left out and noted |
-//! | base colour, metallic, emissive factor, texture, strength | [`Material`]; metal reflects nothing diffusely |
+//! | base color, metallic, emissive factor, texture, strength | [`Material`]; metal reflects nothing diffusely |
 //! | KHR_materials_pbrSpecularGlossiness | diffuse part, less the specular factor |
 //! | alphaMode MASK; BLEND | cut out below the cutoff; below 0.5 |
 //! | KHR_texture_transform, KHR_mesh_quantization | applied |
 //! | KHR_lights_punctual | [`Light`]: candela as W/sr, lux as W/m², one for one, because only ratios of light matter to a bake |
 //! | skins, morph targets | the pose that the vertices are stored in, noted |
-//! | cameras, animations, normals, vertex colours | not read |
+//! | cameras, animations, normals, vertex colors | not read |
 
 mod accessor;
 mod claims;
@@ -56,7 +56,7 @@ pub type Resolver<'a> = dyn FnMut(&str) -> Result<Vec<u8>, SceneError> + 'a;
 /// A level as it was read.
 #[derive(Debug)]
 pub struct LoadedScene {
-    /// Its triangles, in metres.
+    /// Its triangles, in meters.
     pub mesh: TriangleMesh,
     /// Its lights.
     pub lights: Vec<Light>,

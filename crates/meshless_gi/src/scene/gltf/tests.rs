@@ -240,13 +240,13 @@ fn lights_keep_units_and_ignore_scale() {
 }
 
 #[test]
-fn strips_fans_lists_and_quantised_vertices_are_the_same_square() {
+fn strips_fans_lists_and_quantized_vertices_are_the_same_square() {
     let mut pack = Pack::default();
     let corners: [[f32; 2]; 4] = [[0., 0.], [1., 0.], [0., 1.], [1., 1.]];
     let flat: Vec<f32> = corners.iter().flat_map(|c| [c[0], c[1], 0.0]).collect();
     let strip = pack.floats(&flat, "VEC3", 3);
     let fan = pack.floats(&[0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.], "VEC3", 3);
-    // Normalised 16-bit integers, 8 bytes apart.
+    // Normalized 16-bit integers, 8 bytes apart.
     let small: Vec<u16> = corners
         .iter()
         .flat_map(|c| [(c[0] * 65535.0) as u16, (c[1] * 65535.0) as u16, 0, 77])
@@ -256,8 +256,8 @@ fn strips_fans_lists_and_quantised_vertices_are_the_same_square() {
     pack.accessors.push(format!(
         r#"{{"bufferView":{view},"count":4,"componentType":5123,"type":"VEC3","normalized":true}}"#
     ));
-    let quantised = pack.accessors.len() - 1;
-    for (accessor, mode) in [(strip, 5), (fan, 6), (quantised, 5)] {
+    let quantized = pack.accessors.len() - 1;
+    for (accessor, mode) in [(strip, 5), (fan, 6), (quantized, 5)] {
         let file = pack.file(&format!(
             r#""extensionsRequired":["KHR_mesh_quantization"],"nodes":[{{"mesh":0}}],
             "meshes":[{{"primitives":[{{"attributes":{{"POSITION":{accessor}}},"mode":{mode}}}]}}]"#

@@ -1,10 +1,10 @@
-//! Reading and writing `.ply` files: points with positions and, where they are there, normals and colours. First step of a point cloud's way into a
+//! Reading and writing `.ply` files: points with positions and, where they are there, normals and colors. First step of a point cloud's way into a
 //! scene; [`PointCloud`](super::PointCloud) takes what is read here.
 //!
 //! | `.ply` | here |
 //! |---|---|
 //! | ascii, binary_little_endian, binary_big_endian 1.0; LF or CR LF | read |
-//! | element `vertex`: `x y z` of any type | positions in metres |
+//! | element `vertex`: `x y z` of any type | positions in meters |
 //! | `nx ny nz` of any type | normals, if all three are there; of any length |
 //! | `red green blue` of 8 bits | sRGB, decoded to linear albedo |
 //! | `red green blue` of `float` or `double` | linear albedo |
@@ -71,7 +71,7 @@ pub enum PlyError {
 /// Points as a file has them: nothing is checked but that they are numbers of the format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlyPoints {
-    /// Metres; may hold what is not finite.
+    /// Meters; may hold what is not finite.
     pub positions: Vec<Vec3>,
     /// As long as `positions`, or none: of any length, and may hold what is not finite.
     pub normals: Option<Vec<Vec3>>,
@@ -130,15 +130,15 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
     };
     let at = three(["x", "y", "z"]).ok_or_else(|| no(vertex.line, "`vertex` has no x, y and z"))?;
     let normal = three(["nx", "ny", "nz"]);
-    let colour = three(["red", "green", "blue"]);
+    let color = three(["red", "green", "blue"]);
     let scalar = |i: usize| vertex.properties[i].scalar;
-    if let Some(bad) = colour
+    if let Some(bad) = color
         .into_iter()
         .flatten()
         .find(|&i| !(scalar(i) == Scalar::U8 || scalar(i).is_float()))
     {
         let what = format!(
-            "`{}` is {:?}: colours are uchar (sRGB), float or double (linear)",
+            "`{}` is {:?}: colors are uchar (sRGB), float or double (linear)",
             vertex.properties[bad].name,
             scalar(bad)
         );
@@ -148,7 +148,7 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
     let count = vertex.count as usize;
     let mut positions = Vec::with_capacity(count);
     let mut normals = normal.map(|_| Vec::with_capacity(count));
-    let mut albedo = colour.map(|_| Vec::with_capacity(count));
+    let mut albedo = color.map(|_| Vec::with_capacity(count));
     body::read(bytes, &header, "vertex", |values| {
         let vector =
             |[x, y, z]: [usize; 3]| Vec3::new(values[x] as f32, values[y] as f32, values[z] as f32);
@@ -156,8 +156,8 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
         if let (Some(normals), Some(normal)) = (&mut normals, normal) {
             normals.push(vector(normal));
         }
-        if let (Some(albedo), Some(colour)) = (&mut albedo, colour) {
-            albedo.push(Vec3::from_array(colour.map(|i| match scalar(i) {
+        if let (Some(albedo), Some(color)) = (&mut albedo, color) {
+            albedo.push(Vec3::from_array(color.map(|i| match scalar(i) {
                 Scalar::U8 => linear(values[i] as u8),
                 _ => values[i] as f32,
             })));

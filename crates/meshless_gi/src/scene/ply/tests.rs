@@ -36,7 +36,7 @@ fn what_is_written_is_read_again() {
 
 #[test]
 fn files_of_other_programs_are_read() {
-    // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties, 8-bit colours, doubles.
+    // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties, 8-bit colors, doubles.
     let text = b"ply\r\nformat ascii 1.0\r\ncomment caf\xe9\r\nobj_info 7\r\nelement camera 1\r\nproperty list uchar float k\r\nproperty int id\r\n\
         element vertex 2\r\nproperty double x\r\nproperty double y\r\nproperty double z\r\nproperty uchar red\r\nproperty uchar green\r\n\
         property uchar blue\r\nproperty uchar alpha\r\nproperty list uchar int seen\r\nelement face 1\r\nproperty list uchar int vertex_indices\r\n\
@@ -46,12 +46,9 @@ fn files_of_other_programs_are_read() {
         read.positions,
         [Vec3::new(1.0, 2.0, 3.0), Vec3::new(-1e-3, 2.0, 0.5)]
     );
-    let colour = read.albedo.unwrap()[0];
-    assert_eq!((colour.x, colour.y, read.faces), (1.0, 0.0, 1));
-    assert!(
-        (colour.z - 0.5029).abs() < 1e-4,
-        "sRGB is decoded: {colour}"
-    );
+    let color = read.albedo.unwrap()[0];
+    assert_eq!((color.x, color.y, read.faces), (1.0, 0.0, 1));
+    assert!((color.z - 0.5029).abs() < 1e-4, "sRGB is decoded: {color}");
     assert_eq!(read.normals, None);
     let mut binary = b"ply\nformat binary_big_endian 1.0\nelement face 2\nproperty list ushort int8 v\nelement vertex 1\nproperty short z\n\
         property list int double l\nproperty uint x\nproperty char y\nend_header\n"
@@ -138,7 +135,7 @@ fn what_is_wrong_is_named_with_its_place() {
             ascii(&format!(
                 "element vertex 1\n{xyz}property int red\nproperty int green\nproperty int blue\nend_header\n1 2 3 4 5 6\n"
             )),
-            "header line 3: `red` is I32: colours are uchar (sRGB), float or double (linear)",
+            "header line 3: `red` is I32: colors are uchar (sRGB), float or double (linear)",
         ),
         (
             ascii(&format!(

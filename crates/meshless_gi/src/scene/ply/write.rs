@@ -1,4 +1,4 @@
-//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read again. Colours are written as linear `float`s, so
+//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read again. Colors are written as linear `float`s, so
 //! that they come back bit by bit.
 
 use glam::Vec3;
@@ -16,7 +16,7 @@ pub enum PlyEncoding {
     BigEndian,
 }
 
-/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions` (metres); what is missing at their end is written as 0.
+/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions` (meters); what is missing at their end is written as 0.
 ///
 /// # Errors
 /// Those of `to`.
@@ -38,7 +38,7 @@ pub fn write_ply(
         (albedo, ["red", "green", "blue"], !albedo.is_empty()),
     ];
     writeln!(to, "ply\nformat {format} 1.0")?;
-    writeln!(to, "comment metres, Y up; colours are linear")?;
+    writeln!(to, "comment meters, Y up; colors are linear")?;
     writeln!(to, "element vertex {}", positions.len())?;
     let there = groups.iter().filter(|g| g.2);
     for name in there.clone().flat_map(|g| g.1) {

@@ -2,37 +2,37 @@
 //! [G08] §2.4 and Eq. (9); its outline, a little enlarged, is what rays meet.
 //!
 //! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a point holds what of its tangent plane is nearer to it
-//! than to its neighbours (a Voronoi cell of the neighbours seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
+//! than to its neighbors (a Voronoi cell of the neighbors seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
 //! area however unevenly it is sampled. Where a surface ends the cell has to end too:
 //!
-//! - **At a crease**, against a neighbour whose normal is turned by more than 40 degrees, at that neighbour's tangent plane, if none of the point's own surface lies
+//! - **At a crease**, against a neighbor whose normal is turned by more than 40 degrees, at that neighbor's tangent plane, if none of the point's own surface lies
 //!   beyond it: walls meet in their true edges, without gaps and without overhang.
-//! - **At a border**, where the neighbours leave a side open, three quarters of a spacing away. At a hole of a random sample it goes on, up to two spacings. The
-//!   area of both is the mean of their closed neighbours' areas, because each point of an even sample stands for as much surface as any other.
-//! - Neighbours that face the other way (the far side of a thin sheet) and those of another sheet (higher above the plane than apart) do not count.
+//! - **At a border**, where the neighbors leave a side open, three quarters of a spacing away. At a hole of a random sample it goes on, up to two spacings. The
+//!   area of both is the mean of their closed neighbors' areas, because each point of an even sample stands for as much surface as any other.
+//! - Neighbors that face the other way (the far side of a thin sheet) and those of another sheet (higher above the plane than apart) do not count.
 //!
 //! For rays the cells overlap: by a fiftieth of a spacing, for rounding, and by twice the step between two tangent planes half-way between their
 //! points, so that a noisy cloud has no slits. A ray that starts on a cell has to clear the rims that rise over it: the lift.
 
-use super::nearest::{Neighbour, PointTree};
+use super::nearest::{Neighbor, PointTree};
 use core::f64::consts::PI;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Neighbours that may bound a cell.
-const NEIGHBOURS: usize = 24;
-/// Neighbours that may bound a cell that those leave open: a hole in a random sample is told from a border by what lies behind it.
-const MORE_NEIGHBOURS: usize = 96;
-/// How far such a cell reaches, in parts of the farthest of those neighbours' distance of 5.5 spacings: cells at a border close too, but farther away.
+/// Neighbors that may bound a cell.
+const NEIGHBORS: usize = 24;
+/// Neighbors that may bound a cell that those leave open: a hole in a random sample is told from a border by what lies behind it.
+const MORE_NEIGHBORS: usize = 96;
+/// How far such a cell reaches, in parts of the farthest of those neighbors' distance of 5.5 spacings: cells at a border close too, but farther away.
 const FARTHER: f64 = 0.42;
-/// A cell reaches no farther than this part of the farthest neighbour's distance: beyond half of it a neighbour may be unknown, but random samples have holes
-/// of up to two spacings, and 24 neighbours lie within 2.8.
+/// A cell reaches no farther than this part of the farthest neighbor's distance: beyond half of it a neighbor may be unknown, but random samples have holes
+/// of up to two spacings, and 24 neighbors lie within 2.8.
 const REACH: f64 = 0.7;
 /// Normals that enclose a smaller angle are of one surface: its cosine, 40 degrees.
 const SAME: f64 = 0.766;
 /// Normals that enclose a larger angle are of two sides: its cosine, 120 degrees.
 const OTHER_SIDE: f64 = -0.5;
-/// How far neighbouring cells overlap, in spacings.
+/// How far neighboring cells overlap, in spacings.
 const OVERLAP: f64 = 0.02;
 /// How far a cell reaches over an open border, in spacings.
 const BORDER: f64 = 0.75;
@@ -46,23 +46,23 @@ const OPEN: u8 = u8::MAX;
 pub(super) struct Cell {
     /// m².
     pub(super) area: f32,
-    /// How far a ray's start has to be lifted off the cell to clear its neighbours' rims, metres.
+    /// How far a ray's start has to be lifted off the cell to clear its neighbors' rims, meters.
     pub(super) lift: f32,
-    /// Corners, metres, counter-clockwise as seen from where the normal points. Empty where the point stands for no surface.
+    /// Corners, meters, counter-clockwise as seen from where the normal points. Empty where the point stands for no surface.
     pub(super) outline: Vec<Vec3>,
-    /// Distance between neighbours, metres.
+    /// Distance between neighbors, meters.
     pub(super) spacing: f32,
-    /// Whether neighbours or creases bound it on all sides.
+    /// Whether neighbors or creases bound it on all sides.
     closed: bool,
 }
 
 /// The cells of points with unit normals.
 pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<Cell> {
-    let around = |i: usize, (count, reach): (usize, f64), near: &mut Vec<Neighbour>| {
+    let around = |i: usize, (count, reach): (usize, f64), near: &mut Vec<Neighbor>| {
         tree.nearest(points[i], count, Some(i as u32), near);
         Plane::new(i, near, reach, points, normals)
     };
-    let few = (NEIGHBOURS, REACH);
+    let few = (NEIGHBORS, REACH);
     let mut cells: Vec<Cell> = (0..points.len())
         .into_par_iter()
         .map_init(Vec::new, |near, i| match around(i, few, near) {
@@ -85,7 +85,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
             } else {
                 plane.spacing * plane.spacing
             };
-            let mut wide = around(i, (MORE_NEIGHBOURS, FARTHER), near)?.cell(None);
+            let mut wide = around(i, (MORE_NEIGHBORS, FARTHER), near)?.cell(None);
             if wide.closed {
                 wide.area = wide.area.min(area as f32);
                 return Some((i, wide));
@@ -100,7 +100,7 @@ pub(super) fn cells(points: &[Vec3], normals: &[Vec3], tree: &PointTree) -> Vec<
     cells
 }
 
-/// A neighbour of the same surface.
+/// A neighbor of the same surface.
 struct Own {
     index: u32,
     /// Where it lies in the tangent plane.
@@ -129,7 +129,7 @@ struct Plane {
     creases: Vec<Bound>,
 }
 
-/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbour's place in `own`, a crease, or nothing.
+/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's place in `own`, a crease, or nothing.
 type Polygon = Vec<(DVec2, u8)>;
 /// The tag of an edge on a crease.
 const CREASE: u8 = u8::MAX - 1;
@@ -138,7 +138,7 @@ impl Plane {
     /// None where there is nothing around.
     fn new(
         i: usize,
-        near: &[Neighbour],
+        near: &[Neighbor],
         reach: f64,
         points: &[Vec3],
         normals: &[Vec3],
@@ -154,20 +154,20 @@ impl Plane {
             u,
             v,
             reach: reach * far,
-            // So many neighbours within a circle.
+            // So many neighbors within a circle.
             spacing: far * (PI / near.len() as f64).sqrt(),
             own: Vec::with_capacity(near.len()),
             creases: Vec::new(),
         };
         let mut tilted = Vec::new();
-        for neighbour in near {
-            let j = neighbour.index as usize;
+        for neighbor in near {
+            let j = neighbor.index as usize;
             let (d, n_j) = (points[j].as_dvec3() - x, normals[j].as_dvec3().normalize());
             let (at, cosine, height) = (DVec2::new(d.dot(u), d.dot(v)), n.dot(n_j), d.dot(n));
             if cosine > SAME {
                 if height.abs() <= at.length() && at.length_squared() > 0.0 {
                     plane.own.push(Own {
-                        index: neighbour.index,
+                        index: neighbor.index,
                         at,
                         step: 0.5 * (height + d.dot(n_j)).abs(),
                         sine: (1.0 - cosine * cosine).max(0.0).sqrt(),
@@ -178,7 +178,7 @@ impl Plane {
             }
         }
         for (n_j, b) in tilted {
-            // The neighbour's plane cuts ours in the line a · y = b; the point itself is the origin.
+            // The neighbor's plane cuts ours in the line a · y = b; the point itself is the origin.
             let a = DVec2::new(n_j.dot(u), n_j.dot(v));
             let (a, b) = if b < 0.0 { (-a, -b) } else { (a, b) };
             let length = a.length();
@@ -218,7 +218,7 @@ impl Plane {
             .collect()
     }
 
-    /// What neighbours and creases leave of the frame, each moved outwards by these distances.
+    /// What neighbors and creases leave of the frame, each moved outwards by these distances.
     fn bounded(&self, overlap: f64, over_creases: f64) -> Polygon {
         let mut polygon = self.frame();
         for (k, own) in self.own.iter().enumerate() {

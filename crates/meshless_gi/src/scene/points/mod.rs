@@ -2,7 +2,7 @@
 //! meet. In the flow it stands where a level's triangles stand: read from a `.ply` ([`load_ply`]), joined with other geometry, baked.
 //!
 //! The cells are triangles of an ordinary [`TriangleMesh`], and no discs with an intersection of their own. A disc reaches over every edge by its radius, covers its
-//! neighbours two- or threefold, and would need a second kind of primitive in the frame's shadow rays and on the device; the cells tile the surface,
+//! neighbors two- or threefold, and would need a second kind of primitive in the frame's shadow rays and on the device; the cells tile the surface,
 //! end where it ends, and all that works on triangles works on them: what the bake meets is what the frame shadows with, bit by bit.
 //!
 //! Points reflect on both sides: a `.ply` has no material that could say otherwise.
@@ -19,18 +19,18 @@ use super::{
 };
 use cells::cells;
 use glam::Vec3;
-use nearest::{Neighbour, PointTree};
+use nearest::{Neighbor, PointTree};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 
-/// Coordinates from here on, in metres, are taken for damage: no level is as large, and what is left of single precision there is 64 m.
+/// Coordinates from here on, in meters, are taken for damage: no level is as large, and what is left of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
 /// Most points of a cloud: the corners of their cells, [`cells::MOST_CORNERS`] each at most, are numbered by 32 bits.
 const MOST_POINTS: usize = (1 << 31) / cells::MOST_CORNERS;
-/// What a point without a colour reflects.
-const GREY: Vec3 = Vec3::splat(0.5);
+/// What a point without a color reflects.
+const GRAY: Vec3 = Vec3::splat(0.5);
 /// Normals of one place that enclose an angle with a cosine above this are of one point.
 const SAME: f32 = 0.766;
 
@@ -56,7 +56,7 @@ pub enum PointsError {
     /// More points than indices of 32 bits reach, with all corners of their cells.
     #[error("{0} points, at most {MOST_POINTS}")]
     TooMany(usize),
-    /// Normals or colours are not as many as positions.
+    /// Normals or colors are not as many as positions.
     #[error("{positions} positions, but {others} {what}")]
     Lengths {
         /// How many positions.
@@ -80,7 +80,7 @@ pub struct PointProblems {
     pub coincident: u64,
     /// Points that had no usable normal among others that had one: it was estimated.
     pub normal_estimated: u64,
-    /// Points dropped because neither the file nor their neighbours give them a normal.
+    /// Points dropped because neither the file nor their neighbors give them a normal.
     pub no_normal: u64,
     /// Points whose reflectance was not within [0, 1]: clamped; 0 where it was no number.
     pub albedo_clamped: u64,
@@ -89,7 +89,7 @@ pub struct PointProblems {
 /// Points that stand for a surface. All arrays are of the same length.
 #[derive(Clone, Debug, Default)]
 pub struct PointCloud {
-    /// Metres.
+    /// Meters.
     pub positions: Vec<Vec3>,
     /// Unit.
     pub normals: Vec<Vec3>,
@@ -110,8 +110,8 @@ pub struct PointCloud {
 
 impl PointCloud {
     /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what surface each stands for. Points keep their order. Where there are
-    /// no normals, a closed part of the surface that one of `viewpoints` (metres, in free space) lies in faces it; other parts face outwards, or what they lie around. Points
-    /// without a colour reflect a half. The same points give the same cloud on any number of threads.
+    /// no normals, a closed part of the surface that one of `viewpoints` (meters, in free space) lies in faces it; other parts face outwards, or what they lie around. Points
+    /// without a color reflect a half. The same points give the same cloud on any number of threads.
     ///
     /// # Errors
     /// See [`PointsError`].
@@ -120,7 +120,7 @@ impl PointCloud {
         if count > MOST_POINTS {
             return Err(PointsError::TooMany(count));
         }
-        for (what, others) in [("normals", &points.normals), ("colours", &points.albedo)] {
+        for (what, others) in [("normals", &points.normals), ("colors", &points.albedo)] {
             if let Some(others) = others.as_ref().map(Vec::len).filter(|n| *n != count) {
                 return Err(PointsError::Lengths {
                     positions: count,
@@ -148,15 +148,15 @@ impl PointCloud {
                 normals::complete(&positions, given, &tree, &mut problems.normal_estimated)
             }
         };
-        let colour = |i: u32| {
+        let color = |i: u32| {
             points
                 .albedo
                 .as_ref()
-                .map_or(GREY, |albedo| albedo[i as usize])
+                .map_or(GRAY, |albedo| albedo[i as usize])
         };
         let mut albedo: Vec<Vec3> = kept
             .iter()
-            .map(|&i| reflectance(colour(i), &mut problems.albedo_clamped))
+            .map(|&i| reflectance(color(i), &mut problems.albedo_clamped))
             .collect();
         if normals.contains(&Vec3::ZERO) {
             let keep = |of: &[Vec3]| {
@@ -207,14 +207,14 @@ impl PointCloud {
         self.positions.is_empty()
     }
 
-    /// Corners, metres, of the flat convex cell of point `i`, counter-clockwise as seen from where its normal points. It overlaps its neighbours' cells a
+    /// Corners, meters, of the flat convex cell of point `i`, counter-clockwise as seen from where its normal points. It overlaps its neighbors' cells a
     /// little. Empty where the point stands for no surface.
     #[must_use]
     pub fn outline(&self, i: usize) -> &[Vec3] {
         &self.corners[self.corners_of(i)]
     }
 
-    /// Distance between point `i` and its neighbours, metres, about; 0 where the point stands for no surface.
+    /// Distance between point `i` and its neighbors, meters, about; 0 where the point stands for no surface.
     #[must_use]
     pub fn spacing(&self, i: usize) -> f32 {
         self.spacings.get(i).copied().unwrap_or(0.0)
@@ -225,7 +225,7 @@ impl PointCloud {
     #[must_use]
     pub fn corner_normals(&self) -> Vec<Vec3> {
         let tree = PointTree::new(&self.positions);
-        let of_cell = |near: &mut Vec<Neighbour>, i: usize| {
+        let of_cell = |near: &mut Vec<Neighbor>, i: usize| {
             let own = self.normals[i];
             let at = |corner: &Vec3| {
                 tree.nearest(*corner, AROUND, None, near);
@@ -308,18 +308,18 @@ impl PointCloud {
     }
 }
 
-/// How far rays are lifted off cells that do not lie in their neighbours' planes.
+/// How far rays are lifted off cells that do not lie in their neighbors' planes.
 #[derive(Clone, Debug)]
 pub(super) struct Lifts {
     tree: PointTree,
-    /// Of each point of the tree: its lift, and how far from it that counts; metres.
+    /// Of each point of the tree: its lift, and how far from it that counts; meters.
     lifts: Vec<[f32; 2]>,
-    /// The largest of those reaches, metres.
+    /// The largest of those reaches, meters.
     farthest: f32,
 }
 
 impl Lifts {
-    /// The lift at `p`, metres; 0 where no rough cell is near.
+    /// The lift at `p`, meters; 0 where no rough cell is near.
     pub(super) fn at(&self, p: Vec3) -> f32 {
         let near = self.tree.nearest_within(p, self.farthest * self.farthest);
         near.map_or(0.0, |n| {
@@ -385,13 +385,13 @@ fn unit(n: Vec3) -> Vec3 {
     }
 }
 
-fn reflectance(colour: Vec3, clamped: &mut u64) -> Vec3 {
+fn reflectance(color: Vec3, clamped: &mut u64) -> Vec3 {
     let inside = Vec3::from_array(
-        colour
+        color
             .to_array()
             .map(|c| if c.is_nan() { 0.0 } else { c.clamp(0.0, 1.0) }),
     );
-    *clamped += u64::from(inside != colour);
+    *clamped += u64::from(inside != color);
     inside
 }
 
@@ -460,7 +460,7 @@ fn cloud_of(
         (p.no_normal, "points without a normal were left out"),
         (
             p.normal_estimated,
-            "points without a normal got one from their neighbours",
+            "points without a normal got one from their neighbors",
         ),
         (
             p.albedo_clamped,

@@ -17,9 +17,9 @@ struct Entry {
     index: u32,
 }
 
-/// A neighbour that was found.
+/// A neighbor that was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Neighbour {
+pub(super) struct Neighbor {
     /// Its index among the points that the tree was built of.
     pub(super) index: u32,
     /// Its squared distance, m².
@@ -53,7 +53,7 @@ impl PointTree {
         x: Vec3,
         count: usize,
         without: Option<u32>,
-        out: &mut Vec<Neighbour>,
+        out: &mut Vec<Neighbor>,
     ) {
         out.clear();
         if count > 0 {
@@ -62,8 +62,8 @@ impl PointTree {
     }
 
     /// The nearest point that is nearer to `x` than the square root of `square`: what [`nearest`](Self::nearest) finds first, without looking farther.
-    pub(super) fn nearest_within(&self, x: Vec3, square: f32) -> Option<Neighbour> {
-        let mut best = Neighbour {
+    pub(super) fn nearest_within(&self, x: Vec3, square: f32) -> Option<Neighbor> {
+        let mut best = Neighbor {
             index: u32::MAX,
             square,
         };
@@ -71,12 +71,12 @@ impl PointTree {
         (best.index != u32::MAX).then_some(best)
     }
 
-    fn search_within(&self, entries: &[Entry], axes: &[u8], x: Vec3, best: &mut Neighbour) {
-        let offer = |entry: &Entry, best: &mut Neighbour| {
+    fn search_within(&self, entries: &[Entry], axes: &[u8], x: Vec3, best: &mut Neighbor) {
+        let offer = |entry: &Entry, best: &mut Neighbor| {
             let square = entry.x.distance_squared(x);
             if square < best.square {
                 let index = entry.index;
-                *best = Neighbour { index, square };
+                *best = Neighbor { index, square };
             }
         };
         if entries.len() <= LEAF {
@@ -109,9 +109,9 @@ impl PointTree {
         x: Vec3,
         count: usize,
         without: Option<u32>,
-        out: &mut Vec<Neighbour>,
+        out: &mut Vec<Neighbor>,
     ) {
-        let offer = |entry: &Entry, out: &mut Vec<Neighbour>| {
+        let offer = |entry: &Entry, out: &mut Vec<Neighbor>| {
             let square = entry.x.distance_squared(x);
             if Some(entry.index) == without
                 || (out.len() == count && square >= out[count - 1].square)
@@ -122,7 +122,7 @@ impl PointTree {
             out.truncate(count - 1);
             out.insert(
                 place,
-                Neighbour {
+                Neighbor {
                     index: entry.index,
                     square,
                 },

@@ -1,34 +1,34 @@
-//! Normals of points that have none: the plane through a point's neighbours, turned so that neighbours agree, and then to the outside.
+//! Normals of points that have none: the plane through a point's neighbors, turned so that neighbors agree, and then to the outside.
 //!
-//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbours spread least; a minimum spanning tree over neighbours
-//! carries the side along where their planes agree best. Three deviations. A neighbour's normal is mirrored in the plane between the two points before
+//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbors spread least; a minimum spanning tree over neighbors
+//! carries the side along where their planes agree best. Three deviations. A neighbor's normal is mirrored in the plane between the two points before
 //! both are compared: on a circle, over the edge of a box and in the corner of a room the mirrored normal is the own one, so that sides are carried over
 //! creases, where [HDD92] compares normals of 90 degrees. The tree is never walked: a union-find that holds, for each point, whether it is turned
 //! against its root, is joined in the order of the edges' weights. And planes across creases, which lie between both surfaces and would round every
-//! corner of a room, are replaced by that of a neighbour that fits its own surroundings, if the point lies in it.
+//! corner of a room, are replaced by that of a neighbor that fits its own surroundings, if the point lies in it.
 //!
-//! Which of its two sides a part (connected through neighbours) shows is not in the data. A part is turned outwards: the sum of (x − centre)·n over its
+//! Which of its two sides a part (connected through neighbors) shows is not in the data. A part is turned outwards: the sum of (x − center)·n over its
 //! points, times three its volume, is positive. A part that lies around the points of other parts faces them. Where viewpoints are given, a part that
 //! surrounds it faces it.
 
-use super::nearest::{Neighbour, PointTree};
+use super::nearest::{Neighbor, PointTree};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Neighbours through which a point's plane is laid.
+/// Neighbors through which a point's plane is laid.
 const PLANE: usize = 16;
-/// Neighbours whose planes may be better than the own one: those of twice the distance, nearly.
+/// Neighbors whose planes may be better than the own one: those of twice the distance, nearly.
 const CANDIDATES: usize = 48;
 /// A plane with this mean squared distance, relative to the square of its size, is flat.
 const FLAT: f64 = 1e-4;
-/// A neighbour's plane is taken where it fits so many times as well; on a curved surface all fit about alike.
+/// A neighbor's plane is taken where it fits so many times as well; on a curved surface all fit about alike.
 const BETTER: f64 = 0.25;
-/// Neighbours with which a point compares sides.
+/// Neighbors with which a point compares sides.
 const LINKS: usize = 8;
 /// Points of other parts that are looked at to find out whether a part lies around them.
 const PROBES: usize = 32;
 
-/// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbours at another place.
+/// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbors at another place.
 pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
@@ -48,7 +48,7 @@ pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -
     normals
 }
 
-/// The plane through a point's neighbours.
+/// The plane through a point's neighbors.
 #[derive(Clone, Copy)]
 struct Fit {
     normal: Vec3,
@@ -56,13 +56,13 @@ struct Fit {
     mean: DVec3,
     /// Mean squared distance from the plane, m².
     variance: f64,
-    /// Squared distance of the farthest neighbour, m².
+    /// Squared distance of the farthest neighbor, m².
     square: f32,
 }
 
 impl Fit {
-    /// Through `x` and its neighbours; a zero normal where they are all at one place.
-    fn of(x: Vec3, near: &[Neighbour], points: &[Vec3]) -> Self {
+    /// Through `x` and its neighbors; a zero normal where they are all at one place.
+    fn of(x: Vec3, near: &[Neighbor], points: &[Vec3]) -> Self {
         let square = near.last().map_or(0.0, |n| n.square);
         let mut fit = Self {
             normal: Vec3::ZERO,
@@ -75,7 +75,7 @@ impl Fit {
         if near.len() < 2 || scale <= 0.0 {
             return fit;
         }
-        let offset = |n: &Neighbour| (points[n.index as usize].as_dvec3() - x.as_dvec3()) / scale;
+        let offset = |n: &Neighbor| (points[n.index as usize].as_dvec3() - x.as_dvec3()) / scale;
         let count = (near.len() + 1) as f64;
         let mean = near.iter().map(offset).sum::<DVec3>() / count;
         let mut m = [[0.0f64; 3]; 3];
@@ -95,14 +95,14 @@ impl Fit {
     }
 }
 
-/// The normal of point `i`: that of its own plane, or of the plane of a neighbour that fits far better around itself and holds the point too. Across a crease
-/// a point's own neighbours lie on two surfaces, and their plane between them.
+/// The normal of point `i`: that of its own plane, or of the plane of a neighbor that fits far better around itself and holds the point too. Across a crease
+/// a point's own neighbors lie on two surfaces, and their plane between them.
 fn sharpened(
     i: usize,
     fits: &[Fit],
     points: &[Vec3],
     tree: &PointTree,
-    near: &mut Vec<Neighbour>,
+    near: &mut Vec<Neighbor>,
 ) -> Vec3 {
     let own = &fits[i];
     if own.variance <= FLAT * f64::from(own.square) {
@@ -110,8 +110,8 @@ fn sharpened(
     }
     tree.nearest(points[i], CANDIDATES, Some(i as u32), near);
     let (mut best, mut least) = (own, BETTER * own.variance);
-    for neighbour in near.iter() {
-        let fit = &fits[neighbour.index as usize];
+    for neighbor in near.iter() {
+        let fit = &fits[neighbor.index as usize];
         let height = (points[i].as_dvec3() - fit.mean).dot(fit.normal.as_dvec3());
         let cost = fit.variance + height * height;
         if fit.normal != Vec3::ZERO && cost < least {
@@ -121,7 +121,7 @@ fn sharpened(
     best.normal
 }
 
-/// Given unit normals, with those that are zero replaced: by the plane of the neighbours, on the side of the nearest neighbour that has a normal.
+/// Given unit normals, with those that are zero replaced: by the plane of the neighbors, on the side of the nearest neighbor that has a normal.
 /// Counts them in `estimated`.
 pub(super) fn complete(
     points: &[Vec3],
@@ -210,14 +210,14 @@ impl Sides {
     }
 }
 
-/// Turns normals so that neighbours agree; gives each point's part, named after one of its points.
+/// Turns normals so that neighbors agree; gives each point's part, named after one of its points.
 fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
     let mut edges: Vec<(u32, u32, u32)> = points
         .par_iter()
         .enumerate()
         .map_init(Vec::new, |near, (i, x)| {
             tree.nearest(*x, LINKS, Some(i as u32), near);
-            let edge = |n: &Neighbour| {
+            let edge = |n: &Neighbor| {
                 let j = n.index as usize;
                 let sure = agreement(*x, normals[i], points[j], normals[j]).abs();
                 // As long as weights are in [0, 1] their bits are in order.
@@ -270,7 +270,7 @@ fn outwards(
 ) {
     let mut members: Vec<u32> = (0..points.len() as u32).collect();
     members.sort_unstable_by_key(|i| (parts[*i as usize], *i));
-    // Neighbours within a circle: its area over their count stands for one.
+    // Neighbors within a circle: its area over their count stands for one.
     let area = |i: usize| core::f64::consts::PI * f64::from(squares[i]) / PLANE as f64;
     let many = members
         .chunk_by(|a, b| parts[*a as usize] == parts[*b as usize])
@@ -377,7 +377,7 @@ mod tests {
             .zip(&normals)
             .filter(|(a, b)| a.dot(**b) < 0.0)
             .count();
-        // In a corner of three faces a plane through neighbours may be any.
+        // In a corner of three faces a plane through neighbors may be any.
         assert!(
             wrong <= 3,
             "sides are carried over the edges: {wrong} of 6000"

@@ -136,7 +136,7 @@ fn density_changes_areas_and_not_their_sum() {
         .filter(|i| cloud.positions[*i].x < 0.5)
         .map(|i| cloud.areas[i])
         .sum();
-    // Cells at the step get the areas of their denser neighbours: three hundredths are missing in all.
+    // Cells at the step get the areas of their denser neighbors: three hundredths are missing in all.
     assert!(
         (left - 0.5).abs() < 0.02 && (total(&cloud) - 1.0).abs() < 0.04,
         "{left} of {}",
@@ -168,7 +168,7 @@ fn closed_surfaces_let_no_ray_out() {
         even < 1e-4 && uneven < 1e-3 && round < 1e-3 && noisy < 1e-2,
         "{even} {uneven} {round} {noisy}"
     );
-    // Without a square metre of a wall there is a hole, and it is seen.
+    // Without a square meter of a wall there is a hole, and it is seen.
     let stays = |x: &Vec3| x.x < 0.99 || x.y.abs() > 0.5 || x.z.abs() > 0.5;
     let (q, m) = p.iter().zip(&n).filter(|(x, _)| stays(x)).unzip();
     let hole = leak(&cloud(q, m), from);
@@ -323,7 +323,7 @@ fn no_cloud_is_too_hard() {
     assert_eq!(zero.problems.normal_estimated, 500);
     assert!(
         zero.normals.iter().all(|n| n.z < -0.99),
-        "turned like their neighbours"
+        "turned like their neighbors"
     );
     let albedo = Some(vec![Vec3::new(f32::NAN, -1.0, 7.0); 100]);
     let wild = PlyPoints {

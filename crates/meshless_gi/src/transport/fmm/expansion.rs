@@ -41,7 +41,7 @@ impl<T> Default for Scratch<T> {
     }
 }
 
-/// K n for the vector n in three colours.
+/// K n for the vector n in three colors.
 #[inline(always)]
 fn product<T: Real>(k: &Six<T>, m: &Term<T>, out: &mut Term<T>) {
     for c in 0..4 {
@@ -360,7 +360,7 @@ mod tests {
                 e.source(v, source, scratch, &mut s);
                 e.point_to_r(minus(cr, *y), sr, 1.0, source, scratch, &mut local);
             }
-            // A parent whose centre lies elsewhere; a child of the receivers' node.
+            // A parent whose center lies elsewhere; a child of the receivers' node.
             let (cp, sp) = ([0.0, 0.2, 0.1], 0.8);
             let mut parent = vec![Term::default(); n];
             e.s_to_s(
@@ -407,7 +407,7 @@ mod tests {
                     )
                 }),
             ];
-            // R→R is exact: the same polynomial about another centre.
+            // R→R is exact: the same polynomial about another center.
             let same = (found[3] / found[4]).ln().abs() < 1e-3 || found[3] < 1e-13;
             assert!(same, "order {order}: {found:?}");
             errors.push((order, found));

@@ -1,4 +1,4 @@
-//! \[G08\] Eqs. (5)-(9) as they stand: the factorisation of 1/|r_y − r_x|⁴ into normalised spherical harmonics, and of the kernel into receiver's and source's matrices.
+//! \[G08\] Eqs. (5)-(9) as they stand: the factorisation of 1/|r_y − r_x|⁴ into normalized spherical harmonics, and of the kernel into receiver's and source's matrices.
 //!
 //! The solver's expansions are the same sums in another basis of the same polynomials ([`super::tensor`]); this file is what they are tested against, degree by
 //! degree. Deviation: the printed coefficient of Eq. (5) lacks a π. With ½! = √π/2 the product (n−j+1)! (j+½)! / ((n−j+½)! j!) is rational, and
@@ -16,7 +16,7 @@ pub fn coefficient(n: usize, j: usize) -> f64 {
     4.0 * core::f64::consts::PI * rising * ratio
 }
 
-/// Normalised spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to `most`: Y_l^m stands at l² + l + m.
+/// Normalized spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to `most`: Y_l^m stands at l² + l + m.
 ///
 /// The sum over m of products of real ones equals that of \[G08\]'s complex ones with their conjugates.
 #[must_use]
@@ -49,7 +49,7 @@ pub fn harmonics(most: usize, d: Vector) -> Vec<f64> {
     out
 }
 
-/// The terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`: their sum goes to 1/|x − y|⁴ where |y| < |x|. Metres⁻⁴.
+/// The terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`: their sum goes to 1/|x − y|⁴ where |y| < |x|. Meters⁻⁴.
 #[must_use]
 pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
     let (rx, ry) = (length(x), length(y));

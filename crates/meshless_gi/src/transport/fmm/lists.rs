@@ -7,7 +7,7 @@
 //! | multipole | node | points of a leaf | evaluation of the S-expansion |
 //! | near | points of a leaf | points of a leaf | the kernel itself |
 //!
-//! \[G08\] §2.5 finds them by neighbourhood of cells. Here pairs of nodes are divided from the root down until a list takes them, which serves nodes of all sizes and directions: two nodes
+//! \[G08\] §2.5 finds them by neighborhood of cells. Here pairs of nodes are divided from the root down until a list takes them, which serves nodes of all sizes and directions: two nodes
 //! meet by expansions where they are well separated, all of whose points face each other ([`super::facing`]) and see each other ([`super::visibility`]); of the lists
 //! that are allowed, the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no light.
 

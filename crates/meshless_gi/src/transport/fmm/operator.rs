@@ -11,7 +11,7 @@ use std::ops::Range;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmNode {
-    /// Centre of its expansions.
+    /// Center of its expansions.
     pub center: [f32; 3],
     /// Their unit of length.
     pub size: f32,
@@ -214,7 +214,7 @@ impl FmmOperator {
         (48 * self.terms() * self.nodes.len()) as u64
     }
 
-    /// About how much a pass computes, in products of three numbers and a colour, which is what a link of the sparse operator takes.
+    /// About how much a pass computes, in products of three numbers and a color, which is what a link of the sparse operator takes.
     #[must_use]
     pub fn work(&self) -> u64 {
         let p = f64::from(self.order);

@@ -44,7 +44,7 @@ pub struct Field<'a, T> {
     pub points: Vec<FieldPoint<T>>,
     /// Sources near by are disks.
     pub disks: bool,
-    /// Centre of each node's expansions, and their unit of length.
+    /// Center of each node's expansions, and their unit of length.
     centers: Vec<([T; 3], T)>,
 }
 
@@ -311,7 +311,7 @@ fn add<T: Real>(out: &mut Term<T>, factor: T, value: &Term<T>) {
     }
 }
 
-/// n·F in each colour, not below zero, nor NaN.
+/// n·F in each color, not below zero, nor NaN.
 #[must_use]
 pub fn along<T: Real>(n: [T; 3], f: &Term<T>) -> [T; 4] {
     std::array::from_fn(|c| {

@@ -6,7 +6,7 @@ use glam::Vec3;
 /// A point that stands for a piece of a surface (\[G08\] §2.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FmmPoint {
-    /// Metres.
+    /// Meters.
     pub position: Vec3,
     /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets light.
     pub normal: Vec3,
@@ -23,7 +23,7 @@ pub struct FmmSettings {
     pub order: usize,
     /// Most points of a leaf, s in \[G08\] §2.5; more only where points (nearly) coincide.
     pub leaf: usize,
-    /// Two nodes meet by expansions where their radii together are at most so much of the distance of their centres. In (0, 1).
+    /// Two nodes meet by expansions where their radii together are at most so much of the distance of their centers. In (0, 1).
     pub separation: f32,
     /// Cosine by which points of two nodes may look away from each other while the nodes still meet by expansions: their light is then negative where it should be
     /// none. What lies in that band of directions is `slack`² of the hemisphere's irradiance at most. 0 allows none, at the cost of more pairs in the near list.

@@ -1,6 +1,6 @@
 //! The solver: tree and lists once ([`Fmm::new`]), then any number of passes for any radiosity ([`Fmm::irradiance`]) or bounces until nothing changes ([`Fmm::solve`]).
 //!
-//! \[G08\] §3.1.6 runs everything three times, once a colour, and iterates three times; here the colours go together and the iteration ends by a tolerance. Results are the same
+//! \[G08\] §3.1.6 runs everything three times, once a color, and iterates three times; here the colors go together and the iteration ends by a tolerance. Results are the same
 //! bits for any number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
 
 use super::expansion::Expansions;
@@ -24,7 +24,7 @@ pub struct FmmSolution {
     pub radiosity: Vec<Vec3>,
     /// Bounces that were computed.
     pub bounces: u32,
-    /// The last bounce's power (radiosity times surface, all colours) over that of all bounces; 1 where there was none, 0 where nothing shines.
+    /// The last bounce's power (radiosity times surface, all colors) over that of all bounces; 1 where there was none, 0 where nothing shines.
     pub change: f32,
     /// All bounces together.
     pub times: PassTimes,

@@ -1,7 +1,7 @@
 //! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y: with them the kernel of \[G08\] Eq. (4) is −n_x·K n_y / π, and source normals
 //! and receiver normals both stay outside.
 //!
-//! **Why not the harmonics themselves.** Expanding about two centres needs translation theorems for {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a
+//! **Why not the harmonics themselves.** Expanding about two centers needs translation theorems for {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a
 //! source and a term (n_y, n_y·y, n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. In Cartesian monomials, which span the same polynomials degree by degree,
 //! a translation is a binomial, a source is the vector q n_y, a receiver gets a vector, and the truncation by total degree |α| + |β| ≤ p leaves C(p + 6, 6) products
 //! for a pair. A test below shows degree by degree that it is the sum of \[G08\] Eqs. (5)-(9).

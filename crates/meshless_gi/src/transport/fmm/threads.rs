@@ -1,5 +1,5 @@
 //! The passes node after node, shared out to threads: a node is one thread's, so results are the same bits for any number of them (design D5). What a node does is [`Field`]'s; here it is
-//! compiled a second time for AVX2, which an x86-64 processor may have, and which changes no bit either: lanes of colours side by side, sums in the same order, no fused products.
+//! compiled a second time for AVX2, which an x86-64 processor may have, and which changes no bit either: lanes of colors side by side, sums in the same order, no fused products.
 
 use super::expansion::{Scratch, Term};
 use super::passes::Field;

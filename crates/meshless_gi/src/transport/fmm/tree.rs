@@ -13,7 +13,7 @@ use std::ops::Range;
 /// Deepest division in space. A cell is then smaller than single precision tells apart over the scene.
 pub const DEEPEST: u32 = 21;
 /// Points nearer to each other than this count as one place, and exchange no light: six cells of the deepest division. The radii of two leaves of one such cell each, farther
-/// apart than that, are 0.41 of the distance of their centres at most, so that from that separation on leaves of any number of points that (nearly) coincide meet by expansions.
+/// apart than that, are 0.41 of the distance of their centers at most, so that from that separation on leaves of any number of points that (nearly) coincide meet by expansions.
 pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
 /// A node whose normals spread less than this about their mean is not divided by them: cos 30°.
 const NARROW: f64 = 0.866;
@@ -54,9 +54,9 @@ pub struct TreeNode {
     pub min: DVec3,
     /// Largest corner.
     pub max: DVec3,
-    /// The box's centre, the centre of the expansions.
+    /// The box's center, the center of the expansions.
     pub center: DVec3,
-    /// Radius of the ball about the centre that holds the points.
+    /// Radius of the ball about the center that holds the points.
     pub radius: f64,
     /// Unit of length of the expansions: the radius, but never zero.
     pub size: f64,
@@ -123,9 +123,9 @@ pub struct Tree {
     pub nodes: Vec<TreeNode>,
     /// First node of each level, and one past the last node.
     pub level_starts: Vec<u32>,
-    /// The scene's side, metres.
+    /// The scene's side, meters.
     pub side: f64,
-    /// The scene's smallest corner, metres.
+    /// The scene's smallest corner, meters.
     pub corner: DVec3,
 }
 
@@ -443,8 +443,8 @@ mod tests {
         let mut seen = vec![false; input.len()];
         for (p, &i) in tree.points.iter().zip(&tree.order) {
             assert!(!std::mem::replace(&mut seen[i as usize], true));
-            let metres = p.position * tree.side + tree.corner;
-            let off = metres.distance(input[i as usize].position.as_dvec3());
+            let meters = p.position * tree.side + tree.corner;
+            let off = meters.distance(input[i as usize].position.as_dvec3());
             assert!(off <= 1e-12 * tree.corner.length().max(tree.side));
         }
         for (at, node) in tree.nodes.iter().enumerate() {

@@ -12,7 +12,7 @@ use std::ops::Range;
 pub struct Visibility<'a> {
     /// What is in the way.
     pub geometry: &'a dyn Geometry,
-    /// The points as they were given, metres.
+    /// The points as they were given, meters.
     pub points: &'a [FmmPoint],
     /// Rays a pair of nodes.
     pub rays: u32,
@@ -101,7 +101,7 @@ impl Visibility<'_> {
     }
 }
 
-/// The kernel between a receiver and a source and the source's surface, within bounds: near neighbours are not to outweigh all. None where no light goes between them.
+/// The kernel between a receiver and a source and the source's surface, within bounds: near neighbors are not to outweigh all. None where no light goes between them.
 fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode)) -> Option<f64> {
     let (x, y) = (&tree.points[i], &tree.points[j]);
     let r: DVec3 = x.position - y.position;

@@ -47,7 +47,7 @@ impl Clusters {
     }
 }
 
-/// Sorts `points`, places (metres) and unit normals, into clusters of about `target` each. Surfaces that face six ways make six clusters at least. The same for
+/// Sorts `points`, places (meters) and unit normals, into clusters of about `target` each. Surfaces that face six ways make six clusters at least. The same for
 /// any number of threads.
 #[must_use]
 pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
@@ -89,7 +89,7 @@ fn shuffled(count: usize, seed: u64) -> Vec<u32> {
     order
 }
 
-/// Largest edge of the box around the points, metres.
+/// Largest edge of the box around the points, meters.
 fn extent(points: &[(Vec3, Vec3)]) -> f32 {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for (x, _) in points {

@@ -146,7 +146,7 @@ impl<'a> Rows<'a> {
             .collect();
         for power in 0..=POWERS {
             if power > 0 {
-                orthonormalise(&mut x, r);
+                orthonormalize(&mut x, r);
             }
             // Y = A X, then X = Aᵀ Q.
             let mut y = vec![0.0; self.count() * r];
@@ -156,7 +156,7 @@ impl<'a> Rows<'a> {
                     y.iter_mut().zip(x).for_each(|(y, x)| *y += v * x);
                 }
             }
-            orthonormalise(&mut y, r);
+            orthonormalize(&mut y, r);
             x.fill(0.0);
             for (row, y) in self.iter().zip(y.chunks_exact(r)) {
                 for (&v, x) in row.iter().zip(x.chunks_exact_mut(r)) {
@@ -222,7 +222,7 @@ fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
 }
 
 /// Makes the columns of `x`, `r` numbers a row, orthonormal; those that depend on others become zero.
-fn orthonormalise(x: &mut [f64], r: usize) {
+fn orthonormalize(x: &mut [f64], r: usize) {
     let mut columns: Vec<Vec<f64>> = Vec::with_capacity(r);
     for j in 0..r {
         let mut column: Vec<f64> = x.iter().skip(j).step_by(r).copied().collect();

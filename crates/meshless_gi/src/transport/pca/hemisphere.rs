@@ -122,7 +122,7 @@ mod tests {
                 square += d.z * d.z / grid.len() as f32;
             }
             if grid.len() > 50 {
-                // The closed forms of the uniform hemisphere; centres of texels are off by a part of a texel.
+                // The closed forms of the uniform hemisphere; centers of texels are off by a part of a texel.
                 let texel = 1.0 / grid.len() as f32;
                 assert!(mean.truncate().length() < 1e-4, "{mean}");
                 assert!((mean.z - 0.5).abs() < texel, "{mean}");

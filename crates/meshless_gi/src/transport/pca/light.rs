@@ -6,7 +6,7 @@
 //! Deviations. The mean over the examples is not taken off (Eq. (10)): transport is linear, twice the light must give twice the light and none none. In its place the first
 //! vector of each basis is constant, and the examples lose their own mean: even light, the energy of any white room, is exact whatever the examples were, and all other
 //! vectors carry no mass. Examples are relative to what comes back of each lamp, so that a lamp beside a wall does not speak for all. Senders carry radiosity
-//! and links geometry (design D1), so that albedo and emission may change; the examples are radiosity too, with the albedo of one colour after the other.
+//! and links geometry (design D1), so that albedo and emission may change; the examples are radiosity too, with the albedo of one color after the other.
 //!
 //! Entries that say little are left out (§4.4): those that matter least to the examples first, until what they would add, root of the sum of squares,
 //! reaches ε of the light. What an entry would add is a product of what the even and the odd rays say of it, as in [`bounded`](crate::transport::bounded), so

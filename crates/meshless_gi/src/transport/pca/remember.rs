@@ -3,9 +3,9 @@
 //! For each cluster of points: the depths of all its points in all directions of a [`HemisphereGrid`] are rows of a matrix, from which the mean row is taken
 //! (\[P14\] Eq. (7)); the rows are projected onto the first principal components (Eq. (8)). Where we deviate, beside what [`Visibility`] says:
 //!
-//! - **Directions count with their cosine.** Components minimise the mean square of √cos θ · e, as irradiance counts directions: what lies along a wall is deep, changes
+//! - **Directions count with their cosine.** Components minimize the mean square of √cos θ · e, as irradiance counts directions: what lies along a wall is deep, changes
 //!   much from point to point, and hardly lights anything.
-//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbours look the same way, or else their depths
+//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbors look the same way, or else their depths
 //!   would have nothing in common.
 //! - **s follows the cluster**, as it is before any cut: [`NEAR`] times the median of its depths. With one s for a level, what points of a hall's side aisle see is all next to nothing beside the sky.
 //! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the two sides of a pillar see different things, and no fifty components make them alike. The cut goes through
@@ -96,7 +96,7 @@ pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
         .collect()
 }
 
-/// Depths, in metres, of all directions of `grid` from (x, n), with the tangent of its cluster; infinite where there is nothing.
+/// Depths, in meters, of all directions of `grid` from (x, n), with the tangent of its cluster; infinite where there is nothing.
 pub fn depths(
     geometry: &dyn Geometry,
     (x, n): (Vec3, Vec3),
@@ -117,7 +117,7 @@ pub fn depths(
 struct Seen {
     members: Vec<u32>,
     tangent: Vec3,
-    /// s of the rows, metres.
+    /// s of the rows, meters.
     near: f32,
     /// e of each member, row after row.
     rows: Vec<f32>,
@@ -141,7 +141,7 @@ struct Kept {
     error: u32,
 }
 
-/// Bakes the visibility of `points`, places (metres) and unit normals. Also says how many rays it took. `told` hears how much is done, and says false to stop.
+/// Bakes the visibility of `points`, places (meters) and unit normals. Also says how many rays it took. `told` hears how much is done, and says false to stop.
 ///
 /// The same for any number of threads.
 ///
@@ -221,7 +221,7 @@ pub fn bake_visibility(
     Ok((out, (points.len() * settings.grid.len()) as u64))
 }
 
-/// Casts the rays of a cluster with a root of normal `root`, in a level of `size` metres.
+/// Casts the rays of a cluster with a root of normal `root`, in a level of `size` meters.
 fn look(
     geometry: &dyn Geometry,
     points: &[(Vec3, Vec3)],

@@ -31,14 +31,14 @@ pub struct VisibilityCluster {
     pub basis: u32,
     /// Where its part of [`Visibility::scales`] starts: the mean's, the error's, then each component's.
     pub scales: u32,
-    /// s of e = d² / (d² + s²), metres.
+    /// s of e = d² / (d² + s²), meters.
     pub near: f32,
     /// Not used.
     pub pad: u32,
 }
 
 impl VisibilityCluster {
-    /// e of something at `distance` metres.
+    /// e of something at `distance` meters.
     #[must_use]
     #[inline]
     pub fn encode(&self, distance: f32) -> f32 {
@@ -97,11 +97,11 @@ pub struct Visibility {
     pub clusters: Vec<VisibilityCluster>,
     /// One a point.
     pub points: Vec<VisiblePoint>,
-    /// Of each direction its mean and its error, two signed normalised 16-bit numbers in a word, then its components, four signed normalised 8-bit numbers a word.
+    /// Of each direction its mean and its error, two signed normalized 16-bit numbers in a word, then its components, four signed normalized 8-bit numbers a word.
     pub basis: Vec<u32>,
     /// What the numbers of the basis and the coefficients are to be multiplied by.
     pub scales: Vec<f32>,
-    /// Coefficients, two signed normalised 16-bit numbers a word.
+    /// Coefficients, two signed normalized 16-bit numbers a word.
     pub coefficients: Vec<u32>,
 }
 
@@ -215,13 +215,13 @@ pub fn encode(distance: f32, near: f32) -> f32 {
     q * q / (1.0 + q * q)
 }
 
-/// A signed normalised number, as WGSL's `unpack2x16snorm` reads it.
+/// A signed normalized number, as WGSL's `unpack2x16snorm` reads it.
 #[inline]
 pub(super) fn from_snorm(bits: u16) -> f32 {
     (f32::from(bits as i16) / 32767.0).max(-1.0)
 }
 
-/// A signed normalised number of eight bits, as WGSL's `unpack4x8snorm` reads it.
+/// A signed normalized number of eight bits, as WGSL's `unpack4x8snorm` reads it.
 #[inline]
 pub(super) fn from_short(bits: u8) -> f32 {
     (f32::from(bits as i8) / 127.0).max(-1.0)

@@ -1,7 +1,7 @@
 //! Charts as SVG text: measurements and curves on linear or logarithmic axes, readable in light and dark viewers.
 //!
 //! A chart is data; [`Chart::svg`] draws it. The same data gives the same text, with coordinates to a tenth of a pixel, so that charts in a repository
-//! differ by what was measured. Colours are those of Okabe and Ito, which people with any kind of colour vision tell apart, and each series
+//! differ by what was measured. Colors are those of Okabe and Ito, which people with any kind of color vision tell apart, and each series
 //! has its own marker as well. What cannot be drawn (a number that is none, nothing or less on a logarithmic axis) is left out and counted below the chart.
 
 mod axis;
@@ -27,7 +27,7 @@ pub struct Chart {
     pub guides: Vec<(f64, String)>,
 }
 
-/// One series of a chart, with its own colour, marker and entry in the legend.
+/// One series of a chart, with its own color, marker and entry in the legend.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
     /// The legend's text.
@@ -36,7 +36,7 @@ pub struct Series {
     pub style: Style,
     /// Its places, in the order in which a line joins them.
     pub points: Vec<Mark>,
-    /// Colour and marker of the series of this number, instead of its own: for a front or a fit that belongs to another series.
+    /// Color and marker of the series of this number, instead of its own: for a front or a fit that belongs to another series.
     pub like: Option<usize>,
 }
 
@@ -81,7 +81,7 @@ impl Mark {
 
     /// The same place with a label.
     #[must_use]
-    pub fn labelled(self, label: impl Into<String>) -> Self {
+    pub fn labeled(self, label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
             ..self

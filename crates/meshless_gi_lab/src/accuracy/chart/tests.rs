@@ -38,7 +38,7 @@ fn example() -> Chart {
         series: vec![
             Series {
                 points: vec![
-                    Mark::new(1.0, 0.2).labelled("draft <1>"),
+                    Mark::new(1.0, 0.2).labeled("draft <1>"),
                     Mark::new(3.0, 0.1),
                     Mark::new(9.0, 0.12),
                 ],
