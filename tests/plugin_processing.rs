@@ -12,7 +12,7 @@ use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_meshless_gi::plugin::{
-    AssetBuild, AssetBuildError, MeshlessGiRecipeProgress, process_assets,
+    MeshlessGiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -96,11 +96,11 @@ fn write_game(root: &Path) {
 }
 
 /// Folders of the project below `root`, by absolute paths.
-fn build(root: &Path) -> AssetBuild {
-    AssetBuild {
+fn build(root: &Path) -> ProcessAssetsOptions {
+    ProcessAssetsOptions {
         source: root.join("assets"),
         processed: root.join("imported_assets/Default"),
-        ..AssetBuild::default()
+        ..ProcessAssetsOptions::default()
     }
 }
 
@@ -168,9 +168,9 @@ fn process_here() {
     };
     bevy::log::tracing::subscriber::set_global_default(Log).expect("the process is fresh");
     match kind.to_str() {
-        Some("step") => match process_assets(&AssetBuild::default()) {
-            Ok(baked) => println!("BAKED {baked:?}"),
-            Err(AssetBuildError::Failed(failed)) => println!("FAILED {failed:?}"),
+        Some("step") => match process_assets(&ProcessAssetsOptions::default()) {
+            Ok(report) => println!("BAKED {:?} KEPT {:?}", report.baked, report.kept),
+            Err(ProcessAssetsError::Failed(failed)) => println!("FAILED {failed:?}"),
             Err(why) => panic!("{why}"),
         },
         Some("game") => run_game(),
@@ -255,7 +255,7 @@ fn process_assets_game_without_a_processor_loads_all_and_is_lit() {
     let root = tempfile::tempdir().unwrap();
     write_game(root.path());
     assert_eq!(
-        process_assets(&build(root.path())).unwrap(),
+        process_assets(&build(root.path())).unwrap().baked,
         [Path::new("levels/room.gi.ron")]
     );
     let processed = root.path().join("imported_assets/Default");
@@ -345,12 +345,12 @@ fn process_assets_time_limit_leaves_no_output() {
     assert!(output.exists());
     let long = r#"(scene: "room.glb", preset: High, rays: 60000)"#;
     std::fs::write(&recipe, long).unwrap();
-    let limited = AssetBuild {
+    let limited = ProcessAssetsOptions {
         time_limit: Duration::ZERO,
         ..build(root.path())
     };
     let error = process_assets(&limited).unwrap_err();
-    assert!(matches!(error, AssetBuildError::TimeLimit(_)), "{error}");
+    assert!(matches!(error, ProcessAssetsError::TimeLimit(_)), "{error}");
     assert!(!output.exists() && !output.with_extension("ron.meta").exists());
     // Without a bake there is nothing to wait for.
     std::fs::write(&recipe, RECIPE).unwrap();

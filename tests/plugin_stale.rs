@@ -7,7 +7,8 @@ use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, Asset
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{
-    AssetBuild, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStaleBakes, process_assets,
+    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStaleBakes, ProcessAssetsOptions,
+    process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -37,10 +38,10 @@ fn write_level(root: &Path) -> PathBuf {
     std::fs::write(assets.join("room.glb"), glb(&Room::cornell())).unwrap();
     std::fs::write(assets.join("room.gi.ron"), RECIPE).unwrap();
     let processed = root.join("imported_assets/Default");
-    process_assets(&AssetBuild {
+    process_assets(&ProcessAssetsOptions {
         source: assets.clone(),
         processed: processed.clone(),
-        ..AssetBuild::default()
+        ..ProcessAssetsOptions::default()
     })
     .unwrap();
     std::fs::copy(processed.join("room.gi.ron"), assets.join("room.mgi")).unwrap();

@@ -90,7 +90,7 @@ impl MeshlessGiBake {
     }
 
     /// Starts `work` on a thread of its own.
-    pub(super) fn start(work: impl FnOnce(&Progress) -> Outcome + Send + 'static) -> Self {
+    pub(super) fn start(work: impl FnOnce(&Arc<Progress>) -> Outcome + Send + 'static) -> Self {
         let progress = Arc::new(Progress::default());
         let of_thread = progress.clone();
         let panicked = || Err(BakeLevelError::Threads("the bake panicked".into()).into());

@@ -5,7 +5,7 @@
 //! put beside the source is copied where it names a loader. The output of an app's own asset
 //! processor stays as it is while it is not older than its source.
 
-use super::build_step::AssetBuildError;
+use super::build_step::ProcessAssetsError;
 use bevy::asset::meta::{AssetActionMinimal, AssetMetaMinimal, ProcessedInfoMinimal};
 use bevy::log::warn;
 use std::collections::BTreeSet;
@@ -40,16 +40,16 @@ pub(crate) struct Meta {
 
 impl Meta {
     /// Reads the `.meta` beside `file`. Returns `None` if there is none.
-    pub fn read(file: &Path) -> Result<Option<Self>, AssetBuildError> {
+    pub fn read(file: &Path) -> Result<Option<Self>, ProcessAssetsError> {
         let path = meta_path(file);
         let bytes = match fs::read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(why) => return Err(AssetBuildError::file(&path, "read", why)),
+            Err(why) => return Err(ProcessAssetsError::file(&path, "read", why)),
         };
         let invalid = |error: ron::error::SpannedError| {
             let why = io::Error::new(ErrorKind::InvalidData, error.to_string());
-            AssetBuildError::file(&path, "read", why)
+            ProcessAssetsError::file(&path, "read", why)
         };
         let meta: AssetMetaMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
         let info: ProcessedInfoMinimal = ron::de::from_bytes(&bytes).map_err(invalid)?;
@@ -80,7 +80,7 @@ pub(crate) fn copy_asset(
     source: &Path,
     output: &Path,
     meta: Option<&Meta>,
-) -> Result<bool, AssetBuildError> {
+) -> Result<bool, ProcessAssetsError> {
     let load = match meta.map(|meta| &meta.action) {
         Some(Action::Ignore) => {
             remove_asset(output)?;
@@ -99,14 +99,15 @@ pub(crate) fn copy_asset(
         );
     }
     if !same_file(source, output) {
-        let from = File::open(source).map_err(|why| AssetBuildError::file(source, "read", why))?;
-        copy_file(from, output).map_err(|why| AssetBuildError::file(output, "write", why))?;
+        let from =
+            File::open(source).map_err(|why| ProcessAssetsError::file(source, "read", why))?;
+        copy_file(from, output).map_err(|why| ProcessAssetsError::file(output, "write", why))?;
     }
     let path = meta_path(output);
     match load {
         Some(load) if fs::read(&path).ok().as_ref() == Some(&load.bytes) => {}
         Some(load) => fs::write(&path, &load.bytes)
-            .map_err(|why| AssetBuildError::file(&path, "write", why))?,
+            .map_err(|why| ProcessAssetsError::file(&path, "write", why))?,
         None => remove_file(&path)?,
     }
     Ok(true)
@@ -127,15 +128,15 @@ fn is_processed(source: &Path, output: &Path, meta: Option<&Meta>) -> bool {
 }
 
 /// Removes an asset's output and its `.meta`, where they are there.
-pub(crate) fn remove_asset(output: &Path) -> Result<(), AssetBuildError> {
+pub(crate) fn remove_asset(output: &Path) -> Result<(), ProcessAssetsError> {
     remove_file(output)?;
     remove_file(&meta_path(output))
 }
 
-fn remove_file(path: &Path) -> Result<(), AssetBuildError> {
+fn remove_file(path: &Path) -> Result<(), ProcessAssetsError> {
     match fs::remove_file(path) {
         Err(why) if why.kind() != ErrorKind::NotFound => {
-            Err(AssetBuildError::file(path, "remove", why))
+            Err(ProcessAssetsError::file(path, "remove", why))
         }
         _ => Ok(()),
     }
@@ -182,7 +183,7 @@ pub(crate) fn remove_orphans(
     list: &Path,
     processed: &Path,
     made: &BTreeSet<String>,
-) -> Result<(), AssetBuildError> {
+) -> Result<(), ProcessAssetsError> {
     let list = list.join(LIST);
     let before = fs::read_to_string(&list).unwrap_or_default();
     let inside = |name: &&str| {

@@ -1,11 +1,11 @@
 //! Processing of assets as a build step: no window, no renderer, no game, no Bevy app.
 //!
 //! ```no_run
-//! use bevy_meshless_gi::plugin::{AssetBuild, process_assets};
+//! use bevy_meshless_gi::plugin::{ProcessAssetsOptions, process_assets};
 //!
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
-//!     let baked = process_assets(&AssetBuild::default())?;
-//!     println!("{} recipes are up to date", baked.len());
+//!     let report = process_assets(&ProcessAssetsOptions::default())?;
+//!     println!("{} recipes baked, {} up to date", report.baked.len(), report.kept.len());
 //!     Ok(())
 //! }
 //! ```
@@ -34,13 +34,15 @@ use bevy::reflect::TypePath;
 use bevy::tasks::block_on;
 use meshless_gi::asset::write_file;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Folders to process, and a time limit.
+/// Folders to process, and a time limit. Relative folders are those of Bevy: below `BEVY_ASSET_ROOT`,
+/// else below the package that `cargo run` runs, else beside the executable.
 #[derive(Clone, Debug)]
-pub struct AssetBuild {
+pub struct ProcessAssetsOptions {
     /// Folder of the assets as people make them; relative to the project's root, or absolute.
     pub source: PathBuf,
     /// Folder for the processed ones.
@@ -49,7 +51,7 @@ pub struct AssetBuild {
     pub time_limit: Duration,
 }
 
-impl Default for AssetBuild {
+impl Default for ProcessAssetsOptions {
     /// Bevy's folders, and an hour.
     fn default() -> Self {
         Self {
@@ -60,25 +62,39 @@ impl Default for AssetBuild {
     }
 }
 
+/// Recipes of a build step, relative to the source folder.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ProcessAssetsReport {
+    /// Recipes that this run has baked.
+    pub baked: Vec<PathBuf>,
+    /// Recipes whose bake was kept from an earlier run.
+    pub kept: Vec<PathBuf>,
+}
+
 /// A recipe that did not become a bake.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {why}", recipe.display())]
-pub struct AssetBuildFailure {
+pub struct ProcessAssetsFailure {
     /// Path of the recipe, relative to the source folder.
     pub recipe: PathBuf,
     /// Reason.
     pub why: RecipeLoadError,
 }
 
-/// Error of a build step.
-#[derive(Debug, thiserror::Error)]
+/// Error of a build step. `Debug` has the text of `Display`, for a `main` that returns the error.
+#[derive(thiserror::Error)]
 #[non_exhaustive]
-pub enum AssetBuildError {
+pub enum ProcessAssetsError {
     /// Recipes that did not become bakes. All other files are processed.
     #[error("{} recipe(s) could not be baked: {}", .0.len(), list(.0))]
-    Failed(Vec<AssetBuildFailure>),
+    Failed(Vec<ProcessAssetsFailure>),
     /// The folder of the assets cannot be listed.
-    #[error("{}: {why}", path.display())]
+    #[error(
+        "{}: {why}. Relative folders lie below BEVY_ASSET_ROOT, else below the package that \
+         `cargo run` runs, else beside the executable",
+        path.display()
+    )]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -100,7 +116,13 @@ pub enum AssetBuildError {
     TimeLimit(Duration),
 }
 
-impl AssetBuildError {
+impl fmt::Debug for ProcessAssetsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+impl ProcessAssetsError {
     pub(crate) fn file(path: &Path, action: &'static str, why: io::Error) -> Self {
         Self::File {
             path: path.to_owned(),
@@ -110,7 +132,7 @@ impl AssetBuildError {
     }
 }
 
-fn list(failures: &[AssetBuildFailure]) -> String {
+fn list(failures: &[ProcessAssetsFailure]) -> String {
     failures
         .iter()
         .map(ToString::to_string)
@@ -118,12 +140,14 @@ fn list(failures: &[AssetBuildFailure]) -> String {
         .join("; ")
 }
 
-/// Processes the assets and returns the recipes that are now baked, relative to the source folder.
-/// A recipe that fails leaves no output. Progress goes to the log.
+/// Processes the assets and returns the recipes that have a bake now. A recipe that fails leaves no
+/// output. Progress of bakes goes to standard error.
 ///
 /// # Errors
-/// See [`AssetBuildError`].
-pub fn process_assets(build: &AssetBuild) -> Result<Vec<PathBuf>, AssetBuildError> {
+/// See [`ProcessAssetsError`].
+pub fn process_assets(
+    build: &ProcessAssetsOptions,
+) -> Result<ProcessAssetsReport, ProcessAssetsError> {
     let root = base_folder().unwrap_or_default();
     let processed = root.join(&build.processed);
     let step = Step {
@@ -146,17 +170,20 @@ pub fn process_assets(build: &AssetBuild) -> Result<Vec<PathBuf>, AssetBuildErro
             keep(&file);
         }
     }
-    let (mut baked, mut failures) = (Vec::new(), Vec::new());
+    let (mut report, mut failures) = (ProcessAssetsReport::default(), Vec::new());
     for (recipe, meta) in recipes {
         match step.bake(&recipe, meta.as_ref())? {
-            Ok(()) => {
+            Ok(source) => {
                 keep(&recipe);
-                baked.push(recipe);
+                match source {
+                    BakeSource::Baked => report.baked.push(recipe),
+                    BakeSource::Kept => report.kept.push(recipe),
+                }
             }
             Err(why) => {
                 error!("{}: {why}", recipe.display());
                 remove_asset(&step.processed.join(&recipe))?;
-                failures.push(AssetBuildFailure { recipe, why });
+                failures.push(ProcessAssetsFailure { recipe, why });
             }
         }
     }
@@ -164,8 +191,8 @@ pub fn process_assets(build: &AssetBuild) -> Result<Vec<PathBuf>, AssetBuildErro
         remove_orphans(store.folder(), &step.processed, &made)?;
     }
     match failures.is_empty() {
-        true => Ok(baked),
-        false => Err(AssetBuildError::Failed(failures)),
+        true => Ok(report),
+        false => Err(ProcessAssetsError::Failed(failures)),
     }
 }
 
@@ -189,6 +216,12 @@ fn is_baked(file: &Path, meta: Option<&Meta>) -> bool {
     }
 }
 
+/// Origin of a recipe's bake.
+enum BakeSource {
+    Baked,
+    Kept,
+}
+
 /// One run of the build step.
 struct Step {
     source: PathBuf,
@@ -207,9 +240,9 @@ impl Step {
         folder: &Path,
         above: &mut Vec<PathBuf>,
         found: &mut Vec<PathBuf>,
-    ) -> Result<(), AssetBuildError> {
+    ) -> Result<(), ProcessAssetsError> {
         let at = self.source.join(folder);
-        let failed = |why| AssetBuildError::Folder {
+        let failed = |why| ProcessAssetsError::Folder {
             path: at.clone(),
             why,
         };
@@ -250,10 +283,10 @@ impl Step {
         &self,
         recipe: &Path,
         meta: Option<&Meta>,
-    ) -> Result<Result<(), RecipeLoadError>, AssetBuildError> {
+    ) -> Result<Result<BakeSource, RecipeLoadError>, ProcessAssetsError> {
         let source = self.source.join(recipe);
         let text =
-            std::fs::read(&source).map_err(|why| AssetBuildError::file(&source, "read", why))?;
+            std::fs::read(&source).map_err(|why| ProcessAssetsError::file(&source, "read", why))?;
         let path = AssetPath::from_path_buf(recipe.to_owned());
         if recipe.to_str().is_none() {
             // Bevy's paths are text.
@@ -270,10 +303,10 @@ impl Step {
         };
         let key = inputs.key();
         let kept = self.store.as_ref().and_then(|s| s.load(&path, &key));
-        let bytes = match kept {
+        let (bytes, origin) = match kept {
             Some(bytes) => {
                 debug!("`{path}` was baked before");
-                bytes
+                (bytes, BakeSource::Kept)
             }
             None => {
                 // An older bake must not be taken for this one if the step ends early.
@@ -285,11 +318,11 @@ impl Step {
                 if let Some(store) = &self.store {
                     store.save(&path, &key, &bytes);
                 }
-                bytes
+                (bytes, BakeSource::Baked)
             }
         };
         self.write(recipe, &bytes, hash, reader.read)?;
-        Ok(Ok(()))
+        Ok(Ok(origin))
     }
 
     /// Bakes on all processors, until the time is up.
@@ -297,8 +330,8 @@ impl Step {
         &self,
         inputs: &RecipeInputs,
         path: &AssetPath<'static>,
-    ) -> Result<Result<Vec<u8>, RecipeLoadError>, AssetBuildError> {
-        let running = RecipeBakes::default().start(path.clone());
+    ) -> Result<Result<Vec<u8>, RecipeLoadError>, ProcessAssetsError> {
+        let running = RecipeBakes::default().start_with(path.clone(), |line| eprintln!("{line}"));
         let mut work = match inputs.bake_in_background(0, running.progress.clone()) {
             Ok(work) => work,
             Err(error) => return Ok(Err(error)),
@@ -311,7 +344,7 @@ impl Step {
                 }));
             }
             if self.until.is_some_and(|until| Instant::now() > until) {
-                return Err(AssetBuildError::TimeLimit(self.time_limit));
+                return Err(ProcessAssetsError::TimeLimit(self.time_limit));
             }
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -324,7 +357,7 @@ impl Step {
         container: &[u8],
         hash: [u8; 32],
         dependencies: Vec<AssetPath<'static>>,
-    ) -> Result<(), AssetBuildError> {
+    ) -> Result<(), ProcessAssetsError> {
         let output = self.processed.join(recipe);
         let loads = Action::Load(MeshlessGiLoader::type_path().into());
         let described = Meta::read(&output)
@@ -337,11 +370,11 @@ impl Step {
         let meta = output_meta(hash, dependencies);
         let path = meta_path(&output);
         let write = |path: &Path, bytes: &[u8]| {
-            write_file(path, bytes).map_err(|why| AssetBuildError::file(path, "write", why))
+            write_file(path, bytes).map_err(|why| ProcessAssetsError::file(path, "write", why))
         };
         if let Some(folder) = output.parent() {
             std::fs::create_dir_all(folder)
-                .map_err(|why| AssetBuildError::file(folder, "write", why))?;
+                .map_err(|why| ProcessAssetsError::file(folder, "write", why))?;
         }
         // A container of that name without a `.meta` is loaded too, so it goes first.
         write(&output, container)?;

@@ -132,7 +132,10 @@ pub use bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
 pub use bake_summary::MeshlessGiBakeSummary;
 pub use bake_task::MeshlessGiBake;
 #[cfg(feature = "gltf")]
-pub use build_step::{AssetBuild, AssetBuildError, AssetBuildFailure, process_assets};
+pub use build_step::{
+    ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
+    process_assets,
+};
 pub use capture::MeshlessGiCaptureGraph;
 pub use check::{MeshlessGiFinding, MeshlessGiFindings};
 pub use components::{

@@ -44,6 +44,11 @@ struct RunningBake {
 impl RecipeBakes {
     /// Lists a bake, and logs its progress, until the guard is dropped.
     pub fn start(&self, path: AssetPath<'static>) -> RecipeBake {
+        self.start_with(path, |line| info!("{line}"))
+    }
+
+    /// Like [`Self::start`], with lines that go to `write` and not to the log.
+    pub fn start_with(&self, path: AssetPath<'static>, write: fn(&str)) -> RecipeBake {
         let progress = Arc::new(Progress::default());
         self.change(|list| {
             list.push(RunningBake {
@@ -53,7 +58,7 @@ impl RecipeBakes {
             });
         });
         RecipeBake {
-            _log: log_progress(path.to_string(), progress.clone()),
+            _log: write_progress(format!("`{path}`"), progress.clone(), write),
             progress,
             list: self.clone(),
         }
@@ -80,9 +85,14 @@ impl Drop for RecipeBake {
     }
 }
 
-/// Logs each stage, and each tenth of it, until the sender is dropped. Without a thread for it
-/// nothing is logged.
-fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
+/// Logs each stage, and each tenth of it, until the sender is dropped.
+pub(crate) fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
+    write_progress(name, progress, |line| info!("{line}"))
+}
+
+/// Writes each stage, and each tenth of it, until the sender is dropped. Without a thread for it
+/// nothing is written.
+fn write_progress(name: String, progress: Arc<Progress>, write: fn(&str)) -> Sender<()> {
     let (running, ended) = channel();
     let work = move || {
         let mut logged = None;
@@ -91,11 +101,8 @@ fn log_progress(name: String, progress: Arc<Progress>) -> Sender<()> {
             if is_news(logged, now) {
                 logged = Some(now);
                 let (stage, fraction) = now;
-                info!(
-                    "baking `{name}`: {}, {:.0} %",
-                    stage.name(),
-                    100.0 * fraction
-                );
+                let percent = 100.0 * fraction;
+                write(&format!("baking {name}: {}, {percent:.0} %", stage.name()));
             }
         }
     };

@@ -13,7 +13,7 @@ mod readme;
 mod screen;
 
 use bevy::math::Vec3;
-use bevy_meshless_gi::plugin::{AssetBuild, process_assets};
+use bevy_meshless_gi::plugin::{ProcessAssetsOptions, process_assets};
 use package::Package;
 use plugin_support::glb::glb;
 use plugin_support::scenes::{Quad, Room};
@@ -142,13 +142,13 @@ fn first_game_from_processed_assets_is_lit_and_bakes_once() {
 #[test]
 fn first_game_from_shipped_assets_is_lit() {
     let root = level_folder();
-    let build = AssetBuild {
+    let build = ProcessAssetsOptions {
         source: root.path().join("assets"),
         processed: root.path().join("imported_assets/Default"),
-        ..AssetBuild::default()
+        ..ProcessAssetsOptions::default()
     };
     let recipes = process_assets(&build).expect("the recipe bakes");
-    assert_eq!(recipes, [PathBuf::from("level.gi.ron")]);
+    assert_eq!(recipes.baked, [PathBuf::from("level.gi.ron")]);
     // What a player gets: the program and the processed assets, without their sources.
     let shipped = tempfile::tempdir().expect("a folder");
     let program = shipped.path().join("game");

@@ -102,12 +102,8 @@ struct Options {
     #[arg(long)]
     probes: bool,
     /// Light in free space: distance between its probes, meters [about 2000 in the box around the level].
-    #[arg(
-        long,
-        value_name = "M",
-        requires = "probes",
-        allow_hyphen_values = true
-    )]
+    /// Implies `--probes`.
+    #[arg(long, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
     /// Which skies may light the level: the same radiance from everywhere, or one that varies (spherical harmonics).
     #[arg(long, value_name = "KIND", value_parser = sky())]
@@ -217,7 +213,7 @@ impl Options {
         over(&mut recipe.coarse_radius, self.coarse_radius);
         over(&mut recipe.levels, self.levels);
         over(&mut recipe.sender_levels, self.sender_levels);
-        if self.probes {
+        if self.probes || self.probe_spacing.is_some() {
             let probes = recipe.probes.get_or_insert_default();
             over(&mut probes.spacing, self.probe_spacing);
         }

@@ -35,8 +35,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
                 return output::print(&format!("{path}: valid\n"));
             }
             output::print(&format!("{path}: stale\n  {}\n", differences.join("\n  ")))?;
-            let stale = format!("stale: {}", differences.join("; "));
-            return Err(ToolError::input(&args.bake, &stale));
+            return Err(ToolError::input(&args.bake, &"stale"));
         }
         Err(why) => why,
     };

@@ -73,6 +73,11 @@ pub(super) fn assemble(
                 count: bad + mesh.bad_indices,
             });
         }
+        if bad == 0 && piece.triangles.is_empty() && !mesh.triangles.is_empty() {
+            warnings.push(Warning::NoArea {
+                entity: instance.entity.clone(),
+            });
+        }
         pieces.push(piece);
     }
     // Stable: pieces of equal content are interchangeable.

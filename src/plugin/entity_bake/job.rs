@@ -1,30 +1,34 @@
 //! The work of the bake's thread: assembles the mesh, loads or bakes, and saves.
 
 use super::super::bake_task::{BakeOutput, Outcome, bake_threads};
+use super::super::recipe_progress::log_progress;
 use super::assemble::assemble;
 use super::collect::Collected;
 use super::request::MeshlessGiBakeRequest;
 use super::warning::MeshlessGiBakeWarning as Warning;
-use bevy::log::{debug, info};
+use bevy::log::info;
 use meshless_gi::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
-use meshless_gi::bake::{BAKE_VERSION, Progress, Recipe, bake_level};
+use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Progress, Recipe, Staleness, bake_level};
 use meshless_gi::scene::TriangleMesh;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Bakes what was collected as `request` says.
 pub(super) fn run(
     collected: &Collected,
     request: &MeshlessGiBakeRequest,
-    progress: &Progress,
+    progress: &Arc<Progress>,
 ) -> Outcome {
     let began = Instant::now();
+    let root = &collected.root;
     let mut warnings = Vec::new();
     let mesh = assemble(collected, &mut warnings)?;
     let key = key(&mesh, &request.recipe);
     if let Some(path) = &request.save_to
-        && let Some(scene) = load(path, &key, &mut warnings)
+        && let Some(scene) = load(path, &key, (&mesh, &request.recipe), &mut warnings)
     {
+        info!("loaded the bake of {root} from {}", path.display());
         return Ok(BakeOutput {
             scene,
             seconds: began.elapsed().as_secs_f64(),
@@ -32,12 +36,27 @@ pub(super) fn run(
             warnings,
         });
     }
+    info!(
+        "baking {root}: {} triangles, {:?}",
+        mesh.len(),
+        request.recipe.preset
+    );
+    let log = log_progress(root.clone(), progress.clone());
     let baked = bake_level(&mesh, &request.recipe, bake_threads(), progress)?;
+    drop(log);
     let mut output = BakeOutput::from(baked);
     output.scene.info.request = key;
+    let mut saved = String::new();
     if let Some(path) = &request.save_to {
-        warnings.extend(save(path, &output.scene));
+        match save(path, &output.scene) {
+            Some(warning) => warnings.push(warning),
+            None => saved = format!(", saved to {}", path.display()),
+        }
     }
+    info!(
+        "baked {root} in {:.1} s{saved}",
+        began.elapsed().as_secs_f64()
+    );
     warnings.append(&mut output.warnings);
     output.warnings = warnings;
     output.seconds = began.elapsed().as_secs_f64();
@@ -64,21 +83,27 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
     ])
 }
 
-/// The bake in the file, if it was made from the same request.
-fn load(path: &Path, key: &str, warnings: &mut Vec<Warning>) -> Option<BakedScene> {
+/// Returns the bake in the file if it was made from the same request. `now` has the geometry and the
+/// recipe of the request.
+fn load(
+    path: &Path,
+    key: &str,
+    now: (&TriangleMesh, &Recipe),
+    warnings: &mut Vec<Warning>,
+) -> Option<BakedScene> {
     match BakedScene::read(path, &Limits::default()) {
-        Ok(scene) if scene.info.request == key => {
-            debug!(
-                "{}: matches the meshes and the recipe; loaded",
-                path.display()
-            );
-            Some(scene)
-        }
-        Ok(_) => {
-            info!(
-                "{}: the meshes, the recipe or the version have changed; baking again",
-                path.display()
-            );
+        Ok(scene) if scene.info.request == key => Some(scene),
+        Ok(scene) => {
+            let now = BakeInputs {
+                content_hash: Some(&now.0.content_hash()),
+                recipe: Some(now.1),
+            };
+            let differs = Staleness::compare(&scene.info, &now);
+            let what = match differs.is_stale() {
+                true => differs.to_string(),
+                false => "occluders".into(),
+            };
+            info!("{} is stale ({what}) and is baked again", path.display());
             None
         }
         Err(AssetError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => None,
@@ -107,10 +132,7 @@ fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
                 .map_err(|e| e.to_string())
         });
     match written {
-        Ok(()) => {
-            debug!("{}: saved", path.display());
-            None
-        }
+        Ok(()) => None,
         Err(reason) => Some(Warning::NotSaved {
             path: path.into(),
             reason,

@@ -41,14 +41,20 @@ pub enum MeshlessGiBakeWarning {
     },
     /// Some triangles of the mesh can't be used.
     #[error(
-        "{entity}: {count} triangles are not in the bake: \
-         their positions are not finite or their indices out of range"
+        "{entity}: triangles are not in the bake, since their positions are not finite or their \
+         indices out of range: {count}"
     )]
     BadTriangles {
         /// Entity with the mesh.
         entity: String,
         /// Number of triangles.
         count: u64,
+    },
+    /// No triangle of the mesh has an area.
+    #[error("{entity}: its mesh has no area and is not in the bake; is a scale zero?")]
+    NoArea {
+        /// Entity with the mesh.
+        entity: String,
     },
     /// A textured mesh has no texture coordinates.
     #[error(

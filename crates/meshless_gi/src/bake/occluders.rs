@@ -34,6 +34,13 @@ pub struct OccluderBox {
     pub half_edges: [f32; 3],
 }
 
+impl From<&str> for OccluderShape {
+    /// The node of this name.
+    fn from(name: &str) -> Self {
+        Self::node(name)
+    }
+}
+
 impl OccluderShape {
     /// The node of this name.
     #[must_use]

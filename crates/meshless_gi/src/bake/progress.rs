@@ -75,12 +75,16 @@ impl Progress {
         self.canceled.load(Ordering::Relaxed)
     }
 
-    /// Tells how much of `stage` is done; false when the bake should stop.
+    /// Stores the part of `stage` that is done. It never falls within a stage. Returns false if the
+    /// bake should stop.
     pub(crate) fn set(&self, stage: Stage, done: f32) -> bool {
-        let index = Stage::ALL.iter().position(|&s| s == stage).unwrap_or(0);
-        self.stage.store(index as u32, Ordering::Relaxed);
-        self.permille
-            .store((done.clamp(0.0, 1.0) * 1000.0) as u32, Ordering::Relaxed);
+        let index = Stage::ALL.iter().position(|&s| s == stage).unwrap_or(0) as u32;
+        let permille = (done.clamp(0.0, 1.0) * 1000.0) as u32;
+        if self.stage.swap(index, Ordering::Relaxed) == index {
+            self.permille.fetch_max(permille, Ordering::Relaxed);
+        } else {
+            self.permille.store(permille, Ordering::Relaxed);
+        }
         !self.is_canceled()
     }
 }

@@ -54,9 +54,12 @@ pub fn pack(
         };
         let parts = &rows[i].parts;
         // The rest of a link beyond its parts may be larger than the link: parts of a probe have signs.
-        let rests = all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
+        let rests =
+            all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
         let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));
-        let scale = sizes.chain(rests).fold(0.0f32, |a, v| a.max(v.abs().max_element()));
+        let scale = sizes
+            .chain(rests)
+            .fold(0.0f32, |a, v| a.max(v.abs().max_element()));
         let start = operator.links.len() as u32;
         if scale > 0.0 {
             for (j, v) in all() {
