@@ -16,14 +16,14 @@ struct FmmEntry {
 @group(0) @binding(8) var<storage, read> entries: array<FmmEntry>;
 @group(0) @binding(9) var<storage, read_write> values: array<VectorIrradiance>;
 
-const MOST_FMM_TERMS: u32 = 84u;
+const MAX_FMM_TERMS: u32 = 84u;
 const NO_TERM: u32 = 4294967295u;
 
 // Taylor coefficients of 1/r⁴ at the unit vector of a pair, and the derivatives of the kernel: xx, xy, xz and yy, yz, zz.
-var<workgroup> scalar: array<f32, MOST_FMM_TERMS>;
-var<workgroup> tensor: array<vec3f, 2u * MOST_FMM_TERMS>;
+var<workgroup> scalar: array<f32, MAX_FMM_TERMS>;
+var<workgroup> tensor: array<vec3f, 2u * MAX_FMM_TERMS>;
 // The source's expansion, term n times (its size over the distance)ⁿ.
-var<workgroup> scaled: array<vec3f, 3u * MOST_FMM_TERMS>;
+var<workgroup> scaled: array<vec3f, 3u * MAX_FMM_TERMS>;
 var<workgroup> sums: array<Spectrum, 64>;
 
 fn lower(at: u32) -> f32 {

@@ -39,7 +39,7 @@ const OPEN: f32 = -1.999;
 const QUARTER: f32 = 0.25;
 const BEFORE: f32 = 0.01;
 const BEYOND: f32 = 0.03;
-const LEAST_OF_EIGHT: f32 = 1e-3;
+const MIN_OF_EIGHT: f32 = 1e-3;
 
 // From the near plane to what a pixel shows, in the view's space.
 struct Ray {
@@ -225,7 +225,7 @@ fn arriving(asked: vec3f) -> vec3f {
             all_weights += weight;
         }
     }
-    if all_weights > LEAST_OF_EIGHT {
+    if all_weights > MIN_OF_EIGHT {
         return sum / all_weights;
     }
     return here.rgb;

@@ -24,7 +24,7 @@ const SLANTS: f32 = 0.15;
 const ROUGHER: f32 = 0.1;
 const PLANE: f32 = 0.01;
 const FLOOR: f32 = 0.1;
-const LEAST: f32 = 1e-15;
+const MIN: f32 = 1e-15;
 
 // Radiance over f₀ and over f₉₀.
 struct Shine {
@@ -132,7 +132,7 @@ fn gloss_of(i: u32, at: Receiver) -> vec2f {
     let g = vpl_share(i, at.x, at.facet.n);
     let arrives = dot(at.facet.n, g);
     // Less has no direction in single precision.
-    if !(arrives > LEAST) {
+    if !(arrives > MIN) {
         return vec2f(0.0);
     }
     let toward = vpls[i].position - at.x;

@@ -15,7 +15,7 @@
 // Threads of `choose`.
 const CHUNKS: u32 = 256u;
 const FARTHEST: f32 = 1e8;
-const LEAST_COSINE: f32 = 0.1;
+const MIN_COSINE: f32 = 0.1;
 const NEAREST_SQUARE: f32 = 1e-4;
 const TINY: f32 = 1.17549435e-38;
 // Squared radius of an even disk over its mean squared distance from the center.
@@ -115,7 +115,7 @@ fn texel_at(pixel: vec2u, depth: f32, bits: vec4u) -> RsmTexel {
     if cosine <= 0.0 || largest(flux) <= 0.0 {
         return dark;
     }
-    return RsmTexel(x, area / (6.0 * max(cosine, LEAST_COSINE)), n, 0.0, flux, 0.0);
+    return RsmTexel(x, area / (6.0 * max(cosine, MIN_COSINE)), n, 0.0, flux, 0.0);
 }
 
 @compute @workgroup_size(8, 8)

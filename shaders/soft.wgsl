@@ -14,13 +14,13 @@ const QUARTER_PI: f32 = 0.7853981633974483;
 const HALF_PI: f32 = 1.5707963267948966;
 const GOLDEN: f32 = 0.618034;
 const TURN: f32 = 6.283185307179586;
-const MOST_COMPONENTS: u32 = 128u;
+const MAX_COMPONENTS: u32 = 128u;
 // Vectors lean so far at most that their length is ten times their part along the normal.
-const LEAST_ALONG: f32 = 0.1;
+const MIN_ALONG: f32 = 0.1;
 // Depths that differ by no more are not told apart.
 const ROUNDING: f32 = 1e-3;
 // Depths count up to so many times s.
-const MOST_RATIO: f32 = 1e9;
+const MAX_RATIO: f32 = 1e9;
 // The error of a point as wrong as its cluster.
 const ERROR_ONE: f32 = 32.0;
 
@@ -91,7 +91,7 @@ fn depth(texel: u32) -> vec2f {
 
 fn encode(d: f32) -> f32 {
     // No square overflows.
-    let q = min(d / near, MOST_RATIO);
+    let q = min(d / near, MAX_RATIO);
     return q * q / (1.0 + q * q);
 }
 
@@ -241,7 +241,7 @@ fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
     hidden /= sum;
     let along = dot(hidden, n);
     let across = hidden - n * along;
-    let lean = across / max(max(along, LEAST_ALONG * sqrt(dot(across, across))), TINY);
+    let lean = across / max(max(along, MIN_ALONG * sqrt(dot(across, across))), TINY);
     return (n + lean) * ((1.0 - clamp(seen / sum, 0.0, 1.0)) * e);
 }
 

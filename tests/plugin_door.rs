@@ -12,7 +12,7 @@ use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room, cpu_indirect};
 use plugin_support::stage::{
-    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
 };
 use std::sync::Arc;
 
@@ -126,7 +126,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
         let now = right(&room, &bake, openness);
         let found = picture(&mut app, &image);
         assert_alike("door", &now, &found);
-        assert!(flip(&last, &now) > MOST, "the change shows");
+        assert!(flip(&last, &now) > MAX, "the change shows");
         last = now;
         run(&mut app, 1);
         let c = counters(&app);
@@ -182,7 +182,7 @@ fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
         *plane = plane.map(|c| c / length);
     }
     let black = lit_from(place, &room, &upright, 0.0);
-    assert!(flip(&shut, &black) > MOST, "{}", flip(&shut, &black));
+    assert!(flip(&shut, &black) > MAX, "{}", flip(&shut, &black));
 }
 
 #[test]

@@ -34,7 +34,7 @@ const VOXEL: f32 = 0.15;
 /// Texels of a density along each edge.
 const EDGE: u32 = 4;
 /// The largest NRMSE between what fog adds and what the twin says. Pictures are halves, and what is compared is a difference of two.
-const MOST: f32 = 0.01;
+const MAX: f32 = 0.01;
 
 fn bake() -> Arc<BakedScene> {
     static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
@@ -292,7 +292,7 @@ fn every_camera_shows_what_the_twin_says() {
         let (off, share) = (added.nrmse(&twin), twin.mean() / whole.mean());
         println!("{name}: NRMSE {off:.4}; fog adds {share:.3} of the picture's light");
         // The first of several samples is not in the middle of the pixel: edges differ.
-        let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MOST;
+        let most = if name == "forward_sampled" { 5.0 } else { 1.0 } * MAX;
         assert!(off <= most, "{name}: {off}");
         assert!(share > 0.02, "{name}: {share}");
         // A lamp moves: the fog shows it in that frame.
@@ -367,7 +367,7 @@ fn a_texture_says_the_density() {
     let aside = s.twin(LAMP, &aside, Some(&trilinear));
     let [off, moved] = [&twin, &aside].map(|t| added.nrmse(t));
     println!("NRMSE {off:.4}, without the offset {moved:.4}");
-    assert!(off <= MOST && moved > 3.0 * MOST, "{off} {moved}");
+    assert!(off <= MAX && moved > 3.0 * MAX, "{off} {moved}");
 }
 
 /// Two levels lie in one place: the first of them lights the fog, and not both.

@@ -14,7 +14,7 @@ use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
     view, work,
 };
 use std::f32::consts::PI;
@@ -66,7 +66,7 @@ fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
         &[lamp(places[1])],
         &settings(),
     );
-    assert!(flip(&still, &moved) > MOST, "the lamp's move shows");
+    assert!(flip(&still, &moved) > MAX, "the lamp's move shows");
     assert_alike("moved", &moved, &picture(&mut app, &image));
 
     // The root moves, turns and grows.
@@ -83,7 +83,7 @@ fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
         .translation = place;
     run(&mut app, 2);
     let placed = cpu_indirect(&room, &bake, placed, view(), &[lamp(place)], &settings());
-    assert!(flip(&moved, &placed) > MOST, "the root's move shows");
+    assert!(flip(&moved, &placed) > MAX, "the root's move shows");
     assert_alike("placed", &placed, &picture(&mut app, &image));
 }
 
@@ -127,7 +127,7 @@ fn two_cameras_show_the_same_light_from_two_sides_and_share_its_work() {
         cpu_indirect(&room, &bake, root, at, &[lamp(place)], &settings())
     });
     assert!(
-        flip(&expected[0], &expected[1]) > MOST,
+        flip(&expected[0], &expected[1]) > MAX,
         "the two sides differ"
     );
     for (i, image) in images.iter().enumerate() {
@@ -176,7 +176,7 @@ fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
     let sum = direct.plus(&indirect);
     keep("direct", &direct);
     assert_alike("lit", &sum, &lit);
-    assert!(flip(&direct, &lit) > MOST, "indirect light shows");
+    assert!(flip(&direct, &lit) > MAX, "indirect light shows");
 }
 
 /// Eight lamps around the room.

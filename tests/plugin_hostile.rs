@@ -19,7 +19,7 @@ use plugin_support::app::{app, camera, picture, run};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{cornell, cpu_indirect};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
     spawn_room, view,
 };
 
@@ -276,7 +276,7 @@ fn a_jittered_camera_lights_the_surfaces_where_they_are() {
     let (left, right) = (still.columns(0, width), still.columns(shift, width));
     let moved_right = jittered.columns(shift, width);
     let moved_left = jittered.columns(0, width);
-    assert!(flip(&left, &right) > MOST, "the jitter shows");
+    assert!(flip(&left, &right) > MAX, "the jitter shows");
     // Whichever side is Bevy's positive one.
     if flip(&left, &moved_right) < flip(&right, &moved_left) {
         assert_alike("jittered", &left, &moved_right);

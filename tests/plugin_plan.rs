@@ -18,7 +18,7 @@ use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, ta
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cornell, cpu_indirect};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
+    CANDELA, MAX, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
     spawn_lamp, view,
 };
 use std::sync::Arc;
@@ -358,7 +358,7 @@ fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
     run(&mut app, 1);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     let blue = right(&[(PLACE, BLUE)]);
-    assert!(flip(&warm, &blue) > MOST);
+    assert!(flip(&warm, &blue) > MAX);
     assert_alike("one_other_channel", &blue, &picture(&mut app, &image));
 
     // A second lamp in another color: three, at once.
@@ -369,7 +369,7 @@ fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
     let work = |app: &App| counters(app).dispatches_of(Stage::Apply);
     assert!(work(&app) > 0);
     let both = right(&[(PLACE, BLUE), (place, [1.0; 3])]);
-    assert!(flip(&blue, &both) > MOST);
+    assert!(flip(&blue, &both) > MAX);
     assert_alike("two_colors", &both, &picture(&mut app, &image));
 
     // It goes: one channel again after a while, and nothing is solved for that.

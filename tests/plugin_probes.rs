@@ -14,7 +14,7 @@ use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room, cpu_indirect};
 use plugin_support::stage::{
-    MOST, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
+    MAX, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
     work,
 };
 use std::sync::Arc;
@@ -102,7 +102,7 @@ fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
         keep(name, &reference.beside(test));
         let d = flip(reference, test);
         println!("{name}: FLIP {d:.4}");
-        assert!(d <= MOST, "{name}: FLIP {d}");
+        assert!(d <= MAX, "{name}: FLIP {d}");
         assert!(
             flip(&dark, test) > 1.5 * d,
             "{name}: a black panel is not told apart"
@@ -243,6 +243,6 @@ fn particles_are_lit_each_by_where_it_is() {
     run(&mut app, 4);
     let expected = on_cpu_of(&room, &bake, LAMP);
     let dark = on_cpu_of(&room, &self::bake(false), LAMP);
-    assert!(flip(&dark, &expected) > MOST, "they show");
+    assert!(flip(&dark, &expected) > MAX, "they show");
     assert_alike("particles", &expected, &picture(&mut app, &image));
 }

@@ -6,7 +6,7 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{
-    CAPTURE_LAYER, MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings,
+    MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, RSM_RENDER_LAYER,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
@@ -101,7 +101,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     app.world_mut().entity_mut(parent).insert(MeshlessGiBouncer);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
-    assert_eq!(layers(&app, ball), Some(own.clone().with(CAPTURE_LAYER)));
+    assert_eq!(layers(&app, ball), Some(own.clone().with(RSM_RENDER_LAYER)));
     assert_eq!(layers(&app, parent), None, "it has no mesh");
     let c = counters(&app);
     let ran = |c: &MeshlessGiCounters| c.plan.to_string().matches("run  rsm").count();
@@ -193,7 +193,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     run(&mut app, 2);
     assert_eq!(
         layers(&app, ball),
-        Some(RenderLayers::from_layers(&[0, CAPTURE_LAYER]))
+        Some(RenderLayers::from_layers(&[0, RSM_RENDER_LAYER]))
     );
     app.world_mut()
         .entity_mut(ball)

@@ -18,7 +18,7 @@ use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cpu_indirect};
 use plugin_support::stage::{
-    MOST, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
+    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
 };
 use std::sync::{Arc, OnceLock};
 
@@ -79,8 +79,8 @@ fn a_sky_that_varies_shines_from_the_worlds_directions() {
     let right = cpu(local);
     assert_alike("sky_that_varies", &right, &picture(&mut app, &image));
     // It matters where it comes from.
-    assert!(flip(&right, &cpu(sky.radiance())) > MOST);
-    assert!(flip(&right, &cpu(local.mean.into())) > MOST);
+    assert!(flip(&right, &cpu(sky.radiance())) > MAX);
+    assert!(flip(&right, &cpu(local.mean.into())) > MAX);
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4], "at rest");
 
@@ -180,7 +180,7 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         );
         let found = picture(&mut app, &image);
         assert_alike("live", &right, &found);
-        assert!(flip(&last, &right) > MOST, "the change shows");
+        assert!(flip(&last, &right) > MAX, "the change shows");
         last = right;
         run(&mut app, 1);
         let c = counters(&app);

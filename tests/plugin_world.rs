@@ -21,7 +21,7 @@ use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, ta
 use plugin_support::flip::flip;
 use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
 use plugin_support::stage::{
-    CANDELA, MOST, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
     spawn_lamp, spawn_room, view, work,
 };
 
@@ -392,7 +392,7 @@ fn normal_maps_and_base_color_textures_count() {
     };
     let both = draw(true, true);
     for other in [draw(false, true), draw(true, false)] {
-        assert!(flip(&both, &other) > MOST, "each of them shows");
+        assert!(flip(&both, &other) > MAX, "each of them shows");
     }
     assert_alike("textured", &both, &picture(&mut app, &image));
 }
@@ -445,7 +445,7 @@ fn indirect_light_comes_before_transparency_and_tonemapping() {
             *value = sum / (1.0 + sum);
         }
     }
-    assert!(flip(&mapped, &wrong) > MOST, "tonemapping shows");
+    assert!(flip(&mapped, &wrong) > MAX, "tonemapping shows");
     assert_alike("tonemapped", &mapped, &picture(&mut app, &image));
 }
 

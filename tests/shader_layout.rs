@@ -6,7 +6,7 @@ use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::asset::PointSurface;
 use meshless_gi::basis::{LEAN_FROM, NO_COVER, WeightEntry};
 use meshless_gi::frame::fmm_layout::{
-    FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MOST_FMM_TERMS, NO_TERM,
+    FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MAX_FMM_TERMS, NO_TERM,
 };
 use meshless_gi::frame::pyramid::{self, CellRange};
 use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
@@ -20,9 +20,7 @@ use meshless_gi::frame::{
 };
 use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
 use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use meshless_gi::transport::pca::{
-    Column, MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint,
-};
+use meshless_gi::transport::pca::{Column, MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint};
 use meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Passage, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
@@ -363,10 +361,10 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("HALF_PI", Some(f64::from(std::f32::consts::FRAC_PI_2))),
         ("TURN", Some(f64::from(std::f32::consts::TAU))),
         (
-            "MOST_COMPONENTS",
-            Some(f64::from(Visibility::MOST_COMPONENTS)),
+            "MAX_COMPONENTS",
+            Some(f64::from(Visibility::MAX_COMPONENTS)),
         ),
-        ("LEAST_ALONG", Some(f64::from(soft::LEAST_ALONG))),
+        ("MIN_ALONG", Some(f64::from(soft::MIN_ALONG))),
         ("TAKEN", Some(f64::from(shade::TAKEN))),
         ("NOWHERE", None),
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
@@ -388,7 +386,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("GOLDEN", Some(f64::from(soft::GOLDEN))),
         ("ROUNDING", Some(f64::from(soft::ROUNDING))),
         ("ERROR_ONE", Some(f64::from(VisiblePoint::ONE))),
-        ("MOST_RATIO", Some(f64::from(MOST_RATIO))),
+        ("MAX_RATIO", Some(f64::from(MAX_RATIO))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("DARK", Some(f64::from(fog::DARK))),
@@ -400,7 +398,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("QUARTER", Some(f64::from(volume_read::QUARTER))),
         ("BEFORE", Some(f64::from(volume_read::BEFORE))),
         ("BEYOND", Some(f64::from(volume_read::BEYOND))),
-        ("LEAST_OF_EIGHT", Some(f64::from(volume_read::LEAST))),
+        ("MIN_OF_EIGHT", Some(f64::from(volume_read::MIN))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
@@ -436,20 +434,20 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("LATE", Some(f64::from(brdf::LATE))),
         ("GROUPS", Some(f64::from(gloss::GROUPS))),
         ("FADES", Some(f64::from(gloss::FADES))),
-        ("LEAST", Some(f64::from(gloss::LEAST))),
+        ("MIN", Some(f64::from(gloss::MIN))),
         ("REACH", Some(f64::from(pyramid::REACH))),
         ("TURNS_FROM", Some(f64::from(gloss::TURNS[0]))),
         ("TURNS_TO", Some(f64::from(gloss::TURNS[1]))),
         ("SLANTS", Some(f64::from(gloss::SLANTS))),
         ("ROUGHER", Some(f64::from(gloss::ROUGHER))),
         ("ITEMS", Some(f64::from(Pass::Refine.entry().1.items))),
-        ("MOST_GROUPS", Some(65_535.0)),
+        ("MAX_GROUPS", Some(65_535.0)),
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
         ("STACK", Some(Bvh::STACK as f64)),
         ("SMALLEST", Some(f64::from(Bvh::SMALLEST))),
         ("CHUNKS", Some(rsm::CHUNKS as f64)),
         ("FARTHEST", Some(f64::from(rsm::FARTHEST))),
-        ("LEAST_COSINE", Some(f64::from(rsm::LEAST_COSINE))),
+        ("MIN_COSINE", Some(f64::from(rsm::MIN_COSINE))),
         ("NEAREST_SQUARE", Some(f64::from(rsm::NEAREST_SQUARE))),
         ("DISK", Some(f64::from(vpl::DISK))),
         ("NEAR_FROM", Some(f64::from(vpl::NEAR_SQUARES[0]))),
@@ -460,7 +458,7 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("SHORTEST", Some(f64::from(vpl::SHORTEST))),
         ("PI", Some(f64::from(std::f32::consts::PI))),
         ("LIFTS", Some(f64::from(vpl::LIFTS))),
-        ("MOST_FMM_TERMS", Some(MOST_FMM_TERMS as f64)),
+        ("MAX_FMM_TERMS", Some(MAX_FMM_TERMS as f64)),
         ("NO_TERM", Some(f64::from(NO_TERM))),
         ("TINY", Some(f64::from(f32::MIN_POSITIVE))),
     ])

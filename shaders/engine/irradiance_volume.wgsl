@@ -32,7 +32,7 @@ const MESHLESS_GI_QUARTER: f32 = 0.25;
 const MESHLESS_GI_BEFORE: f32 = 0.01;
 const MESHLESS_GI_BEYOND: f32 = 0.03;
 // Where so little is left of the eight voxels, all of them count.
-const MESHLESS_GI_LEAST: f32 = 1e-3;
+const MESHLESS_GI_MIN_WEIGHT: f32 = 1e-3;
 
 #ifdef MESHLESS_GI_DISPLAY
 // How much of its distance from the eye a surface may be away from that of the display.
@@ -124,7 +124,7 @@ fn irradiance_volume_light(
                 sum += weight * (along_x * square.x + along_y * square.y + along_z * square.z);
                 all_weights += weight;
             }
-            if all_weights > MESHLESS_GI_LEAST {
+            if all_weights > MESHLESS_GI_MIN_WEIGHT {
                 here = sum / all_weights;
             }
         }

@@ -2,7 +2,7 @@
 // cells were divided for them.
 
 const ITEMS: u32 = 64u;
-const MOST_GROUPS: u32 = 65535u;
+const MAX_GROUPS: u32 = 65535u;
 
 fn pack_cell(cell: vec2u) -> u32 {
     return cell.x | cell.y << 16u;
@@ -13,5 +13,5 @@ fn unpack_cell(word: u32) -> vec2u {
 }
 
 fn groups_of(count: u32) -> u32 {
-    return min((count + ITEMS - 1u) / ITEMS, MOST_GROUPS);
+    return min((count + ITEMS - 1u) / ITEMS, MAX_GROUPS);
 }

@@ -1,7 +1,7 @@
 //! The fast multipole method on a device: `fmm_up` and `fmm_down` over the buffers of one octree. Tree and lists come from the CPU, as in \[G08\] §3.
 
 use super::Pass;
-use super::frame::MOST_GROUPS;
+use super::frame::MAX_GROUPS;
 use super::pipelines::Kernels;
 use super::scene_buffers::binding_limit;
 use super::{GpuCounters, GpuError};
@@ -227,7 +227,7 @@ impl GpuFmm {
 
 /// Workgroups in two dimensions, a node each.
 fn groups(count: u32) -> [u32; 2] {
-    [count.min(MOST_GROUPS), count.div_ceil(MOST_GROUPS)]
+    [count.min(MAX_GROUPS), count.div_ceil(MAX_GROUPS)]
 }
 
 fn bytes_of<T: NoUninit>(values: &[T]) -> &[u8] {

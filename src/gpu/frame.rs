@@ -635,7 +635,7 @@ impl Recorder<'_> {
         let groups = items.div_ceil(kernel.entry().1.items);
         pass.set_pipeline(&self.kernels.pass(kernel).pipeline);
         pass.set_bind_group(0, bind, offsets);
-        let (x, y) = (groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS));
+        let (x, y) = (groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS));
         pass.dispatch_workgroups(x, y, 1);
         self.counters.dispatches[kernel as usize] += 1;
     }
@@ -650,7 +650,7 @@ impl Recorder<'_> {
 }
 
 /// Workgroups of one dimension: WebGPU's limit.
-pub(super) const MOST_GROUPS: u32 = 65_535;
+pub(super) const MAX_GROUPS: u32 = 65_535;
 
 pub(super) fn compute<'e>(
     encoder: &'e mut wgpu::CommandEncoder,

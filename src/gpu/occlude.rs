@@ -1,6 +1,6 @@
 //! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene without occluders makes no such buffers.
 
-use super::frame::{MOST_GROUPS, compute};
+use super::frame::{MAX_GROUPS, compute};
 use super::links::cut;
 use super::pipelines::Kernels;
 use super::scene_buffers::{Maker, SpanList, SpanTable};
@@ -137,7 +137,7 @@ impl GpuFrame {
                 );
                 pass.set_bind_group(0, &bind, &[offset]);
                 let groups = span.count.div_ceil(64);
-                pass.dispatch_workgroups(groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS), 1);
+                pass.dispatch_workgroups(groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS), 1);
                 dispatched += 1;
             }
             drop(pass);

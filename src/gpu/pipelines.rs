@@ -5,7 +5,7 @@ use super::Pass;
 use super::kernel::{Binding, COMPOSITE_ENTRIES, FOG_ENTRIES, Kernel, Kind};
 use super::kernels::{COMPOSITE, FOG, KERNELS};
 use meshless_gi::frame::Span;
-use meshless_gi::frame::fmm_layout::MOST_FMM_TERMS;
+use meshless_gi::frame::fmm_layout::MAX_FMM_TERMS;
 use std::num::NonZeroU64;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -46,7 +46,7 @@ pub enum Draw {
 }
 
 /// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
-const FMM_MEMORY: usize = MOST_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
+const FMM_MEMORY: usize = MAX_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 
 /// All pipelines of one device.
 #[derive(Debug)]

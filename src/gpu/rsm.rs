@@ -2,13 +2,13 @@
 //! lights that ask for it, and none where no light does.
 
 use super::Pass;
-use super::frame::{MOST_GROUPS, SplatTargets, compute};
+use super::frame::{MAX_GROUPS, SplatTargets, compute};
 use super::pipelines::Kernels;
 use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};
 use bytemuck::Pod;
 use glam::Mat4;
-use meshless_gi::frame::reflective::MOST_VPLS;
+use meshless_gi::frame::reflective::MAX_VPLS;
 use meshless_gi::frame::{
     FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
     VplViewParams,
@@ -180,7 +180,7 @@ impl ReflectiveMaps {
         vpls: u32,
     ) {
         let texels = std::mem::take(&mut self.filled);
-        let vpls = vpls.min(MOST_VPLS).min(self.capacity - self.used);
+        let vpls = vpls.min(MAX_VPLS).min(self.capacity - self.used);
         if vpls == 0 || texels == 0 {
             return;
         }
@@ -207,7 +207,7 @@ impl ReflectiveMaps {
                 ],
             );
             let groups = texels.div_ceil(64);
-            let groups = [groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS)];
+            let groups = [groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)];
             self.dispatch(kernels, encoder, Pass::RsmShadow, &bind, groups);
         }
         let params = RsmChooseParams {

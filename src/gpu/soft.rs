@@ -2,7 +2,7 @@
 //! one whose lights all cast hard shadows or none, makes no such buffers.
 
 use super::error::GpuError;
-use super::frame::{MOST_GROUPS, compute};
+use super::frame::{MAX_GROUPS, compute};
 use super::pipelines::Kernels;
 use super::scene_buffers::{SceneBuffers, uniform};
 use super::{GpuCounters, Pass};
@@ -223,7 +223,7 @@ impl SoftBuffers {
         let groups = items.div_ceil(kernel.entry().1.items);
         pass.set_pipeline(&kernels.pass(kernel).pipeline);
         pass.set_bind_group(0, bind, offsets);
-        pass.dispatch_workgroups(groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS), 1);
+        pass.dispatch_workgroups(groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS), 1);
         self.counters.dispatches[kernel as usize] += 1;
     }
 

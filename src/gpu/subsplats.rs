@@ -2,7 +2,7 @@
 //! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing is read back.
 
 use super::Pass;
-use super::frame::{MOST_GROUPS, compute};
+use super::frame::{MAX_GROUPS, compute};
 use super::pipelines::Kernels;
 use super::rsm::{ReflectiveMaps, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
@@ -313,7 +313,7 @@ impl Recorder<'_> {
                 (8, b.counts[coarsest as usize].as_entire_binding()),
             ],
             None,
-            &Groups::Direct([groups.min(MOST_GROUPS), groups.div_ceil(MOST_GROUPS)]),
+            &Groups::Direct([groups.min(MAX_GROUPS), groups.div_ceil(MAX_GROUPS)]),
         );
     }
 

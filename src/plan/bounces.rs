@@ -10,7 +10,7 @@ use std::fmt;
 /// What the reflections that are left out may be of all light, by the gain.
 pub const LEFT: f32 = 0.03;
 /// Most reflections, where no setting asks for more: each takes its time in every frame in which the light changes.
-pub const MOST: u32 = 16;
+pub const MAX: u32 = 16;
 /// Where a bake does not say what a reflection leaves.
 const UNKNOWN: u32 = 4;
 /// A choice and its reason.
@@ -46,14 +46,14 @@ impl fmt::Display for PickedBounces {
     }
 }
 
-/// How many reflections a frame takes at a gain: the fewest that leave [`LEFT`] at most, and [`MOST`] where that is more.
+/// How many reflections a frame takes at a gain: the fewest that leave [`LEFT`] at most, and [`MAX`] where that is more.
 #[must_use]
 pub fn bounces_at(gain: f32) -> u32 {
     match gain {
         g if g <= LEFT => 1,
-        g if g < 1.0 => (LEFT.ln() / g.ln()).ceil().min(MOST as f32) as u32,
+        g if g < 1.0 => (LEFT.ln() / g.ln()).ceil().min(MAX as f32) as u32,
         // Also what is no number.
-        _ => MOST,
+        _ => MAX,
     }
 }
 
@@ -91,7 +91,7 @@ impl BouncePicker {
             self.gain = self.gain.max(live_gain(bake, factors));
         }
         let gain = known.then_some(self.gain);
-        let most = FrameSettings::MOST_SWEEPS + 1;
+        let most = FrameSettings::MAX_SWEEPS + 1;
         Some(PickedBounces {
             bounces: match (asked, gain) {
                 (Some(bounces), _) => bounces.clamp(1, most),
@@ -135,7 +135,7 @@ mod tests {
     fn darker_levels_take_fewer() {
         let found = [0.0, 0.03, 0.031, 0.1, 0.3, 0.5, 0.58, 0.7, 0.8, 0.95, 1.0].map(bounces_at);
         assert_eq!(found, [1, 1, 2, 2, 3, 6, 7, 10, 16, 16, 16]);
-        assert_eq!([f32::NAN, f32::INFINITY, 1.5].map(bounces_at), [MOST; 3]);
+        assert_eq!([f32::NAN, f32::INFINITY, 1.5].map(bounces_at), [MAX; 3]);
         for gain in [0.04f32, 0.2, 0.41, 0.6, 0.75] {
             let n = bounces_at(gain) as i32;
             assert!(gain.powi(n) <= LEFT && gain.powi(n - 1) > LEFT, "{gain}");

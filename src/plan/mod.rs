@@ -50,7 +50,7 @@ mod state;
 mod survey;
 mod transport;
 
-pub use bounces::{BouncePicker, LEFT, MOST, PickedBounces, bounces_at};
+pub use bounces::{BouncePicker, LEFT, MAX, PickedBounces, bounces_at};
 pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColors};
 pub use cost::{Cost, CostModel, Timed, Work};
 pub use decision::{Decision, DecisionLog, NameOf, Subject};

@@ -1,7 +1,7 @@
 //! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links on the same points, if the bake has any.
 
 use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::fmm_layout::MOST_FMM_ORDER;
+use meshless_gi::frame::fmm_layout::MAX_FMM_ORDER;
 use meshless_gi::transport::fmm::FmmOperator;
 use std::fmt;
 
@@ -44,9 +44,9 @@ impl fmt::Display for NoOctree {
 /// # Errors
 /// The limit that it does not keep.
 pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), NoOctree> {
-    if octree.order as usize > MOST_FMM_ORDER {
+    if octree.order as usize > MAX_FMM_ORDER {
         return Err(NoOctree::Order {
-            have: MOST_FMM_ORDER as u64,
+            have: MAX_FMM_ORDER as u64,
             need: octree.order.into(),
         });
     }

@@ -28,7 +28,7 @@ use bevy::render::render_phase::ViewBinnedRenderPhases;
 use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
-use meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::reflective::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::frame::{RsmParams, VplViewParams};
 
 /// What a camera of a map runs instead of `Core3d`.
@@ -204,7 +204,7 @@ impl Reflections {
             light.maps.as_ref().map_or(0, |m| m.len() as u32) * side * side
         };
         let texels = drawn().map(texels).max().unwrap_or(0);
-        let vpls = drawn().map(|l| l.settings.lights.clamp(1, MOST_VPLS)).sum();
+        let vpls = drawn().map(|l| l.settings.lights.clamp(1, MAX_VPLS)).sum();
         let before = match before {
             Some(mut held) if !plan.resting.is_empty() => {
                 held.maps.rest();
@@ -390,7 +390,7 @@ fn read(
                 .collect(),
             false => Vec::new(),
         };
-        let vpls = light.settings.lights.clamp(1, MOST_VPLS);
+        let vpls = light.settings.lights.clamp(1, MAX_VPLS);
         reflections
             .maps
             .choose(kernels, &queue, encoder, &in_space, &scenes, vpls);

@@ -169,7 +169,7 @@ pub use readback::MeshlessGiCoefficients;
 #[cfg(feature = "gltf")]
 pub use recipe_progress::MeshlessGiRecipeProgress;
 pub use reflective::{
-    CAPTURE_LAYER, CAPTURE_ORDER, MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective,
+    MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
 };
 pub use sets::MeshlessGiSystems;
 pub use sky::{MeshlessGiSky, MeshlessGiSkyError};

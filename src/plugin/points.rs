@@ -138,12 +138,12 @@ fn material() -> StandardMaterial {
 const THICK: f32 = 0.1;
 
 /// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU device has.
-const MOST_POINTS: usize = 100_000;
+const MAX_POINTS: usize = 100_000;
 
 /// The cells of all points in meshes of bounded size.
 fn cells(cloud: &PointCloud) -> Vec<Mesh> {
     let smooth = cloud.corner_normals();
-    let parts = cloud.parts(MOST_POINTS);
+    let parts = cloud.parts(MAX_POINTS);
     parts
         .iter()
         .map(|part| some_cells(cloud, &smooth, part))

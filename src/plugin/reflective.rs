@@ -4,7 +4,7 @@
 //! [`MeshlessGiReflective`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
 //! its own ([`MeshlessGiCapture`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
 //!
-//! The cameras tell what moves by a [`RenderLayers`] of their own, [`CAPTURE_LAYER`], which the meshes below a bouncer get beside theirs.
+//! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the meshes below a bouncer get beside theirs.
 
 use super::components::MeshlessGiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
@@ -39,10 +39,10 @@ use meshless_gi::frame::reflective::side;
 use meshless_gi::scene::Bounds;
 
 /// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
-pub const CAPTURE_LAYER: usize = 61;
+pub const RSM_RENDER_LAYER: usize = 61;
 
 /// The maps are drawn before all cameras of a game: their orders count up from here.
-pub const CAPTURE_ORDER: isize = -1_000_000;
+pub const RSM_CAMERA_ORDER: isize = -1_000_000;
 
 /// This entity and all below it reflect light that no bake holds: a thing that moves. In the light of lamps with
 /// [`MeshlessGiReflective`] its meshes reflect once, diffusely, onto everything that cameras with [`MeshlessGiCamera`] show.
@@ -100,7 +100,7 @@ pub struct MeshlessGiCapture {
     pub map: u32,
 }
 
-/// A mesh that has [`CAPTURE_LAYER`] from us.
+/// A mesh that has [`RSM_RENDER_LAYER`] from us.
 #[derive(Component)]
 pub(crate) struct Marked {
     /// It had no layers at all.
@@ -126,7 +126,7 @@ pub(crate) fn mark(
     if bouncers.is_empty() && marked.is_empty() {
         return;
     }
-    let capture = RenderLayers::layer(CAPTURE_LAYER);
+    let capture = RenderLayers::layer(RSM_RENDER_LAYER);
     below.clear();
     for bouncer in &bouncers {
         let family = std::iter::once(bouncer).chain(children.iter_descendants(bouncer));
@@ -138,7 +138,7 @@ pub(crate) fn mark(
         };
         if !had || !layers.is_some_and(|l| l.intersects(&capture)) {
             let bare = layers.is_none();
-            let layers = layers.cloned().unwrap_or_default().with(CAPTURE_LAYER);
+            let layers = layers.cloned().unwrap_or_default().with(RSM_RENDER_LAYER);
             commands.entity(entity).insert((layers, Marked { bare }));
         }
     }
@@ -155,7 +155,7 @@ pub(crate) fn mark(
         let mut entity = commands.entity(entity);
         entity.remove::<Marked>();
         if let Some(layers) = layers {
-            let own = layers.clone().without(CAPTURE_LAYER);
+            let own = layers.clone().without(RSM_RENDER_LAYER);
             if mark.bare && own == RenderLayers::default() {
                 entity.remove::<RenderLayers>();
             } else {
@@ -325,7 +325,7 @@ pub(crate) fn aim(
         false => Vec::new(),
     };
 
-    let mut order = CAPTURE_ORDER;
+    let mut order = RSM_CAMERA_ORDER;
     let asking = &mut *asking;
     for light in &mut asking.lights {
         if !shown {
@@ -467,7 +467,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         CameraRenderGraph::new(super::capture::MeshlessGiCaptureGraph),
         projection(view.lens),
         (at, GlobalTransform::from(at)),
-        RenderLayers::layer(CAPTURE_LAYER),
+        RenderLayers::layer(RSM_RENDER_LAYER),
         DeferredPrepass,
         Msaa::Off,
         NoIndirectDrawing,

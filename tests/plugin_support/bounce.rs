@@ -9,7 +9,7 @@ use bevy_meshless_gi::plugin::MeshlessGiReflective;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::gloss::{GlossView, Lights};
 use meshless_gi::frame::project::extent;
-use meshless_gi::frame::reflective::{MOST_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::reflective::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::frame::{
     FrameLight, GlossSettings, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams,
     VplViewParams, gbuffer, pyramid, rsm, vpl,
@@ -149,7 +149,7 @@ pub fn cpu_vpls(
     let params = RsmChooseParams {
         texels: count,
         first: 0,
-        vpls: asked.lights.clamp(1, MOST_VPLS),
+        vpls: asked.lights.clamp(1, MAX_VPLS),
         pad: 0,
     };
     rsm::choose(&params, &texels)

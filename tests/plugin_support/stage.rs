@@ -14,7 +14,7 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// The largest mean FLIP between the plugin's frame and the CPU's.
-pub const MOST: f32 = 0.02;
+pub const MAX: f32 = 0.02;
 
 /// Candela of the test's lamps.
 pub const CANDELA: f32 = 1500.0;
@@ -120,21 +120,18 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     );
     let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
     println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
-    assert!(
-        d <= MOST && nrmse <= 0.03,
-        "{name}: FLIP {d}, NRMSE {nrmse}"
-    );
+    assert!(d <= MAX && nrmse <= 0.03, "{name}: FLIP {d}, NRMSE {nrmse}");
     // The test can fail: a picture upside down does, one half as bright again, and one that is off by what nobody sees.
     let mut turned = test.clone();
     turned.pixels.reverse();
     assert!(
-        flip(reference, &turned) > MOST,
+        flip(reference, &turned) > MAX,
         "{name}: a picture upside down is not told apart"
     );
     let mut brighter = test.clone();
     brighter.pixels.iter_mut().flatten().for_each(|v| *v *= 1.5);
     assert!(
-        flip(reference, &brighter) > MOST,
+        flip(reference, &brighter) > MAX,
         "{name}: a brighter picture is not told apart"
     );
     let mut off = test.clone();

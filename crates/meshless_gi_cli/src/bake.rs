@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// More threads help nobody.
-pub const MOST_THREADS: i64 = 1024;
+pub const MAX_THREADS: i64 = 1024;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,7 +31,7 @@ pub struct Args {
     #[command(flatten)]
     options: Options,
     /// Threads; 0 for one a processor. The result does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MOST_THREADS))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     threads: u32,
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE.json")]

@@ -15,7 +15,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Reflections that are simulated one by one; `all` takes no more steps than these.
-const MOST_BOUNCES: u32 = FrameSettings::MOST_SWEEPS + 1;
+const MAX_BOUNCES: u32 = FrameSettings::MAX_SWEEPS + 1;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -41,9 +41,9 @@ pub struct Args {
 pub fn parse_bounces(text: &str) -> Result<Bounces, String> {
     match (text, text.parse()) {
         ("all", _) => Ok(Bounces::All),
-        (_, Ok(count @ 1..=MOST_BOUNCES)) => Ok(Bounces::Count(count)),
+        (_, Ok(count @ 1..=MAX_BOUNCES)) => Ok(Bounces::Count(count)),
         _ => Err(format!(
-            "a number from 1 to {MOST_BOUNCES}, or `all`, is needed"
+            "a number from 1 to {MAX_BOUNCES}, or `all`, is needed"
         )),
     }
 }

@@ -8,7 +8,7 @@ use super::progress;
 use meshless_gi::asset::check_writable;
 use meshless_gi::eval::Bounces;
 use meshless_gi::export::{ExportedVolume, VolumeExport};
-use meshless_gi::frame::volume_places::MOST_PLACES;
+use meshless_gi::frame::volume_places::MAX_PLACES;
 use meshless_gi::scene::SceneDescription;
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = voxel)]
     voxel: Option<f32>,
     /// Most voxels; they become larger where they would be more.
-    #[arg(long, value_name = "N", default_value_t = 1 << 16, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PLACES)))]
+    #[arg(long, value_name = "N", default_value_t = 1 << 16, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PLACES)))]
     max_voxels: u32,
     /// Diffuse reflections that count, 1 or more, or `all`; left out: as many as the bake asks for.
     #[arg(long, value_name = "N|all", allow_hyphen_values = true, value_parser = parse_bounces)]

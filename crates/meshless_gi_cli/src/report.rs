@@ -23,7 +23,7 @@ pub struct Args {
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = minutes)]
     minutes: Option<f64>,
     /// Threads; 0 for one a processor. Times depend on it, errors do not.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=bake::MOST_THREADS))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=bake::MAX_THREADS))]
     threads: u32,
 }
 

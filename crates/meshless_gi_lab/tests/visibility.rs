@@ -396,7 +396,7 @@ fn the_first_components_are_those_of_a_bake_of_fewer() {
         let mut sums = [0.0f64; 3];
         for i in 0..points.len() {
             let e = |v: &Visibility, texel| {
-                let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 2];
+                let mut decoded = [0.0; Visibility::MAX_COMPONENTS as usize + 2];
                 let count = v.decode(i, &mut decoded);
                 let cluster = v.clusters[v.points[i].cluster as usize];
                 v.reconstruct(&cluster, &decoded[..count], texel)
@@ -588,7 +588,7 @@ fn wrong(
     let mut out = vec![(0.0, Vec::new()); v.clusters.len()];
     let (mut row, mut decoded) = (
         vec![0.0; length],
-        [0.0; Visibility::MOST_COMPONENTS as usize + 2],
+        [0.0; Visibility::MAX_COMPONENTS as usize + 2],
     );
     for (i, &point) in points.iter().enumerate() {
         let c = v.points[i].cluster as usize;

@@ -56,7 +56,7 @@ pub struct Places {
 
 impl Places {
     /// Most places of a sender.
-    pub const MOST: u32 = 64;
+    pub const MAX: u32 = 64;
 }
 
 /// Everything that a frame reads.

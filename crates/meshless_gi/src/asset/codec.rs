@@ -147,7 +147,7 @@ impl Layout {
         }
         let words: &[u32] = bytemuck::cast_slice(items);
         let mut out = Vec::with_capacity(items.len() * self.item_bytes());
-        let mut before = [0; MOST_FIELDS];
+        let mut before = [0; MAX_FIELDS];
         for item in words.chunks_exact(size_of::<T>() / 4) {
             for (field, before) in self.fields.iter().zip(&mut before) {
                 let value = field.get(item[field.word]);
@@ -172,7 +172,7 @@ impl Layout {
         let mut items = vec![T::zeroed(); count];
         let words: &mut [u32] = bytemuck::cast_slice_mut(&mut items);
         let mut rest = raw;
-        let mut before = [0; MOST_FIELDS];
+        let mut before = [0; MAX_FIELDS];
         for item in words.chunks_exact_mut(size_of::<T>() / 4) {
             for (field, before) in self.fields.iter().zip(&mut before) {
                 let (bytes, behind) = rest.split_at(field.bytes());
@@ -192,7 +192,7 @@ impl Layout {
 }
 
 /// More fields than any struct has.
-const MOST_FIELDS: usize = 12;
+const MAX_FIELDS: usize = 12;
 
 /// Items to columns.
 fn to_columns<T: Pod>(items: &[T], fields: &[Field]) -> Vec<u8> {

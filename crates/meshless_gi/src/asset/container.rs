@@ -12,7 +12,7 @@ const HEADER: usize = 32;
 /// Bytes of one row of the table.
 const ENTRY: usize = 40;
 /// More sections than any version has.
-const MOST_SECTIONS: u32 = 64;
+const MAX_SECTIONS: u32 = 64;
 /// LZ4 cannot expand a byte to more than this.
 const LZ4_RATIO: u64 = 255;
 
@@ -153,7 +153,7 @@ impl<'a> Container<'a> {
             });
         }
         let count = u32_at(bytes, 12);
-        if count > MOST_SECTIONS {
+        if count > MAX_SECTIONS {
             return Err(header(format!("{count} sections")));
         }
         let start = HEADER + ENTRY * count as usize;

@@ -8,17 +8,17 @@ use super::error::AssetError;
 use super::sections::{COUNT, broken, items, kind, section};
 use super::validate::Check;
 use crate::transport::fmm::lists::Entry;
-use crate::transport::fmm::terms::MOST_ORDER;
+use crate::transport::fmm::terms::MAX_ORDER;
 use crate::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
 use glam::Vec3;
 
 /// Deepest tree: three divisions by direction, and as many in space as cells have bits.
-const MOST_LEVELS: usize = 64;
+const MAX_LEVELS: usize = 64;
 /// Surface of a point over π, in units of the scene's side squared: a point that stands for all of a scene whose walls fold a thousand times.
-const MOST_SHARE: f32 = 1e3;
+const MAX_SHARE: f32 = 1e3;
 
 /// What a point's light is multiplied by.
-const MOST_FACTOR: f32 = 16.0;
+const MAX_FACTOR: f32 = 16.0;
 
 const NODE: Layout = Layout::columns(&[
     Field::word(0),
@@ -57,7 +57,7 @@ const PLACE: Layout = Layout::rows(&[
 pub(super) const KINDS: [Kind; 5] = [
     Kind {
         // Order, disks, and where the levels start.
-        most: 3 + MOST_LEVELS as u64,
+        most: 3 + MAX_LEVELS as u64,
         // In memory twice while they are taken apart.
         memory: 8,
         ..kind::<u32>(29, "octree", COUNT)
@@ -160,15 +160,15 @@ impl BakedScene {
     /// one another and name nodes that are as far away as expansions need, leaves where points are asked for.
     pub(super) fn check_fmm(&self, check: &mut Check) {
         let Some(octree) = &self.fmm else { return };
-        check.whole(octree.order as usize <= MOST_ORDER, "octree", || {
-            format!("order {}, at most {MOST_ORDER}", octree.order)
+        check.whole(octree.order as usize <= MAX_ORDER, "octree", || {
+            format!("order {}, at most {MAX_ORDER}", octree.order)
         });
         check.whole(octree.disks, "octree", || {
             "sources that are no disks may send more light than they have".into()
         });
         let starts = &octree.level_starts;
         let nodes = octree.nodes.len();
-        let sound = (1..=MOST_LEVELS + 1).contains(&starts.len())
+        let sound = (1..=MAX_LEVELS + 1).contains(&starts.len())
             && starts.first() == Some(&0)
             && starts.last() == Some(&(nodes as u32))
             && starts.is_sorted()
@@ -296,13 +296,13 @@ impl BakedScene {
                 });
                 let source = node.source_range().contains(&i);
                 let fits = match source {
-                    true => (p.point as usize) < senders && (0.0..=MOST_SHARE).contains(&p.share),
+                    true => (p.point as usize) < senders && (0.0..=MAX_SHARE).contains(&p.share),
                     false => p.share == 0.0,
                 };
                 check.item(fits, "octree places", i, || {
                     format!("point {} of {senders} senders, share {}", p.point, p.share)
                 });
-                let sound = (0.0..=MOST_FACTOR).contains(&p.factor);
+                let sound = (0.0..=MAX_FACTOR).contains(&p.factor);
                 check.item(sound, "octree places", i, || format!("factor {}", p.factor));
                 if node.receiver_range().contains(&i) {
                     let fresh = known.get_mut(p.point as usize);
@@ -331,7 +331,7 @@ impl BakedScene {
 }
 
 /// Places that entries of both lists between a leaf and a node name, one with another: leaves are small where a bake made them.
-const MOST_NAMED: u64 = 1 << 31;
+const MAX_NAMED: u64 = 1 << 31;
 
 /// Entries name nodes, the right ones for their list, at distances that their expansions converge over.
 fn check_lists(octree: &FmmOperator, check: &mut Check) {
@@ -366,9 +366,9 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     2 => node.receiver_range().len() as u64,
                     _ => 0,
                 };
-                if named > MOST_NAMED {
+                if named > MAX_NAMED {
                     check.item(false, "octree entries", e, || {
-                        format!("more than {MOST_NAMED} places in lists of leaves")
+                        format!("more than {MAX_NAMED} places in lists of leaves")
                     });
                     return;
                 }

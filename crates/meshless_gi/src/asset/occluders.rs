@@ -59,7 +59,7 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     kind::<u32>(51, "occluder triangles", COUNT),
     Kind {
-        most: Passage::MOST_SETS as u64,
+        most: Passage::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
     kind::<Passage>(53, "passages", PASSAGE),
@@ -145,11 +145,11 @@ impl BakedScene {
         };
         let names = &occluders.names;
         check.whole(
-            (1..=Bvh::MOST_OCCLUDERS).contains(&known),
+            (1..=Bvh::MAX_OCCLUDERS).contains(&known),
             "occluder names",
-            || format!("{known}, but 1 to {}", Bvh::MOST_OCCLUDERS),
+            || format!("{known}, but 1 to {}", Bvh::MAX_OCCLUDERS),
         );
-        for (i, name) in names.iter().enumerate().take(Bvh::MOST_OCCLUDERS) {
+        for (i, name) in names.iter().enumerate().take(Bvh::MAX_OCCLUDERS) {
             let sound = !name.is_empty() && !names[..i].contains(name);
             check.item(sound, "occluder names", i, || {
                 format!("`{name}` is empty, or comes twice")
@@ -159,7 +159,7 @@ impl BakedScene {
         let count = sets.len();
         let ascend = sets.first() == Some(&0) && sets.windows(2).all(|w| w[0] < w[1]);
         check.whole(
-            ascend && count <= Passage::MOST_SETS,
+            ascend && count <= Passage::MAX_SETS,
             "occluder sets",
             || format!("{count} do not ascend from the empty one"),
         );

@@ -28,7 +28,7 @@ pub struct Probes {
 
 impl Probes {
     /// Most probes of a scene.
-    pub const MOST: usize = 1 << 20;
+    pub const MAX: usize = 1 << 20;
 
     /// Bytes of all arrays in memory and on the device.
     #[must_use]
@@ -63,7 +63,7 @@ pub(super) const KINDS: [Kind; 5] = [
         ..kind::<u32>(40, "probes", COUNT)
     },
     Kind {
-        most: Probes::MOST as u64,
+        most: Probes::MAX as u64,
         ..kind::<Point>(41, "probe points", POINT)
     },
     kind::<[f32; 4]>(42, "probe planes", PLANE),
@@ -125,8 +125,8 @@ impl BakedScene {
     pub(super) fn check_probes(&self, check: &mut Check) {
         let Some(probes) = &self.probes else { return };
         let count = probes.points.len();
-        check.whole((1..=Probes::MOST).contains(&count), "probes", || {
-            format!("{count}, but 1 to {}", Probes::MOST)
+        check.whole((1..=Probes::MAX).contains(&count), "probes", || {
+            format!("{count}, but 1 to {}", Probes::MAX)
         });
         for (i, p) in probes.points.iter().enumerate() {
             let sound = p.x().is_finite() && p.radius.is_finite() && p.radius > 0.0;

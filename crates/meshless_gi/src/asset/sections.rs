@@ -105,7 +105,7 @@ const TRIANGLE: Layout = Layout::rows(&[
 ]);
 
 /// Most items of any array: what an index of 32 bits can reach.
-const MOST: u64 = u32::MAX as u64;
+const MAX: u64 = u32::MAX as u64;
 
 /// A kind of section in its first version, of as many items as numbers of 32 bits tell apart.
 pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Kind {
@@ -115,7 +115,7 @@ pub(super) const fn kind<T>(code: u32, name: &'static str, layout: Layout) -> Ki
         version: 1,
         raw: layout.item_bytes() as u64,
         memory: size_of::<T>() as u64,
-        most: MOST,
+        most: MAX,
     }
 }
 

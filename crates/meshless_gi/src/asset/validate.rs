@@ -10,7 +10,7 @@ use glam::{Vec3, Vec4};
 use std::fmt;
 
 /// So many violations are listed; what is wrong more often is wrong as a whole.
-const MOST_VIOLATIONS: usize = 32;
+const MAX_VIOLATIONS: usize = 32;
 /// How far sums of weights and lengths of normals may be from one.
 pub(super) const TOLERANCE: f32 = 1e-3;
 /// Nodes that a shadow ray's walk can put aside; a BVH must not be deeper.
@@ -47,7 +47,7 @@ pub(super) struct Check(pub(super) Vec<Violation>);
 
 impl Check {
     pub(super) fn full(&self) -> bool {
-        self.0.len() >= MOST_VIOLATIONS
+        self.0.len() >= MAX_VIOLATIONS
     }
 
     pub(super) fn item(
@@ -137,8 +137,8 @@ impl BakedScene {
             0
         };
         let per_sender = self.places.per_sender;
-        check.whole(per_sender <= Places::MOST, "places", || {
-            format!("{per_sender} a sender, at most {}", Places::MOST)
+        check.whole(per_sender <= Places::MAX, "places", || {
+            format!("{per_sender} a sender, at most {}", Places::MAX)
         });
         let most = Link::MAX_SENDERS - self.sky_terms();
         check.whole(senders <= most, "senders", || {
@@ -288,7 +288,7 @@ impl BakedScene {
             !matches!(self.parents.starts.get(i..i + 2), Some(&[start, end]) if start < end);
         match needed || self.operator.form == SenderForm::Differences {
             true => 1,
-            false => Operator::MOST_TIERS,
+            false => Operator::MAX_TIERS,
         }
     }
 

@@ -31,7 +31,7 @@ const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 /// Words of the section "visibility".
 const SHAPE_WORDS: usize = 2;
 /// Most directions of a point.
-const MOST_DIRECTIONS: u64 = 1 << 16;
+const MAX_DIRECTIONS: u64 = 1 << 16;
 /// Coefficients times components: e is at most one, and no component is longer than the root of the directions.
 const LARGEST_SCALE: f32 = 1024.0;
 
@@ -108,7 +108,7 @@ pub(super) fn read(
         scales: items(file, &kinds[4], COUNT)?,
         coefficients: items(file, &kinds[5], PAIR)?,
     };
-    if u64::from(columns) * u64::from(rows) > MOST_DIRECTIONS {
+    if u64::from(columns) * u64::from(rows) > MAX_DIRECTIONS {
         return Err(broken(&kinds[0], format!("{columns} × {rows} directions")));
     }
     out.place()
@@ -122,7 +122,7 @@ impl BakedScene {
         let Some(v) = &self.visibility else { return };
         let directions = u64::from(v.grid.columns) * u64::from(v.grid.rows);
         check.whole(
-            (1..=MOST_DIRECTIONS).contains(&directions),
+            (1..=MAX_DIRECTIONS).contains(&directions),
             "visibility",
             || format!("{} × {} directions", v.grid.columns, v.grid.rows),
         );
@@ -151,7 +151,7 @@ impl BakedScene {
             check.item(sound, "visibility clusters", i, || {
                 format!("depths relative to {} m", c.near)
             });
-            let most = Visibility::MOST_COMPONENTS;
+            let most = Visibility::MAX_COMPONENTS;
             check.item(c.components <= most, "visibility clusters", i, || {
                 format!("{} components, at most {most}", c.components)
             });
@@ -168,7 +168,7 @@ impl BakedScene {
             check.item(named, "visibility points", i, || {
                 format!("cluster {} of {}", p.cluster, v.clusters.len())
             });
-            let beyond = (components..Visibility::MOST_COMPONENTS)
+            let beyond = (components..Visibility::MAX_COMPONENTS)
                 .any(|j| p.mask[j as usize / 32] >> (j % 32) & 1 != 0);
             check.item(!beyond, "visibility points", i, || {
                 format!("has coefficients of more than {components} components")

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
 /// The gain that the guard lowers to: a thousand reflections leave a third of the light.
-pub(super) const MOST_GAIN: f64 = 0.999;
+pub(super) const MAX_GAIN: f64 = 0.999;
 /// Bounds above this one are guarded against.
 pub(super) const GUARDED_FROM: f64 = 0.9995;
 /// Steps that sharpen the bound.
@@ -81,8 +81,8 @@ pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
             let mut lowered = false;
             for albedo in &mut surface.albedo {
                 let row = f64::from(*albedo) * sum;
-                if row > MOST_GAIN {
-                    let factor = MOST_GAIN / row;
+                if row > MAX_GAIN {
+                    let factor = MAX_GAIN / row;
                     // Rounded down, so that the product is no more than it may be.
                     *albedo = (f64::from(*albedo) * factor) as f32 * (1.0 - f32::EPSILON);
                     guard_factor = f64::min(guard_factor, factor);
@@ -121,7 +121,7 @@ fn conserve_components(
     let mut found = gain(scene);
     let (mut guarded, mut guard_factor) = (0, 1.0);
     if found > GUARDED_FROM {
-        guard_factor = MOST_GAIN / found;
+        guard_factor = MAX_GAIN / found;
         let senders = scene.senders();
         guarded = components::lower(&mut scene.surfaces[..senders], guard_factor);
         found = gain(scene);
@@ -148,7 +148,7 @@ fn conserve_components(
 pub(super) fn warning(energy: &EnergyInfo, senders: u64) -> Option<String> {
     (energy.guarded > 0).then(|| {
         format!(
-            "light would hardly ever die away in so closed and so white a level: the albedo of {} of {senders} senders was lowered, by {:.2} % at most, for a gain of {MOST_GAIN}",
+            "light would hardly ever die away in so closed and so white a level: the albedo of {} of {senders} senders was lowered, by {:.2} % at most, for a gain of {MAX_GAIN}",
             energy.guarded,
             100.0 * (1.0 - energy.guard_factor)
         )

@@ -5,7 +5,7 @@
 //!
 //! **Reciprocity** is asked of runs of senders that lie together: even light of one run on another, and the other way round, times their surfaces.
 
-use super::energy::{GUARDED_FROM, MOST_GAIN};
+use super::energy::{GUARDED_FROM, MAX_GAIN};
 use super::energy_components::lower;
 use super::octree::even;
 use crate::asset::{BakedScene, EnergyInfo};
@@ -35,9 +35,9 @@ pub(super) fn conserve(scene: &mut BakedScene, unlit: &[f32], areas: &[f32]) -> 
     let mut found = gain(scene, &octree, &mut passes);
     let (mut guarded, mut guard_factor) = (before.guarded, f64::from(before.guard_factor));
     if found > GUARDED_FROM {
-        guard_factor *= MOST_GAIN / found;
+        guard_factor *= MAX_GAIN / found;
         let senders = scene.senders();
-        guarded = lower(&mut scene.surfaces[..senders], MOST_GAIN / found);
+        guarded = lower(&mut scene.surfaces[..senders], MAX_GAIN / found);
         found = gain(scene, &octree, &mut passes);
     }
     let reciprocity = reciprocity(scene, &octree, &mut passes, areas);

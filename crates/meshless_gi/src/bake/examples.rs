@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const SUN_OF: usize = 4;
 
 /// A lamp of whose light less comes back than this share of what comes back of the usual one's counts as if that share did.
-const LEAST_BACK: f64 = 0.5;
+const MIN_BACK: f64 = 0.5;
 
 /// How bases are made.
 #[derive(Clone, Copy, Debug)]
@@ -136,7 +136,7 @@ fn examples(
     shares.sort_by(f64::total_cmp);
     let usual = shares.get(shares.len() / 2).copied().unwrap_or(0.0);
     for (row, [back, direct]) in light.chunks_exact_mut(own.len().max(1)).zip(powers) {
-        let power = back.max(LEAST_BACK * usual * direct);
+        let power = back.max(MIN_BACK * usual * direct);
         let scale = if power > 0.0 {
             (1.0 / power) as f32
         } else {

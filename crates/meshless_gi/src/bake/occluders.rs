@@ -9,7 +9,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Most boxes of an occluder.
-const MOST_BOXES: usize = 4096;
+const MAX_BOXES: usize = 4096;
 /// Longest name, bytes.
 const LONGEST_NAME: usize = 256;
 
@@ -69,7 +69,7 @@ pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> 
         value,
         allowed,
     };
-    if shapes.len() > Bvh::MOST_OCCLUDERS {
+    if shapes.len() > Bvh::MAX_OCCLUDERS {
         return Err(wrong(format!("{} of them", shapes.len()), "64 at most"));
     }
     for (i, shape) in shapes.iter().enumerate() {
@@ -81,7 +81,7 @@ pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> 
             let value = format!("two called `{}`", shape.name);
             return Err(wrong(value, "called something different each"));
         }
-        if shape.boxes.len() > MOST_BOXES {
+        if shape.boxes.len() > MAX_BOXES {
             let value = format!("{} boxes of `{}`", shape.boxes.len(), shape.name);
             return Err(wrong(value, "4096 boxes each at most"));
         }
@@ -139,7 +139,7 @@ pub(super) fn known(
     if occluders.is_empty() {
         return Ok(None);
     }
-    let most = Passage::MOST_SETS;
+    let most = Passage::MAX_SETS;
     let (sets, [links, probes]) =
         number_sets([passing, space]).ok_or(BakeError::TooManyPassages { most })?;
     Ok(Some(Occluders {

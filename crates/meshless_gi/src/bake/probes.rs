@@ -100,7 +100,7 @@ pub(super) fn bake(
         room.viewpoints,
         &PlaceSettings {
             spacing: settings.spacing,
-            most: Probes::MOST,
+            most: Probes::MAX,
             seed: room.gathering.seed,
             drop_first: room.drop_first,
         },
@@ -109,7 +109,7 @@ pub(super) fn bake(
         room.stats.warnings.push(format!(
             "probes {} m apart would be more than {}: free space is not filled. Make `probes.spacing` larger",
             settings.spacing,
-            Probes::MOST
+            Probes::MAX
         ));
     }
     let (basis, rays) = probe_basis(geometry, &space.probes, &space.crossed, settings.spacing);

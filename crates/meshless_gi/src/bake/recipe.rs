@@ -210,7 +210,7 @@ const FILL: f32 = 0.7;
 /// Clusters of senders under rule `pca`, about: as \[P14\] §6 has them, a few more.
 const CLUSTERS: f32 = 64.0;
 /// Senders that make a cluster of their own at least.
-const LEAST_CLUSTER: f32 = 16.0;
+const MIN_CLUSTER: f32 = 16.0;
 
 impl Recipe {
     /// Reads a recipe from RON.
@@ -313,7 +313,7 @@ impl Recipe {
             });
         }
         check_shapes(&self.occluders)?;
-        within("places", self.places, 1, Places::MOST, "1 to 64")?;
+        within("places", self.places, 1, Places::MAX, "1 to 64")?;
         within("bounces", self.bounces, 1, 64, "1 to 64")?;
         within("epsilon", self.epsilon, 0.0, 1.0, "0 to 1")?;
         within("tolerance", self.tolerance, 0.0, 1.0, "0 to 1")?;
@@ -392,7 +392,7 @@ impl Recipe {
         // Senders of the finest level, about.
         let radius = coarse_radius / (1u32 << (sender_levels.max(1) - 1)) as f32;
         let senders = FILL * area / (radius * radius);
-        let a_cluster = (senders / CLUSTERS).clamp(LEAST_CLUSTER, 65_536.0) as u32;
+        let a_cluster = (senders / CLUSTERS).clamp(MIN_CLUSTER, 65_536.0) as u32;
         let pca = |value: Option<u32>, usual| match self.rule {
             Rule::Pca => value.unwrap_or(usual),
             Rule::Bounded | Rule::L08 | Rule::Fmm => 0,

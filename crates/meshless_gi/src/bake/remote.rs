@@ -4,7 +4,7 @@ use super::BakeError;
 use crate::scene::Bounds;
 
 /// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
-const MOST_LIFT: f32 = 0.1;
+const MAX_LIFT: f32 = 0.1;
 /// From how much on it is worth a warning: a level of 2 m then lies 2 km away.
 const NOTED_LIFT: f32 = 1e-3;
 
@@ -18,7 +18,7 @@ pub(super) fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
     if size <= 0.0 || lift.is_nan() || lift <= NOTED_LIFT {
         return Ok(None);
     }
-    if lift > MOST_LIFT {
+    if lift > MAX_LIFT {
         return Err(BakeError::TooFar { far, size, spacing });
     }
     Ok(Some(format!(

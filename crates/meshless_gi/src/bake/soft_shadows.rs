@@ -58,7 +58,7 @@ impl SoftShadows {
             "soft_shadows.coefficients",
             self.coefficients,
             1,
-            Visibility::MOST_COMPONENTS,
+            Visibility::MAX_COMPONENTS,
             "1 to 128",
         )?;
         within(

@@ -16,14 +16,14 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 /// Planes a function may have at most: what the display can afford to test.
-const MOST_PLANES: usize = 4;
+const MAX_PLANES: usize = 4;
 /// A plane may cut off this share of the visible weight for each share of blocked weight.
 const LOSS: f32 = 0.5;
 /// Height above the surface, in radii, from which one looks: over gravel, not over walls.
 const EYE: f32 = 0.1;
 
 /// Places at most that a function looks at for its clip planes.
-const MOST_LOOKS: usize = 64;
+const MAX_VISIBILITY_SAMPLES: usize = 64;
 /// Directions along the tangent plane in which it looks for walls.
 const DIRECTIONS: u32 = 16;
 /// Places behind a wall in each of them.
@@ -60,10 +60,10 @@ pub(super) fn choose_planes(
     let cut_off = |place: &Place, plane: Vec4| {
         place.blocked && before(plane, place.x, place.n, radius) < -slack
     };
-    let first = &first[..first.len().min(MOST_PLANES)];
+    let first = &first[..first.len().min(MAX_PLANES)];
     places.retain(|place| !first.iter().any(|&plane| cut_off(place, plane)));
     let mut kept: Vec<[f32; 4]> = first.iter().map(Vec4::to_array).collect();
-    while kept.len() < MOST_PLANES {
+    while kept.len() < MAX_PLANES {
         let mut best: Option<(f32, Vec4)> = None;
         for &plane in candidates {
             // The function's own place stays, however near the wall it is.
@@ -237,7 +237,7 @@ pub(super) fn with_planes(
             });
             near.sort_unstable();
             // Coarse functions among fine points need not look at all of them.
-            let stride = near.len().div_ceil(MOST_LOOKS);
+            let stride = near.len().div_ceil(MAX_VISIBILITY_SAMPLES);
             let around = near
                 .iter()
                 .step_by(stride.max(1))

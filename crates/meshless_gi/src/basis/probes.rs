@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing sees always has several.
 pub const PROBE_OVERLAP: f32 = 1.75;
 /// Places at most that a probe looks at.
-const MOST_LOOKS: usize = 192;
+const MAX_VISIBILITY_SAMPLES: usize = 192;
 /// Directions in which it looks for walls.
 const WALLS: u32 = 48;
 
@@ -60,7 +60,7 @@ pub fn probe_basis(
             });
             near.sort_unstable();
             near.dedup();
-            let stride = near.len().div_ceil(MOST_LOOKS).max(1);
+            let stride = near.len().div_ceil(MAX_VISIBILITY_SAMPLES).max(1);
             let looked = near.iter().step_by(stride).map(|&i| crossed[i as usize]);
             planes_of(geometry, x, radius, looked)
         })

@@ -21,7 +21,7 @@ const CONVERGED: f32 = 1e-4;
 /// How many diffuse reflections count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bounces {
-    /// So many; one at least, and at most one more than [`FrameSettings::MOST_SWEEPS`].
+    /// So many; one at least, and at most one more than [`FrameSettings::MAX_SWEEPS`].
     Count(u32),
     /// As many as change anything.
     All,
@@ -240,7 +240,7 @@ fn sweep(
         frame.converge(scene, settings, CONVERGED);
         return None;
     };
-    let sweeps = (count.max(1) - 1).min(FrameSettings::MOST_SWEEPS);
+    let sweeps = (count.max(1) - 1).min(FrameSettings::MAX_SWEEPS);
     let settings = FrameSettings {
         sweeps,
         ..*settings

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 /// Largest probability with which Russian roulette lets a path go on. A path that goes on weighs ρ / s as much, so that the sum over a path has a finite
 /// variance, and a standard error a meaning, only while ρ² < s: with 0.999 for ρ up to 0.9995 in a closed room.
-const MOST_SURVIVE: f32 = 0.999;
+const MAX_SURVIVE: f32 = 0.999;
 
 /// How much work the reference takes.
 #[derive(Clone, Copy, Debug)]
@@ -187,7 +187,7 @@ pub fn irradiance(
             }
             throughput *= seen.albedo;
             if settings.bounces.is_none() && depth > 3 {
-                let survive = throughput.max_element().min(MOST_SURVIVE);
+                let survive = throughput.max_element().min(MAX_SURVIVE);
                 if random.unit() >= survive {
                     break;
                 }

@@ -264,7 +264,7 @@ impl CpuFrame {
 
     /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says of them: until what further ones would add, by
     /// the bake's own bound on the gain of a reflection, is below `tolerance` times the light, or single precision says no more. The sweeps are accelerated:
-    /// they are no single reflections, but end where all of those would. Returns how many ran, at most [`MOST_ACCELERATED`](Self::MOST_ACCELERATED).
+    /// they are no single reflections, but end where all of those would. Returns how many ran, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
     pub fn converge(
         &mut self,
         scene: &BakedScene,
@@ -307,7 +307,7 @@ impl CpuFrame {
                 change = change.max(memory.step(x, g));
             }
             // The sweep's own result is light that arrived; what lies beyond it is a guess.
-            if change <= enough || sweeps >= Self::MOST_ACCELERATED {
+            if change <= enough || sweeps >= Self::MAX_ACCELERATED {
                 break;
             }
             for (c, x) in x.iter_mut().enumerate() {
@@ -329,7 +329,7 @@ impl CpuFrame {
     }
 
     /// Most sweeps of [`converge`](Self::converge).
-    pub const MOST_ACCELERATED: u32 = 200;
+    pub const MAX_ACCELERATED: u32 = 200;
 
     /// One reflection: the senders' light carried to them again, and added to their direct light.
     fn sweep(

@@ -9,9 +9,9 @@ pub use crate::transport::fmm::lists::Entry as FmmEntry;
 pub use crate::transport::fmm::{FmmNode, FmmPlace};
 
 /// Highest order that the kernels take: what a workgroup's memory holds.
-pub const MOST_FMM_ORDER: usize = 6;
+pub const MAX_FMM_ORDER: usize = 6;
 /// Terms of that order.
-pub const MOST_FMM_TERMS: usize = 84;
+pub const MAX_FMM_TERMS: usize = 84;
 
 /// A term of the expansions. 48 bytes.
 #[repr(C)]

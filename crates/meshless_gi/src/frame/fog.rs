@@ -14,7 +14,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
 /// Most other levels that may lie in the same place and come first.
-pub const MOST_EARLIER: usize = 4;
+pub const MAX_EARLIER: usize = 4;
 /// Where so little of the light behind is left, the rest of the ray is not looked at.
 pub const DARK: f32 = 1e-3;
 /// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
@@ -35,7 +35,7 @@ pub struct FogParams {
     /// From the view's space to voxels from the corner of the level's volume.
     pub voxels_from_view: [[f32; 4]; 4],
     /// The same as for the fog, for levels that come first: fog that lies in them is not lit by this one.
-    pub earlier: [[[f32; 4]; 4]; MOST_EARLIER],
+    pub earlier: [[[f32; 4]; 4]; MAX_EARLIER],
     /// The view's corner and size on its target, pixels.
     pub viewport: [f32; 4],
     /// What the light that is scattered is multiplied with, σₛ and exposure in it.
@@ -133,7 +133,7 @@ impl FogParams {
             extinction: fog.absorption + fog.scattering,
             radius: (fog.world_from_local.transform_vector3(Vec3::splat(0.5))).length(),
             part: PART * shape.voxel().min_element() * scale,
-            earlier_count: earlier.len().min(MOST_EARLIER) as u32,
+            earlier_count: earlier.len().min(MAX_EARLIER) as u32,
             low,
             textured: u32::from(fog.texture.is_some()),
             high,

@@ -241,7 +241,7 @@ fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
 }
 
 /// Light over flux, 1/m², below which there is none.
-pub const LEAST: f32 = 1e-15;
+pub const MIN: f32 = 1e-15;
 
 /// How much brighter than by a white matt surface a light may be seen in this gloss: what the threshold of shadow rays is compared with.
 fn brightest(gloss: &Gloss) -> f32 {
@@ -256,7 +256,7 @@ pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
     let g = share(light, at.x, n);
     let arrives = n.dot(g);
     // Less than this is nothing, and has no direction in single precision.
-    if arrives.is_nan() || arrives <= LEAST {
+    if arrives.is_nan() || arrives <= MIN {
         return Gloss::default();
     }
     let toward = Vec3::from_array(light.position) - at.x;

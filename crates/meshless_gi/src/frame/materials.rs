@@ -12,7 +12,7 @@ use std::f32::consts::PI;
 
 /// No material that changes reflects more, but what was baked so: light must die away whatever the game says, and the bake's own guard (design D12) has
 /// seen the baked colors only.
-pub const MOST_ALBEDO: f32 = 0.99;
+pub const MAX_ALBEDO: f32 = 0.99;
 
 /// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
 /// are missing as they were baked.
@@ -52,7 +52,7 @@ pub fn live_surface(
         albedo += Vec3::from_array(share.albedo) * Vec3::from_array(f.base_color);
         emission += Vec3::from_array(share.emission) * Vec3::from_array(f.emissive);
     }
-    let most = Vec3::from_array(baked.albedo).max(Vec3::splat(MOST_ALBEDO));
+    let most = Vec3::from_array(baked.albedo).max(Vec3::splat(MAX_ALBEDO));
     PointSurface {
         albedo: albedo.min(most).to_array(),
         emission: (PI * emission).to_array(),

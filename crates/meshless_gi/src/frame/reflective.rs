@@ -12,7 +12,7 @@ use glam::{DMat4, Mat4, Vec3};
 pub const SIDES: [u32; 2] = [1, 256];
 
 /// Most virtual point lights of a light.
-pub const MOST_VPLS: u32 = 1024;
+pub const MAX_VPLS: u32 = 1024;
 
 /// The side of a map for an asked resolution: the nearest power of two from below within [`SIDES`].
 #[must_use]

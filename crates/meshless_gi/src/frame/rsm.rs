@@ -23,7 +23,7 @@ pub const CHUNKS: usize = 256;
 /// No place is farther from the space's origin, meters: beyond, a texel is dark.
 pub const FARTHEST: f32 = 1e8;
 /// Surfaces that are seen at a lower cosine count as no larger, for their spread.
-pub const LEAST_COSINE: f32 = 0.1;
+pub const MIN_COSINE: f32 = 0.1;
 /// Below its square (a square centimeter, as Bevy's lamps) a lamp grows no brighter, m².
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
@@ -125,7 +125,7 @@ pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4])
     RsmTexel {
         position: x.to_array(),
         // A square of area A: A / 6.
-        spread: area / (6.0 * cosine.max(LEAST_COSINE)),
+        spread: area / (6.0 * cosine.max(MIN_COSINE)),
         normal: n.to_array(),
         flux: flux.to_array(),
         ..dark

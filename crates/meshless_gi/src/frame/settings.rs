@@ -14,7 +14,7 @@ use std::ops::Range;
 /// What a solve simulates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
-    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MOST_SWEEPS`] of them run. Not used where the bake
+    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them run. Not used where the bake
     /// holds its bounces and `baked_bounces` is on.
     pub sweeps: u32,
     /// Use the bake's further bounces, where it has them.
@@ -45,7 +45,7 @@ impl Default for FrameSettings {
 impl FrameSettings {
     /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must end. Walls that reflect 95 % of the
     /// light leave 2e-6 of it after so many.
-    pub const MOST_SWEEPS: u32 = 255;
+    pub const MAX_SWEEPS: u32 = 255;
 
     /// The highest tier, whatever the bake.
     pub const ALL_TIERS: u32 = u32::MAX;
@@ -238,7 +238,7 @@ impl Steps {
             sweeps: if baked {
                 0
             } else {
-                settings.sweeps.min(FrameSettings::MOST_SWEEPS)
+                settings.sweeps.min(FrameSettings::MAX_SWEEPS)
             },
             baked,
             differences: shape.form == SenderForm::Differences && !octree,
@@ -299,7 +299,7 @@ mod tests {
         let endless = FrameSettings::bounces(u32::MAX);
         assert_eq!(
             Steps::new(&shape(&[0, 3], 1), &endless).sweeps,
-            FrameSettings::MOST_SWEEPS
+            FrameSettings::MAX_SWEEPS
         );
     }
 

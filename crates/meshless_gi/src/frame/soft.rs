@@ -61,7 +61,7 @@ impl SoftLight {
     /// `kind` of a rectangle.
     pub const RECTANGLE: u32 = 2;
     /// Most samples along an edge.
-    pub const MOST_SAMPLES: u32 = 16;
+    pub const MAX_SAMPLES: u32 = 16;
 
     /// A sphere: meters, W/sr; `range` in meters or infinite; about `samples` samples. One that is not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
     #[must_use]
@@ -88,7 +88,7 @@ impl SoftLight {
         if u.cross(v).length_squared() <= 0.0 {
             return Self::default();
         }
-        let samples = samples.clamp(1, Self::MOST_SAMPLES * Self::MOST_SAMPLES) as f32;
+        let samples = samples.clamp(1, Self::MAX_SAMPLES * Self::MAX_SAMPLES) as f32;
         let columns = (samples * long / wide).sqrt().round().clamp(1.0, 16.0);
         let rows = (samples / columns).round().clamp(1.0, 16.0);
         Self {
@@ -164,8 +164,8 @@ impl SoftLight {
 
     fn or_none(self) -> Self {
         let numbers = [self.center, self.u, self.v, self.color];
-        let finite = numbers.iter().flatten().all(|v| v.abs() < MOST)
-            && self.radius < MOST
+        let finite = numbers.iter().flatten().all(|v| v.abs() < MAX)
+            && self.radius < MAX
             && self.inverse_square_range.is_finite();
         if finite { self } else { Self::default() }
     }
@@ -180,14 +180,14 @@ impl SoftLight {
 }
 
 /// Meters, W/sr and W/(m² sr) stay below: no square of them is infinite.
-const MOST: f32 = 1e15;
+const MAX: f32 = 1e15;
 
 /// Samples along an edge for so many in all.
 fn side(samples: u32) -> u32 {
     (samples as f32)
         .sqrt()
         .round()
-        .clamp(1.0, SoftLight::MOST_SAMPLES as f32) as u32
+        .clamp(1.0, SoftLight::MAX_SAMPLES as f32) as u32
 }
 
 /// Irradiance at (x, n) without shadows from `light` with color one, in a level as large as `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
@@ -376,7 +376,7 @@ pub struct Eye<'a> {
     visibility: &'a Visibility,
     cluster: VisibilityCluster,
     axes: [Vec3; 3],
-    decoded: [f32; Visibility::MOST_COMPONENTS as usize + 2],
+    decoded: [f32; Visibility::MAX_COMPONENTS as usize + 2],
     numbers: usize,
 }
 
@@ -384,7 +384,7 @@ impl<'a> Eye<'a> {
     /// Point `i`, which has the unit normal `n`.
     #[must_use]
     pub fn new(params: &SoftParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
-        let mut decoded = [0.0; Visibility::MOST_COMPONENTS as usize + 2];
+        let mut decoded = [0.0; Visibility::MAX_COMPONENTS as usize + 2];
         let numbers = visibility.decode(i, &mut decoded);
         let cluster = visibility.clusters[visibility.points[i].cluster as usize];
         let (t, b) = frame(cluster.tangent.into(), n);
@@ -475,7 +475,7 @@ pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32
 }
 
 /// Vectors lean so far at most that their length is ten times their part along the normal.
-pub const LEAST_ALONG: f32 = 0.1;
+pub const MIN_ALONG: f32 = 0.1;
 
 /// What `light` with color one does not give to (x, n) because something is before it: a vector whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle,
 /// dimensionless.
@@ -496,7 +496,7 @@ pub fn deficit(
     let across = hidden - n * along;
     let lean = across
         / along
-            .max(LEAST_ALONG * across.length())
+            .max(MIN_ALONG * across.length())
             .max(f32::MIN_POSITIVE);
     (n + lean) * ((1.0 - f) * e)
 }

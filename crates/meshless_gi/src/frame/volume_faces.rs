@@ -7,7 +7,7 @@
 //! A face has its wall's normal and no side: which sides of the voxel read it depends on how the level stands in the world.
 
 use super::splat::SEAM;
-use super::volume_places::{MOST_SHARES, VolumeShape};
+use super::volume_places::{MAX_SHARES, VolumeShape};
 use crate::asset::Display;
 use crate::basis::weight;
 use crate::samples::Point;
@@ -21,9 +21,9 @@ pub const SAME: f32 = 1e-4;
 /// Of walls with normals that have this cosine and more a voxel has one face: 30 degrees.
 const ALIKE: f32 = 0.866_025_4;
 /// Most faces of a voxel.
-pub const MOST_FACES: usize = 6;
+pub const MAX_FACES: usize = 6;
 /// Most shares of all faces of a volume: what WebGPU binds at most, 128 MiB. Voxels behind the one that would be over have no faces.
-const MOST_OF_ALL: usize = 1 << 24;
+const MAX_TOTAL: usize = 1 << 24;
 /// No function.
 const NONE: u32 = u32::MAX;
 /// A function stands for the wall up to this part of its radius: one that covers alone covers well as far as that.
@@ -64,7 +64,7 @@ impl Faces {
     /// Puts `other` behind; what would be over the limit without its faces.
     pub(super) fn append(&mut self, other: Self) {
         let (faces, shares) = (self.faces.len() as u32, self.shares.len() as u32);
-        if self.shares.len() + other.shares.len() > MOST_OF_ALL {
+        if self.shares.len() + other.shares.len() > MAX_TOTAL {
             self.ends.extend(other.ends.iter().map(|_| faces));
             return;
         }
@@ -128,12 +128,12 @@ impl Faces {
         if cover < SEAM {
             return false;
         }
-        if shares.len() > MOST_SHARES {
+        if shares.len() > MAX_SHARES {
             let strongest = |a: &FaceShare, b: &FaceShare| {
                 b.part.total_cmp(&a.part).then(a.point.cmp(&b.point))
             };
-            shares.select_nth_unstable_by(MOST_SHARES, strongest);
-            shares.truncate(MOST_SHARES);
+            shares.select_nth_unstable_by(MAX_SHARES, strongest);
+            shares.truncate(MAX_SHARES);
             shares.sort_unstable_by_key(|s| s.point);
         }
         let all: f32 = shares.iter().map(|s| s.part).sum();
@@ -180,7 +180,7 @@ impl Beside {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Walls {
     /// The functions of each voxel; the last ones may be none.
-    nearest: Vec<[u32; MOST_FACES]>,
+    nearest: Vec<[u32; MAX_FACES]>,
     /// How many of the scene's functions were looked at.
     seen: usize,
 }
@@ -195,7 +195,7 @@ impl Walls {
         most: u64,
     ) -> u64 {
         self.nearest
-            .resize(shape.voxels() as usize, [NONE; MOST_FACES]);
+            .resize(shape.voxels() as usize, [NONE; MAX_FACES]);
         let mut looks = 0;
         while self.seen < points.len() && looks < most {
             looks += 1 + self.enter(shape, points, &display.planes, self.seen as u32);
@@ -211,8 +211,8 @@ impl Walls {
         points: &[Point],
         planes: &[[f32; 4]],
         x: Vec3,
-    ) -> ([Beside; MOST_FACES], usize) {
-        let mut beside = [Beside::default(); MOST_FACES];
+    ) -> ([Beside; MAX_FACES], usize) {
+        let mut beside = [Beside::default(); MAX_FACES];
         let mut count = 0;
         for &point in self.nearest[voxel as usize].iter().filter(|&&j| j != NONE) {
             let of = &points[point as usize];

@@ -15,11 +15,11 @@ use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 
 /// Most voxels along an edge: the texture is twice as high and three times as deep.
-pub const MOST_VOXELS: u32 = 512;
-/// Most voxels of a volume: with [`MOST_SHARES`] each they fill what WebGPU binds at most, 128 MiB.
-pub const MOST_PLACES: u32 = 1 << 20;
+pub const MAX_VOXELS: u32 = 512;
+/// Most voxels of a volume: with [`MAX_SHARES`] each they fill what WebGPU binds at most, 128 MiB.
+pub const MAX_PLACES: u32 = 1 << 20;
 /// Most shares of a place; where more probes reach it, those that say most have them.
-pub const MOST_SHARES: usize = 32;
+pub const MAX_SHARES: usize = 32;
 /// Bits of a share's part.
 pub const SHARE_BITS: u32 = 12;
 /// The largest part.
@@ -31,7 +31,7 @@ const RAY: u64 = 8;
 /// Tasks between two looks at how much was done.
 const RUNS: u32 = 8;
 
-const _: () = assert!(Probes::MOST <= 1 << (32 - SHARE_BITS));
+const _: () = assert!(Probes::MAX <= 1 << (32 - SHARE_BITS));
 
 /// A box divided into voxels, in the bake's local space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,16 +42,16 @@ pub struct VolumeShape {
 }
 
 impl VolumeShape {
-    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no voxels, more than [`MOST_VOXELS`] along an edge or more than [`MOST_PLACES`].
+    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_PLACES`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
-        let fits = size.cmpge(UVec3::ONE).all() && size.cmple(UVec3::splat(MOST_VOXELS)).all();
+        let fits = size.cmpge(UVec3::ONE).all() && size.cmple(UVec3::splat(MAX_VOXELS)).all();
         if !fits || !edges.is_finite() || !edges.cmpgt(Vec3::ZERO).all() {
             return None;
         }
         // No more than 2^27: 512 along each edge.
-        let few = size.element_product() <= MOST_PLACES;
+        let few = size.element_product() <= MAX_PLACES;
         few.then(|| Self {
             low,
             voxel: edges / size.as_vec3(),
@@ -137,17 +137,17 @@ impl VolumeShape {
     }
 }
 
-/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about, and larger ones where they would be more than `most` or [`MOST_PLACES`], or more than [`MOST_VOXELS`]
+/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about, and larger ones where they would be more than `most` or [`MAX_PLACES`], or more than [`MAX_VOXELS`]
 /// along an edge.
 #[must_use]
 pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
     let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
-    let mut edge = edge.max(edges.max_element() / MOST_VOXELS as f32);
+    let mut edge = edge.max(edges.max_element() / MAX_VOXELS as f32);
     let count = |edge: f32| {
         let along = (edges / edge).ceil().max(Vec3::ONE);
-        along.as_uvec3().min(UVec3::splat(MOST_VOXELS))
+        along.as_uvec3().min(UVec3::splat(MAX_VOXELS))
     };
-    let most = most.clamp(1, MOST_PLACES);
+    let most = most.clamp(1, MAX_PLACES);
     // Rounding up adds a voxel along each edge at most: a few steps suffice.
     while count(edge).element_product() > most && count(edge) != UVec3::ONE {
         edge *= 1.1;
@@ -341,11 +341,11 @@ impl Run {
         if reaching.iter().map(|r| r.1).sum::<f32>() <= NO_COVER {
             return;
         }
-        if reaching.len() > MOST_SHARES {
+        if reaching.len() > MAX_SHARES {
             let strongest =
                 |a: &(u32, f32), b: &(u32, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-            reaching.select_nth_unstable_by(MOST_SHARES, strongest);
-            reaching.truncate(MOST_SHARES);
+            reaching.select_nth_unstable_by(MAX_SHARES, strongest);
+            reaching.truncate(MAX_SHARES);
             reaching.sort_unstable_by_key(|r| r.0);
         }
         let largest = reaching.iter().map(|r| r.1).fold(0.0, f32::max);
@@ -369,13 +369,13 @@ mod tests {
         assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
         for most in [1, 100, 4096, 65_536, u32::MAX] {
             let size = voxels_of(room, 0.01, most);
-            let most = most.min(MOST_PLACES);
+            let most = most.min(MAX_PLACES);
             assert!(size.element_product() <= most, "{size}");
             assert!(most < 100 || size.element_product() * 3 > most, "{size}");
         }
         // A thread, a plane and a point are boxes of one voxel across.
         let thin = voxels_of(Vec3::new(100.0, 0.0, 1e-30), 0.01, u32::MAX);
-        assert_eq!(thin, UVec3::new(MOST_VOXELS, 1, 1));
+        assert_eq!(thin, UVec3::new(MAX_VOXELS, 1, 1));
         assert_eq!(voxels_of(Vec3::ZERO, 1.0, 8), UVec3::ONE);
     }
 
@@ -384,7 +384,7 @@ mod tests {
         let room = [Vec3::ZERO, Vec3::ONE];
         assert!(VolumeShape::new(room, UVec3::splat(4)).is_some());
         assert!(VolumeShape::new(room, UVec3::new(4, 0, 4)).is_none());
-        assert!(VolumeShape::new(room, UVec3::new(4, MOST_VOXELS + 1, 4)).is_none());
+        assert!(VolumeShape::new(room, UVec3::new(4, MAX_VOXELS + 1, 4)).is_none());
         assert!(VolumeShape::new(room, UVec3::new(512, 512, 4)).is_some());
         assert!(VolumeShape::new(room, UVec3::new(512, 512, 5)).is_none());
         assert!(VolumeShape::new([Vec3::ONE, Vec3::ZERO], UVec3::ONE).is_none());

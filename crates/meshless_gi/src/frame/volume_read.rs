@@ -15,7 +15,7 @@ pub const BEFORE: f32 = 0.01;
 /// One farther than this beyond a wall is not lit from before it.
 pub const BEYOND: f32 = 0.03;
 /// Where so little is left of the eight voxels, all of them count.
-pub const LEAST: f32 = 1e-3;
+pub const MIN: f32 = 1e-3;
 
 /// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white one, in the texels' unit. `size` counts the voxels along each edge, `place` is in voxels from the
 /// volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z last.
@@ -73,7 +73,7 @@ pub fn read_voxels(
             .product();
         some = (some.0 + weight * seen * light, some.1 + weight * seen);
     }
-    match some.1 > LEAST {
+    match some.1 > MIN {
         true => some.0 / some.1,
         false => whole.0 / whole.1,
     }

@@ -19,7 +19,7 @@ const ENOUGH: f64 = 0.004;
 /// Directions in which the room around a candidate is felt.
 const FEELERS: u32 = 14;
 /// Candidates of a round at most.
-const MOST_CANDIDATES: usize = 1 << 15;
+const MAX_CANDIDATES: usize = 1 << 15;
 
 /// How densely.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,7 +123,7 @@ fn candidates(
         seed,
         settings.drop_first,
     );
-    let stride = traced.candidates.len().div_ceil(MOST_CANDIDATES / 2).max(1);
+    let stride = traced.candidates.len().div_ceil(MAX_CANDIDATES / 2).max(1);
     let few: Vec<_> = traced.candidates.iter().step_by(stride).collect();
     let reach = 0.5 * settings.spacing;
     let shut = geometry.shut().unwrap_or(geometry);

@@ -17,7 +17,7 @@ const FAILURES: u32 = 2000;
 /// Particles traced at a time.
 const BATCH: u64 = 4096;
 /// Particles after which a level ends whatever happens: a scene in which candidates are this rare is out of reach.
-const MOST_PARTICLES: u64 = 1 << 18;
+const MAX_PARTICLES: u64 = 1 << 18;
 
 /// Rays from each point that look for bare places.
 const LOOKS: u64 = 16;
@@ -153,7 +153,7 @@ fn throw_particles(
     let mut failures = 0;
     let mut first = 0;
     let mut order = Random::new(settings.seed, 0x6f_72_64_65, 0);
-    while first < MOST_PARTICLES {
+    while first < MAX_PARTICLES {
         let mut traced = trace_particles(
             geometry,
             viewpoints,

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// Darts for each disk's area: leaves few gaps.
 const DARTS: f64 = 16.0;
 /// No more darts than this.
-const MOST: f64 = 3e8;
+const MAX: f64 = 3e8;
 
 /// Points on `mesh` of which no two on one surface are nearer than `spacing` (meters), with the normals of the triangles' fronts and their reflectances there.
 /// `None` where that would be too many, or `spacing` is no length. The same arguments give the same points.
@@ -22,7 +22,7 @@ pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints
         sums.push(area);
     }
     let darts = DARTS * area / (f64::from(spacing) * f64::from(spacing));
-    if !(spacing > 0.0 && darts < MOST) {
+    if !(spacing > 0.0 && darts < MAX) {
         return None;
     }
     let dart = |k: u64| {

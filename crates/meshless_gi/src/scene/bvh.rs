@@ -53,7 +53,7 @@ impl Bvh {
     pub const SMALLEST: f32 = 1e-18;
 
     /// Most occluders: one bit each of what a walk has crossed.
-    pub const MOST_OCCLUDERS: usize = 64;
+    pub const MAX_OCCLUDERS: usize = 64;
 
     /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle that stays, else the product of the gains of the occluders in
     /// between, each once.

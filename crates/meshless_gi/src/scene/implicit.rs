@@ -13,7 +13,7 @@ use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 /// Steps after which a ray is given up as a miss.
-const MOST_STEPS: u32 = 4096;
+const MAX_STEPS: u32 = 4096;
 /// Halvings of the interval in which a sign changes: an f32's worth.
 const HALVINGS: u32 = 30;
 
@@ -232,7 +232,7 @@ impl ImplicitScene {
         let mut before = smallest;
         let mut d = self.distance(ray.at(before)).0;
         let inside = d < 0.0;
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             if before >= end {
                 return None;
             }

@@ -127,7 +127,7 @@ impl Texture {
     /// around the triangle is looked at, and a box of very many texels is taken to hold one.
     #[must_use]
     pub fn may_reach_alpha(&self, corners: [Vec2; 3], least: f32) -> bool {
-        const MOST: i64 = 1 << 14;
+        const MAX: i64 = 1 << 14;
         let size = Vec2::new(self.width as f32, self.height as f32);
         let corners = corners.map(|uv| uv * size - Vec2::splat(0.5));
         if !corners
@@ -139,7 +139,7 @@ impl Texture {
         let min = corners[0].min(corners[1]).min(corners[2]).floor();
         let max = corners[0].max(corners[1]).max(corners[2]).floor() + Vec2::ONE;
         let (x0, y0, x1, y1) = (min.x as i64, min.y as i64, max.x as i64, max.y as i64);
-        if (x1 - x0 + 1).saturating_mul(y1 - y0 + 1) > MOST {
+        if (x1 - x0 + 1).saturating_mul(y1 - y0 + 1) > MAX {
             return true;
         }
         (y0..=y1).any(|y| (x0..=x1).any(|x| f32::from(self.texel(x, y)[3]) / 255.0 >= least))

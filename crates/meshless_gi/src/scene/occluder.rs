@@ -182,10 +182,10 @@ struct Shut<'a> {
 const DOOR: u32 = 1 << 31;
 
 impl<'a> Doorways<'a> {
-    /// `open` without the occluders, and those; no more than [`Bvh::MOST_OCCLUDERS`], the others are left out.
+    /// `open` without the occluders, and those; no more than [`Bvh::MAX_OCCLUDERS`], the others are left out.
     #[must_use]
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
-        let occluders = &occluders[..occluders.len().min(Bvh::MOST_OCCLUDERS)];
+        let occluders = &occluders[..occluders.len().min(Bvh::MAX_OCCLUDERS)];
         let shapes: Vec<Vec<[Vec3; 3]>> = occluders.iter().map(Occluder::shapes).collect();
         let (mut all, mut of, mut shutters) = (Vec::new(), Vec::new(), Vec::new());
         for occluder in occluders {

@@ -23,7 +23,7 @@ const STEPS: u32 = 400;
 /// How near two steps are when it ends, and what counts as zero, beside a mean of one.
 const NEAR: f64 = 1e-6;
 /// Terms beside a mean of one are no larger here: what is seen from one direction alone has 7.5.
-const MOST: f64 = 10.0;
+const MAX: f64 = 10.0;
 
 /// One channel beside a mean of one: d, and Q as xx, yy, xy, xz, yz.
 type Terms = [f64; SkyRadiance::TERMS];
@@ -64,7 +64,7 @@ fn nearest(terms: &Terms) -> Option<Terms> {
     }
     // Terms that no sky has, a thousand times its mean, come nearer first: they meet the same end in fewer steps, and no square overflows.
     let size = terms.iter().fold(0.0f64, |a, b| a.max(b.abs()));
-    let wanted = terms.map(|t| t * (MOST / size).min(1.0));
+    let wanted = terms.map(|t| t * (MAX / size).min(1.0));
     let (mut found, mut t) = (wanted, 0.0);
     let (mut near, mut dual) = (semidefinite(&matrix(&found, t)), Matrix4::zeros());
     for _ in 0..STEPS {

@@ -112,7 +112,7 @@ pub struct Operator {
 
 impl Operator {
     /// Most tiers of an operator.
-    pub const MOST_TIERS: u32 = 16;
+    pub const MAX_TIERS: u32 = 16;
 
     /// How many coefficients links may name, the sky's not counted: columns in the form of components, else the `senders`.
     #[must_use]

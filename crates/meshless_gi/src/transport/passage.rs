@@ -71,7 +71,7 @@ pub struct Passage {
 
 impl Passage {
     /// Most sets: the index has 16 bits.
-    pub const MOST_SETS: usize = 1 << 16;
+    pub const MAX_SETS: usize = 1 << 16;
 
     /// The vector relative to the row's scale.
     #[must_use]
@@ -135,7 +135,7 @@ pub fn number_sets<const N: usize>(
     let all = parts.iter().flat_map(|own| own.iter().map(|p| p.crossed));
     let sets: BTreeSet<u64> = all.chain([0]).collect();
     let sets: Vec<u64> = sets.into_iter().collect();
-    if sets.len() > Passage::MOST_SETS {
+    if sets.len() > Passage::MAX_SETS {
         return None;
     }
     let numbered = parts.map(|own| {

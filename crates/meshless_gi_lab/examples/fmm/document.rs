@@ -135,7 +135,7 @@ fn seconds(v: f64) -> String {
 }
 
 /// Exponents are fitted from so many points on.
-const LEAST_FITTED: usize = 900;
+const MIN_FITTED: usize = 900;
 
 /// The document.
 pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
@@ -143,7 +143,7 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     let w = &mut out;
     let sizes = &found.sizes;
     // Below a thousand points leaves and threads decide, not the method.
-    let fitted = &sizes[sizes.partition_point(|s| s.points < LEAST_FITTED)..];
+    let fitted = &sizes[sizes.partition_point(|s| s.points < MIN_FITTED)..];
     let pass = exponent(&of(fitted, Size::pass));
     let whole = exponent(&of(fitted, Size::whole));
     writeln!(

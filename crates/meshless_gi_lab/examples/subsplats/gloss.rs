@@ -19,7 +19,7 @@ const COARSEST: u32 = 6;
 /// [N09] Table 1: virtual lights along an edge, and how often 16² cells are refined; "N/A" there where it is less than four times.
 const SIDES: [(u32, u32); 4] = [(16, 4), (32, 4), (64, 3), (128, 1)];
 /// Up to these lights our lists are measured too.
-const MOST: u32 = 1024;
+const MAX: u32 = 1024;
 /// Roughness of the floor.
 const ROUGHNESS: f32 = 0.25;
 const SMALL: [u32; 2] = [960, 540];
@@ -168,7 +168,7 @@ fn column(scene: &Scene, passes: u32) -> Column {
             *sum = (sum.0 + count, sum.1 + seconds);
         }
     }
-    let ours = (lights <= MOST).then(|| {
+    let ours = (lights <= MAX).then(|| {
         let found = view.levels();
         (0..=passes as usize)
             .map(|pass| found.evaluated[COARSEST as usize - pass..].iter().sum())

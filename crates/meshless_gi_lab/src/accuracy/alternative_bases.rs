@@ -18,7 +18,7 @@ const GAUSSIAN_END: f64 = 4.0;
 /// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how much more each time that does not help.
 const RIDGE: [f64; 2] = [1e-12, 100.0];
 /// More than this on the diagonal of ones is no interpolation any more.
-const MOST_RIDGE: f64 = 1e-2;
+const MAX_RIDGE: f64 = 1e-2;
 
 /// What is known at a point: three channels of a scalar, and the vectors whose parts along the point's normal they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -191,7 +191,7 @@ impl GaussianBasis {
                     ridge,
                 });
             }
-            if ridge >= MOST_RIDGE {
+            if ridge >= MAX_RIDGE {
                 return Err(PointBasisError::Singular {
                     points: points.len(),
                     ridge,

@@ -17,7 +17,7 @@ pub const PENUMBRA: [f32; 2] = [0.02, 0.98];
 /// The reference cuts the rectangle into so many strata along each edge.
 const STRATA: i32 = 16;
 /// Irradiance, W/m², below which a place is not lit.
-const LEAST: f32 = 1e-4;
+const MIN: f32 = 1e-4;
 
 /// A place that a lamp would light, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,7 @@ pub fn shadow_places(
         .filter_map(|(i, c)| {
             let (x, n) = (c.surface.position, c.surface.normal);
             let unshadowed = unshadowed(&lamp, x, n, extent);
-            (unshadowed > LEAST).then(|| ShadowPlace {
+            (unshadowed > MIN).then(|| ShadowPlace {
                 x,
                 n,
                 reference: shadowed_irradiance(mesh, light, x, n, i as u64),

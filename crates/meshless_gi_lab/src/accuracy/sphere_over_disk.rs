@@ -23,9 +23,9 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 /// Change between two iterations, relative to the direct light, at which the solution stands.
 const STANDS: f64 = 1e-14;
 /// Iterations after which it is given up: with two reflections' gain below one half this is never reached.
-const MOST_ITERATIONS: usize = 1000;
+const MAX_ITERATIONS: usize = 1000;
 /// Cells at most: two kernels of this many squared numbers are kept.
-const MOST_CELLS: usize = 8192;
+const MAX_CELLS: usize = 8192;
 
 /// The scene. Its origin is the middle of the disk, +Y is up. Lengths in meters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +65,7 @@ pub enum SphereOverDiskError {
     )]
     Scene(SphereOverDisk),
     /// Too few or too many cells.
-    #[error("{0} cells: between 8 and {MOST_CELLS} are possible")]
+    #[error("{0} cells: between 8 and {MAX_CELLS} are possible")]
     Cells(usize),
 }
 
@@ -307,7 +307,7 @@ impl SphereOverDisk {
         let direct_d: Vec<f64> = radii.iter().map(|&u| self.direct_disk(u)).collect();
         let (mut b, mut d) = (vec![0.0; latitudes.len()], vec![0.0; radii.len()]);
         let mut iterations = 0;
-        while iterations < MOST_ITERATIONS {
+        while iterations < MAX_ITERATIONS {
             iterations += 1;
             let leaves = |direct: &[f64], more: &[f64], area: &[f64]| -> Vec<f64> {
                 (0..area.len())
@@ -349,7 +349,7 @@ impl SphereOverDisk {
 }
 
 fn check_cells(cells: usize) -> Result<(), SphereOverDiskError> {
-    if (8..=MOST_CELLS).contains(&cells) {
+    if (8..=MAX_CELLS).contains(&cells) {
         Ok(())
     } else {
         Err(SphereOverDiskError::Cells(cells))

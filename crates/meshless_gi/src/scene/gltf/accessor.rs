@@ -7,7 +7,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index, Root, buffer};
 
 /// Elements that an accessor without bytes of its own (all zero but for a sparse part) may have.
-pub(super) const MOST_ZEROS: usize = 1 << 22;
+pub(super) const MAX_ZEROS: usize = 1 << 22;
 
 /// The JSON and the bytes of all buffers.
 pub(super) struct Buffers<'a> {
@@ -182,7 +182,7 @@ impl Buffers<'_> {
                 .iter()
                 .map(read)
                 .collect(),
-            None if count > MOST_ZEROS as u64 => {
+            None if count > MAX_ZEROS as u64 => {
                 return Err(name(format!("{count} elements without any bytes")));
             }
             None => vec![[0.0; N]; count as usize],

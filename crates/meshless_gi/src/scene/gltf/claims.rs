@@ -1,6 +1,6 @@
 //! Sizes that a file claims, counted before anything is allocated for them.
 
-use super::accessor::{Buffers, MOST_ZEROS};
+use super::accessor::{Buffers, MAX_ZEROS};
 use ::gltf::json::mesh::{Mesh, Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index};
@@ -58,7 +58,7 @@ fn elements(buffers: &Buffers<'_>, accessor: Index<Accessor>) -> u64 {
     let held = match accessor.buffer_view {
         // An element takes a byte or more.
         Some(view) => buffers.view(view).map_or(0, <[u8]>::len),
-        None => MOST_ZEROS,
+        None => MAX_ZEROS,
     };
     match accessor.count.0 {
         count if count <= held as u64 => count,

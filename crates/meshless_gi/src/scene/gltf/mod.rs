@@ -35,9 +35,9 @@ use std::borrow::Cow;
 use std::path::Path;
 
 /// More triangles than this are not taken on.
-const MOST_TRIANGLES: u64 = 1 << 25;
+const MAX_TRIANGLES: u64 = 1 << 25;
 /// More texels than this are not taken on.
-const MOST_TEXELS: u64 = 1 << 29;
+const MAX_TEXELS: u64 = 1 << 29;
 /// Largest number of JSON objects. A parsed node takes up to a hundred times the bytes of its text.
 const MAX_OBJECTS: u64 = 1 << 22;
 /// Nodes may be nested this deep.
@@ -135,8 +135,8 @@ pub fn load_gltf_bytes(
     };
     let first = first_nodes(&root).map_err(format)?;
     let triangles = claims::triangles(&buffers, &first);
-    if triangles > MOST_TRIANGLES {
-        return Err(too_large("triangles", triangles, MOST_TRIANGLES));
+    if triangles > MAX_TRIANGLES {
+        return Err(too_large("triangles", triangles, MAX_TRIANGLES));
     }
     let mut builder = Builder::new(file, &buffers, resolve)?;
     for node in first {
@@ -548,7 +548,7 @@ fn used_textures(
         for slot in slots.into_iter().flatten() {
             let number = &mut renumbered[*slot as usize];
             if number.is_none() {
-                let left = MOST_TEXELS - texels;
+                let left = MAX_TEXELS - texels;
                 let texture = material::texture(file, buffers, *slot as usize, left, resolve)?;
                 texels += texture.len();
                 *number = Some(out.len() as u32);

@@ -3,7 +3,7 @@
 use super::PlyError;
 
 /// More elements, and more properties of one, than this are damage.
-const MOST_PARTS: usize = 1024;
+const MAX_PARTS: usize = 1024;
 /// A header ends within so many bytes.
 const LONGEST: usize = 1 << 20;
 
@@ -166,8 +166,8 @@ impl Header {
                     if elements.iter().any(|e| e.name == *name) {
                         return Err(wrong(format!("a second element {}", shown(name))));
                     }
-                    if elements.len() >= MOST_PARTS {
-                        return Err(wrong(format!("more than {MOST_PARTS} elements")));
+                    if elements.len() >= MAX_PARTS {
+                        return Err(wrong(format!("more than {MAX_PARTS} elements")));
                     }
                     elements.push(Element {
                         name: (*name).into(),
@@ -187,8 +187,8 @@ impl Header {
                             shown(&property.name)
                         )));
                     }
-                    if element.properties.len() >= MOST_PARTS {
-                        return Err(wrong(format!("more than {MOST_PARTS} properties")));
+                    if element.properties.len() >= MAX_PARTS {
+                        return Err(wrong(format!("more than {MAX_PARTS} properties")));
                     }
                     element.properties.push(property);
                 }

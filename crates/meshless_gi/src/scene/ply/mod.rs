@@ -28,7 +28,7 @@ use std::path::Path;
 pub use write::{PlyEncoding, write_ply};
 
 /// More points than this are not taken on: their cells would be more triangles than a level may have.
-const MOST_POINTS: u64 = 1 << 23;
+const MAX_POINTS: u64 = 1 << 23;
 
 /// What is wrong with a `.ply` file, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -118,10 +118,10 @@ pub fn parse_ply(bytes: &[u8]) -> Result<PlyPoints, PlyError> {
     let Some(vertex) = header.elements.iter().find(|e| e.name == "vertex") else {
         return Err(no(header.lines, "there is no element `vertex`"));
     };
-    if vertex.count > MOST_POINTS {
+    if vertex.count > MAX_POINTS {
         return Err(PlyError::TooMany {
             count: vertex.count,
-            limit: MOST_POINTS,
+            limit: MAX_POINTS,
         });
     }
     let three = |names: [&str; 3]| -> Option<[usize; 3]> {

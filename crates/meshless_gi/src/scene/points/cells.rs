@@ -37,7 +37,7 @@ const OVERLAP: f64 = 0.02;
 /// How far a cell reaches over an open border, in spacings.
 const BORDER: f64 = 0.75;
 /// Cells have up to so many corners.
-pub(super) const MOST_CORNERS: usize = 16;
+pub(super) const MAX_CORNERS: usize = 16;
 /// No cell.
 const OPEN: u8 = u8::MAX;
 
@@ -279,7 +279,7 @@ impl Plane {
             .fold(0.0, f64::max);
         cell.lift = rise.min(self.spacing) as f32;
         let corner = |y: &DVec2| (self.x + self.u * y.x + self.v * y.y).as_vec3();
-        outline.truncate(MOST_CORNERS);
+        outline.truncate(MAX_CORNERS);
         cell.outline = outline.iter().map(|(y, _)| corner(y)).collect();
         cell
     }

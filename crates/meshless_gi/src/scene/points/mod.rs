@@ -27,8 +27,8 @@ use std::path::Path;
 
 /// Coordinates from here on, in meters, are taken for damage: no level is as large, and what is left of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
-/// Most points of a cloud: the corners of their cells, [`cells::MOST_CORNERS`] each at most, are numbered by 32 bits.
-const MOST_POINTS: usize = (1 << 31) / cells::MOST_CORNERS;
+/// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are numbered by 32 bits.
+const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
 /// What a point without a color reflects.
 const GRAY: Vec3 = Vec3::splat(0.5);
 /// Normals of one place that enclose an angle with a cosine above this are of one point.
@@ -54,7 +54,7 @@ pub enum PointsError {
         coincident: u64,
     },
     /// More points than indices of 32 bits reach, with all corners of their cells.
-    #[error("{0} points, at most {MOST_POINTS}")]
+    #[error("{0} points, at most {MAX_POINTS}")]
     TooMany(usize),
     /// Normals or colors are not as many as positions.
     #[error("{positions} positions, but {others} {what}")]
@@ -117,7 +117,7 @@ impl PointCloud {
     /// See [`PointsError`].
     pub fn new(points: PlyPoints, viewpoints: &[Vec3]) -> Result<Self, PointsError> {
         let count = points.positions.len();
-        if count > MOST_POINTS {
+        if count > MAX_POINTS {
             return Err(PointsError::TooMany(count));
         }
         for (what, others) in [("normals", &points.normals), ("colors", &points.albedo)] {

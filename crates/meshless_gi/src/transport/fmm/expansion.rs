@@ -67,7 +67,7 @@ fn length<T: Real>(v: [T; 3]) -> T {
 }
 
 impl Expansions {
-    /// Up to degree `order`, at most [`MOST_ORDER`](super::terms::MOST_ORDER).
+    /// Up to degree `order`, at most [`MAX_ORDER`](super::terms::MAX_ORDER).
     #[must_use]
     pub fn new(order: usize) -> Self {
         let terms = Terms::new(order);

@@ -1,6 +1,6 @@
 //! What goes into the fast multipole method, and what can be wrong with it.
 
-use super::terms::MOST_ORDER;
+use super::terms::MAX_ORDER;
 use glam::Vec3;
 
 /// A point that stands for a piece of a surface (\[G08\] §2.4).
@@ -19,7 +19,7 @@ pub struct FmmPoint {
 /// How exact, and at what cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FmmSettings {
-    /// Highest degree of the expansions, at most [`MOST_ORDER`]. The error of a pair falls like `separation`^(order + 1).
+    /// Highest degree of the expansions, at most [`MAX_ORDER`]. The error of a pair falls like `separation`^(order + 1).
     pub order: usize,
     /// Most points of a leaf, s in \[G08\] §2.5; more only where points (nearly) coincide.
     pub leaf: usize,
@@ -113,7 +113,7 @@ impl FmmSettings {
         range(
             "order",
             self.order as f64,
-            self.order <= MOST_ORDER,
+            self.order <= MAX_ORDER,
             "0 … 16",
         )?;
         range("leaf", self.leaf as f64, self.leaf >= 1, "1 …")?;

@@ -4,7 +4,7 @@
 //! span, j = 0 … n/2: (n + 1)(n + 2) / 2 of either.
 
 /// Highest order that is taken: C(19, 3) = 969 terms.
-pub const MOST_ORDER: usize = 16;
+pub const MAX_ORDER: usize = 16;
 
 /// How many terms there are up to degree `order`.
 #[must_use]
@@ -43,10 +43,10 @@ pub struct Terms {
 }
 
 impl Terms {
-    /// For expansions up to degree `order`, at most [`MOST_ORDER`].
+    /// For expansions up to degree `order`, at most [`MAX_ORDER`].
     #[must_use]
     pub fn new(order: usize) -> Self {
-        let order = order.min(MOST_ORDER);
+        let order = order.min(MAX_ORDER);
         let mut exponents = Vec::with_capacity(count(order));
         for n in 0..=order {
             for m in 0..=n {
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn terms_stand_degree_by_degree() {
-        for order in 0..=MOST_ORDER {
+        for order in 0..=MAX_ORDER {
             let terms = Terms::new(order);
             assert_eq!(terms.len(), count(order));
             for (i, e) in terms.exponents().iter().enumerate() {

@@ -69,7 +69,7 @@ impl Visibility<'_> {
         // Few pairs, or so few that look at each other that none of them was drawn: all of those, or as many as there are rays, evenly.
         if sum.rays == 0 {
             let looks = |pair: &(usize, usize)| weight(tree, *pair, (na, nb)).is_some();
-            let found: Vec<_> = (0..pairs.min(MOST_PAIRS)).map(at).filter(looks).collect();
+            let found: Vec<_> = (0..pairs.min(MAX_PAIRS)).map(at).filter(looks).collect();
             let some = found.len().min(self.rays as usize);
             for k in 0..some {
                 let pair = found[k * found.len() / some];
@@ -115,7 +115,7 @@ fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode))
 }
 
 /// Pairs of points that are looked at one after another, at most, where none of those drawn exchange light. Leaves have fewer, but where points coincide.
-const MOST_PAIRS: u64 = 1 << 16;
+const MAX_PAIRS: u64 = 1 << 16;
 
 /// What the rays of a pair of nodes have said.
 #[derive(Default)]

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Halvings of the logarithm of the radius: from a hundred thousandth of the size to a thousand times it, to 5 %.
 const HALVINGS: u32 = 9;
 /// Sets of roots are tried with at most so many points in all: for more, a part of them tells how many roots a radius gives.
-const MOST_TRIED: usize = 1 << 16;
+const MAX_TRIED: usize = 1 << 16;
 
 /// Points sorted into clusters. Cluster c has the points `members[starts[c]..starts[c + 1]]`, in ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
         };
     }
     let order = shuffled(points.len(), seed);
-    let tried = &order[..points.len().min(MOST_TRIED)];
+    let tried = &order[..points.len().min(MAX_TRIED)];
     let wanted = (points.len() / target.max(1)).max(1);
     let size = extent(points).max(f32::MIN_POSITIVE);
     let (mut low, mut high) = (1e-5f32, 1e3f32);

@@ -15,4 +15,4 @@ pub use decompose::{Components, decompose};
 pub use hemisphere::HemisphereGrid;
 pub use light::{CompressScratch, Examples, LightBasis};
 pub use remember::{NEAR, VisibilityError, VisibilitySettings, bake_visibility, depths};
-pub use visibility::{MOST_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};
+pub use visibility::{MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint, encode, frame};

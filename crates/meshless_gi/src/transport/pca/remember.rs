@@ -27,19 +27,19 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 pub const NEAR: f32 = 2.0;
 
 /// s is never below this part of the level's size.
-const LEAST_NEAR: f32 = 1e-4;
+const MIN_NEAR: f32 = 1e-4;
 
 /// The usual number of directions, about.
 const DIRECTIONS: u32 = 4000;
 
 /// Directions nearer to the horizon count as if they had this cosine.
-const LEAST_COSINE: f32 = 0.05;
+const MIN_COSINE: f32 = 0.05;
 
 /// A half is no smaller part of what is cut.
-const LEAST_HALF: usize = 8;
+const MIN_HALF: usize = 8;
 
 /// Words of all bases at most: 2 GiB.
-const MOST_WORDS: usize = 1 << 29;
+const MAX_WORDS: usize = 1 << 29;
 
 /// Why there is no visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -62,7 +62,7 @@ pub enum VisibilityError {
 pub struct VisibilitySettings {
     /// Directions a point.
     pub grid: HemisphereGrid,
-    /// Most components a cluster, at most [`Visibility::MOST_COMPONENTS`].
+    /// Most components a cluster, at most [`Visibility::MAX_COMPONENTS`].
     pub components: u32,
     /// Points a cluster has about, before any is cut.
     pub cluster_points: u32,
@@ -92,7 +92,7 @@ impl Default for VisibilitySettings {
 /// How directions count: the root of their cosine.
 pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
     (0..grid.len())
-        .map(|i| grid.direction(i).z.max(LEAST_COSINE).sqrt())
+        .map(|i| grid.direction(i).z.max(MIN_COSINE).sqrt())
         .collect()
 }
 
@@ -155,7 +155,7 @@ pub fn bake_visibility(
     told: &(dyn Fn(f32) -> bool + Sync),
 ) -> Result<(Visibility, u64), VisibilityError> {
     const LARGE: VisibilityError = VisibilityError::TooLarge {
-        most: 4 * MOST_WORDS as u64,
+        most: 4 * MAX_WORDS as u64,
     };
 
     let clusters = cluster(points, settings.cluster_points as usize, settings.seed);
@@ -187,7 +187,7 @@ pub fn bake_visibility(
         })
         .collect();
     let Some(parts) = parts else {
-        return Err(match words.load(Ordering::Relaxed) > MOST_WORDS {
+        return Err(match words.load(Ordering::Relaxed) > MAX_WORDS {
             true => LARGE,
             false => VisibilityError::Stopped,
         });
@@ -242,7 +242,7 @@ fn look(
         true => size,
         false => NEAR * *finite.select_nth_unstable_by(middle, f32::total_cmp).1,
     };
-    let near = near.max(LEAST_NEAR * size);
+    let near = near.max(MIN_NEAR * size);
     rows.iter_mut().for_each(|d| *d = encode(*d, near));
     Seen {
         members: members.to_vec(),
@@ -266,7 +266,7 @@ fn divide(
         let count = seen.members.len();
         if error <= settings.error || count < 2 {
             let before = words.fetch_add(part.basis.len(), Ordering::Relaxed);
-            if before + part.basis.len() > MOST_WORDS {
+            if before + part.basis.len() > MAX_WORDS {
                 return None;
             }
             out.push(part);
@@ -276,7 +276,7 @@ fn divide(
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| first[a].total_cmp(&first[b]));
         let middle = order.partition_point(|&m| first[m] <= 0.0);
-        let least = (count / LEAST_HALF).max(1);
+        let least = (count / MIN_HALF).max(1);
         let (low, high) = match middle < least || count - middle < least {
             true => order.split_at(count / 2),
             false => order.split_at(middle),
@@ -313,7 +313,7 @@ fn compress(seen: &Seen, settings: &VisibilitySettings, seed: u64) -> (Part, f32
     for row in rows.chunks_exact_mut(length) {
         row.iter_mut().zip(&mean).for_each(|(e, m)| *e -= m);
     }
-    let most = settings.components.min(Visibility::MOST_COMPONENTS) as usize;
+    let most = settings.components.min(Visibility::MAX_COMPONENTS) as usize;
     // Directions count as irradiance counts them.
     let weights = weights(grid);
     for row in rows.chunks_exact_mut(length) {

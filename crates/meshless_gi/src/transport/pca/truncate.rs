@@ -64,7 +64,7 @@ impl Visibility {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         order.sort_by_key(|&i| self.points[i].cluster);
         let mut kept = Vec::new();
-        let mut decoded = [0.0; Self::MOST_COMPONENTS as usize + 2];
+        let mut decoded = [0.0; Self::MAX_COMPONENTS as usize + 2];
         for i in order {
             let point = &mut out.points[i];
             let (own, long) = &lengths[point.cluster as usize];
@@ -98,7 +98,7 @@ impl Visibility {
             .map(|c| vec![0.0; c.components.saturating_sub(most) as usize])
             .collect();
         let mut points = vec![0.0f32; self.clusters.len()];
-        let mut decoded = [0.0; Self::MOST_COMPONENTS as usize + 2];
+        let mut decoded = [0.0; Self::MAX_COMPONENTS as usize + 2];
         for (i, point) in self.points.iter().enumerate() {
             let cluster = point.cluster as usize;
             let count = self.decode(i, &mut decoded);

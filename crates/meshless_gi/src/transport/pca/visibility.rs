@@ -17,7 +17,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 /// Depths count up to so many times s.
-pub const MOST_RATIO: f32 = 1e9;
+pub const MAX_RATIO: f32 = 1e9;
 
 /// A cluster's basis. 32 bytes, the layout of `VisibilityCluster` in the shaders.
 #[repr(C)]
@@ -107,7 +107,7 @@ pub struct Visibility {
 
 impl Visibility {
     /// Most components of a cluster: bits of a point's mask.
-    pub const MOST_COMPONENTS: u32 = 128;
+    pub const MAX_COMPONENTS: u32 = 128;
 
     /// Bytes of all arrays in memory and on the device.
     #[must_use]
@@ -135,10 +135,10 @@ impl Visibility {
         let (mut basis, mut scales) = (0u32, 0u32);
         for cluster in &mut self.clusters {
             (cluster.basis, cluster.scales) = (basis, scales);
-            let words = cluster.components.min(Self::MOST_COMPONENTS).div_ceil(4) + 1;
+            let words = cluster.components.min(Self::MAX_COMPONENTS).div_ceil(4) + 1;
             let length = u32::try_from(self.grid.len()).ok()?;
             basis = basis.checked_add(words.checked_mul(length)?)?;
-            scales = scales.checked_add(cluster.components.min(Self::MOST_COMPONENTS) + 2)?;
+            scales = scales.checked_add(cluster.components.min(Self::MAX_COMPONENTS) + 2)?;
         }
         // Cluster after cluster, in each as the points are numbered.
         let mut next = vec![0u32; self.clusters.len() + 1];
@@ -165,7 +165,7 @@ impl Visibility {
 
     /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the error, then one a component. Returns how many numbers these are.
     #[inline]
-    pub fn decode(&self, i: usize, out: &mut [f32; Self::MOST_COMPONENTS as usize + 2]) -> usize {
+    pub fn decode(&self, i: usize, out: &mut [f32; Self::MAX_COMPONENTS as usize + 2]) -> usize {
         let point = &self.points[i];
         let cluster = &self.clusters[point.cluster as usize];
         let scales = &self.scales[cluster.scales as usize..];
@@ -211,7 +211,7 @@ impl Visibility {
 #[inline]
 pub fn encode(distance: f32, near: f32) -> f32 {
     // No square overflows.
-    let q = (distance / near).min(MOST_RATIO);
+    let q = (distance / near).min(MAX_RATIO);
     q * q / (1.0 + q * q)
 }
 

@@ -57,7 +57,7 @@ impl Axis {
 }
 
 /// Numbers beyond this, or its inverse on a logarithmic axis, are left out: nothing that is measured reaches it, and differences stay finite.
-const MOST: f64 = 1e100;
+const MAX: f64 = 1e100;
 
 /// An axis that knows its data.
 #[derive(Clone, Debug)]
@@ -106,8 +106,8 @@ impl Fitted {
 
 fn measure(scale: Scale, v: f64) -> Option<f64> {
     match scale {
-        Scale::Linear => (v.abs() <= MOST).then_some(v),
-        Scale::Log => (1.0 / MOST..=MOST).contains(&v).then(|| libm::log10(v)),
+        Scale::Linear => (v.abs() <= MAX).then_some(v),
+        Scale::Log => (1.0 / MAX..=MAX).contains(&v).then(|| libm::log10(v)),
     }
 }
 
@@ -135,8 +135,8 @@ fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
     };
     // Ticks at the ends must not lie beyond what can be shown.
     let most = match scale {
-        Scale::Linear => MOST,
-        Scale::Log => libm::log10(MOST),
+        Scale::Linear => MAX,
+        Scale::Log => libm::log10(MAX),
     };
     (below.max(-most), (high + room).min(most))
 }
