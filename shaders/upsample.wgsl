@@ -15,7 +15,7 @@ const PLANE: f32 = 0.01;
 const TURNED: f32 = 0.5;
 const STRAIGHT: f32 = 0.9;
 const SURE: f32 = 0.9;
-const PIXELS_A_HOLE: u32 = 4u;
+const PIXELS_PER_DIRECT_EVALUATION: u32 = 4u;
 
 // A surface in a pixel, in the view's space.
 struct Seen {
@@ -216,7 +216,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     let hole = (bits & KNOWN) == 0u;
     if hole {
         let slot = atomicAdd(&next[3], 1u);
-        if slot < (screen.size.x * screen.size.y + PIXELS_A_HOLE - 1u) / PIXELS_A_HOLE {
+        if slot < (screen.size.x * screen.size.y + PIXELS_PER_DIRECT_EVALUATION - 1u) / PIXELS_PER_DIRECT_EVALUATION {
             lists[level_start(0u) + slot] = pack_cell(pixel);
             nodes[level_start(0u) + slot] = unknown();
             atomicMax(&next[0], groups_of(slot + 1u));
@@ -231,7 +231,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
 
 @compute @workgroup_size(64)
 fn fill(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let room = (screen.size.x * screen.size.y + PIXELS_A_HOLE - 1u) / PIXELS_A_HOLE;
+    let room = (screen.size.x * screen.size.y + PIXELS_PER_DIRECT_EVALUATION - 1u) / PIXELS_PER_DIRECT_EVALUATION;
     let count = min(counted[3], room);
     for (var i = id.x; i < count; i += groups.x * ITEMS) {
         let pixel = unpack_cell(lists[level_start(0u) + i]);

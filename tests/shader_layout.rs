@@ -9,7 +9,7 @@ use meshless_gi::frame::fmm_layout::{
     FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MAX_FMM_TERMS, NO_TERM,
 };
 use meshless_gi::frame::pyramid::{self, CellRange};
-use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_A_HOLE, state};
+use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
 use meshless_gi::frame::{
     CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
     GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
@@ -418,7 +418,10 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("RED", Some(f64::from(LUMINANCE.x))),
         ("GREEN", Some(f64::from(LUMINANCE.y))),
         ("BLUE", Some(f64::from(LUMINANCE.z))),
-        ("PIXELS_A_HOLE", Some(f64::from(PIXELS_A_HOLE))),
+        (
+            "PIXELS_PER_DIRECT_EVALUATION",
+            Some(f64::from(PIXELS_PER_DIRECT_EVALUATION)),
+        ),
         ("NOTHING", Some(f64::from(pyramid::NOTHING))),
         ("STEEPEST", Some(f64::from(pyramid::STEEPEST))),
         ("EMPTY_LOW", Some(f64::from(pyramid::EMPTY.0))),

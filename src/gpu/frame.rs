@@ -13,7 +13,7 @@ use meshless_gi::scene::MaterialFactors;
 
 /// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of slots is bound at a multiple of
 /// 256 bytes, the largest alignment of WebGPU.
-const SLOTS_A_DISPATCH: usize = 65_535 / 64 * 64;
+const SLOTS_PER_DISPATCH: usize = 65_535 / 64 * 64;
 
 /// The textures that `splat` reads and writes. All have the size of the view's target.
 #[derive(Clone, Copy, Debug)]
@@ -156,10 +156,10 @@ impl GpuFrame {
         queue.write_buffer(&b.changed, 0, bytemuck::cast_slice(&slots));
         let mut pass = compute(encoder, "meshless_gi project");
         pass.set_pipeline(&kernels.pass(Pass::Project).pipeline);
-        for (i, part) in slots.chunks(SLOTS_A_DISPATCH).enumerate() {
+        for (i, part) in slots.chunks(SLOTS_PER_DISPATCH).enumerate() {
             let changed = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: &b.changed,
-                offset: (i * SLOTS_A_DISPATCH * size_of::<u32>()) as u64,
+                offset: (i * SLOTS_PER_DISPATCH * size_of::<u32>()) as u64,
                 size: None,
             });
             let bind = kernels.bind(

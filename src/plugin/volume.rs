@@ -324,7 +324,7 @@ pub(crate) fn extract_volumes(
 }
 
 /// How many functions of probes and surfaces are looked at in a frame in which a volume's places are found: some milliseconds of one core.
-const LOOKS_A_FRAME: u64 = 1 << 19;
+const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
 #[derive(Default)]
@@ -431,7 +431,7 @@ impl SceneVolume {
         }
         let begun = self.places.take().filter(|p| *p.shape() == shape);
         let mut places = begun.unwrap_or_else(|| VolumePlaces::new(shape));
-        if !places.find(bake, LOOKS_A_FRAME) {
+        if !places.find(bake, EVALUATIONS_PER_FRAME) {
             self.places = Some(places);
             return;
         }

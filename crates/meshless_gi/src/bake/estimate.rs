@@ -17,7 +17,7 @@
 use super::Progress;
 use super::progress::Stage;
 use crate::asset::BakedScene;
-use crate::eval::{Lit, RAYS_A_PLACE, ReferenceSettings, irradiance, roomy_places};
+use crate::eval::{Lit, RAYS_PER_POSITION, ReferenceSettings, irradiance, roomy_places};
 use crate::frame::{CpuFrame, FrameLight, FrameSettings};
 use crate::samples::{Candidate, Random, morton, tangents, trace_particles};
 use crate::scene::{Geometry, Light};
@@ -55,7 +55,7 @@ impl Effort {
     fn of(scene: &BakedScene) -> Self {
         let (triples, places) = (8, 96);
         let each =
-            (triples * places) as f64 * RAYS_A_REFLECTION as f64 * f64::from(scene.info.bounces);
+            (triples * places) as f64 * RAYS_PER_BOUNCE as f64 * f64::from(scene.info.bounces);
         let paths = SHARE * scene.info.rays as f64 / each;
         Self {
             triples,
@@ -67,7 +67,7 @@ impl Effort {
 }
 
 /// A ray on, and a shadow ray for each lamp.
-const RAYS_A_REFLECTION: u64 = 1 + COLORS as u64;
+const RAYS_PER_BOUNCE: u64 = 1 + COLORS as u64;
 
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -118,7 +118,7 @@ fn lamp_errors(
     let mut random = Random::new(seed, 0, 0);
     let count = COLORS * effort.triples;
     let lamps = roomy_places(geometry, &candidates, count, TRIED, &mut random);
-    let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_A_PLACE;
+    let mut rays = traced.rays + (count * TRIED) as u64 * RAYS_PER_POSITION;
     // Steps along this order spread over the surface.
     let bounds = geometry.bounds();
     candidates.sort_by_cached_key(|c| morton(c.surface.position, &bounds));
@@ -336,7 +336,7 @@ impl Question<'_> {
                     direct: a.direct.as_dvec3(),
                 };
                 let paths = 2 * u64::from(settings.paths);
-                (halves, paths * RAYS_A_REFLECTION * u64::from(bounces))
+                (halves, paths * RAYS_PER_BOUNCE * u64::from(bounces))
             })
             .collect();
         let rays = found.iter().map(|f| f.1).sum();

@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 const LOOKS: u32 = 96;
 
 /// Rays that [`roomy_places`] casts for each place that it tries.
-pub const RAYS_A_PLACE: u64 = LOOKS as u64;
+pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
 /// Places in free space for lamps, each the one with the most room around it of `tried`: what a lamp a hair's breadth from a wall lights says little of the level,
 /// and no reference is sure of it. As many as `count`, or none where there are no candidates.

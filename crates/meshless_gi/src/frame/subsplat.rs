@@ -18,7 +18,7 @@ pub const COARSEST: u32 = 6;
 /// Most levels, the pixels among them.
 pub const LEVELS: usize = COARSEST as usize + 1;
 /// Of four pixels one may be evaluated by itself; where more would have to, the rest is interpolated from what is least unlike.
-pub const PIXELS_A_HOLE: u32 = 4;
+pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
 
 /// How discontinuities of depth are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -278,7 +278,7 @@ impl Levels {
     pub fn cells(&self, k: u32) -> u32 {
         let [w, h] = self.grid(k);
         match k {
-            0 => (w * h).div_ceil(PIXELS_A_HOLE),
+            0 => (w * h).div_ceil(PIXELS_PER_DIRECT_EVALUATION),
             _ => w * h,
         }
     }
