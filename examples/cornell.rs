@@ -115,7 +115,7 @@ fn setup(
                 height: PANEL.y,
                 ..default()
             },
-            MeshlessGiSoftShadow::default(),
+            GiSoftShadow::default(),
             Transform::from_xyz(0.0, 1.9, 0.0).looking_to(Vec3::NEG_Y, Vec3::NEG_Z),
             // It shines along -Z.
             Mesh3d(meshes.add(Cuboid::new(PANEL.x, PANEL.y, 0.005))),
@@ -129,7 +129,7 @@ fn setup(
             Vec3::new(0.0, 1.6, 0.0),
         )
         // What moves bounces its light.
-        .insert(MeshlessGiReflective::default());
+        .insert(GiReflectiveShadowMap::default());
     }
     let blue = materials.add(StandardMaterial {
         base_color: Color::linear_rgb(0.05, 0.3, 0.95),
@@ -138,7 +138,7 @@ fn setup(
     });
     commands.spawn((
         Ball,
-        MeshlessGiBouncer,
+        GiReflector,
         Mesh3d(meshes.add(Sphere::new(BALL))),
         MeshMaterial3d(blue),
         Transform::from_translation(ball_at(0.0)),
@@ -167,21 +167,21 @@ fn roll(mut ball: Single<&mut Transform, With<Ball>>, clock: Res<Clock>) {
 fn switch_bounce(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
-    ball: Single<(Entity, Has<MeshlessGiBouncer>), With<Ball>>,
-    mut displays: Query<&mut MeshlessGiDisplay>,
+    ball: Single<(Entity, Has<GiReflector>), With<Ball>>,
+    mut displays: Query<&mut GiSplatting>,
 ) {
     let (ball, bounces) = *ball;
     if keys.just_pressed(KeyCode::KeyB) {
         match bounces {
-            true => commands.entity(ball).remove::<MeshlessGiBouncer>(),
-            false => commands.entity(ball).insert(MeshlessGiBouncer),
+            true => commands.entity(ball).remove::<GiReflector>(),
+            false => commands.entity(ball).insert(GiReflector),
         };
     }
     if keys.just_pressed(KeyCode::KeyD) {
         for mut display in &mut displays {
             *display = match *display {
-                MeshlessGiDisplay::Full => MeshlessGiDisplay::default(),
-                MeshlessGiDisplay::Subsplats(_) => MeshlessGiDisplay::Full,
+                GiSplatting::Full => GiSplatting::default(),
+                GiSplatting::Subsplats(_) => GiSplatting::Full,
             };
         }
     }

@@ -67,12 +67,12 @@ fn main() -> ExitCode {
         .expect("the scene can be made");
 
     // Bake, in the background as in a game.
-    let mut baking = app.world_mut().query::<&MeshlessGiBakeProgress>();
+    let mut baking = app.world_mut().query::<&GiBakeProgress>();
     while baking.iter(app.world()).next().is_some() {
         std::thread::sleep(std::time::Duration::from_millis(10));
         frame(&mut app);
     }
-    let mut baked = app.world_mut().query::<&MeshlessGi>();
+    let mut baked = app.world_mut().query::<&GiScene>();
     if baked.iter(app.world()).next().is_none() {
         // The log has the error.
         return ExitCode::from(1);
@@ -119,10 +119,10 @@ fn frame(app: &mut App) {
 fn walk(app: &mut App, ms: f32) {
     const FRAMES: u32 = 300;
     let world = app.world_mut();
-    let mut roots = world.query_filtered::<Entity, With<MeshlessGi>>();
+    let mut roots = world.query_filtered::<Entity, With<GiScene>>();
     let roots: Vec<Entity> = roots.iter(world).collect();
     for &root in &roots {
-        let budget = MeshlessGiQuality::FrameBudget(ms);
+        let budget = GiQuality::FrameBudget(ms);
         world.entity_mut(root).insert(budget);
     }
     let mut moving = world.query_filtered::<&mut Transform, Or<(With<PointLight>, With<Camera>)>>();
@@ -137,7 +137,7 @@ fn walk(app: &mut App, ms: f32) {
         frame(app);
         let took = 1e3 * began.elapsed().as_secs_f32();
         let tiers = roots.iter().filter_map(|&root| app.world().get(root));
-        for picked in tiers.filter_map(MeshlessGiTier::picked) {
+        for picked in tiers.filter_map(GiActiveTier::picked) {
             if k % 10 == 0 {
                 println!("| {k} | {took:.1} | {picked} |");
             }
@@ -145,7 +145,7 @@ fn walk(app: &mut App, ms: f32) {
     }
     for tier in roots
         .iter()
-        .filter_map(|&root| app.world().get::<MeshlessGiTier>(root))
+        .filter_map(|&root| app.world().get::<GiActiveTier>(root))
     {
         println!(
             "\nthe tier changed {} times in {FRAMES} frames",
@@ -190,7 +190,7 @@ fn setup(
             ..default()
         },
         RenderTarget::Image(target.into()),
-        MeshlessGiCamera {
+        GiCamera {
             enabled: indirect,
             ..default()
         },

@@ -38,5 +38,5 @@ pub fn set_up(
     };
     commands.spawn((light, Transform::from_xyz(0.8, 2.3, 0.0)));
     let eye = Transform::from_xyz(0.0, 1.6, 2.8).looking_at(Vec3::new(0.0, 1.3, 0.0), Vec3::Y);
-    commands.spawn((Camera3d::default(), MeshlessGiCamera::default(), eye));
+    commands.spawn((Camera3d::default(), GiCamera::default(), eye));
 }

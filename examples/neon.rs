@@ -203,18 +203,18 @@ fn set_up(
         Transform::default(),
         Visibility::default(),
         // The night sky of a town.
-        MeshlessGiLighting {
+        GiLighting {
             sky: LinearRgba::rgb(6.0, 7.0, 12.0),
             ..default()
         },
     ));
     let named = common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
-    root.insert(MeshlessGiMaterials(named)).bake_gi(recipe);
+    root.insert(GiDynamicMaterials(named)).bake_gi(recipe);
 }
 
 /// The signs as their time and their switch have them.
 fn glow(
-    live: Single<&MeshlessGiMaterials>,
+    live: Single<&GiDynamicMaterials>,
     mut materials: ResMut<Assets<StandardMaterial>>,
     keys: Res<ButtonInput<KeyCode>>,
     mut lit: ResMut<Lit>,

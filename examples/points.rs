@@ -25,7 +25,7 @@
 mod common;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{MeshlessGiBake, MeshlessGiPoints};
+use bevy_meshless_gi::plugin::{GiBakeTask, GiPointCloudAsset};
 use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
@@ -133,7 +133,7 @@ fn set_up(
     mut commands: Commands,
     clock: Res<Clock>,
     mut level: ResMut<Level>,
-    mut clouds: ResMut<Assets<MeshlessGiPoints>>,
+    mut clouds: ResMut<Assets<GiPointCloudAsset>>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
@@ -151,14 +151,14 @@ fn set_up(
         preset: level.preset,
         ..default()
     };
-    let points = clouds.add(MeshlessGiPoints::new(cloud, &mut meshes, &mut materials));
+    let points = clouds.add(GiPointCloudAsset::new(cloud, &mut meshes, &mut materials));
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiBake::spawn(room, recipe),
+        GiBakeTask::spawn(room, recipe),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
-    root.with_child(MeshlessGiPointCloud(points));
+    root.with_child(GiPointCloud(points));
     spawn_lamp(
         &mut commands,
         &mut meshes,

@@ -139,7 +139,7 @@ fn set_up(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        MeshlessGiSky::default(),
+        GiSky::default(),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
@@ -164,7 +164,7 @@ fn mist(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
     mut there: Local<Option<Entity>>,
-    root: Single<Entity, With<MeshlessGiSky>>,
+    root: Single<Entity, With<GiSky>>,
     sun: Single<Entity, With<DirectionalLight>>,
     cameras: Query<Entity, With<Camera3d>>,
 ) {
@@ -173,7 +173,7 @@ fn mist(
     }
     if let Some(mist) = there.take() {
         commands.entity(mist).despawn();
-        commands.entity(*root).remove::<MeshlessGiVolume>();
+        commands.entity(*root).remove::<GiIrradianceVolume>();
         commands.entity(*sun).remove::<VolumetricLight>();
         for camera in &cameras {
             commands.entity(camera).remove::<VolumetricFog>();
@@ -191,7 +191,7 @@ fn mist(
         ..default()
     };
     *there = Some(commands.spawn((thin, over_the_court)).id());
-    commands.entity(*root).insert(MeshlessGiVolume::default());
+    commands.entity(*root).insert(GiIrradianceVolume::default());
     commands.entity(*sun).insert(VolumetricLight);
     for camera in &cameras {
         commands.entity(camera).insert(VolumetricFog {
@@ -260,8 +260,8 @@ fn follow(
     mut commands: Commands,
     clock: Res<Clock>,
     mut light: Single<(&mut DirectionalLight, &mut Transform)>,
-    mut level: Single<&mut MeshlessGiSky>,
-    cameras: Query<(Entity, &GlobalTransform), With<MeshlessGiCamera>>,
+    mut level: Single<&mut GiSky>,
+    cameras: Query<(Entity, &GlobalTransform), With<GiCamera>>,
     mut clear: ResMut<ClearColor>,
     mut last: Local<Option<f32>>,
 ) {

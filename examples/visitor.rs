@@ -117,7 +117,7 @@ fn set_up(
     root.bake_gi(recipe);
     let place = Vec3::new(-1.9, 2.05, -1.9);
     spawn_lamp(&mut commands, &mut meshes, &mut materials, place)
-        .insert(MeshlessGiReflective::default());
+        .insert(GiReflectiveShadowMap::default());
     let mut paint = |r, g, b| {
         materials.add(StandardMaterial {
             base_color: Color::linear_rgb(r, g, b),
@@ -128,7 +128,7 @@ fn set_up(
     };
     commands.spawn((
         Door,
-        MeshlessGiOccluder {
+        GiOccluder {
             name: "door".into(),
             openness: 1.0,
         },
@@ -162,7 +162,7 @@ fn set_up(
     let arm = meshes.add(Capsule3d::new(0.06, 0.42));
     let visitor = (
         Visitor,
-        MeshlessGiBouncer,
+        GiReflector,
         Transform::default(),
         Visibility::default(),
     );
@@ -240,10 +240,7 @@ fn walk(
     }
 }
 
-fn slide(
-    mut door: Single<(&mut Transform, &mut MeshlessGiOccluder), With<Door>>,
-    clock: Res<Clock>,
-) {
+fn slide(mut door: Single<(&mut Transform, &mut GiOccluder), With<Door>>, clock: Res<Clock>) {
     let open = openness(clock.now);
     let (place, occluder) = &mut *door;
     if occluder.openness != open {
@@ -259,13 +256,13 @@ fn slide(
 fn switch_bounce(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
-    visitor: Single<(Entity, Has<MeshlessGiBouncer>), With<Visitor>>,
+    visitor: Single<(Entity, Has<GiReflector>), With<Visitor>>,
 ) {
     let (visitor, bounces) = *visitor;
     if keys.just_pressed(KeyCode::KeyB) {
         match bounces {
-            true => commands.entity(visitor).remove::<MeshlessGiBouncer>(),
-            false => commands.entity(visitor).insert(MeshlessGiBouncer),
+            true => commands.entity(visitor).remove::<GiReflector>(),
+            false => commands.entity(visitor).insert(GiReflector),
         };
     }
 }

@@ -25,18 +25,18 @@ fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
         told[0].contains("no renderer") && told[0].contains("stays off"),
         "{told:?}"
     );
-    let handle: Handle<MeshlessGiAsset> = app.world().resource::<AssetServer>().load("room.mgi");
-    app.world_mut().spawn(MeshlessGi(handle.clone()));
+    let handle: Handle<GiBakedScene> = app.world().resource::<AssetServer>().load("room.mgi");
+    app.world_mut().spawn(GiScene(handle.clone()));
     let loaded = |app: &mut App| {
         app.world()
-            .resource::<Assets<MeshlessGiAsset>>()
+            .resource::<Assets<GiBakedScene>>()
             .get(&handle)
             .map(|a| a.scene.clone())
     };
     let first = until(&mut app, "loading", loaded);
     assert_eq!(*first, *bake, "what is loaded is what was baked");
     assert_eq!(
-        app.world().resource::<MeshlessGiStatus>().get().frame,
+        app.world().resource::<GiFrameStats>().get().frame,
         0,
         "nothing was drawn"
     );
@@ -56,7 +56,7 @@ fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
     damaged[middle] ^= 0x40;
     for bytes in [damaged, Vec::new()] {
         std::fs::write(folder.path().join("damaged.mgi"), bytes).unwrap();
-        let broken: Handle<MeshlessGiAsset> =
+        let broken: Handle<GiBakedScene> =
             app.world().resource::<AssetServer>().load("damaged.mgi");
         let failed = |app: &mut App| match app
             .world()
@@ -97,14 +97,14 @@ fn a_device_that_lacks_what_we_need_gets_a_picture_and_no_indirect_light() {
     let (room, bake) = cornell();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    let root = app.world_mut().spawn(MeshlessGi(asset)).id();
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    let root = app.world_mut().spawn(GiScene(asset)).id();
     room.spawn(&mut app, root);
     let image = target(&mut app);
     let view = Transform::from_xyz(0.0, 1.0, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y);
     app.world_mut()
-        .spawn((camera(&image, view), MeshlessGiCamera::default()));
+        .spawn((camera(&image, view), GiCamera::default()));
     app.world_mut().spawn((
         PointLight {
             intensity: 20_000.0,
@@ -119,7 +119,7 @@ fn a_device_that_lacks_what_we_need_gets_a_picture_and_no_indirect_light() {
     assert!(mean > 0.01, "the rest of the app draws");
     assert!(told.is_empty(), "it is not told again: {told:?}");
     assert_eq!(
-        app.world().resource::<MeshlessGiStatus>().get().frame,
+        app.world().resource::<GiFrameStats>().get().frame,
         0,
         "indirect light stays off"
     );
@@ -153,10 +153,10 @@ fn quick() -> Recipe {
 
 /// Ends of bakes.
 #[derive(Resource, Default)]
-struct Ends(Vec<MeshlessGiBakeFinished>);
+struct Ends(Vec<GiBakeFinished>);
 
-fn asset_points(app: &App, handle: &Handle<MeshlessGiAsset>) -> u64 {
-    let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+fn asset_points(app: &App, handle: &Handle<GiBakedScene>) -> u64 {
+    let assets = app.world().resource::<Assets<GiBakedScene>>();
     assets.get(handle).unwrap().scene.points.len() as u64
 }
 
@@ -165,11 +165,9 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
     app.init_resource::<Ends>();
-    app.add_observer(
-        |event: On<MeshlessGiBakeFinished>, mut ends: ResMut<Ends>| {
-            ends.0.push(event.event().clone());
-        },
-    );
+    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<Ends>| {
+        ends.0.push(event.event().clone());
+    });
     let end_of = |app: &App, entity: Entity| {
         let ends = &app.world().resource::<Ends>().0;
         let of: Vec<_> = ends.iter().filter(|end| end.entity == entity).collect();
@@ -179,11 +177,11 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     let room = Room::cornell();
     let good = app
         .world_mut()
-        .spawn(MeshlessGiBake::spawn(level(&room), quick()))
+        .spawn(GiBakeTask::spawn(level(&room), quick()))
         .id();
     let empty = app
         .world_mut()
-        .spawn(MeshlessGiBake::spawn(
+        .spawn(GiBakeTask::spawn(
             TriangleMesh::new(vec![], vec![], vec![]),
             quick(),
         ))
@@ -194,22 +192,22 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     };
     let wrong = app
         .world_mut()
-        .spawn(MeshlessGiBake::spawn(level(&room), wrong))
+        .spawn(GiBakeTask::spawn(level(&room), wrong))
         .id();
     let mut stages = Vec::new();
     let handle = until(&mut app, "baking", |app| {
-        if let Some(progress) = app.world().get::<MeshlessGiBakeProgress>(good) {
+        if let Some(progress) = app.world().get::<GiBakeProgress>(good) {
             assert!((0.0..=1.0).contains(&progress.fraction));
             if !stages.contains(&progress.stage) {
                 stages.push(progress.stage);
             }
         }
-        app.world().get::<MeshlessGi>(good).map(|gi| gi.0.clone())
+        app.world().get::<GiScene>(good).map(|gi| gi.0.clone())
     });
     assert!(!stages.is_empty(), "progress was seen");
     let asset = app
         .world()
-        .resource::<Assets<MeshlessGiAsset>>()
+        .resource::<Assets<GiBakedScene>>()
         .get(&handle)
         .unwrap();
     assert!(asset.scene.points.len() > 100 && !asset.scene.operator.links.is_empty());
@@ -218,22 +216,14 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
         .unwrap();
     assert!(summary.seconds > 0.0 && !summary.loaded);
     assert_eq!(summary.points, asset_points(&app, &handle));
-    assert!(!app.world().entity(good).contains::<MeshlessGiBake>());
-    assert!(
-        !app.world()
-            .entity(good)
-            .contains::<MeshlessGiBakeProgress>()
-    );
+    assert!(!app.world().entity(good).contains::<GiBakeTask>());
+    assert!(!app.world().entity(good).contains::<GiBakeProgress>());
     for (entity, word) in [(empty, "no surface"), (wrong, "rays")] {
         let result = until(&mut app, "failing", |app| end_of(app, entity));
         let error = result.unwrap_err().to_string();
         assert!(error.contains(word), "{error}");
-        assert!(app.world().get::<MeshlessGi>(entity).is_none());
-        assert!(
-            !app.world()
-                .entity(entity)
-                .contains::<MeshlessGiBakeProgress>()
-        );
+        assert!(app.world().get::<GiScene>(entity).is_none());
+        assert!(!app.world().entity(entity).contains::<GiBakeProgress>());
     }
 
     // Bevy's pools stay free, for its pipelines for instance, however small they are.
@@ -245,7 +235,7 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     };
     let many: Vec<Entity> = (0..pool.thread_num())
         .map(|_| {
-            let bake = MeshlessGiBake::spawn(level(&room), slow.clone());
+            let bake = GiBakeTask::spawn(level(&room), slow.clone());
             app.world_mut().spawn(bake).id()
         })
         .collect();
@@ -254,7 +244,7 @@ fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
     app.update();
     for baking in many {
         assert!(
-            app.world().get::<MeshlessGiBake>(baking).is_some(),
+            app.world().get::<GiBakeTask>(baking).is_some(),
             "still under way"
         );
         app.world_mut().despawn(baking);

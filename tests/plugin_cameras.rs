@@ -16,7 +16,7 @@ use bevy::material::OpaqueRendererMethod;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings};
+use bevy_meshless_gi::plugin::{GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::bake::{FreeSpaceLight, Preset, Recipe};
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
@@ -256,14 +256,14 @@ fn plain_cameras_beside_a_display_show_what_they_show_without_the_plugin() {
     let mut apps = both();
     // The display has a picture of its own, which is not compared.
     let image = target(&mut apps[0].app);
-    let eye = (camera(&image, view()), MeshlessGiCamera::default());
+    let eye = (camera(&image, view()), GiCamera::default());
     let eye = apps[0].app.world_mut().spawn(eye).id();
     let plain = step(&mut apps, "three_kinds", |_| {});
     let lit = picture(&mut apps[0].app, &image);
     keep("cameras_display", &plain[1].beside(&lit));
     // The second camera stands where the display does, and shows direct light alone.
     assert!(lit.mean() > 1.2 * plain[1].mean(), "{}", lit.mean());
-    let findings = apps[0].app.world().resource::<MeshlessGiFindings>();
+    let findings = apps[0].app.world().resource::<GiWarnings>();
     assert_eq!(findings.0, [], "nothing is wrong with such cameras");
     // The comparison can fail.
     assert!(difference(&lit, &plain[1]) > 100.0 * MAX_DIFFERENCE);
@@ -348,7 +348,7 @@ fn a_camera_that_becomes_a_display_and_plain_again_shows_what_it_showed() {
         .app
         .world_mut()
         .entity_mut(eye)
-        .insert(MeshlessGiCamera::default());
+        .insert(GiCamera::default());
     let image = apps[0].images[1].clone();
     let plain = picture(&mut apps[1].app, &image);
     run(&mut apps[0].app, 3);
@@ -359,7 +359,7 @@ fn a_camera_that_becomes_a_display_and_plain_again_shows_what_it_showed() {
         .app
         .world_mut()
         .entity_mut(eye)
-        .remove::<(MeshlessGiCamera, DeferredPrepass)>();
+        .remove::<(GiCamera, DeferredPrepass)>();
     step(&mut apps, "plain_again", |_| {});
     // A prepass that goes, and one that comes.
     step(&mut apps, "prepasses", |s| {
@@ -462,10 +462,10 @@ fn masked_materials_in_a_display_with_a_volume_are_lit_once() {
     let root = spawn_baked(&mut app, &Room::cornell(), &bake, Transform::IDENTITY);
     app.world_mut()
         .entity_mut(root)
-        .insert(MeshlessGiVolume::default());
+        .insert(GiIrradianceVolume::default());
     spawn_lamp(&mut app, LAMP);
     let image = target(&mut app);
-    let eye = (camera(&image, view()), MeshlessGiCamera::default());
+    let eye = (camera(&image, view()), GiCamera::default());
     let eye = app.world_mut().spawn(eye).id();
     // The volume is written over some frames, and the lighting without it is compiled.
     run(&mut app, 60);
@@ -486,7 +486,7 @@ fn masked_materials_in_a_display_with_a_volume_are_lit_once() {
     assert!(d < 0.005, "{d}");
     // Off, the camera shows direct light alone, masked or not; on again, all of it.
     let enable = |app: &mut App, on: bool| {
-        let mut display = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+        let mut display = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
         display.enabled = on;
         run(app, 4);
         picture(app, &image)
@@ -498,7 +498,7 @@ fn masked_materials_in_a_display_with_a_volume_are_lit_once() {
 }
 
 /// Findings of an app with a baked room, a camera of this kind, and so many frames.
-fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<MeshlessGiFinding> {
+fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
@@ -506,33 +506,30 @@ fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<MeshlessGiF
     eye.insert(kind);
     change(&mut app, root);
     run(&mut app, 40);
-    app.world().resource::<MeshlessGiFindings>().0.clone()
+    app.world().resource::<GiWarnings>().0.clone()
 }
 
 #[test]
 fn bake_that_no_camera_displays_is_told_once() {
     let nothing = |_: &mut App, _: Entity| {};
-    assert_eq!(told((), nothing), [MeshlessGiFinding::NoDisplay]);
+    assert_eq!(told((), nothing), [GiWarning::NoDisplay]);
     let deferred = (DepthPrepass, NormalPrepass, DeferredPrepass, Msaa::Off);
-    assert_eq!(
-        told(deferred, nothing),
-        [MeshlessGiFinding::NoDeferredDisplay]
-    );
+    assert_eq!(told(deferred, nothing), [GiWarning::NoDeferredDisplay]);
     // Both cures; a camera that is turned off; one that does not see the bake; and a display that is turned off.
-    assert_eq!(told(MeshlessGiCamera::default(), nothing), []);
+    assert_eq!(told(GiCamera::default(), nothing), []);
     let volume = |app: &mut App, root: Entity| {
         app.world_mut()
             .entity_mut(root)
-            .insert(MeshlessGiVolume::default());
+            .insert(GiIrradianceVolume::default());
     };
-    assert_eq!(told((), volume), [MeshlessGiFinding::NoFreeSpace]);
+    assert_eq!(told((), volume), [GiWarning::NoFreeSpace]);
     let inactive = Camera {
         is_active: false,
         ..default()
     };
     assert_eq!(told(inactive, nothing), []);
     assert_eq!(told(RenderLayers::layer(3), nothing), []);
-    let off = MeshlessGiCamera {
+    let off = GiCamera {
         enabled: false,
         ..default()
     };
@@ -541,14 +538,14 @@ fn bake_that_no_camera_displays_is_told_once() {
 
 #[test]
 fn advice_names_both_cures_and_the_volume_first_for_forward_cameras() {
-    let places = |finding: MeshlessGiFinding| {
-        ["MeshlessGiVolume", "MeshlessGiCamera"].map(|cure| finding.advice().find(cure))
+    let places = |finding: GiWarning| {
+        ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.advice().find(cure))
     };
-    let [Some(volume), Some(camera)] = places(MeshlessGiFinding::NoDisplay) else {
+    let [Some(volume), Some(camera)] = places(GiWarning::NoDisplay) else {
         panic!("both cures");
     };
     assert!(volume < camera);
-    let [Some(volume), Some(camera)] = places(MeshlessGiFinding::NoDeferredDisplay) else {
+    let [Some(volume), Some(camera)] = places(GiWarning::NoDeferredDisplay) else {
         panic!("both cures");
     };
     assert!(camera < volume);
@@ -561,11 +558,9 @@ fn display_that_comes_late_is_not_missed() {
     let image = target(&mut app);
     let eye = app.world_mut().spawn(camera(&image, view())).id();
     run(&mut app, 8);
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiCamera::default());
+    app.world_mut().entity_mut(eye).insert(GiCamera::default());
     run(&mut app, 40);
-    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+    assert_eq!(app.world().resource::<GiWarnings>().0, []);
 }
 
 /// The largest jump between neighbors on the back wall, relative to their mean: light there changes slowly.
@@ -592,16 +587,16 @@ fn volume_with_the_default_camera_is_smooth_at_draft() {
         let root = spawn_baked(&mut app, &Room::cornell(), &bake, Transform::IDENTITY);
         app.world_mut()
             .entity_mut(root)
-            .insert(MeshlessGiVolume::default());
+            .insert(GiIrradianceVolume::default());
         spawn_lamp(&mut app, LAMP);
         let image = target(&mut app);
         let mut eye = app.world_mut().spawn(camera(&image, view()));
         if deferred {
-            eye.insert(MeshlessGiCamera::default());
+            eye.insert(GiCamera::default());
         }
         run(&mut app, 60);
         let shown = picture(&mut app, &image);
-        let findings = app.world().resource::<MeshlessGiFindings>().0.clone();
+        let findings = app.world().resource::<GiWarnings>().0.clone();
         assert_eq!(findings, []);
         shown
     });

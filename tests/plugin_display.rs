@@ -4,7 +4,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{MeshlessGiDepthTest, MeshlessGiNormalTest, MeshlessGiSubsplats};
+use bevy_meshless_gi::plugin::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
 use bevy_meshless_gi::prelude::*;
 use plugin_support::app::{app, camera, drawable, picture, run};
 use plugin_support::flip::{Picture, flip};
@@ -15,13 +15,13 @@ const SIZE: UVec2 = UVec2::new(256, 192);
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 
 /// The room with its lamp, and a camera at `at` that shows `display`.
-fn shown(app: &mut App, at: Transform, display: MeshlessGiDisplay) -> (Entity, Handle<Image>) {
+fn shown(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
     spawn_room(app, Transform::IDENTITY);
     spawn_lamp(app, LAMP);
     eye(app, at, display)
 }
 
-fn eye(app: &mut App, at: Transform, display: MeshlessGiDisplay) -> (Entity, Handle<Image>) {
+fn eye(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Image>) {
     let image = drawable(SIZE.x, SIZE.y);
     let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
     let eye = app.world_mut().spawn((camera(&image, at), indirect())).id();
@@ -32,16 +32,14 @@ fn eye(app: &mut App, at: Transform, display: MeshlessGiDisplay) -> (Entity, Han
 
 /// The picture by the display that is set, and at every pixel; and how many evaluations the first took, in parts of the pixels.
 fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
-    let display = *app.world().get::<MeshlessGiDisplay>(eye).unwrap();
+    let display = *app.world().get::<GiSplatting>(eye).unwrap();
     let by = picture(app, image);
     run(app, 3);
     let counts = counters(app);
     let counts = counts.subsplats.values().next().expect("they are counted");
     assert_eq!(counts.pixels, SIZE.x * SIZE.y);
     let share = counts.total() as f32 / counts.pixels as f32;
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiDisplay::Full);
+    app.world_mut().entity_mut(eye).insert(GiSplatting::Full);
     run(app, 2);
     let full = picture(app, image);
     assert!(counters(app).subsplats.is_empty());
@@ -53,47 +51,47 @@ fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture,
 #[test]
 fn subsplats_show_what_every_pixel_does() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
+    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("subsplats", &full, &by);
     println!("{:.1} % of the pixels", 100.0 * share);
     // Few pixels, so that edges weigh much: docs/SUBSPLATS.md has a full screen's.
     assert!(share < 0.35, "{share}");
     // Other tests, [N09]'s own, and coarser ones.
-    let settings = MeshlessGiSubsplats::default();
+    let settings = GiSubsplatSettings::default();
     for (name, settings) in [
         (
             "minima",
-            MeshlessGiSubsplats {
+            GiSubsplatSettings {
                 coarsest: 6,
-                depth: MeshlessGiDepthTest::MinMax(0.05),
-                normal: MeshlessGiNormalTest::MinMax(0.3),
+                depth: GiDepthTest::MinMax(0.05),
+                normal: GiNormalTest::MinMax(0.3),
                 light: f32::INFINITY,
                 ..settings
             },
         ),
         (
             "derivatives",
-            MeshlessGiSubsplats {
-                depth: MeshlessGiDepthTest::Derivative(0.05),
-                normal: MeshlessGiNormalTest::Curvature(0.3),
+            GiSubsplatSettings {
+                depth: GiDepthTest::Derivative(0.05),
+                normal: GiNormalTest::Curvature(0.3),
                 ..settings
             },
         ),
     ] {
         app.world_mut()
             .entity_mut(eye)
-            .insert(MeshlessGiDisplay::Subsplats(settings));
+            .insert(GiSplatting::Subsplats(settings));
         run(&mut app, 2);
         let (by, full, share) = both(&mut app, eye, &image);
         println!("{name}: {:.1} % of the pixels", 100.0 * share);
         assert_alike(name, &full, &by);
     }
     // What is set wrongly is brought into range.
-    let wild = MeshlessGiSubsplats {
+    let wild = GiSubsplatSettings {
         coarsest: 0,
         finest: 99,
-        depth: MeshlessGiDepthTest::Plane(f32::NAN),
+        depth: GiDepthTest::Plane(f32::NAN),
         light: f32::NAN,
         alike: 7.0,
         detail: -1.0,
@@ -101,7 +99,7 @@ fn subsplats_show_what_every_pixel_does() {
     };
     app.world_mut()
         .entity_mut(eye)
-        .insert(MeshlessGiDisplay::Subsplats(wild));
+        .insert(GiSplatting::Subsplats(wild));
     run(&mut app, 2);
     let (by, full, _) = both(&mut app, eye, &image);
     assert_alike("wild", &full, &by);
@@ -111,7 +109,7 @@ fn subsplats_show_what_every_pixel_does() {
 fn a_flat_view_takes_next_to_none() {
     let mut app = app();
     let at = Transform::from_xyz(0.1, 1.1, 0.6).looking_at(Vec3::new(0.1, 1.2, -1.0), Vec3::Y);
-    let (eye, image) = shown(&mut app, at, MeshlessGiDisplay::default());
+    let (eye, image) = shown(&mut app, at, GiSplatting::default());
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("flat", &full, &by);
     println!("{:.2} % of the pixels", 100.0 * share);
@@ -122,8 +120,8 @@ fn a_flat_view_takes_next_to_none() {
 #[test]
 fn nothing_pops_along_a_path() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
-    let mut path = |display: MeshlessGiDisplay| -> Vec<Picture> {
+    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
+    let mut path = |display: GiSplatting| -> Vec<Picture> {
         app.world_mut().entity_mut(eye).insert(display);
         (0..6)
             .map(|k| {
@@ -134,8 +132,8 @@ fn nothing_pops_along_a_path() {
             })
             .collect()
     };
-    let by = path(MeshlessGiDisplay::default());
-    let full = path(MeshlessGiDisplay::Full);
+    let by = path(GiSplatting::default());
+    let full = path(GiSplatting::Full);
     let mean = full[0].mean();
     let mut most = 0.0f32;
     for (frames, reference) in by.windows(2).zip(full.windows(2)) {
@@ -161,7 +159,7 @@ fn nothing_pops_along_a_path() {
 #[test]
 fn a_ball_that_bounces_light_is_shown_alike() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::default());
+    let (eye, image) = shown(&mut app, view(), GiSplatting::default());
     let mesh = Sphere::new(0.25).mesh().ico(12).unwrap();
     let mesh = app.world_mut().resource_mut::<Assets<Mesh>>().add(mesh);
     let red = StandardMaterial {
@@ -174,18 +172,14 @@ fn a_ball_that_bounces_light_is_shown_alike() {
         .resource_mut::<Assets<StandardMaterial>>()
         .add(red);
     let place = Transform::from_xyz(-0.3, 0.3, 0.4);
-    app.world_mut().spawn((
-        Mesh3d(mesh),
-        MeshMaterial3d(material),
-        place,
-        MeshlessGiBouncer,
-    ));
+    app.world_mut()
+        .spawn((Mesh3d(mesh), MeshMaterial3d(material), place, GiReflector));
     let mut lamps = app.world_mut().query_filtered::<Entity, With<PointLight>>();
     let lamp = lamps.single(app.world()).unwrap();
     let before = picture(&mut app, &image);
     app.world_mut()
         .entity_mut(lamp)
-        .insert(MeshlessGiReflective::default());
+        .insert(GiReflectiveShadowMap::default());
     run(&mut app, 3);
     let (by, full, share) = both(&mut app, eye, &image);
     println!("{:.1} % of the pixels", 100.0 * share);
@@ -206,7 +200,7 @@ fn two_bakes_share_a_picture() {
     spawn_lamp(&mut app, Vec3::new(-1.1, 1.6, -0.7));
     spawn_lamp(&mut app, Vec3::new(1.2, 1.5, -1.3));
     let at = Transform::from_xyz(0.0, 1.2, 4.5).looking_at(Vec3::new(0.0, 1.0, -1.0), Vec3::Y);
-    let (eye, image) = eye(&mut app, at, MeshlessGiDisplay::default());
+    let (eye, image) = eye(&mut app, at, GiSplatting::default());
     let (by, full, share) = both(&mut app, eye, &image);
     println!("{:.1} % of the pixels", 100.0 * share);
     assert_alike("two_bakes", &full, &by);
@@ -215,28 +209,26 @@ fn two_bakes_share_a_picture() {
 #[test]
 fn buffers_come_and_go_with_the_display() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), MeshlessGiDisplay::Full);
+    let (eye, image) = shown(&mut app, view(), GiSplatting::Full);
     let full = counters(&app);
     assert_eq!(full.dispatches_of(Stage::Splat), 1);
     app.world_mut()
         .entity_mut(eye)
-        .insert(MeshlessGiDisplay::default());
+        .insert(GiSplatting::default());
     run(&mut app, 2);
     let by = counters(&app);
     assert!(by.buffers > full.buffers && by.bytes > full.bytes);
     assert!(by.dispatches_of(Stage::Splat) > 10, "{by:?}");
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiDisplay::Full);
+    app.world_mut().entity_mut(eye).insert(GiSplatting::Full);
     run(&mut app, 2);
     let again = counters(&app);
     assert_eq!((again.buffers, again.bytes), (full.buffers, full.bytes));
     // A camera that shows nothing holds nothing.
     app.world_mut()
         .entity_mut(eye)
-        .insert(MeshlessGiDisplay::default());
+        .insert(GiSplatting::default());
     run(&mut app, 2);
-    let mut settings = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    let mut settings = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     settings.enabled = false;
     run(&mut app, 2);
     let off = counters(&app);

@@ -79,11 +79,11 @@ fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Han
     let mut app = app();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene });
     let root = app
         .world_mut()
-        .spawn((MeshlessGi(asset), Transform::IDENTITY))
+        .spawn((GiScene(asset), Transform::IDENTITY))
         .id();
     room.spawn(&mut app, root);
     let image = target(&mut app);
@@ -104,7 +104,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
     // Somebody names it and leaves it open; somebody else names what is not there.
     let say = |app: &mut App, name: &str, openness: f32| {
         let name = name.into();
-        let occluder = MeshlessGiOccluder { name, openness };
+        let occluder = GiOccluder { name, openness };
         app.world_mut().spawn(occluder).id()
     };
     let door = say(&mut app, "screen", 1.0);
@@ -116,7 +116,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
 
     let mut last = open.clone();
     for openness in [0.0, 0.4, 1.0] {
-        let mut moved = app.world_mut().get_mut::<MeshlessGiOccluder>(door).unwrap();
+        let mut moved = app.world_mut().get_mut::<GiOccluder>(door).unwrap();
         moved.openness = openness;
         run(&mut app, 1);
         let c = counters(&app);
@@ -167,7 +167,7 @@ fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
     let place = Vec3::new(0.1, 1.6, 0.6);
     let (mut app, image) = stage_lit_from(place, &room, bake.clone());
     let name = "screen".into();
-    app.world_mut().spawn(MeshlessGiOccluder {
+    app.world_mut().spawn(GiOccluder {
         name,
         openness: 0.0,
     });
@@ -190,7 +190,7 @@ fn a_level_without_doors_has_nothing_of_them() {
     let room = Room::cornell();
     let (mut app, _) = stage(&room, room.bake(1));
     let before = counters(&app);
-    app.world_mut().spawn(MeshlessGiOccluder {
+    app.world_mut().spawn(GiOccluder {
         name: "screen".into(),
         openness: 0.0,
     });

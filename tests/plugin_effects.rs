@@ -8,7 +8,7 @@ mod scenes;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{PickedChannels, Stage};
-use bevy_meshless_gi::plugin::MeshlessGiCounters;
+use bevy_meshless_gi::plugin::FrameStats;
 use meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
 use meshless_gi::frame::Channels;
 use plugin_support::app::{app, run};
@@ -37,7 +37,7 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
         ..Recipe::default()
     };
     let bakes = bakes(&recipe).expect("bakes");
-    let mut seen: Vec<MeshlessGiCounters> = Vec::new();
+    let mut seen: Vec<FrameStats> = Vec::new();
     for scene in &SCENES {
         let mut app = app();
         spawn(&mut app, scene, &bakes, SIZE);

@@ -59,8 +59,8 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
         ..quick()
     };
     app.world_mut().entity_mut(root).bake_gi(recipe.clone());
-    let progress = app.world().get::<MeshlessGiBakeProgress>(root).unwrap();
-    assert_eq!(progress.stage, MeshlessGiBakeStage::Waiting);
+    let progress = app.world().get::<GiBakeProgress>(root).unwrap();
+    assert_eq!(progress.stage, GiBakeStage::Waiting);
     let summary = end_of(&mut app, root).unwrap();
     assert_eq!(summary.warnings, []);
     let ours = scene_of(&app, root);
@@ -88,7 +88,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     println!("estimated NRMSE: entities {a}, file {b}");
     assert!(a > 0.0 && (a - b).abs() < 1e-3 * b, "{a} {b}");
     // The assets of the scene are named, so that light follows them.
-    let named = app.world().get::<MeshlessGiMaterials>(root).unwrap();
+    let named = app.world().get::<GiDynamicMaterials>(root).unwrap();
     assert!(!named.0.is_empty());
     let live = ours.materials.as_ref().unwrap();
     for (name, _) in &named.0 {
@@ -125,17 +125,14 @@ fn minimal_example_has_indirect_light() {
     let eye = cameras.single(app.world()).unwrap();
     let at = *app.world().get::<Transform>(eye).unwrap();
     (app.world_mut().entity_mut(eye)).insert(camera(&image, at));
-    let mut roots = (app.world_mut()).query_filtered::<Entity, With<MeshlessGiBakeRequest>>();
+    let mut roots = (app.world_mut()).query_filtered::<Entity, With<GiBakeRequest>>();
     let root = roots.single(app.world()).unwrap();
     let summary = end_of(&mut app, root).unwrap();
     assert_eq!((summary.triangles, summary.warnings.len()), (7 * 12, 0));
     run(&mut app, 3);
     let lit = picture(&mut app, &image);
     keep("minimal_lit", &lit);
-    app.world_mut()
-        .get_mut::<MeshlessGiCamera>(eye)
-        .unwrap()
-        .enabled = false;
+    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = false;
     run(&mut app, 2);
     let direct = picture(&mut app, &image);
     keep("minimal_direct", &direct);
@@ -145,7 +142,7 @@ fn minimal_example_has_indirect_light() {
         lit.mean(),
         direct.mean()
     );
-    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+    assert_eq!(app.world().resource::<GiWarnings>().0, []);
 }
 
 #[test]
@@ -179,13 +176,10 @@ fn meshes_that_cannot_be_used_are_named_and_left_out() {
     app.world_mut()
         .entity_mut(skinned)
         .insert(SkinnedMesh::default());
-    let excluded = app
-        .world_mut()
-        .spawn((MeshlessGiBakeExclude, ChildOf(root)))
-        .id();
+    let excluded = app.world_mut().spawn((GiBakeExclude, ChildOf(root))).id();
     spawn_mesh(&mut app, excluded, small(inside), plain(), still);
     let ball = spawn_mesh(&mut app, root, small(inside), plain(), still);
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     let hidden = app
         .world_mut()
         .spawn((Visibility::Hidden, ChildOf(root)))
@@ -221,7 +215,7 @@ fn meshes_that_cannot_be_used_are_named_and_left_out() {
     }
     assert!(matches!(
         summary.warnings[0],
-        MeshlessGiBakeWarning::MeshInRenderWorld { .. }
+        GiBakeWarning::MeshInRenderWorld { .. }
     ));
 }
 
@@ -229,11 +223,11 @@ fn meshes_that_cannot_be_used_are_named_and_left_out() {
 fn root_without_usable_meshes_ends_with_an_error_that_names_them() {
     let mut app = bare_app(&std::env::temp_dir());
     let world = app.world_mut();
-    let empty = world.spawn(MeshlessGiBakeRequest::from(Preset::Draft)).id();
+    let empty = world.spawn(GiBakeRequest::from(Preset::Draft)).id();
     let result = end_of(&mut app, empty);
     assert!(matches!(
         &result,
-        Err(MeshlessGiBakeError::Empty { warnings, .. }) if warnings.is_empty()
+        Err(GiBakeError::Empty { warnings, .. }) if warnings.is_empty()
     ));
     let root = app.world_mut().spawn(Name::new("cave")).id();
     let mut extracted = triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);
@@ -247,20 +241,16 @@ fn root_without_usable_meshes_ends_with_an_error_that_names_them() {
         error.contains("`cave`") && error.contains("MAIN_WORLD"),
         "{error}"
     );
-    assert!(!app.world().entity(root).contains::<MeshlessGi>());
-    assert!(!app.world().entity(root).contains::<MeshlessGiBakeRequest>());
-    assert!(
-        !app.world()
-            .entity(root)
-            .contains::<MeshlessGiBakeProgress>()
-    );
+    assert!(!app.world().entity(root).contains::<GiScene>());
+    assert!(!app.world().entity(root).contains::<GiBakeRequest>());
+    assert!(!app.world().entity(root).contains::<GiBakeProgress>());
     // Found on the bake's thread: all triangles are unusable.
     let root = app.world_mut().spawn_empty().id();
     spawn_mesh(&mut app, root, nan, plain, default());
     app.world_mut().entity_mut(root).bake_gi(quick());
     assert!(matches!(
         end_of(&mut app, root),
-        Err(MeshlessGiBakeError::Empty { warnings, .. }) if warnings.len() == 1
+        Err(GiBakeError::Empty { warnings, .. }) if warnings.len() == 1
     ));
 }
 
@@ -273,7 +263,7 @@ fn later_request_replaces_the_earlier_and_removal_cancels() {
         app.world_mut().entity_mut(root).bake_gi(slow());
         root
     });
-    let is_baking = |app: &App, root: Entity| app.world().get::<MeshlessGiBake>(root).is_some();
+    let is_baking = |app: &App, root: Entity| app.world().get::<GiBakeTask>(root).is_some();
     until(&mut app, "all three start", |app| {
         [replaced, despawned, removed]
             .iter()
@@ -285,13 +275,9 @@ fn later_request_replaces_the_earlier_and_removal_cancels() {
     app.world_mut().despawn(despawned);
     app.world_mut()
         .entity_mut(removed)
-        .remove::<MeshlessGiBakeRequest>();
+        .remove::<GiBakeRequest>();
     assert!(!is_baking(&app, removed));
-    assert!(
-        !app.world()
-            .entity(removed)
-            .contains::<MeshlessGiBakeProgress>()
-    );
+    assert!(!app.world().entity(removed).contains::<GiBakeProgress>());
     let summary = end_of(&mut app, replaced).unwrap();
     assert!(scene_of(&app, replaced).info.recipe.contains("rays:64"));
     assert!(summary.points > 0);
@@ -575,7 +561,7 @@ fn saved_bake_is_loaded_where_it_matches_and_replaced_where_it_does_not() {
     let mut app = bare_app(folder.path());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
-    let request = |recipe: Recipe| MeshlessGiBakeRequest::new(recipe).save_to(&file);
+    let request = |recipe: Recipe| GiBakeRequest::new(recipe).save_to(&file);
     let (first, baked) = bake(&mut app, root, request(quick()));
     assert!(!first.loaded && first.warnings.is_empty());
     let read = || BakedScene::read(&file, &default()).unwrap();
@@ -607,14 +593,14 @@ fn saved_bake_is_loaded_where_it_matches_and_replaced_where_it_does_not() {
     assert!(!mended.loaded);
     assert!(matches!(
         &mended.warnings[..],
-        [MeshlessGiBakeWarning::NotLoaded { path, .. }] if *path == file
+        [GiBakeWarning::NotLoaded { path, .. }] if *path == file
     ));
     assert_eq!(read().info.triangles, 21);
     // A file that can't be written: the light is there all the same.
     let below_a_file = file.join("room.mgi");
-    let unsaved = MeshlessGiBakeRequest::new(finer).save_to(&below_a_file);
+    let unsaved = GiBakeRequest::new(finer).save_to(&below_a_file);
     let (summary, _) = bake(&mut app, root, unsaved);
-    let not_saved = |w: &MeshlessGiBakeWarning| matches!(w, MeshlessGiBakeWarning::NotSaved { path, .. } if *path == below_a_file);
+    let not_saved = |w: &GiBakeWarning| matches!(w, GiBakeWarning::NotSaved { path, .. } if *path == below_a_file);
     assert!(
         summary.warnings.iter().any(not_saved),
         "{:?}",
@@ -628,17 +614,17 @@ fn loaded_bake_of_other_meshes_is_named_once() {
     let mut app = bare_app(folder.path());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
-    let request = MeshlessGiBakeRequest::new(quick()).save_to(folder.path().join("room.mgi"));
+    let request = GiBakeRequest::new(quick()).save_to(folder.path().join("room.mgi"));
     bake(&mut app, root, request);
     let load = |app: &mut App, room: &Room| {
         let root = room_root(app, room);
         let bake = app.world().resource::<AssetServer>().load("room.mgi");
-        let named = (MeshlessGi(bake), Name::new("hall"));
+        let named = (GiScene(bake), Name::new("hall"));
         app.world_mut().entity_mut(root).insert(named);
         let told = warnings(|| {
             until(app, "loading", |app| {
-                let gi = app.world().get::<MeshlessGi>(root)?;
-                let bakes = app.world().resource::<Assets<MeshlessGiAsset>>();
+                let gi = app.world().get::<GiScene>(root)?;
+                let bakes = app.world().resource::<Assets<GiBakedScene>>();
                 bakes.get(&gi.0).map(|_| ())
             });
             for _ in 0..100 {
@@ -671,7 +657,7 @@ fn scene_file_in_the_place_of_a_bake_is_an_error_that_names_the_bake() {
     let mut app = bare_app(folder.path());
     let handle = app.world().resource::<AssetServer>().load("hall.glb");
     let (root, told) = warnings(|| {
-        let root = app.world_mut().spawn(MeshlessGi(handle)).id();
+        let root = app.world_mut().spawn(GiScene(handle)).id();
         for _ in 0..5 {
             app.update();
         }
@@ -706,12 +692,10 @@ fn occluders_are_entities_by_name_or_component() {
         .insert(Name::new("gate"));
     let lower = Transform::from_xyz(0.0, 0.0, -0.9);
     let by_component = spawn_mesh(&mut app, root, door, default(), lower);
-    app.world_mut()
-        .entity_mut(by_component)
-        .insert(MeshlessGiOccluder {
-            name: "door".into(),
-            openness: 0.0,
-        });
+    app.world_mut().entity_mut(by_component).insert(GiOccluder {
+        name: "door".into(),
+        openness: 0.0,
+    });
     let recipe = Recipe {
         occluders: ["door", "gate"].map(OccluderShape::node).into(),
         ..quick()
@@ -728,14 +712,14 @@ fn live_materials_keep_the_names_of_the_app() {
     let root = room_with_floor(&mut app, floor(), default());
     let mut drawn = app.world_mut().query::<&MeshMaterial3d<StandardMaterial>>();
     let handles: Vec<_> = drawn.iter(app.world()).map(|m| m.0.clone()).collect();
-    let given = MeshlessGiMaterials(vec![("sign".into(), handles[3].clone())]);
+    let given = GiDynamicMaterials(vec![("sign".into(), handles[3].clone())]);
     app.world_mut().entity_mut(root).insert(given);
     let recipe = Recipe {
         live_materials: true,
         ..quick()
     };
     let (_, scene) = bake(&mut app, root, recipe);
-    let named = &app.world().get::<MeshlessGiMaterials>(root).unwrap().0;
+    let named = &app.world().get::<GiDynamicMaterials>(root).unwrap().0;
     assert_eq!(named.len(), handles.len());
     assert_eq!(named[0], ("sign".into(), handles[3].clone()));
     let live = scene.materials.as_ref().unwrap();
@@ -778,7 +762,7 @@ fn surface_of_a_custom_material_is_gray_and_named() {
     assert_eq!(scene.info.triangles, 20);
     assert!(matches!(
         &summary.warnings[..],
-        [MeshlessGiBakeWarning::CustomMaterial { entity }] if entity.contains("`pond`")
+        [GiBakeWarning::CustomMaterial { entity }] if entity.contains("`pond`")
     ));
     for (albedo, _) in halves(&scene) {
         assert!(albedo.distance(Vec3::splat(0.5)) < 1e-2, "{albedo}");

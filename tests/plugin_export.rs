@@ -45,11 +45,11 @@ fn plugin_picture(bake: &Arc<BakedScene>) -> Picture {
     let scene = bake.clone();
     let world = app.world_mut();
     let asset = world
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
-    let volume = MeshlessGiVolume::default();
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene });
+    let volume = GiIrradianceVolume::default();
     let root = world
-        .spawn((MeshlessGi(asset), volume, Transform::IDENTITY))
+        .spawn((GiScene(asset), volume, Transform::IDENTITY))
         .id();
     Room::cornell().spawn(&mut app, root);
     let image = target(&mut app);

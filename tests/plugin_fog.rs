@@ -9,7 +9,7 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView};
+use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{FreeSpaceLight, Recipe};
@@ -89,8 +89,8 @@ fn even() -> FogVolume {
     }
 }
 
-fn with_fog(fog: f32) -> MeshlessGiVolume {
-    MeshlessGiVolume {
+fn with_fog(fog: f32) -> GiIrradianceVolume {
+    GiIrradianceVolume {
         voxel: Some(VOXEL),
         fog,
         ..default()
@@ -114,7 +114,7 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     };
     let mut eye = world.spawn((camera(&image, placed * view()), clear));
     match kind {
-        Kind::Deferred => eye.insert(MeshlessGiCamera::default()),
+        Kind::Deferred => eye.insert(GiCamera::default()),
         Kind::Forward(samples) => eye.insert((Hdr, samples)),
     };
     let eye = eye.id();
@@ -153,7 +153,7 @@ impl Shown {
 
     fn set_fog(&mut self, fog: f32) {
         let mut volume = self.app.world_mut().entity_mut(self.root);
-        volume.get_mut::<MeshlessGiVolume>().unwrap().fog = fog;
+        volume.get_mut::<GiIrradianceVolume>().unwrap().fog = fog;
         run(&mut self.app, 2);
     }
 
@@ -251,7 +251,7 @@ impl Shown {
 fn shape() -> VolumeShape {
     let [low, high] = bake().info.bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
-    let most = MeshlessGiVolume::default().most;
+    let most = GiIrradianceVolume::default().most;
     VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
 }
 
@@ -282,7 +282,7 @@ fn every_camera_shows_what_the_twin_says() {
     ];
     for (name, placed, kind) in kinds {
         let mut s = stage(placed, kind, even());
-        let findings = s.app.world().resource::<MeshlessGiFindings>().0.clone();
+        let findings = s.app.world().resource::<GiWarnings>().0.clone();
         assert_eq!(findings, [], "{name}");
         let whole = s.picture();
         let added = s.added();
@@ -376,7 +376,7 @@ fn fog_in_two_levels_is_lit_once() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
     let one = s.added();
     let world = s.app.world_mut();
-    let asset = world.get::<MeshlessGi>(s.root).unwrap().clone();
+    let asset = world.get::<GiScene>(s.root).unwrap().clone();
     world.spawn((asset, Transform::IDENTITY, with_fog(1.0)));
     let mut frames = 0;
     while s.draws() < 4 || counters(&s.app).dispatches_of(Stage::Volume) > 0 {
@@ -387,7 +387,7 @@ fn fog_in_two_levels_is_lit_once() {
     run(&mut s.app, 3);
     // Both are toggled: what the second adds is nothing.
     let with = s.picture();
-    let mut volumes = s.app.world_mut().query::<&mut MeshlessGiVolume>();
+    let mut volumes = s.app.world_mut().query::<&mut GiIrradianceVolume>();
     for mut volume in volumes.iter_mut(s.app.world_mut()) {
         volume.fog = 0.0;
     }
@@ -451,13 +451,13 @@ fn nothing_runs_where_no_fog_is_lit() {
         }),
         ("the camera's indirect light is off", |s, back| {
             let mut eye = s.app.world_mut().entity_mut(s.eye);
-            eye.get_mut::<MeshlessGiCamera>().unwrap().enabled = back;
+            eye.get_mut::<GiCamera>().unwrap().enabled = back;
         }),
         ("the camera shows indirect light alone", |s, back| {
             let mut eye = s.app.world_mut().entity_mut(s.eye);
-            eye.get_mut::<MeshlessGiCamera>().unwrap().view = match back {
-                true => MeshlessGiView::Lit,
-                false => MeshlessGiView::Indirect,
+            eye.get_mut::<GiCamera>().unwrap().view = match back {
+                true => GiDebugView::Lit,
+                false => GiDebugView::Indirect,
             };
         }),
         ("fog is no number", |s, back| {
@@ -481,10 +481,10 @@ fn nothing_runs_where_no_fog_is_lit() {
     let ratio = two.mean() / one.mean();
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
     // Ambient light in fog that is lit is told.
-    let told = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let told = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(told(&s.app), []);
     let mut eye = s.app.world_mut().entity_mut(s.eye);
     eye.insert(VolumetricFog::default());
     run(&mut s.app, 1);
-    assert_eq!(told(&s.app), [MeshlessGiFinding::FogAmbient]);
+    assert_eq!(told(&s.app), [GiWarning::FogAmbient]);
 }

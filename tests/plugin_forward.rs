@@ -6,7 +6,7 @@ use bevy::camera::{Hdr, Viewport};
 use bevy::pbr::ViewTransmissionTexture;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::MeshlessGiFindings;
+use bevy_meshless_gi::plugin::GiWarnings;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{FreeSpaceLight, Recipe};
@@ -55,7 +55,7 @@ impl Scene {
         let root = spawn_baked(&mut app, &Room::cornell(), &bake(), Transform::IDENTITY);
         app.world_mut()
             .entity_mut(root)
-            .insert(MeshlessGiVolume::default());
+            .insert(GiIrradianceVolume::default());
         spawn_lamp(&mut app, LAMP);
         let image = target(&mut app);
         let mut eye = app.world_mut().spawn(camera(&image, view()));
@@ -80,10 +80,10 @@ impl Scene {
         let mut shown = self.picture();
         let world = self.app.world_mut();
         let intensity = |world: &mut World, eye: Entity, to: f32| {
-            if let Some(mut camera) = world.get_mut::<MeshlessGiCamera>(eye) {
+            if let Some(mut camera) = world.get_mut::<GiCamera>(eye) {
                 camera.intensity = to;
             }
-            if let Some(mut camera) = world.get_mut::<MeshlessGiForwardCamera>(eye) {
+            if let Some(mut camera) = world.get_mut::<GiForwardCamera>(eye) {
                 camera.intensity = to;
             }
         };
@@ -101,7 +101,7 @@ impl Scene {
 
     /// Has the volume alone light the camera, in the same measure.
     fn volume_alone(&mut self) -> Picture {
-        self.insert(MeshlessGiForwardCamera {
+        self.insert(GiForwardCamera {
             enabled: false,
             ..default()
         });
@@ -126,11 +126,11 @@ impl Scene {
 }
 
 fn forward() -> impl Bundle {
-    (MeshlessGiForwardCamera::default(), Msaa::Off, Hdr)
+    (GiForwardCamera::default(), Msaa::Off, Hdr)
 }
 
 fn deferred() -> impl Bundle {
-    MeshlessGiCamera::default()
+    GiCamera::default()
 }
 
 #[test]
@@ -152,39 +152,34 @@ fn forward_camera_shows_what_a_deferred_one_does() {
     assert!(d < MAX_ERROR, "{d}");
     assert!(v > 2.0 * MAX_ERROR, "the volume is told apart: {v}");
     // On again, by subsplats; then half as bright; then removed.
-    shown.insert((
-        MeshlessGiForwardCamera::default(),
-        MeshlessGiDisplay::default(),
-    ));
+    shown.insert((GiForwardCamera::default(), GiSplatting::default()));
     let again = shown.picture();
     let d = again.nrmse(&display);
     println!("by subsplats: NRMSE {d:.5}");
     assert!(d < MAX_ERROR, "{d}");
     assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 10);
-    shown.insert(MeshlessGiForwardCamera {
+    shown.insert(GiForwardCamera {
         intensity: 0.0,
         ..default()
     });
     let dark = shown.picture();
     assert!(dark.mean() < 0.8 * volume.mean(), "{}", dark.mean());
     let world = shown.app.world_mut();
-    world
-        .entity_mut(shown.eye)
-        .remove::<MeshlessGiForwardCamera>();
+    world.entity_mut(shown.eye).remove::<GiForwardCamera>();
     let plain = shown.picture();
     assert!(plain.nrmse(&volume) < 1e-3, "{}", plain.nrmse(&volume));
     assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
     let render = shown.app.sub_app_mut(bevy::render::RenderApp).world_mut();
     let mut bound = render.query::<&ViewTransmissionTexture>();
     assert_eq!(bound.iter(render).count(), 0, "the binding is Bevy's again");
-    let findings = shown.app.world().resource::<MeshlessGiFindings>();
+    let findings = shown.app.world().resource::<GiWarnings>();
     assert_eq!(findings.0, []);
 }
 
 #[test]
 fn forward_camera_without_hdr_shows_what_a_deferred_one_does() {
     let expected = Scene::new(deferred()).picture();
-    let mut shown = Scene::new((MeshlessGiForwardCamera::default(), Msaa::Off));
+    let mut shown = Scene::new((GiForwardCamera::default(), Msaa::Off));
     let display = shown.picture();
     keep("forward_low", &expected.beside(&display));
     let volume = shown.volume_alone();
@@ -271,7 +266,7 @@ fn without_a_volume_nothing_is_evaluated() {
     assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 0);
     let root = shown.root;
     let world = shown.app.world_mut();
-    world.entity_mut(root).remove::<MeshlessGiVolume>();
+    world.entity_mut(root).remove::<GiIrradianceVolume>();
     shown.picture();
     assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
 }

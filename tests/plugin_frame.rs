@@ -4,9 +4,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiView,
-};
+use bevy_meshless_gi::plugin::{GiDebugView, GiGizmos, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::frame::{CpuFrame, FrameLight};
 use meshless_gi::scene::Light;
@@ -145,7 +143,7 @@ fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
-    let off = MeshlessGiCamera {
+    let off = GiCamera {
         enabled: false,
         ..default()
     };
@@ -160,9 +158,7 @@ fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
     ));
     run(&mut app, 3);
     let direct = picture(&mut app, &image);
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiCamera::default());
+    app.world_mut().entity_mut(eye).insert(GiCamera::default());
     run(&mut app, 3);
     let lit = picture(&mut app, &image);
     let indirect = cpu_indirect(
@@ -198,7 +194,7 @@ fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     app.world_mut()
-        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+        .spawn((camera(&image, view()), GiCamera::default()));
     let lamps = eight_lamps(&mut app);
     run(&mut app, 1);
     let first = counters(&app);
@@ -341,7 +337,7 @@ fn nothing_exists_where_nothing_is_called_for() {
     nothing(&app, "a camera without the component");
 
     app.world_mut().entity_mut(plain).insert((
-        MeshlessGiCamera::default(),
+        GiCamera::default(),
         Transform::from_xyz(0.0, 0.0, 30.0).looking_to(Vec3::Z, Vec3::Y),
     ));
     run(&mut app, 2);
@@ -354,7 +350,7 @@ fn nothing_exists_where_nothing_is_called_for() {
 
     app.world_mut()
         .entity_mut(root)
-        .insert((Visibility::Inherited, MeshlessGi(Handle::default())));
+        .insert((Visibility::Inherited, GiScene(Handle::default())));
     run(&mut app, 2);
     nothing(&app, "the asset is not loaded");
 
@@ -362,9 +358,9 @@ fn nothing_exists_where_nothing_is_called_for() {
     let (_, bake) = cornell();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    app.world_mut().entity_mut(root).insert(MeshlessGi(asset));
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    app.world_mut().entity_mut(root).insert(GiScene(asset));
     run(&mut app, 2);
     let shown = counters(&app);
     assert!(
@@ -373,7 +369,7 @@ fn nothing_exists_where_nothing_is_called_for() {
         shown.plan
     );
     app.world_mut()
-        .resource_mut::<bevy_meshless_gi::plugin::MeshlessGiSettings>()
+        .resource_mut::<bevy_meshless_gi::plugin::GiSettings>()
         .keep_frames = 3;
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
     run(&mut app, 1);
@@ -404,12 +400,12 @@ fn a_new_bake_replaces_the_old_one_in_the_next_frame() {
 
     // The same room with walls that reflect less, under the same handle: the surfaces on the screen stay.
     let darker = room.recolored(|c| 0.5 * c).bake(2);
-    let handle = app.world().get::<MeshlessGi>(root).unwrap().0.clone();
-    let asset = MeshlessGiAsset {
+    let handle = app.world().get::<GiScene>(root).unwrap().0.clone();
+    let asset = GiBakedScene {
         scene: darker.clone(),
     };
     app.world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
+        .resource_mut::<Assets<GiBakedScene>>()
         .insert(&handle, asset)
         .expect("the handle is known");
     run(&mut app, 1);
@@ -479,27 +475,27 @@ fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
     let bake = room.bake_as(&bake);
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    let sky = MeshlessGiLighting {
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    let sky = GiLighting {
         sky: LinearRgba::rgb(radiance, radiance, radiance),
         ..default()
     };
     let root = app
         .world_mut()
-        .spawn((MeshlessGi(asset), sky, Transform::IDENTITY))
+        .spawn((GiScene(asset), sky, Transform::IDENTITY))
         .id();
     room.spawn(&mut app, root);
     let image = target(&mut app);
     let front = Transform::from_xyz(0.0, 0.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
     let eye = app
         .world_mut()
-        .spawn((camera(&image, front), MeshlessGiCamera::default()))
+        .spawn((camera(&image, front), GiCamera::default()))
         .id();
     run(&mut app, 3);
     let ours = middle(&picture(&mut app, &image));
 
-    app.world_mut().entity_mut(eye).insert(MeshlessGiCamera {
+    app.world_mut().entity_mut(eye).insert(GiCamera {
         enabled: false,
         ..default()
     });
@@ -539,7 +535,7 @@ fn bevys_units_are_ours_for_every_kind_of_lamp() {
     let image = target(&mut app);
     let front = Transform::from_xyz(0.0, 0.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y);
     app.world_mut()
-        .spawn((camera(&image, front), MeshlessGiCamera::default()));
+        .spawn((camera(&image, front), GiCamera::default()));
     let at = Vec3::new(0.0, 0.0, 1.5);
     let facing = Transform::from_translation(at).looking_at(Vec3::new(0.25, 0.0, 0.0), Vec3::Y);
     let (inner, outer) = (0.1, 0.5);
@@ -621,26 +617,20 @@ fn what_would_count_twice_is_told_once() {
     let image = target(&mut app);
     let eye = app
         .world_mut()
-        .spawn((camera(&image, view()), MeshlessGiCamera::default()))
+        .spawn((camera(&image, view()), GiCamera::default()))
         .id();
     run(&mut app, 2);
     assert_eq!(
-        app.world().resource::<MeshlessGiFindings>().0,
-        [MeshlessGiFinding::GlobalAmbient]
+        app.world().resource::<GiWarnings>().0,
+        [GiWarning::GlobalAmbient]
     );
     app.insert_resource(GlobalAmbientLight::NONE);
     app.world_mut()
         .entity_mut(eye)
         .insert(AmbientLight::default());
     run(&mut app, 2);
-    let found = &app.world().resource::<MeshlessGiFindings>().0;
-    assert_eq!(
-        found,
-        &[
-            MeshlessGiFinding::GlobalAmbient,
-            MeshlessGiFinding::CameraAmbient
-        ]
-    );
+    let found = &app.world().resource::<GiWarnings>().0;
+    assert_eq!(found, &[GiWarning::GlobalAmbient, GiWarning::CameraAmbient]);
     assert!(
         found.iter().all(|f| f.advice().contains("brightness")
             || f.advice().contains("GlobalAmbientLight::NONE"))
@@ -773,7 +763,7 @@ fn every_kind_of_light_arrives_and_may_opt_out() {
     app.world_mut().spawn((directional, sun));
     app.world_mut().spawn((rect, panel));
     // Two that take no part: one for direct light only, one that is not there for light at all.
-    let only_direct = MeshlessGiLight {
+    let only_direct = GiLight {
         enabled: false,
         ..default()
     };
@@ -833,10 +823,7 @@ fn every_kind_of_light_arrives_and_may_opt_out() {
     }
 
     // Irradiance as white surfaces would show it.
-    app.world_mut()
-        .get_mut::<MeshlessGiCamera>(eye)
-        .unwrap()
-        .view = MeshlessGiView::Irradiance;
+    app.world_mut().get_mut::<GiCamera>(eye).unwrap().view = GiDebugView::Irradiance;
     run(&mut app, 1);
     let white = cpu_indirect(
         &room.recolored(|_| Vec3::ONE),
@@ -857,19 +844,19 @@ fn coefficients_come_back_for_the_gizmos_and_only_then() {
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
     app.world_mut()
-        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+        .spawn((camera(&image, view()), GiCamera::default()));
     let place = Vec3::new(0.2, 1.5, 0.4);
     app.world_mut()
         .spawn((bevy_lamp(), Transform::from_translation(place)));
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
-    let back = |app: &App| app.world().resource::<MeshlessGiCoefficients>().of(root);
+    let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
     assert!(back(&app).is_none());
     assert_eq!(counters(&app).dispatches_of(Stage::ReadBack), 0);
 
     let show = |app: &mut App, on: bool| {
         let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
-        let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+        let (config, group) = store.config_mut::<GiGizmos>();
         (config.enabled, config.depth_bias) = (on, -1.0);
         (group.points, group.coefficients, group.size) = (false, true, 0.3);
     };

@@ -10,9 +10,7 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos, MeshlessGiSettings,
-};
+use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run};
@@ -87,18 +85,18 @@ fn numbers_that_make_no_sense_leave_nothing_behind() {
         app.world_mut().despawn(other);
     }
 
-    let strange = MeshlessGiLighting {
+    let strange = GiLighting {
         sky: LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0),
         emission: f32::NAN,
         bounces: Some(u32::MAX),
-        channels: MeshlessGiChannels::Auto,
+        channels: GiColorMode::Auto,
     };
     app.world_mut().entity_mut(root).insert(strange);
     run(&mut app, 1);
     finite(&picture(&mut app, &image), "strange lighting");
     app.world_mut()
         .entity_mut(root)
-        .insert(MeshlessGiLighting::default());
+        .insert(GiLighting::default());
     run(&mut app, 1);
     assert_alike("after_lighting", &right, &picture(&mut app, &image));
 }
@@ -107,9 +105,7 @@ fn numbers_that_make_no_sense_leave_nothing_behind() {
 fn a_root_without_a_place_is_not_shown_and_gives_its_memory_back() {
     let mut app = app();
     let (root, _, image, _) = stage(&mut app);
-    app.world_mut()
-        .resource_mut::<MeshlessGiSettings>()
-        .keep_frames = 2;
+    app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
     run(&mut app, 2);
     assert!(counters(&app).buffers > 0);
     for scale in [0.0, f32::NAN] {
@@ -151,7 +147,7 @@ fn roots_and_cameras_that_are_despawned_and_spawned_again() {
                     .id();
             }
             1 => {
-                app.world_mut().entity_mut(eye).remove::<MeshlessGiCamera>();
+                app.world_mut().entity_mut(eye).remove::<GiCamera>();
                 run(&mut app, 1);
                 let c = counters(&app);
                 assert_eq!(c.dispatches.len(), 0, "{}", c.plan);
@@ -228,8 +224,8 @@ fn an_asset_that_fails_to_load_leaves_nothing_and_may_be_replaced() {
         .world()
         .resource::<AssetServer>()
         .load("there_is_no_such.mgi");
-    let good = app.world().get::<MeshlessGi>(root).unwrap().clone();
-    app.world_mut().entity_mut(root).insert(MeshlessGi(missing));
+    let good = app.world().get::<GiScene>(root).unwrap().clone();
+    app.world_mut().entity_mut(root).insert(GiScene(missing));
     run(&mut app, 10);
     let c = counters(&app);
     assert_eq!((c.pipelines, c.buffers), (0, 0), "{}", c.plan);
@@ -290,7 +286,7 @@ fn every_double_counting_is_found() {
     let mut app = app();
     let (_, eye, _, _) = stage(&mut app);
     run(&mut app, 1);
-    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), []);
     // Images that have not arrived yet; the warning does not wait for them.
     let pending = app.world().resource::<Assets<Image>>().reserve_handle();
@@ -302,14 +298,14 @@ fn every_double_counting_is_found() {
     };
     app.world_mut().entity_mut(eye).insert(map());
     run(&mut app, 1);
-    assert_eq!(found(&app), [MeshlessGiFinding::EnvironmentMap]);
+    assert_eq!(found(&app), [GiWarning::EnvironmentMap]);
     app.world_mut()
         .entity_mut(eye)
         .remove::<EnvironmentMapLight>();
     app.world_mut()
         .spawn((LightProbe::default(), map(), Transform::IDENTITY));
     run(&mut app, 1);
-    assert_eq!(found(&app)[1..], [MeshlessGiFinding::LightProbe]);
+    assert_eq!(found(&app)[1..], [GiWarning::LightProbe]);
     app.world_mut().spawn((
         LightProbe::default(),
         IrradianceVolume {
@@ -323,10 +319,7 @@ fn every_double_counting_is_found() {
     run(&mut app, 1);
     assert_eq!(
         found(&app)[2..],
-        [
-            MeshlessGiFinding::IrradianceVolume,
-            MeshlessGiFinding::ForwardMaterials
-        ]
+        [GiWarning::IrradianceVolume, GiWarning::ForwardMaterials]
     );
     // All of it is still there, and is not told again.
     run(&mut app, 3);
@@ -336,7 +329,7 @@ fn every_double_counting_is_found() {
     let mut quiet = plugin_support::app::app();
     quiet
         .world_mut()
-        .resource_mut::<MeshlessGiSettings>()
+        .resource_mut::<GiSettings>()
         .warn_double_counting = false;
     quiet.insert_resource(GlobalAmbientLight::default());
     stage(&mut quiet);
@@ -349,17 +342,17 @@ fn points_normals_and_radii_are_drawn_when_somebody_asks() {
     let mut app = app();
     let (_, _, image, _) = stage(&mut app);
     let store = app.world().resource::<GizmoConfigStore>();
-    let (config, group) = store.config::<MeshlessGiGizmos>();
+    let (config, group) = store.config::<GiGizmos>();
     assert!(!config.enabled, "off by default");
-    assert_eq!(*group, MeshlessGiGizmos::default());
+    assert_eq!(*group, GiGizmos::default());
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
 
-    let mut show = |set: &dyn Fn(&mut MeshlessGiGizmos)| {
+    let mut show = |set: &dyn Fn(&mut GiGizmos)| {
         let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
-        let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+        let (config, group) = store.config_mut::<GiGizmos>();
         (config.enabled, config.depth_bias) = (true, -1.0);
-        *group = MeshlessGiGizmos {
+        *group = GiGizmos {
             points: false,
             ..default()
         };

@@ -9,7 +9,7 @@ use bevy::asset::AssetPlugin;
 use bevy::camera::Exposure;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::plugin::GiBakeTask;
 use bevy_meshless_gi::prelude::*;
 use level::drop::{Level, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};
@@ -53,12 +53,7 @@ fn bake(app: &mut App) -> Vec<f32> {
     for _ in 0..60_000 {
         run(app, 1);
         let world = app.world_mut();
-        if world
-            .query::<&MeshlessGiBake>()
-            .iter(world)
-            .next()
-            .is_none()
-        {
+        if world.query::<&GiBakeTask>().iter(world).next().is_none() {
             run(app, 2);
             return widths;
         }
@@ -143,13 +138,13 @@ fn dropped_levels_are_shown_and_other_files_leave_the_level() {
         assert_eq!(app.world().resource::<Notice>().0, "");
         assert!(app.world().get_entity(before).is_err());
         let world = app.world_mut();
-        let bakes = world.query::<&MeshlessGiBake>().iter(world).count();
+        let bakes = world.query::<&GiBakeTask>().iter(world).count();
         assert_eq!(bakes, 1);
     }
     // Its meshes come from its own folder.
     bake(&mut app);
     let world = app.world_mut();
-    assert_eq!(world.query::<&MeshlessGi>().iter(world).count(), 1);
+    assert_eq!(world.query::<&GiScene>().iter(world).count(), 1);
     assert!(world.query::<&Mesh3d>().iter(world).count() >= Room::cornell().0.len());
 }
 
@@ -171,8 +166,8 @@ fn bake_moves_the_camera_fills_the_bar_and_is_saved() {
     // At a viewpoint of the bake, inside, level, and exposed for a lit room.
     let (now, ev100) = eye(&mut app);
     let level = app.world().resource::<Level>();
-    let gi = app.world().get::<MeshlessGi>(level.root).unwrap();
-    let bakes = app.world().resource::<Assets<MeshlessGiAsset>>();
+    let gi = app.world().get::<GiScene>(level.root).unwrap();
+    let bakes = app.world().resource::<Assets<GiBakedScene>>();
     let bake = bakes.get(&gi.0).unwrap().scene.clone();
     let at = now.translation.to_array();
     assert_ne!(now, start);

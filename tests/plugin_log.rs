@@ -56,9 +56,9 @@ impl Subscriber for Lines {
 }
 
 fn set_bake(app: &mut App, root: Entity, scene: Arc<BakedScene>) {
-    let mut assets = app.world_mut().resource_mut::<Assets<MeshlessGiAsset>>();
-    let asset = assets.add(MeshlessGiAsset { scene });
-    app.world_mut().entity_mut(root).insert(MeshlessGi(asset));
+    let mut assets = app.world_mut().resource_mut::<Assets<GiBakedScene>>();
+    let asset = assets.add(GiBakedScene { scene });
+    app.world_mut().entity_mut(root).insert(GiScene(asset));
 }
 
 /// Moves both lights in two of three frames, and changes the color of one in every frame.

@@ -5,7 +5,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Stage, TierChoice};
-use bevy_meshless_gi::plugin::MeshlessGiCost;
+use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{Recipe, Rule};
@@ -45,12 +45,12 @@ struct Stand {
 
 fn stand(room: &Room, bake: &Arc<BakedScene>) -> Stand {
     let mut app = app();
-    let asset = (app.world_mut().resource_mut::<Assets<MeshlessGiAsset>>()).add(MeshlessGiAsset {
+    let asset = (app.world_mut().resource_mut::<Assets<GiBakedScene>>()).add(GiBakedScene {
         scene: bake.clone(),
     });
     let root = app
         .world_mut()
-        .spawn((MeshlessGi(asset), Transform::default()));
+        .spawn((GiScene(asset), Transform::default()));
     let root = root.id();
     room.spawn(&mut app, root);
     let image = target(&mut app);
@@ -123,7 +123,7 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
     let work = choices[links as usize - 1].work;
     stand
         .app
-        .insert_resource(MeshlessGiCost::Given(Arc::new(move |asked| {
+        .insert_resource(SolveCostSource::Given(Arc::new(move |asked| {
             if asked > work {
                 20.0
             } else {
@@ -131,10 +131,10 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
             }
         })));
     let root = stand.root;
-    let ask = |stand: &mut Stand, quality: MeshlessGiQuality| {
+    let ask = |stand: &mut Stand, quality: GiQuality| {
         stand.app.world_mut().entity_mut(root).insert(quality);
     };
-    ask(&mut stand, MeshlessGiQuality::FrameBudget(4.0));
+    ask(&mut stand, GiQuality::FrameBudget(4.0));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
     let said = format!(
@@ -147,7 +147,7 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
     assert!(found.nrmse(&by_octree) > 2.0 * own, "{own}");
 
     // With time enough the octree stays.
-    ask(&mut stand, MeshlessGiQuality::FrameBudget(40.0));
+    ask(&mut stand, GiQuality::FrameBudget(40.0));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
     let said = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
@@ -187,10 +187,10 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
     let cost = move |asked: u64| 2.0 * asked as f32 / work as f32;
-    (stand.app).insert_resource(MeshlessGiCost::Given(Arc::new(cost)));
+    (stand.app).insert_resource(SolveCostSource::Given(Arc::new(cost)));
     let root = stand.root;
     let ask = |stand: &mut Stand, ms: f32| {
-        let budget = MeshlessGiQuality::FrameBudget(ms);
+        let budget = GiQuality::FrameBudget(ms);
         stand.app.world_mut().entity_mut(root).insert(budget);
         stand.walk(20);
         stand.solved().0

@@ -8,7 +8,7 @@ use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{MeshlessGiLighting, MeshlessGiView};
+use bevy_meshless_gi::plugin::{GiDebugView, GiLighting};
 use bevy_meshless_gi::prelude::*;
 use common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
 use meshless_gi::bake::Preset;
@@ -65,9 +65,9 @@ fn press(app: &mut App, control: Control) {
 #[test]
 fn pressed_controls_change_components() {
     let (mut app, root, eye, lamp) = app_with_panel();
-    let tier = MeshlessGiQuality::Tier(1);
+    let tier = GiQuality::Tier(1);
     for control in [
-        Control::View(MeshlessGiView::Irradiance),
+        Control::View(GiDebugView::Irradiance),
         Control::Bounces(Some(3)),
         Control::Quality(tier),
         Control::Full(false),
@@ -78,17 +78,17 @@ fn pressed_controls_change_components() {
         press(&mut app, control);
     }
     let world = app.world();
-    let camera = world.get::<MeshlessGiCamera>(eye).unwrap();
-    assert_eq!(camera.view, MeshlessGiView::Irradiance);
-    let lighting = world.get::<MeshlessGiLighting>(root).unwrap();
+    let camera = world.get::<GiCamera>(eye).unwrap();
+    assert_eq!(camera.view, GiDebugView::Irradiance);
+    let lighting = world.get::<GiLighting>(root).unwrap();
     assert_eq!(lighting.bounces, Some(3));
-    assert_eq!(*world.get::<MeshlessGiQuality>(root).unwrap(), tier);
-    let display = *world.get::<MeshlessGiDisplay>(eye).unwrap();
-    assert_eq!(display, MeshlessGiDisplay::default());
-    assert!(!world.get::<MeshlessGiLight>(lamp).unwrap().enabled);
+    assert_eq!(*world.get::<GiQuality>(root).unwrap(), tier);
+    let display = *world.get::<GiSplatting>(eye).unwrap();
+    assert_eq!(display, GiSplatting::default());
+    assert!(!world.get::<GiLight>(lamp).unwrap().enabled);
     assert_eq!(world.resource::<Asked>().0, [Preset::High]);
     press(&mut app, Control::Light(lamp));
-    assert!(app.world().get::<MeshlessGiLight>(lamp).unwrap().enabled);
+    assert!(app.world().get::<GiLight>(lamp).unwrap().enabled);
 }
 
 #[test]
@@ -97,20 +97,20 @@ fn marks_follow_components_that_others_change() {
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
     // The tests' cameras show every pixel, and indirect light alone.
     assert!(marked(&mut app, Control::Full(true)));
-    assert!(marked(&mut app, Control::View(MeshlessGiView::Indirect)));
-    assert!(!marked(&mut app, Control::View(MeshlessGiView::Lit)));
+    assert!(marked(&mut app, Control::View(GiDebugView::Indirect)));
+    assert!(!marked(&mut app, Control::View(GiDebugView::Lit)));
     assert!(marked(&mut app, Control::Light(lamp)));
     let world = app.world_mut();
-    world.get_mut::<MeshlessGiCamera>(eye).unwrap().view = MeshlessGiView::Lit;
-    world.get_mut::<MeshlessGiLighting>(root).unwrap().bounces = None;
-    let off = MeshlessGiLight {
+    world.get_mut::<GiCamera>(eye).unwrap().view = GiDebugView::Lit;
+    world.get_mut::<GiLighting>(root).unwrap().bounces = None;
+    let off = GiLight {
         enabled: false,
         ..default()
     };
     world.entity_mut(lamp).insert(off);
     run(&mut app, 2);
-    assert!(marked(&mut app, Control::View(MeshlessGiView::Lit)));
-    assert!(!marked(&mut app, Control::View(MeshlessGiView::Indirect)));
+    assert!(marked(&mut app, Control::View(GiDebugView::Lit)));
+    assert!(!marked(&mut app, Control::View(GiDebugView::Indirect)));
     assert!(marked(&mut app, Control::Bounces(None)));
     assert!(!marked(&mut app, Control::Light(lamp)));
 }
@@ -118,10 +118,10 @@ fn marks_follow_components_that_others_change() {
 #[test]
 fn controls_follow_lights_and_the_panel_key() {
     let (mut app, root, _, _) = app_with_panel();
-    let tiers = app.world().resource::<Assets<MeshlessGiAsset>>();
-    let gi = app.world().get::<MeshlessGi>(root).unwrap();
+    let tiers = app.world().resource::<Assets<GiBakedScene>>();
+    let gi = app.world().get::<GiScene>(root).unwrap();
     let tiers = tiers.get(&gi.0).unwrap().scene.tiers();
-    let tier = |n| Control::Quality(MeshlessGiQuality::Tier(n));
+    let tier = |n| Control::Quality(GiQuality::Tier(n));
     assert!(find(&mut app, tier(tiers)).is_some());
     assert!(find(&mut app, tier(tiers + 1)).is_none());
     let second = spawn_lamp(&mut app, PLACE + Vec3::X);

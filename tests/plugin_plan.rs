@@ -10,7 +10,7 @@ use bevy_meshless_gi::plan::{
     Census, Colors, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
     Work, bounces_at,
 };
-use bevy_meshless_gi::plugin::{MeshlessGiBouncer, MeshlessGiCost, MeshlessGiReflective};
+use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::frame::{Channels, FrameSettings};
 use meshless_gi::scene::Light;
@@ -77,10 +77,10 @@ fn the_inventory_follows_what_the_world_has() {
     app.world_mut().spawn(RectLight::default());
     app.world_mut()
         .entity_mut(lamp)
-        .insert(MeshlessGiReflective::default());
-    app.world_mut().spawn(MeshlessGiBouncer);
+        .insert(GiReflectiveShadowMap::default());
+    app.world_mut().spawn(GiReflector);
     app.world_mut().spawn(Camera3d::default());
-    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
     lighting.sky = LinearRgba::WHITE;
     run(&mut app, 1);
     let found = inventory(&app);
@@ -105,7 +105,7 @@ fn the_inventory_follows_what_the_world_has() {
     assert_eq!(inventory(&app).normal_maps, 0);
 
     // A camera that is off is counted as that.
-    let mut camera = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
     let cameras = inventory(&app).cameras;
@@ -132,7 +132,9 @@ fn costs_are_unknown_then_measured_and_foretell_another_tier() {
     };
     assert!(all > 1000 && rays > 100, "{all} links, {rays} rays");
 
-    app.insert_resource(MeshlessGiCost::Given(Arc::new(|links| 1e-4 * links as f32)));
+    app.insert_resource(SolveCostSource::Given(Arc::new(|links| {
+        1e-4 * links as f32
+    })));
     for k in 0..6 {
         move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
         run(&mut app, 1);
@@ -149,7 +151,7 @@ fn costs_are_unknown_then_measured_and_foretell_another_tier() {
 
     // A setting forces another tier, which has fewer links: cheaper before it was measured.
     let world = app.world_mut();
-    world.entity_mut(root).insert(MeshlessGiQuality::Tier(1));
+    world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 1);
     let forced = plan(&app);
     let found = cost(&forced, Stage::Apply);
@@ -185,7 +187,7 @@ fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
         "{before:?}"
     );
     let world = app.world_mut();
-    world.entity_mut(root).insert(MeshlessGiQuality::Tier(1));
+    world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 2);
     let forced = standing(&app);
     let differ: Vec<&Subject> = (forced.iter())
@@ -201,7 +203,7 @@ fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
         assert_eq!(standing(&app), forced, "frame {k}");
     }
     // A camera that is off shows nothing, whatever else there is.
-    let mut camera = app.world_mut().get_mut::<MeshlessGiCamera>(eye).unwrap();
+    let mut camera = app.world_mut().get_mut::<GiCamera>(eye).unwrap();
     camera.enabled = false;
     run(&mut app, 1);
     let found = plan(&app);
@@ -258,7 +260,7 @@ fn reflections_are_as_many_as_surfaces_call_for() {
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
     spawn_lamp(&mut app, PLACE);
     let ask = |app: &mut App, bounces: Option<u32>| {
-        let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+        let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
         lighting.bounces = bounces;
         run(app, 1);
         let plan = plan(app);
@@ -389,15 +391,15 @@ fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
 
     // A setting decides alone, whatever there is, and the light follows.
     let ask = |app: &mut App, channels| {
-        let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+        let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
         lighting.channels = channels;
         run(app, 1);
     };
-    ask(&mut app, MeshlessGiChannels::Three);
+    ask(&mut app, GiColorMode::Rgb);
     assert_eq!(channels(&app).channels, Channels::Three);
     assert!(channels(&app).forced && work(&app) > 0);
     spawn_lamp(&mut app, place);
-    ask(&mut app, MeshlessGiChannels::One);
+    ask(&mut app, GiColorMode::Monochrome);
     assert!(matches!(channels(&app).channels, Channels::One(_)));
     assert!(channels(&app).forced && work(&app) > 0);
     let found = picture(&mut app, &image);
@@ -406,7 +408,7 @@ fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
         !found.pixels.iter().any(colored),
         "green decides, and light is white"
     );
-    ask(&mut app, MeshlessGiChannels::Auto);
+    ask(&mut app, GiColorMode::Auto);
     assert!(!channels(&app).forced && work(&app) > 0);
     assert_alike("as_it_takes", &both, &picture(&mut app, &image));
 }

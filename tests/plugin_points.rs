@@ -5,7 +5,7 @@ mod plugin_support;
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{MeshlessGiPointCloudPart, MeshlessGiPoints};
+use bevy_meshless_gi::plugin::{GiPointCloudAsset, GiPointCloudPart};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
 use meshless_gi::samples::scatter;
@@ -72,20 +72,16 @@ fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -
     let mut app = app_in(folder);
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset::from(baked.scene));
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene::from(baked.scene));
     let root = app
         .world_mut()
-        .spawn((
-            MeshlessGi(asset),
-            Transform::IDENTITY,
-            Visibility::Inherited,
-        ))
+        .spawn((GiScene(asset), Transform::IDENTITY, Visibility::Inherited))
         .id();
     spawn(&mut app, root);
     let image = target(&mut app);
     app.world_mut()
-        .spawn((camera(&image, view()), MeshlessGiCamera::default()));
+        .spawn((camera(&image, view()), GiCamera::default()));
     spawn_lamp(&mut app, LAMP);
     run(&mut app, 8);
     picture(&mut app, &image)
@@ -105,11 +101,11 @@ fn a_room_of_points_looks_like_the_room() {
     let (cells, _) = loaded.cloud.mesh();
     let count = loaded.cloud.len();
     let drawn = shown(&cells, folder.path(), |app, root| {
-        let handle: Handle<MeshlessGiPoints> =
+        let handle: Handle<GiPointCloudAsset> =
             app.world().resource::<AssetServer>().load("room.ply");
         let entity = app
             .world_mut()
-            .spawn((MeshlessGiPointCloud(handle.clone()), ChildOf(root)))
+            .spawn((GiPointCloud(handle.clone()), ChildOf(root)))
             .id();
         for _ in 0..10_000 {
             run(app, 1);
@@ -118,7 +114,7 @@ fn a_room_of_points_looks_like_the_room() {
             }
             std::thread::sleep(std::time::Duration::from_millis(2));
         }
-        let assets = app.world().resource::<Assets<MeshlessGiPoints>>();
+        let assets = app.world().resource::<Assets<GiPointCloudAsset>>();
         let cloud = assets.get(&handle).expect("it has loaded");
         assert_eq!(cloud.cloud.len(), count);
         let material = app
@@ -155,16 +151,15 @@ fn large_clouds_are_drawn_in_parts() {
         let world = app.world_mut();
         world.resource_scope(|world, mut meshes: Mut<Assets<Mesh>>| {
             let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-            let points = MeshlessGiPoints::new(cloud, &mut meshes, &mut materials);
-            world.resource_mut::<Assets<MeshlessGiPoints>>().add(points)
+            let points = GiPointCloudAsset::new(cloud, &mut meshes, &mut materials);
+            world
+                .resource_mut::<Assets<GiPointCloudAsset>>()
+                .add(points)
         })
     };
     let large = add(&mut app, plane(500));
     let small = add(&mut app, plane(20));
-    let entity = app
-        .world_mut()
-        .spawn(MeshlessGiPointCloud(large.clone()))
-        .id();
+    let entity = app.world_mut().spawn(GiPointCloud(large.clone())).id();
     run(&mut app, 2);
     let drawn = |app: &mut App| {
         let mut all = app
@@ -204,12 +199,12 @@ fn large_clouds_are_drawn_in_parts() {
     run(&mut app, 2);
     let mut parts = app
         .world_mut()
-        .query_filtered::<(&RenderLayers, Has<NotShadowCaster>), With<MeshlessGiPointCloudPart>>();
+        .query_filtered::<(&RenderLayers, Has<NotShadowCaster>), With<GiPointCloudPart>>();
     let parts: Vec<_> = parts.iter(app.world()).collect();
     assert_eq!(parts, [(&layers, true); 3]);
-    let draw = |app: &mut App, cloud: Handle<MeshlessGiPoints>| {
+    let draw = |app: &mut App, cloud: Handle<GiPointCloudAsset>| {
         let mut entity = app.world_mut().entity_mut(entity);
-        entity.insert(MeshlessGiPointCloud(cloud));
+        entity.insert(GiPointCloud(cloud));
         run(app, 2);
         drawn(app)
     };
@@ -218,7 +213,7 @@ fn large_clouds_are_drawn_in_parts() {
     assert!(vertices[0] < 10_000);
     // No cloud any more.
     assert_eq!(draw(&mut app, large).0.len(), 4);
-    (app.world_mut().entity_mut(entity)).remove::<MeshlessGiPointCloud>();
+    (app.world_mut().entity_mut(entity)).remove::<GiPointCloud>();
     run(&mut app, 2);
     assert!(drawn(&mut app).0.is_empty());
 }
@@ -237,11 +232,8 @@ fn broken_points_fail_their_asset_and_nothing_else() {
     let mut app = app_in(folder.path());
     for (name, _) in files {
         let server = app.world().resource::<AssetServer>().clone();
-        let handle: Handle<MeshlessGiPoints> = server.load(name);
-        let entity = app
-            .world_mut()
-            .spawn(MeshlessGiPointCloud(handle.clone()))
-            .id();
+        let handle: Handle<GiPointCloudAsset> = server.load(name);
+        let entity = app.world_mut().spawn(GiPointCloud(handle.clone())).id();
         let mut failed = false;
         for _ in 0..10_000 {
             run(&mut app, 1);

@@ -50,7 +50,7 @@ fn with_panel() -> Room {
 }
 
 /// An app that shows the room with the panel in the light of `bake`.
-fn stage(bake: &Arc<BakedScene>, display: MeshlessGiDisplay) -> (App, Handle<Image>, Entity) {
+fn stage(bake: &Arc<BakedScene>, display: GiSplatting) -> (App, Handle<Image>, Entity) {
     let (app, image, lamp, _) = stage_of(&with_panel(), bake, display);
     (app, image, lamp)
 }
@@ -59,7 +59,7 @@ fn stage(bake: &Arc<BakedScene>, display: MeshlessGiDisplay) -> (App, Handle<Ima
 fn stage_of(
     room: &Room,
     bake: &Arc<BakedScene>,
-    display: MeshlessGiDisplay,
+    display: GiSplatting,
 ) -> (App, Handle<Image>, Entity, Entity) {
     let mut app = app();
     let root = spawn_baked(&mut app, room, bake, Transform::IDENTITY);
@@ -111,8 +111,8 @@ fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
     type Compare<'a> = &'a dyn Fn(&str, &Picture, &Picture);
     let full = &assert_alike as Compare<'_>;
     for (name, display, compare) in [
-        ("probes_full", MeshlessGiDisplay::Full, full),
-        ("probes_subsplats", MeshlessGiDisplay::default(), &by_eye),
+        ("probes_full", GiSplatting::Full, full),
+        ("probes_subsplats", GiSplatting::default(), &by_eye),
     ] {
         let (mut app, image, lamp) = stage(&bake, display);
         run(&mut app, 4);
@@ -140,7 +140,7 @@ fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
 #[test]
 fn a_bake_without_probes_runs_nothing_of_them() {
     let [with, without] = [true, false].map(|probes| {
-        let (mut app, image, _) = stage(&bake(probes), MeshlessGiDisplay::Full);
+        let (mut app, image, _) = stage(&bake(probes), GiSplatting::Full);
         run(&mut app, 4);
         let shown = picture(&mut app, &image);
         (shown, counters(&app))
@@ -170,7 +170,7 @@ fn a_bake_without_probes_runs_nothing_of_them() {
 #[test]
 fn skinned_meshes_get_the_light_of_where_their_joints_put_them() {
     let bake = bake(true);
-    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, MeshlessGiDisplay::Full);
+    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, GiSplatting::Full);
     let world = app.world_mut();
     let panel = *world.get::<Children>(root).unwrap().last().unwrap();
     let away = Vec3::new(0.0, 0.0, -7.0);
@@ -239,7 +239,7 @@ fn particles_are_lit_each_by_where_it_is() {
             color: Vec3::splat(0.7),
         });
     }
-    let (mut app, image, ..) = stage_of(&room, &bake, MeshlessGiDisplay::Full);
+    let (mut app, image, ..) = stage_of(&room, &bake, GiSplatting::Full);
     run(&mut app, 4);
     let expected = on_cpu_of(&room, &bake, LAMP);
     let dark = on_cpu_of(&room, &self::bake(false), LAMP);

@@ -12,7 +12,7 @@ use bevy::prelude::*;
 use bevy::text::{Font, FontLoader};
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
+    GiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -126,7 +126,7 @@ fn load_all(app: &App) -> Vec<UntypedHandle> {
     let server = app.world().resource::<AssetServer>();
     vec![
         server.load::<WorldAsset>(ASSETS[0]).untyped(),
-        server.load::<MeshlessGiAsset>(ASSETS[1]).untyped(),
+        server.load::<GiBakedScene>(ASSETS[1]).untyped(),
         server.load::<Image>(ASSETS[2]).untyped(),
         server.load::<Font>(ASSETS[3]).untyped(),
         server.load::<Bytes>(ASSETS[4]).untyped(),
@@ -149,10 +149,9 @@ fn wait_for(app: &mut App, handles: &[UntypedHandle]) {
 }
 
 fn load_bake(app: &mut App, path: &str) -> std::sync::Arc<BakedScene> {
-    let handle: Handle<MeshlessGiAsset> =
-        app.world().resource::<AssetServer>().load(path.to_owned());
+    let handle: Handle<GiBakedScene> = app.world().resource::<AssetServer>().load(path.to_owned());
     until(app, "loading", |app| {
-        let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+        let assets = app.world().resource::<Assets<GiBakedScene>>();
         assets.get(&handle).map(|a| a.scene.clone())
     })
 }
@@ -219,14 +218,11 @@ fn run_game() {
 /// An app that loads the recipe unprocessed, and prints the progress of its bake.
 fn load_unprocessed() {
     let mut app = bare_app_with(AssetPlugin::default());
-    app.add_systems(
-        Update,
-        |mut news: MessageReader<MeshlessGiRecipeProgress>| {
-            for news in news.read() {
-                println!("PROGRESS {} {:?} {}", news.path, news.stage, news.fraction);
-            }
-        },
-    );
+    app.add_systems(Update, |mut news: MessageReader<GiRecipeProgress>| {
+        for news in news.read() {
+            println!("PROGRESS {} {:?} {}", news.path, news.stage, news.fraction);
+        }
+    });
     let scene = load_bake(&mut app, "levels/room.gi.ron");
     println!("GIVEN {}", scene.info.given_recipe);
 }
@@ -280,9 +276,9 @@ fn process_assets_game_without_a_processor_loads_all_and_is_lit() {
     assert_eq!(talk.map(|t| &t.0[..]), Some(&b"Hello."[..]));
 
     let level = handles[0].clone().typed::<WorldAsset>();
-    let bake = handles[1].clone().typed::<MeshlessGiAsset>();
+    let bake = handles[1].clone().typed::<GiBakedScene>();
     app.world_mut()
-        .spawn((WorldAssetRoot(level), MeshlessGi(bake)));
+        .spawn((WorldAssetRoot(level), GiScene(bake)));
     let image = target(&mut app);
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.4));

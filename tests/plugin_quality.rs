@@ -6,7 +6,7 @@ mod plugin_support;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_meshless_gi::plan::TierChoice;
-use bevy_meshless_gi::plugin::{MeshlessGiCost, MeshlessGiTier};
+use bevy_meshless_gi::plugin::{GiActiveTier, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::frame::FrameSettings;
 use meshless_gi::scene::Light;
@@ -35,12 +35,12 @@ fn stage(app: &mut App) -> Stage {
     }
 }
 
-fn ask(app: &mut App, stage: &Stage, quality: MeshlessGiQuality) {
+fn ask(app: &mut App, stage: &Stage, quality: GiQuality) {
     app.world_mut().entity_mut(stage.root).insert(quality);
 }
 
 fn tier(app: &App, stage: &Stage) -> (u32, String) {
-    let found = app.world().get::<MeshlessGiTier>(stage.root).unwrap();
+    let found = app.world().get::<GiActiveTier>(stage.root).unwrap();
     let picked = found.picked().unwrap();
     (picked.tier, picked.why)
 }
@@ -56,7 +56,7 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
     let lights: [Light; 1] = [lamp(PLACE)];
     let mut seen = Vec::new();
     for n in [4, 1, 2] {
-        ask(&mut app, &stage, MeshlessGiQuality::Tier(n));
+        ask(&mut app, &stage, GiQuality::Tier(n));
         run(&mut app, 2);
         let c = counters(&app);
         assert!(
@@ -90,7 +90,7 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
         }
     }
     // Nothing moves: a change of the tier is one solve.
-    ask(&mut app, &stage, MeshlessGiQuality::Tier(3));
+    ask(&mut app, &stage, GiQuality::Tier(3));
     run(&mut app, 1);
     assert_eq!(counters(&app).solved.values().collect::<Vec<_>>(), [&3]);
     run(&mut app, 1);
@@ -99,7 +99,7 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
     // By error: what the bake says of its tiers.
     let upper: Vec<f32> = TierChoice::of(&bake, 3).iter().map(|t| t.error).collect();
     for most in [upper[0], 1e-6, f32::NAN] {
-        ask(&mut app, &stage, MeshlessGiQuality::MaxError(most));
+        ask(&mut app, &stage, GiQuality::MaxError(most));
         run(&mut app, 1);
         let expected = upper
             .iter()
@@ -124,13 +124,13 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
     let load = Arc::new(AtomicU32::new(2_000));
     let (given, count) = (load.clone(), Arc::new(AtomicU32::new(0)));
     let asked = count.clone();
-    app.insert_resource(MeshlessGiCost::Given(Arc::new(move |work| {
+    app.insert_resource(SolveCostSource::Given(Arc::new(move |work| {
         let n = asked.fetch_add(1, Ordering::Relaxed);
         let noise = 1.0 + 0.15 * ((n.wrapping_mul(0x9e37_79b9) >> 16) as f32 / 32768.0 - 1.0);
         noise * given.load(Ordering::Relaxed) as f32 / 1000.0 * work as f32 / all
     })));
     const BUDGET: f32 = 3.0;
-    ask(&mut app, &stage, MeshlessGiQuality::FrameBudget(BUDGET));
+    ask(&mut app, &stage, GiQuality::FrameBudget(BUDGET));
     let mut over = 0;
     let mut frame = 0u32;
     let mut go = |app: &mut App, frames: u32| -> Vec<u32> {
@@ -170,7 +170,7 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
     assert_eq!(*again.last().unwrap(), 4, "{:?}", tier(&app, &stage));
     let changes = app
         .world()
-        .get::<MeshlessGiTier>(stage.root)
+        .get::<GiActiveTier>(stage.root)
         .unwrap()
         .changes();
     assert!((2..=5).contains(&changes), "{changes}");
@@ -199,7 +199,7 @@ fn the_devices_clock_is_heard() {
     ));
     ready(&mut app);
     let stage = stage(&mut app);
-    ask(&mut app, &stage, MeshlessGiQuality::FrameBudget(1e-6));
+    ask(&mut app, &stage, GiQuality::FrameBudget(1e-6));
     for k in 0..60 {
         let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
         place.translation.x = PLACE.x + 0.005 * k as f32;

@@ -6,7 +6,7 @@ use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent, ReflectResource};
 use bevy::prelude::*;
 use bevy::reflect::std_traits::ReflectDefault;
 use bevy::reflect::{PartialReflect, ReflectMut, ReflectRef, TypeRegistration, TypeRegistry};
-use bevy_meshless_gi::plugin::MeshlessGiPointCloudPart;
+use bevy_meshless_gi::plugin::GiPointCloudPart;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::bake::{Preset, Recipe};
 use meshless_gi::scene::{cornell_box, mesh_of_quads};
@@ -18,13 +18,13 @@ use std::path::{Path, PathBuf};
 
 /// Public types that hold no settings, and what they hold.
 const STATE: [(&str, &str); 3] = [
-    ("MeshlessGiBake", "a thread"),
-    ("MeshlessGiCoefficients", "a channel between the worlds"),
-    ("MeshlessGiStatus", "a channel between the worlds"),
+    ("GiBakeTask", "a thread"),
+    ("SharedCoefficients", "a channel between the worlds"),
+    ("GiFrameStats", "a channel between the worlds"),
 ];
 
 /// Types without a default: only the plugin makes them.
-const MADE: [&str; 1] = ["MeshlessGiCapture"];
+const MADE: [&str; 1] = ["GiRsmCamera"];
 
 fn files_below(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -164,7 +164,7 @@ fn full_world() -> App {
     let (room, bake) = cornell();
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
     let image = target(&mut app);
-    let eye = (camera(&image, view()), MeshlessGiCamera::default());
+    let eye = (camera(&image, view()), GiCamera::default());
     let lamp = spawn_lamp(&mut app, Vec3::new(-0.3, 1.5, 0.3));
     let ball = Mesh::from(Sphere::new(0.2));
     let ball = app.world_mut().resource_mut::<Assets<Mesh>>().add(ball);
@@ -179,33 +179,33 @@ fn full_world() -> App {
     };
     let world = app.world_mut();
     world.entity_mut(root).insert((
-        MeshlessGiSky::default(),
-        MeshlessGiMaterials(vec![("wall".into(), Handle::default())]),
-        MeshlessGiVolume::default(),
+        GiSky::default(),
+        GiDynamicMaterials(vec![("wall".into(), Handle::default())]),
+        GiIrradianceVolume::default(),
     ));
-    world.spawn((eye, MeshlessGiGloss::default()));
+    world.spawn((eye, GiSpecular::default()));
     world.entity_mut(lamp).insert((
-        MeshlessGiLight::default(),
-        MeshlessGiReflective::default(),
-        MeshlessGiSoftShadow::default(),
+        GiLight::default(),
+        GiReflectiveShadowMap::default(),
+        GiSoftShadow::default(),
     ));
     world.spawn((
-        MeshlessGiBouncer,
+        GiReflector,
         Mesh3d(ball),
         MeshMaterial3d(material),
         Transform::from_xyz(0.0, 0.5, 0.5),
     ));
-    world.spawn(MeshlessGiOccluder::default());
-    world.spawn(MeshlessGiPointCloud::default());
+    world.spawn(GiOccluder::default());
+    world.spawn(GiPointCloud::default());
     // The point cloud has one part: its own. This one has no cloud.
-    world.spawn(MeshlessGiPointCloudPart);
-    world.spawn(MeshlessGiBakeExclude);
-    let forward = (camera(&image, view()), MeshlessGiForwardCamera::default());
+    world.spawn(GiPointCloudPart);
+    world.spawn(GiBakeExclude);
+    let forward = (camera(&image, view()), GiForwardCamera::default());
     world.spawn(forward);
     // Bakes that last longer than the test.
     let mesh = mesh_of_quads(&cornell_box());
-    world.spawn(MeshlessGiBake::spawn(mesh, recipe.clone()));
-    let request = MeshlessGiBakeRequest {
+    world.spawn(GiBakeTask::spawn(mesh, recipe.clone()));
+    let request = GiBakeRequest {
         recipe,
         ..default()
     };
@@ -248,10 +248,10 @@ fn every_component_in_a_world_is_walked_field_by_field() {
     assert!(missing.is_empty(), "not in the world: {missing:?}");
     // Values of all depths: settings, an element of a list, an output.
     for (path, value) in [
-        ("MeshlessGiCamera.intensity", "1.0"),
-        ("MeshlessGiLighting.bounces", "Some"),
-        ("MeshlessGiTier.why", "\"nothing less was asked for\""),
-        ("MeshlessGiMaterials.0.0.0", "\"wall\""),
+        ("GiCamera.intensity", "1.0"),
+        ("GiLighting.bounces", "Some"),
+        ("GiActiveTier.why", "\"nothing less was asked for\""),
+        ("GiDynamicMaterials.0.0.0", "\"wall\""),
     ] {
         let component = path.split('.').next().expect("a first part");
         let fields = &seen[component];
@@ -263,19 +263,19 @@ fn every_component_in_a_world_is_walked_field_by_field() {
 #[test]
 fn field_written_by_reflection_is_set_in_the_component() {
     let mut app = app();
-    let root = app.world_mut().spawn(MeshlessGiLighting::default()).id();
+    let root = app.world_mut().spawn(GiLighting::default()).id();
     let registry = app.world().resource::<AppTypeRegistry>().clone();
     let registry = registry.read();
-    let component = registration(&registry, "MeshlessGiLighting").data::<ReflectComponent>();
+    let component = registration(&registry, "GiLighting").data::<ReflectComponent>();
     let component = component.expect("a component");
     let mut value = component
         .reflect_mut(app.world_mut().entity_mut(root))
         .expect("it is there");
     let ReflectMut::Struct(fields) = value.reflect_mut() else {
-        panic!("MeshlessGiLighting is a struct");
+        panic!("GiLighting is a struct");
     };
     let field = fields.field_mut("emission").expect("a field");
     field.apply(&0.25f32);
-    let lighting = app.world().get::<MeshlessGiLighting>(root).unwrap();
+    let lighting = app.world().get::<GiLighting>(root).unwrap();
     assert_eq!(lighting.emission, 0.25);
 }

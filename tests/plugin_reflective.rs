@@ -5,9 +5,7 @@ mod plugin_support;
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiCapture, MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, RSM_RENDER_LAYER,
-};
+use bevy_meshless_gi::plugin::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
 use plugin_support::app::{app, camera, picture, run, target};
@@ -45,7 +43,7 @@ fn spawn_ball(app: &mut App, ball: Ball) -> Entity {
 fn captures(app: &mut App) -> [usize; 2] {
     let mut cameras = app
         .world_mut()
-        .query_filtered::<&Camera, With<MeshlessGiCapture>>();
+        .query_filtered::<&Camera, With<GiRsmCamera>>();
     let all: Vec<bool> = cameras
         .iter(app.world())
         .map(|camera| camera.is_active)
@@ -78,7 +76,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     // A light asks, and nothing moves.
     app.world_mut()
         .entity_mut(lamp)
-        .insert(MeshlessGiReflective::default());
+        .insert(GiReflectiveShadowMap::default());
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0], "nothing moves");
     let c = counters(&app);
@@ -98,26 +96,26 @@ fn cameras_come_with_what_moves_and_go_with_it() {
         .spawn((Transform::default(), ChildOf(parent)))
         .id();
     app.world_mut().entity_mut(ball).insert(ChildOf(parent_of));
-    app.world_mut().entity_mut(parent).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(parent).insert(GiReflector);
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
     assert_eq!(layers(&app, ball), Some(own.clone().with(RSM_RENDER_LAYER)));
     assert_eq!(layers(&app, parent), None, "it has no mesh");
     let c = counters(&app);
-    let ran = |c: &MeshlessGiCounters| c.plan.to_string().matches("run  rsm").count();
+    let ran = |c: &FrameStats| c.plan.to_string().matches("run  rsm").count();
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
 
     // A game that dresses all cameras alike dresses those of maps too: no view of its own, and no further cameras.
     let all: Vec<Entity> = app
         .world_mut()
-        .query_filtered::<Entity, (With<Camera3d>, Without<MeshlessGiCamera>)>()
+        .query_filtered::<Entity, (With<Camera3d>, Without<GiCamera>)>()
         .iter(app.world())
         .collect();
     assert_eq!(all.len(), 1);
     app.world_mut()
         .entity_mut(all[0])
-        .insert(MeshlessGiCamera::default());
+        .insert(GiCamera::default());
     run(&mut app, 3);
     assert_eq!(captures(&mut app), [1, 1]);
     let c = counters(&app);
@@ -127,9 +125,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
         "{}",
         c.plan
     );
-    app.world_mut()
-        .entity_mut(all[0])
-        .remove::<MeshlessGiCamera>();
+    app.world_mut().entity_mut(all[0]).remove::<GiCamera>();
 
     // What Bevy is not to cull has no box from it, and bounces too.
     app.world_mut()
@@ -163,7 +159,7 @@ fn cameras_come_with_what_moves_and_go_with_it() {
             app.world_mut().entity_mut(ball).insert(shown);
         }),
         ("no camera that asks", |app, _, _, off| {
-            let mut cameras = app.world_mut().query::<&mut MeshlessGiCamera>();
+            let mut cameras = app.world_mut().query::<&mut GiCamera>();
             for mut camera in cameras.iter_mut(app.world_mut()) {
                 camera.enabled = !off;
             }
@@ -182,27 +178,23 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     }
 
     // The component goes: all that it brought goes.
-    app.world_mut()
-        .entity_mut(parent)
-        .remove::<MeshlessGiBouncer>();
+    app.world_mut().entity_mut(parent).remove::<GiReflector>();
     run(&mut app, 2);
     assert_eq!(layers(&app, ball), Some(own), "as they were");
     assert_eq!(captures(&mut app), [1, 0]);
     app.world_mut().entity_mut(ball).remove::<RenderLayers>();
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     run(&mut app, 2);
     assert_eq!(
         layers(&app, ball),
         Some(RenderLayers::from_layers(&[0, RSM_RENDER_LAYER]))
     );
-    app.world_mut()
-        .entity_mut(ball)
-        .remove::<MeshlessGiBouncer>();
+    app.world_mut().entity_mut(ball).remove::<GiReflector>();
     run(&mut app, 2);
     assert_eq!(layers(&app, ball), None, "it had none");
     app.world_mut()
         .entity_mut(lamp)
-        .remove::<MeshlessGiReflective>();
+        .remove::<GiReflectiveShadowMap>();
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [0, 0]);
     let c = counters(&app);
@@ -213,10 +205,10 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     );
 
     // And with the light itself.
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     app.world_mut()
         .entity_mut(lamp)
-        .insert(MeshlessGiReflective::default());
+        .insert(GiReflectiveShadowMap::default());
     run(&mut app, 2);
     assert_eq!(captures(&mut app), [1, 1]);
     app.world_mut().despawn(lamp);
@@ -235,7 +227,7 @@ fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     // The twins go through every pixel.
     app.world_mut().spawn((camera(&image, view()), indirect()));
     let ball = spawn_ball(app, RED);
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     (root, image, ball)
 }
 
@@ -265,7 +257,7 @@ fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
     let (_, image, ball) = unbaked_room(&mut app);
     run(&mut app, 2);
     assert_eq!(picture(&mut app, &image).mean(), 0.0, "no light yet");
-    let asked = MeshlessGiReflective::default();
+    let asked = GiReflectiveShadowMap::default();
     let to_ball = |from: Vec3| Transform::from_translation(from).looking_at(RED.center, Vec3::Y);
     let spot_at = to_ball(Vec3::new(0.5, 1.5, 0.8));
     let sun_at = to_ball(Vec3::new(0.8, 2.3, 1.6));
@@ -335,7 +327,7 @@ fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
     app.world_mut().entity_mut(entity).insert(asked.clone());
     let other = Vec3::new(-0.8, 0.9, 0.9);
     let second = spawn_lamp(&mut app, other);
-    let few = MeshlessGiReflective {
+    let few = GiReflectiveShadowMap {
         lights: 32,
         ..asked.clone()
     };
@@ -379,7 +371,7 @@ fn ran(app: &App) -> [u32; 2] {
 fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
     let mut app = app();
     let (_, image, ball) = unbaked_room(&mut app);
-    let asked = MeshlessGiReflective::default();
+    let asked = GiReflectiveShadowMap::default();
     let entity = spawn_lamp(&mut app, LAMP);
     app.world_mut().entity_mut(entity).insert(asked.clone());
     run(&mut app, 3);
@@ -425,7 +417,7 @@ fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
         }),
         ("more lights", |app, _, lamp| {
             app.world_mut()
-                .get_mut::<MeshlessGiReflective>(lamp)
+                .get_mut::<GiReflectiveShadowMap>(lamp)
                 .unwrap()
                 .lights = 64;
         }),
@@ -444,10 +436,9 @@ fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
     let (_, bake) = cornell();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    app.world_mut()
-        .spawn((MeshlessGi(asset), Transform::IDENTITY));
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    app.world_mut().spawn((GiScene(asset), Transform::IDENTITY));
     let mut woken = false;
     for _ in 0..4 {
         run(&mut app, 1);
@@ -475,7 +466,7 @@ fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
         let mut material = materials.get_mut(id).unwrap();
         [material.perceptual_roughness, material.reflectance] = SMOOTH;
     }
-    let asked = MeshlessGiReflective {
+    let asked = GiReflectiveShadowMap {
         visibility: false,
         ..default()
     };
@@ -487,14 +478,12 @@ fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
     let without = picture(&mut app, &image);
     let before = counters(&app);
     assert_eq!(before.dispatches_of(Stage::Gloss), 0);
-    let mut cameras = app
-        .world_mut()
-        .query_filtered::<Entity, With<MeshlessGiCamera>>();
+    let mut cameras = app.world_mut().query_filtered::<Entity, With<GiCamera>>();
     let eye = cameras.single(app.world()).unwrap();
     app.world_mut()
         .entity_mut(eye)
         // A picture so small has room for few nodes.
-        .insert(MeshlessGiGloss {
+        .insert(GiSpecular {
             coarsest: 2,
             light: 1e-4,
             ..default()
@@ -570,9 +559,9 @@ fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
 fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
     let mut app = app();
     let (root, image, _) = unbaked_room(&mut app);
-    app.world_mut().entity_mut(root).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(root).insert(GiReflector);
     let lamp_at = Vec3::new(0.3, 1.5, 0.5);
-    let asked = MeshlessGiReflective {
+    let asked = GiReflectiveShadowMap {
         lights: 256,
         ..default()
     };
@@ -614,7 +603,7 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
     let ball = spawn_ball(&mut app, behind);
     run(&mut app, 3);
     let baked = picture(&mut app, &image);
-    let asked = MeshlessGiReflective::default();
+    let asked = GiReflectiveShadowMap::default();
     app.world_mut().entity_mut(entity).insert(asked.clone());
     run(&mut app, 2);
     let same = picture(&mut app, &image);
@@ -623,7 +612,7 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
         "nothing moves: not a bit differs"
     );
 
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(
@@ -669,7 +658,7 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
     );
 
     // Without shadows, the block lets it through.
-    let see_through = MeshlessGiReflective {
+    let see_through = GiReflectiveShadowMap {
         visibility: false,
         ..asked
     };
@@ -684,15 +673,11 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
     app.world_mut().entity_mut(root).remove::<RenderLayers>();
 
     // It goes, and the picture is the bake's again.
-    app.world_mut()
-        .entity_mut(ball)
-        .remove::<MeshlessGiBouncer>();
+    app.world_mut().entity_mut(ball).remove::<GiReflector>();
     run(&mut app, 2);
     assert!(picture(&mut app, &image).pixels == baked.pixels);
-    app.world_mut()
-        .entity_mut(eye)
-        .insert(MeshlessGiCamera::default());
-    app.world_mut().entity_mut(ball).insert(MeshlessGiBouncer);
+    app.world_mut().entity_mut(eye).insert(GiCamera::default());
+    app.world_mut().entity_mut(ball).insert(GiReflector);
     run(&mut app, 2);
     app.world_mut()
         .get_mut::<PointLight>(entity)
@@ -708,7 +693,7 @@ fn materials_that_get_no_indirect_light_are_told_once() {
     let mut app = app();
     let (.., ball) = unbaked_room(&mut app);
     run(&mut app, 2);
-    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), [], "opaque and deferred");
     let mut change = |look: fn(&mut StandardMaterial)| {
         let material = app
@@ -727,12 +712,9 @@ fn materials_that_get_no_indirect_light_are_told_once() {
     let cut_out = change(|m| (m.alpha_mode, m.unlit) = (AlphaMode::Mask(0.5), false));
     assert_eq!(cut_out, []);
     let forward = change(|m| m.opaque_render_method = OpaqueRendererMethod::Forward);
-    assert_eq!(forward, [MeshlessGiFinding::ForwardMaterial]);
+    assert_eq!(forward, [GiWarning::ForwardMaterial]);
     let blended = change(|m| m.alpha_mode = AlphaMode::Blend);
-    let both = [
-        MeshlessGiFinding::ForwardMaterial,
-        MeshlessGiFinding::TransparentMaterial,
-    ];
+    let both = [GiWarning::ForwardMaterial, GiWarning::TransparentMaterial];
     assert_eq!(blended, both);
     assert_eq!(change(|m| m.alpha_mode = AlphaMode::Add), both, "once");
 }

@@ -4,9 +4,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Stage, bounces_at};
-use bevy_meshless_gi::plugin::{
-    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiMaterials, MeshlessGiSky,
-};
+use bevy_meshless_gi::plugin::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use glam::Mat3;
 use meshless_gi::asset::BakedScene;
@@ -64,7 +62,7 @@ fn a_sky_that_varies_shines_from_the_worlds_directions() {
         LinearRgba::rgb(600.0, 500.0, 400.0),
         LinearRgba::rgb(50.0, 40.0, 30.0),
     );
-    let mut sky = MeshlessGiSky::gradient(zenith, horizon, ground);
+    let mut sky = GiSky::gradient(zenith, horizon, ground);
     // Brighter from where the room is open.
     sky.coefficients[3] = Vec3::new(400.0, 200.0, 100.0);
     app.world_mut().entity_mut(root).insert(sky);
@@ -89,9 +87,9 @@ fn a_sky_that_varies_shines_from_the_worlds_directions() {
     let scene = plain.clone();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
-    app.world_mut().entity_mut(root).insert(MeshlessGi(asset));
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene });
+    app.world_mut().entity_mut(root).insert(GiScene(asset));
     run(&mut app, 3);
     let plan = counters(&app).plan.to_string();
     assert!(plan.contains("the mean of its sky"), "{plan}");
@@ -121,7 +119,7 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
     };
     let named = [LEFT, TOP].map(|k| (format!("quad {k}"), handle(&app, k)));
     let [left, top] = named.clone().map(|n| n.1);
-    let all = MeshlessGiMaterials(named.to_vec());
+    let all = GiDynamicMaterials(named.to_vec());
     app.world_mut().entity_mut(root).insert(all);
     run(&mut app, 3);
     let lights = [lamp(place)];
@@ -189,7 +187,7 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
     }
 
     // As many reflections as surfaces call for: more where a wall is painted white, and no fewer when it is dark again.
-    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
     let asked = std::mem::take(&mut lighting.bounces);
     let reflections = |app: &mut App, gray: f32| {
         let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
@@ -207,19 +205,19 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         "{gray} {white}"
     );
     assert_eq!(reflections(&mut app, 0.05), white);
-    let mut lighting = app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap();
+    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
     lighting.bounces = asked;
     run(&mut app, 2);
 
     // A name that comes again, one that is unknown, a material that is gone: the rest follows. Another texture is said to do nothing.
-    let findings = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let findings = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     let before = findings(&app);
     let mut more = named.to_vec();
     more.insert(0, ("nobody".into(), left.clone()));
     more.push((format!("quad {TOP}"), Handle::default()));
     app.world_mut()
         .entity_mut(root)
-        .insert(MeshlessGiMaterials(more));
+        .insert(GiDynamicMaterials(more));
     run(&mut app, 2);
     let c = counters(&app);
     let none = ([0; 4], 0);
@@ -230,8 +228,5 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
-    assert_eq!(
-        findings(&app)[before.len()..],
-        [MeshlessGiFinding::LiveTexture]
-    );
+    assert_eq!(findings(&app)[before.len()..], [GiWarning::LiveTexture]);
 }

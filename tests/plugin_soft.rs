@@ -4,9 +4,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiCounters, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiView,
-};
+use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{Recipe, SoftShadows};
@@ -82,12 +80,12 @@ fn direct_room(
 ) -> (Entity, Handle<Image>) {
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    let root = app.world_mut().spawn((GiScene(asset), root)).id();
     Room::cornell().spawn(app, root);
     let image = target(app);
-    let none = MeshlessGiCamera {
+    let none = GiCamera {
         intensity: 0.0,
         ..default()
     };
@@ -221,7 +219,7 @@ fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
     (0..w * h).map(at).collect()
 }
 
-fn soft_work(c: &MeshlessGiCounters) -> [u32; 2] {
+fn soft_work(c: &FrameStats) -> [u32; 2] {
     [Stage::Soft, Stage::Shade].map(|s| c.dispatches_of(s))
 }
 
@@ -264,11 +262,11 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
 }
 
 /// Inserts or removes the component.
-fn cast(app: &mut App, lamp: Entity, soft: Option<MeshlessGiSoftShadow>) {
+fn cast(app: &mut App, lamp: Entity, soft: Option<GiSoftShadow>) {
     let mut lamp = app.world_mut().entity_mut(lamp);
     match soft {
         Some(soft) => lamp.insert(soft),
-        None => lamp.remove::<MeshlessGiSoftShadow>(),
+        None => lamp.remove::<GiSoftShadow>(),
     };
 }
 
@@ -283,7 +281,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
     assert_eq!(soft_work(&before), [0, 0], "{}", before.plan);
     let plain = picture(&mut app, &image);
 
-    let soft = MeshlessGiSoftShadow::default();
+    let soft = GiSoftShadow::default();
     cast(&mut app, lamp, Some(soft));
     run(&mut app, 1);
     let c = counters(&app);
@@ -333,7 +331,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
     move_to(&mut app, hanging(PLACE));
 
     // A view of indirect light alone has no direct light to take from.
-    let mut cameras = app.world_mut().query::<&mut MeshlessGiCamera>();
+    let mut cameras = app.world_mut().query::<&mut GiCamera>();
     let mut only = |app: &mut App, view| {
         for mut camera in cameras.iter_mut(app.world_mut()) {
             camera.view = view;
@@ -341,10 +339,10 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
         run(app, 1);
         soft_work(&counters(app))
     };
-    assert_eq!(only(&mut app, MeshlessGiView::Indirect), [0, 0]);
+    assert_eq!(only(&mut app, GiDebugView::Indirect), [0, 0]);
     let indirect = picture(&mut app, &image);
     assert!(indirect.pixels.iter().flatten().all(|v| *v == 0.0));
-    assert_eq!(only(&mut app, MeshlessGiView::Lit), [0, 1]);
+    assert_eq!(only(&mut app, GiDebugView::Lit), [0, 1]);
 
     // Off, or without the component: Bevy's picture, to the bit, and nothing is held.
     for off in [true, false] {
@@ -352,9 +350,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
         if off {
             entity.insert(Visibility::Hidden);
         } else {
-            entity
-                .insert(Visibility::Visible)
-                .remove::<MeshlessGiSoftShadow>();
+            entity.insert(Visibility::Visible).remove::<GiSoftShadow>();
         }
         run(&mut app, 2);
         let c = counters(&app);
@@ -378,7 +374,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
     let shaded = picture(&mut app, &image);
     assert!(plain.nrmse(&here.bright) > 0.2, "it shines");
     assert_shadows("shiny", &plain, &shaded, &here);
-    let findings = &app.world().resource::<MeshlessGiFindings>().0;
+    let findings = &app.world().resource::<GiWarnings>().0;
     assert_eq!(findings, &[], "nothing is wrong with any of that");
 }
 
@@ -412,7 +408,7 @@ fn a_lamp_with_a_radius_in_a_room_that_is_moved_turned_and_scaled() {
         .id();
     run(&mut app, 3);
     let plain = picture(&mut app, &image);
-    cast(&mut app, lamp, Some(MeshlessGiSoftShadow { samples: 16 }));
+    cast(&mut app, lamp, Some(GiSoftShadow { samples: 16 }));
     run(&mut app, 2);
     let shaded = picture(&mut app, &image);
     let candela = Vec3::splat(bulb.intensity / (4.0 * PI));
@@ -436,11 +432,11 @@ fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
     run(&mut app, 3);
     let before = counters(&app);
     let plain = picture(&mut app, &image);
-    let found = |app: &App| app.world().resource::<MeshlessGiFindings>().0.clone();
+    let found = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     assert_eq!(found(&app), []);
 
     // A bake that does not remember.
-    cast(&mut app, lamp, Some(MeshlessGiSoftShadow::default()));
+    cast(&mut app, lamp, Some(GiSoftShadow::default()));
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(soft_work(&c), [0, 0]);
@@ -454,30 +450,29 @@ fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
         (before.buffers, before.bytes, before.pipelines)
     );
     assert_eq!(picture(&mut app, &image), plain);
-    let mut expected = vec![MeshlessGiFinding::NoVisibility];
+    let mut expected = vec![GiWarning::NoVisibility];
     assert_eq!(found(&app), expected);
 
     // Lamps of other kinds, and one that has a shadow map.
     app.world_mut()
-        .spawn((SpotLight::default(), MeshlessGiSoftShadow::default()));
+        .spawn((SpotLight::default(), GiSoftShadow::default()));
     run(&mut app, 1);
-    expected.push(MeshlessGiFinding::SoftShadowKind);
+    expected.push(GiWarning::SoftShadowKind);
     assert_eq!(found(&app), expected);
     let mapped = PointLight {
         shadow_maps_enabled: true,
         ..default()
     };
-    app.world_mut()
-        .spawn((mapped, MeshlessGiSoftShadow::default()));
+    app.world_mut().spawn((mapped, GiSoftShadow::default()));
     run(&mut app, 1);
-    expected.push(MeshlessGiFinding::SoftShadowTwice);
+    expected.push(GiWarning::SoftShadowTwice);
     assert_eq!(found(&app), expected);
     // More panels than Bevy draws.
     for _ in 0..8 {
         app.world_mut().spawn((panel(), hanging(PLACE)));
     }
     run(&mut app, 1);
-    expected.push(MeshlessGiFinding::SoftShadowCount);
+    expected.push(GiWarning::SoftShadowCount);
     assert_eq!(found(&app), expected);
 }
 
@@ -485,7 +480,7 @@ fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
 fn lamps_without_numbers_and_lamps_in_crowds_are_borne() {
     let mut app = app();
     let (_, image) = direct_room(&mut app, remembering(), Transform::IDENTITY, view());
-    let soft = MeshlessGiSoftShadow { samples: u32::MAX };
+    let soft = GiSoftShadow { samples: u32::MAX };
     let bad = RectLight {
         intensity: f32::NAN,
         ..panel()
@@ -503,7 +498,7 @@ fn lamps_without_numbers_and_lamps_in_crowds_are_borne() {
         };
         let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.5, 0.4);
         app.world_mut()
-            .spawn((bulb, place, MeshlessGiSoftShadow { samples: 0 }));
+            .spawn((bulb, place, GiSoftShadow { samples: 0 }));
     }
     run(&mut app, 3);
     assert_eq!(soft_work(&counters(&app)), [0, 1]);
@@ -511,11 +506,8 @@ fn lamps_without_numbers_and_lamps_in_crowds_are_borne() {
     // More come: the buffers grow.
     for i in 0..20 {
         let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);
-        app.world_mut().spawn((
-            PointLight::default(),
-            place,
-            MeshlessGiSoftShadow::default(),
-        ));
+        app.world_mut()
+            .spawn((PointLight::default(), place, GiSoftShadow::default()));
     }
     run(&mut app, 1);
     assert_eq!(soft_work(&counters(&app)), [1, 1]);

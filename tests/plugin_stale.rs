@@ -7,8 +7,7 @@ use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, Asset
 use bevy::ecs::schedule::SingleThreadedExecutor;
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{
-    MeshlessGiFinding, MeshlessGiFindings, MeshlessGiStaleBakes, ProcessAssetsOptions,
-    process_assets,
+    GiStaleBakes, GiWarning, GiWarnings, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -95,8 +94,8 @@ fn app_with(assets: AssetPlugin, path: &str, changes: &Changes) -> App {
     let bake = app
         .world()
         .resource::<AssetServer>()
-        .load::<MeshlessGiAsset>(path.to_owned());
-    app.world_mut().spawn((Name::new("hall"), MeshlessGi(bake)));
+        .load::<GiBakedScene>(path.to_owned());
+    app.world_mut().spawn((Name::new("hall"), GiScene(bake)));
     app
 }
 
@@ -109,22 +108,22 @@ fn unprocessed(assets: &Path) -> AssetPlugin {
 
 /// Updates until the bake of the one entity has loaded, and once more.
 fn load(app: &mut App) {
-    let mut scenes = app.world_mut().query::<&MeshlessGi>();
+    let mut scenes = app.world_mut().query::<&GiScene>();
     let bake = scenes.single(app.world()).unwrap().0.clone();
     until(app, "loading", |app| {
-        let assets = app.world().resource::<Assets<MeshlessGiAsset>>();
+        let assets = app.world().resource::<Assets<GiBakedScene>>();
         assets.contains(&bake).then_some(())
     });
     app.update();
 }
 
 fn stale(app: &App, path: &str) -> Option<Staleness> {
-    let stale = &app.world().resource::<MeshlessGiStaleBakes>().0;
+    let stale = &app.world().resource::<GiStaleBakes>().0;
     stale.get(&AssetPath::from(path.to_owned())).copied()
 }
 
-fn findings(app: &App) -> &[MeshlessGiFinding] {
-    &app.world().resource::<MeshlessGiFindings>().0
+fn findings(app: &App) -> &[GiWarning] {
+    &app.world().resource::<GiWarnings>().0
 }
 
 #[test]
@@ -155,7 +154,7 @@ fn level_changed_after_its_bake_is_reported_once() {
     ] {
         assert!(lines[0].contains(part), "{part}: {}", lines[0]);
     }
-    assert_eq!(findings(&app), [MeshlessGiFinding::StaleBake]);
+    assert_eq!(findings(&app), [GiWarning::StaleBake]);
 
     // The same geometry in another file is the same level.
     let (json, binary) = gltf(&Room::cornell(), "room.bin");
@@ -174,7 +173,7 @@ fn level_that_is_not_to_be_checked_is_not_reported() {
     std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
     let meta = |check: &str| {
         let text = format!(
-            r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::MeshlessGiLoader", settings: (check_level: {check})))"#
+            r#"(meta_format_version: "1.0", asset: Load(loader: "bevy_meshless_gi::plugin::loader::GiBakedSceneLoader", settings: (check_level: {check})))"#
         );
         std::fs::write(assets.join("room.mgi.meta"), text).unwrap();
     };

@@ -11,7 +11,7 @@ use bevy::mesh::PrimitiveTopology;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{MeshlessGiFinding, MeshlessGiFindings, MeshlessGiSettings};
+use bevy_meshless_gi::plugin::{GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
@@ -76,16 +76,16 @@ fn stage(bake: &Arc<BakedScene>, placed: Transform, forward: Option<Msaa>) -> Sh
     }
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset {
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene {
             scene: bake.clone(),
         });
-    let root = app.world_mut().spawn((MeshlessGi(asset), placed)).id();
+    let root = app.world_mut().spawn((GiScene(asset), placed)).id();
     with_panel().spawn(&mut app, root);
     let image = target(&mut app);
     let mut eye = app.world_mut().spawn(camera(&image, placed * view()));
     match forward {
-        None => eye.insert(MeshlessGiCamera::default()),
+        None => eye.insert(GiCamera::default()),
         Some(samples) => eye.insert((bevy::camera::Hdr, samples)),
     };
     let lamp = spawn_lamp(&mut app, placed * LAMP);
@@ -102,7 +102,7 @@ impl Shown {
         picture(&mut self.app, &self.image)
     }
 
-    fn ask(&mut self, volume: MeshlessGiVolume) {
+    fn ask(&mut self, volume: GiIrradianceVolume) {
         self.app.world_mut().entity_mut(self.root).insert(volume);
         run(&mut self.app, 4);
     }
@@ -112,7 +112,7 @@ impl Shown {
         let sees = |app: &mut App| {
             let mut cameras = app
                 .world_mut()
-                .query_filtered::<&VisibleEntities, With<MeshlessGiCamera>>();
+                .query_filtered::<&VisibleEntities, With<GiCamera>>();
             let seen = cameras.iter(app.world());
             let class = std::any::TypeId::of::<ClusterVisibilityClass>();
             let seen: Vec<Entity> = seen.flat_map(|e| e.get(class)).copied().collect();
@@ -155,7 +155,7 @@ fn both_kinds_of_cameras_show_the_same_light() {
         let none = counters(&forward.app);
         assert_eq!((none.buffers, none.bytes, none.pipelines), (0, 0, 0));
         assert!(!none.plan.to_string().contains("volume"), "{}", none.plan);
-        forward.ask(MeshlessGiVolume::default());
+        forward.ask(GiIrradianceVolume::default());
         let lit = forward.picture();
         keep(name, &expected.beside(&lit));
         keep(&format!("{name}_without"), &expected.beside(&dark));
@@ -163,14 +163,7 @@ fn both_kinds_of_cameras_show_the_same_light() {
         println!("{name}: FLIP {d:.4}, {without:.4} without the volume");
         assert!(d <= MAX, "{name}: {d}");
         assert!(without > 2.0 * MAX, "{name}: {without}");
-        assert!(
-            forward
-                .app
-                .world()
-                .resource::<MeshlessGiFindings>()
-                .0
-                .is_empty()
-        );
+        assert!(forward.app.world().resource::<GiWarnings>().0.is_empty());
         // At rest nothing is written.
         run(&mut forward.app, 2);
         assert_eq!(counters(&forward.app).dispatches_of(Stage::Volume), 0);
@@ -188,7 +181,7 @@ fn both_kinds_of_cameras_show_the_same_light() {
         let mut sampled = stage(&bake(true), placed, Some(Msaa::Sample4));
         run(&mut sampled.app, 4);
         let edges = flip(&dark, &sampled.picture());
-        sampled.ask(MeshlessGiVolume::default());
+        sampled.ask(GiIrradianceVolume::default());
         sampled.move_lamp(moved);
         let sampled = sampled.picture();
         keep(&format!("{name}_sampled"), &expected.beside(&sampled));
@@ -262,17 +255,17 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
         }
         let world = app.world_mut();
         let asset = world
-            .resource_mut::<Assets<MeshlessGiAsset>>()
-            .add(MeshlessGiAsset {
+            .resource_mut::<Assets<GiBakedScene>>()
+            .add(GiBakedScene {
                 scene: bake.clone(),
             });
-        let root = world.spawn((MeshlessGi(asset), Transform::IDENTITY)).id();
+        let root = world.spawn((GiScene(asset), Transform::IDENTITY)).id();
         spawn_triangles(&mut app, &mesh, root);
         let image = target(&mut app);
         let world = app.world_mut();
         let mut camera = world.spawn(camera(&image, eye));
         match forward {
-            None => camera.insert(MeshlessGiCamera::default()),
+            None => camera.insert(GiCamera::default()),
             Some(samples) => camera.insert((bevy::camera::Hdr, samples)),
         };
         let lamp = PointLight {
@@ -294,7 +287,7 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
         let world = app.world_mut();
         world.get_mut::<Transform>(*ball).unwrap().translation = place;
         if volume {
-            let fine = MeshlessGiVolume {
+            let fine = GiIrradianceVolume {
                 voxel: Some(VOXEL),
                 most: 1 << 18,
                 ..default()
@@ -338,7 +331,7 @@ fn a_volume_lights_no_g_buffer() {
     let other = target(&mut s.app);
     let eye = (camera(&other, view()), bevy::camera::Hdr, Msaa::Sample4);
     s.app.world_mut().spawn(eye);
-    s.ask(MeshlessGiVolume::default());
+    s.ask(GiIrradianceVolume::default());
     s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
     // Parameters, starts and shares of the places; the same of the walls' faces, and the faces; the ways.
@@ -369,25 +362,21 @@ fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
         (
             "glass",
             |m| m.alpha_mode = AlphaMode::Blend,
-            MeshlessGiFinding::TransparentMaterial,
+            GiWarning::TransparentMaterial,
         ),
         (
             "forward",
             |m| m.opaque_render_method = OpaqueRendererMethod::Forward,
-            MeshlessGiFinding::ForwardMaterial,
+            GiWarning::ForwardMaterial,
         ),
     ];
     for (name, change, finding) in kinds {
         let mut s = shown(change);
-        let told = |s: &Shown| s.app.world().resource::<MeshlessGiFindings>().0.clone();
+        let told = |s: &Shown| s.app.world().resource::<GiWarnings>().0.clone();
         assert_eq!(told(&s), [finding]);
-        s.app
-            .world_mut()
-            .resource_mut::<MeshlessGiFindings>()
-            .0
-            .clear();
+        s.app.world_mut().resource_mut::<GiWarnings>().0.clear();
         let dark = s.picture();
-        s.ask(MeshlessGiVolume::default());
+        s.ask(GiIrradianceVolume::default());
         s.wait();
         let lit = s.picture();
         assert_eq!(told(&s), []);
@@ -433,7 +422,7 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     let before = counters(&s.app);
     assert_eq!((before.buffers, before.bytes, before.pipelines), (0, 0, 0));
     let dark = s.picture();
-    s.ask(MeshlessGiVolume::default());
+    s.ask(GiIrradianceVolume::default());
     let lit = s.picture();
     assert!(
         lit.mean() > 1.2 * dark.mean(),
@@ -448,7 +437,7 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
         let mut found = app.world_mut().query::<&IrradianceVolume>();
         found.iter(app.world()).count()
     };
-    let coarse = MeshlessGiVolume {
+    let coarse = GiIrradianceVolume {
         voxel: Some(0.5),
         most: 64,
         ..default()
@@ -460,14 +449,11 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     println!("64 voxels: FLIP {d:.4} to the usual number");
     assert!(d > 0.0 && d < 0.2, "{d}");
     // No more: the picture of before, and nothing on the device once nobody has seen the scene for long.
-    s.app
-        .world_mut()
-        .resource_mut::<MeshlessGiSettings>()
-        .keep_frames = 2;
+    s.app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
     s.app
         .world_mut()
         .entity_mut(s.root)
-        .remove::<MeshlessGiVolume>();
+        .remove::<GiIrradianceVolume>();
     run(&mut s.app, 6);
     assert_eq!(volumes(&mut s.app), 0);
     assert_eq!(s.picture().pixels, dark.pixels);
@@ -477,10 +463,10 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
 #[test]
 fn a_bake_without_light_in_free_space_says_so() {
     let mut s = stage(&bake(false), Transform::IDENTITY, Some(Msaa::Sample4));
-    s.ask(MeshlessGiVolume::default());
+    s.ask(GiIrradianceVolume::default());
     assert_eq!(
-        s.app.world().resource::<MeshlessGiFindings>().0,
-        [MeshlessGiFinding::NoFreeSpace]
+        s.app.world().resource::<GiWarnings>().0,
+        [GiWarning::NoFreeSpace]
     );
     assert_eq!(counters(&s.app).bytes, 0);
 }

@@ -11,10 +11,7 @@ use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{
-    MeshlessGiCoefficients, MeshlessGiFinding, MeshlessGiFindings, MeshlessGiGizmos,
-    MeshlessGiSettings,
-};
+use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
@@ -214,9 +211,7 @@ fn what_is_hidden_or_gone_gives_back_what_it_held() {
     let mut app = app();
     let (root, eye, _) = room_and_camera(&mut app);
     let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.3));
-    app.world_mut()
-        .resource_mut::<MeshlessGiSettings>()
-        .keep_frames = 3;
+    app.world_mut().resource_mut::<GiSettings>().keep_frames = 3;
     run(&mut app, 2);
     let shown = counters(&app);
     let holds = |app: &App| {
@@ -246,16 +241,10 @@ fn what_is_hidden_or_gone_gives_back_what_it_held() {
     app.world_mut().despawn(second);
     run(&mut app, 1);
     assert_eq!(holds(&app), (shown.pipelines, shown.buffers, shown.bytes));
-    app.world_mut()
-        .get_mut::<MeshlessGiCamera>(eye)
-        .unwrap()
-        .enabled = false;
+    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = false;
     run(&mut app, 6);
     assert_eq!(holds(&app), (0, 0, 0), "no camera asks");
-    app.world_mut()
-        .get_mut::<MeshlessGiCamera>(eye)
-        .unwrap()
-        .enabled = true;
+    app.world_mut().get_mut::<GiCamera>(eye).unwrap().enabled = true;
     run(&mut app, 1);
     assert_eq!(counters(&app).projected_slots, 1);
     app.world_mut().despawn(eye);
@@ -267,10 +256,10 @@ fn what_is_hidden_or_gone_gives_back_what_it_held() {
     let mut store = app
         .world_mut()
         .resource_mut::<bevy::gizmos::config::GizmoConfigStore>();
-    let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+    let (config, group) = store.config_mut::<GiGizmos>();
     (config.enabled, group.coefficients) = (true, true);
     run(&mut app, 5);
-    let back = |app: &App| app.world().resource::<MeshlessGiCoefficients>().of(root);
+    let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
     assert!(back(&app).is_some());
     app.world_mut().despawn(lamp);
     run(&mut app, 1);
@@ -457,11 +446,7 @@ fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
     // Bevy's own choice of samples must not win.
     let eye = app
         .world_mut()
-        .spawn((
-            camera(&image, view()),
-            Msaa::Sample4,
-            MeshlessGiCamera::default(),
-        ))
+        .spawn((camera(&image, view()), Msaa::Sample4, GiCamera::default()))
         .id();
     let entity = app.world().entity(eye);
     assert!(
@@ -477,15 +462,15 @@ fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
     ));
     run(&mut app, 2);
     assert_eq!(counters(&app).active_scenes, 1);
-    assert_eq!(app.world().resource::<MeshlessGiFindings>().0, []);
+    assert_eq!(app.world().resource::<GiWarnings>().0, []);
 
     app.world_mut().entity_mut(eye).remove::<Hdr>();
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(c.active_scenes, 0, "{}", c.plan);
     assert_eq!(
-        app.world().resource::<MeshlessGiFindings>().0,
-        [MeshlessGiFinding::NoGbuffer]
+        app.world().resource::<GiWarnings>().0,
+        [GiWarning::NoGbuffer]
     );
 }
 
@@ -516,8 +501,8 @@ fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_l
     assert_alike("one_left", &cpu(&lights[..1]), &picture(&mut app, &image));
 
     let (room, bake) = cornell();
-    let change = |app: &mut App, set: fn(&mut MeshlessGiLighting)| {
-        set(&mut app.world_mut().get_mut::<MeshlessGiLighting>(root).unwrap());
+    let change = |app: &mut App, set: fn(&mut GiLighting)| {
+        set(&mut app.world_mut().get_mut::<GiLighting>(root).unwrap());
         run(app, 1);
         let c = counters(app);
         assert_eq!(c.projected_slots, 0, "{}", c.plan);

@@ -21,7 +21,7 @@ use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_dis
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_meshless_gi::plugin::{MeshlessGiBakeProgress, MeshlessGiCapture};
+use bevy_meshless_gi::plugin::{GiBakeProgress, GiRsmCamera};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -176,7 +176,7 @@ fn aim(
     event: On<Add, Camera3d>,
     mut commands: Commands,
     picture: Res<Picture>,
-    own: Query<(), With<MeshlessGiCapture>>,
+    own: Query<(), With<GiRsmCamera>>,
 ) {
     if !own.contains(event.entity) {
         let target = RenderTarget::Image(picture.0.clone().into());
@@ -190,7 +190,7 @@ fn capture(
     mut commands: Commands,
     capture: Res<Capture>,
     picture: Res<Picture>,
-    bakes: Query<(), With<MeshlessGiBakeProgress>>,
+    bakes: Query<(), With<GiBakeProgress>>,
     mut keys: ResMut<ButtonInput<KeyCode>>,
     mut frame: Local<u32>,
 ) {

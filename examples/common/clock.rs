@@ -49,7 +49,7 @@ impl Plugin for Clock {
 
 fn go_on(
     mut clock: ResMut<Clock>,
-    baking: Query<(), With<MeshlessGiBakeProgress>>,
+    baking: Query<(), With<GiBakeProgress>>,
     keys: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,
 ) {

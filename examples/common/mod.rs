@@ -11,7 +11,7 @@ use bevy::asset::RenderAssetUsages;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use bevy_meshless_gi::plugin::{MeshlessGiGizmos, MeshlessGiPlugin};
+use bevy_meshless_gi::plugin::{GiGizmos, MeshlessGiPlugin};
 use capture::{Capture, default_plugins};
 use meshless_gi::scene::{Material, Quad};
 use std::process::ExitCode;
@@ -37,7 +37,7 @@ pub fn run(mut app: App) -> ExitCode {
 
 /// Draws the next of: the points, the radii of a level, the non-zero coefficients, nothing.
 pub fn next_gizmos(store: &mut GizmoConfigStore) {
-    let (config, group) = store.config_mut::<MeshlessGiGizmos>();
+    let (config, group) = store.config_mut::<GiGizmos>();
     let next = match (config.enabled, group.points, group.radii) {
         (false, ..) => 0,
         (true, true, _) => 1,

@@ -2,12 +2,12 @@
 //!
 //! | section | sets |
 //! |---|---|
-//! | view | `MeshlessGiCamera::view` of all cameras |
-//! | reflections | `MeshlessGiLighting::bounces` of all scenes |
-//! | quality | `MeshlessGiQuality` of all scenes, with the tiers that their bakes have |
-//! | display | `MeshlessGiDisplay` of all cameras |
+//! | view | `GiCamera::view` of all cameras |
+//! | reflections | `GiLighting::bounces` of all scenes |
+//! | quality | `GiQuality` of all scenes, with the tiers that their bakes have |
+//! | display | `GiSplatting` of all cameras |
 //! | preset, "bake again" | nothing by itself: the example handles [`BakeAgain`], and offers it by the resource [`PanelPreset`] |
-//! | lights | `MeshlessGiLight::enabled` of each light |
+//! | lights | `GiLight::enabled` of each light |
 //!
 //! F1 shows and hides the panel. It starts hidden where `--screenshot` asks for a picture.
 
@@ -23,9 +23,7 @@ use bevy::input_focus::InputFocus;
 use bevy::prelude::*;
 use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{
-    MeshlessGiLighting, MeshlessGiStatus, MeshlessGiSystems, MeshlessGiTier, MeshlessGiView,
-};
+use bevy_meshless_gi::plugin::{GiActiveTier, GiDebugView, GiFrameStats, GiLighting, GiSystems};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::bake::Preset;
 
@@ -48,11 +46,11 @@ pub struct TuningPanel;
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub enum Control {
     /// A view of all cameras.
-    View(MeshlessGiView),
+    View(GiDebugView),
     /// A number of reflections of all scenes.
     Bounces(Option<u32>),
     /// A quality of all scenes.
-    Quality(MeshlessGiQuality),
+    Quality(GiQuality),
     /// Every pixel, or a fraction of them.
     Full(bool),
     /// The preset of the next bake.
@@ -92,7 +90,7 @@ impl Plugin for TuningPanelPlugin {
                 Update,
                 (show, build, mark, write_plan, scroll)
                     .chain()
-                    .after(MeshlessGiSystems::Collect),
+                    .after(GiSystems::Collect),
             );
     }
 }
@@ -182,18 +180,18 @@ fn sections(tiers: u32, lights: &Lights, preset: bool) -> Vec<Section> {
         pairs.map(|(name, c)| ((*name).to_string(), *c)).collect()
     };
     let view = named(&[
-        ("lit", Control::View(MeshlessGiView::Lit)),
-        ("indirect", Control::View(MeshlessGiView::Indirect)),
-        ("irradiance", Control::View(MeshlessGiView::Irradiance)),
+        ("lit", Control::View(GiDebugView::Lit)),
+        ("indirect", Control::View(GiDebugView::Indirect)),
+        ("irradiance", Control::View(GiDebugView::Irradiance)),
     ]);
     let mut bounces = named(&[("auto", Control::Bounces(None))]);
     bounces.extend((1..=8).map(|n| (n.to_string(), Control::Bounces(Some(n)))));
-    let mut quality = named(&[("all", Control::Quality(MeshlessGiQuality::All))]);
+    let mut quality = named(&[("all", Control::Quality(GiQuality::All))]);
     quality.extend((1..=tiers).map(|n| {
-        let tier = Control::Quality(MeshlessGiQuality::Tier(n));
+        let tier = Control::Quality(GiQuality::Tier(n));
         (format!("tier {n}"), tier)
     }));
-    let within = |error| Control::Quality(MeshlessGiQuality::MaxError(error));
+    let within = |error| Control::Quality(GiQuality::MaxError(error));
     quality.extend(named(&[("5 %", within(0.05)), ("2 %", within(0.02))]));
     let display = named(&[
         ("subsplats", Control::Full(false)),
@@ -234,7 +232,7 @@ fn build(
     mut commands: Commands,
     panel: Single<&Node, With<TuningPanel>>,
     controls: Single<Entity, With<Controls>>,
-    tiers: Query<&MeshlessGiTier>,
+    tiers: Query<&GiActiveTier>,
     lights: Lights,
     preset: Option<Res<PanelPreset>>,
     mut built: Local<Vec<Section>>,
@@ -295,9 +293,9 @@ fn change(
     event: On<ValueChange<bool>>,
     mut commands: Commands,
     controls: Query<&Control>,
-    mut cameras: Query<(&mut MeshlessGiCamera, &mut MeshlessGiDisplay)>,
-    mut scenes: Query<(&mut MeshlessGiLighting, &mut MeshlessGiQuality)>,
-    lights: Query<Option<&MeshlessGiLight>>,
+    mut cameras: Query<(&mut GiCamera, &mut GiSplatting)>,
+    mut scenes: Query<(&mut GiLighting, &mut GiQuality)>,
+    lights: Query<Option<&GiLight>>,
     mut preset: Option<ResMut<PanelPreset>>,
 ) {
     let Ok(control) = controls.get(event.source) else {
@@ -306,7 +304,7 @@ fn change(
     match *control {
         Control::Light(light) => {
             if let Ok(before) = lights.get(light) {
-                let light_settings = MeshlessGiLight {
+                let light_settings = GiLight {
                     enabled: event.value,
                     ..before.cloned().unwrap_or_default()
                 };
@@ -316,8 +314,8 @@ fn change(
         Control::View(view) => (cameras.iter_mut()).for_each(|(mut c, _)| c.view = view),
         Control::Full(full) => {
             let display = match full {
-                true => MeshlessGiDisplay::Full,
-                false => MeshlessGiDisplay::default(),
+                true => GiSplatting::Full,
+                false => GiSplatting::default(),
             };
             (cameras.iter_mut()).for_each(|(_, mut of)| *of = display);
         }
@@ -336,9 +334,9 @@ fn change(
 fn mark(
     mut commands: Commands,
     controls: Query<(Entity, &Control, Has<Checked>)>,
-    cameras: Query<(&MeshlessGiCamera, &MeshlessGiDisplay)>,
-    scenes: Query<(&MeshlessGiLighting, &MeshlessGiQuality)>,
-    lights: Query<&MeshlessGiLight>,
+    cameras: Query<(&GiCamera, &GiSplatting)>,
+    scenes: Query<(&GiLighting, &GiQuality)>,
+    lights: Query<&GiLight>,
     preset: Option<Res<PanelPreset>>,
 ) {
     // Beside the example's camera there may be one that shows direct light alone.
@@ -347,9 +345,7 @@ fn mark(
     for (entity, control, checked) in &controls {
         let set = match *control {
             Control::View(view) => camera.is_some_and(|(c, _)| c.view == view),
-            Control::Full(full) => {
-                camera.is_some_and(|(_, d)| (*d == MeshlessGiDisplay::Full) == full)
-            }
+            Control::Full(full) => camera.is_some_and(|(_, d)| (*d == GiSplatting::Full) == full),
             Control::Bounces(n) => scene.is_some_and(|(s, _)| s.bounces == n),
             Control::Quality(q) => scene.is_some_and(|(_, of)| *of == q),
             Control::Light(light) => lights.get(light).map_or(true, |l| l.enabled),
@@ -367,7 +363,7 @@ fn mark(
 fn write_plan(
     panel: Single<&Node, With<TuningPanel>>,
     mut text: Single<&mut Text, With<PlanText>>,
-    status: Res<MeshlessGiStatus>,
+    status: Res<GiFrameStats>,
     diagnostics: Res<DiagnosticsStore>,
     names: Query<Option<&Name>>,
     mut frame: Local<u32>,

@@ -89,10 +89,10 @@ fn set_up(mut commands: Commands, stage: Res<Stage>) {
     commands.spawn((
         Camera3d::default(),
         IsDefaultUiCamera,
-        MeshlessGiCamera::default(),
+        GiCamera::default(),
         stage.look,
     ));
-    let off = MeshlessGiCamera {
+    let off = GiCamera {
         enabled: false,
         ..default()
     };
@@ -124,7 +124,7 @@ type TheCamera<'w, 's> = Query<
     'w,
     's,
     (&'static Camera, &'static GlobalTransform),
-    (With<MeshlessGiCamera>, Without<DirectOnly>),
+    (With<GiCamera>, Without<DirectOnly>),
 >;
 
 #[expect(
@@ -172,7 +172,7 @@ fn move_lamp(
 
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
-    mut cameras: Query<&mut MeshlessGiCamera, Without<DirectOnly>>,
+    mut cameras: Query<&mut GiCamera, Without<DirectOnly>>,
     mut side_by_side: ResMut<SideBySide>,
     mut gizmos: ResMut<GizmoConfigStore>,
     mut help: Single<&mut Visibility, With<Help>>,
@@ -183,9 +183,9 @@ fn switch(
         }
         if keys.just_pressed(KeyCode::KeyV) {
             camera.view = match camera.view {
-                MeshlessGiView::Lit => MeshlessGiView::Indirect,
-                MeshlessGiView::Indirect => MeshlessGiView::Irradiance,
-                MeshlessGiView::Irradiance => MeshlessGiView::Lit,
+                GiDebugView::Lit => GiDebugView::Indirect,
+                GiDebugView::Indirect => GiDebugView::Irradiance,
+                GiDebugView::Irradiance => GiDebugView::Lit,
             };
         }
     }
@@ -203,7 +203,7 @@ fn switch(
 /// One view over the window, or two halves.
 fn lay_out(
     side_by_side: Res<SideBySide>,
-    mut both: Single<&mut Camera, (With<MeshlessGiCamera>, Without<DirectOnly>)>,
+    mut both: Single<&mut Camera, (With<GiCamera>, Without<DirectOnly>)>,
     mut direct: Single<&mut Camera, With<DirectOnly>>,
 ) {
     let Some(size) = both.physical_target_size() else {
@@ -220,17 +220,17 @@ fn lay_out(
     both.viewport = side_by_side.0.then(|| view(half.x));
 }
 
-fn keep_error(event: On<MeshlessGiBakeFinished>, mut kept: ResMut<BakeError>) {
+fn keep_error(event: On<GiBakeFinished>, mut kept: ResMut<BakeError>) {
     kept.0 = event.result.as_ref().err().map(ToString::to_string);
 }
 
 fn tell(
     mut help: Single<&mut Text, With<Help>>,
     stage: Res<Stage>,
-    baking: Query<&MeshlessGiBakeProgress>,
+    baking: Query<&GiBakeProgress>,
     failed: Res<BakeError>,
-    cameras: Query<&MeshlessGiCamera, Without<DirectOnly>>,
-    status: Res<MeshlessGiStatus>,
+    cameras: Query<&GiCamera, Without<DirectOnly>>,
+    status: Res<GiFrameStats>,
     side_by_side: Res<SideBySide>,
 ) {
     let state = if let Some(bake) = baking.iter().next() {

@@ -3,7 +3,7 @@
 use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy_meshless_gi::plugin::{MeshlessGiStatus, MeshlessGiSystems};
+use bevy_meshless_gi::plugin::{GiFrameStats, GiSystems};
 use std::fmt::Write;
 
 /// Shows the plan; P, for all that has a table.
@@ -20,7 +20,7 @@ impl Plugin for PlanTable {
         // For the device's clock.
         app.add_plugins(RenderDiagnosticsPlugin)
             .add_systems(Startup, set_up)
-            .add_systems(Update, tell.after(MeshlessGiSystems::Collect));
+            .add_systems(Update, tell.after(GiSystems::Collect));
     }
 }
 
@@ -44,7 +44,7 @@ fn set_up(mut commands: Commands) {
 fn tell(
     mut table: Single<(&mut Text, &mut Visibility), With<Table>>,
     keys: Res<ButtonInput<KeyCode>>,
-    status: Res<MeshlessGiStatus>,
+    status: Res<GiFrameStats>,
     diagnostics: Res<DiagnosticsStore>,
     names: Query<Option<&Name>>,
     mut frame: Local<u32>,
@@ -86,7 +86,7 @@ fn named(plan: &str, names: &Query<Option<&Name>>) -> String {
 
 /// The plan, then what it took.
 pub fn words(
-    status: &MeshlessGiStatus,
+    status: &GiFrameStats,
     diagnostics: &DiagnosticsStore,
     names: &Query<Option<&Name>>,
 ) -> String {

@@ -15,7 +15,7 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::render_resource::PollType;
 use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
-use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus};
+use bevy_meshless_gi::plugin::{FrameStats, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, SoftShadows};
 use scenes::{SCENES, Scene};
@@ -81,7 +81,7 @@ fn table() -> Result<String, String> {
                 span.extend(milliseconds(&app, name));
             }
         }
-        let seen = app.world().resource::<MeshlessGiStatus>().get();
+        let seen = app.world().resource::<GiFrameStats>().get();
         let mut wanted = scene.runs.to_vec();
         wanted.sort_unstable();
         if !seen.dispatches.keys().eq(&wanted) {
@@ -115,7 +115,7 @@ fn table() -> Result<String, String> {
 }
 
 /// The stages of a frame, with their dispatches.
-fn ran(seen: &MeshlessGiCounters) -> String {
+fn ran(seen: &FrameStats) -> String {
     let all = seen.dispatches.iter();
     let all: Vec<String> = all.map(|(s, n)| format!("{} {n}", s.name())).collect();
     all.join(", ")

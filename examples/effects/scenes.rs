@@ -264,11 +264,11 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     };
     let bake = bake.clone();
     let asset = world
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene: bake });
-    let mut root = world.spawn((MeshlessGi(asset), Transform::IDENTITY));
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene: bake });
+    let mut root = world.spawn((GiScene(asset), Transform::IDENTITY));
     if scene.forward || scene.fog {
-        root.insert(MeshlessGiVolume {
+        root.insert(GiIrradianceVolume {
             most: 4096,
             ..default()
         });
@@ -278,7 +278,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         .run_system_cached_with(room, (root, scene.gray))
         .expect("the room can be made");
     if scene.screen {
-        world.spawn(MeshlessGiOccluder {
+        world.spawn(GiOccluder {
             name: "screen".into(),
             openness: 1.0,
         });
@@ -296,7 +296,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             lamp.insert(Moves(place));
         }
         if scene.bounce {
-            lamp.insert(MeshlessGiReflective::default());
+            lamp.insert(GiReflectiveShadowMap::default());
         }
     }
     if scene.panel {
@@ -309,7 +309,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
                 height: 0.4,
                 ..default()
             },
-            MeshlessGiSoftShadow::default(),
+            GiSoftShadow::default(),
             down,
             Moves(place),
         ));
@@ -333,7 +333,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
             Moves(place),
         ));
         if scene.bounce {
-            ball.insert(MeshlessGiBouncer);
+            ball.insert(GiReflector);
         }
     }
     if scene.fog {
@@ -359,8 +359,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
         (Camera3d::default(), RenderTarget::Image(image.into()), eye)
     };
     let [deferred, forward] = [target(), target()];
-    let deferred =
-        (!scene.no_deferred).then(|| world.spawn((deferred, MeshlessGiCamera::default())).id());
+    let deferred = (!scene.no_deferred).then(|| world.spawn((deferred, GiCamera::default())).id());
     let forward = (scene.forward).then(|| world.spawn((forward, Hdr, Msaa::Sample4)).id());
     for camera in [deferred, forward].into_iter().flatten() {
         if scene.fog {
@@ -396,11 +395,11 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
             lamp.color = Color::linear_rgb(1.0, 0.6 + 0.4 * sine, 0.6 + 0.4 * cosine);
         }
     }
-    let mut screens = world.query::<&mut MeshlessGiOccluder>();
+    let mut screens = world.query::<&mut GiOccluder>();
     for mut screen in screens.iter_mut(world) {
         screen.openness = 0.5 + 0.5 * sine;
     }
-    let mut roots = world.query::<&mut MeshlessGiLighting>();
+    let mut roots = world.query::<&mut GiLighting>();
     for mut lighting in roots.iter_mut(world) {
         if scene.sky {
             lighting.sky = LinearRgba::rgb(300.0, 300.0, 400.0 + 50.0 * sine);

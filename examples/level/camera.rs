@@ -30,7 +30,7 @@ pub fn set_up(mut commands: Commands) {
         Eye::default(),
         Camera3d::default(),
         IsDefaultUiCamera,
-        MeshlessGiCamera::default(),
+        GiCamera::default(),
         Exposure::default(),
     ));
 }
@@ -57,9 +57,9 @@ impl Eye {
 /// level is in view and lit, and sets its exposure. The lamp of a level without lights goes there.
 /// A camera that was moved by hand stays where it is.
 pub fn look_at_light(
-    event: On<MeshlessGiBakeFinished>,
-    mut scenes: Query<(&MeshlessGi, &mut MeshlessGiLighting)>,
-    bakes: Res<Assets<MeshlessGiAsset>>,
+    event: On<GiBakeFinished>,
+    mut scenes: Query<(&GiScene, &mut GiLighting)>,
+    bakes: Res<Assets<GiBakedScene>>,
     level: Res<Level>,
     mut eye: Single<(&Eye, &mut Transform, &mut Exposure), Without<Lamp>>,
     mut lamp: Query<(&PointLight, &mut Transform), With<Lamp>>,

@@ -6,7 +6,7 @@ use super::progress::Notice;
 use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
-use bevy_meshless_gi::plugin::MeshlessGiBake;
+use bevy_meshless_gi::plugin::GiBakeTask;
 use meshless_gi::bake::Recipe;
 use meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
@@ -78,7 +78,7 @@ pub fn show(world: &mut World, loaded: Loaded) {
         LevelPart,
         Name::new(name.to_string_lossy().into_owned()),
         WorldAssetRoot(scene),
-        MeshlessGiBake::spawn(loaded.mesh, recipe),
+        GiBakeTask::spawn(loaded.mesh, recipe),
     )))
     .id();
     if loaded.lights.is_empty() {
@@ -205,7 +205,7 @@ pub fn bake_again(
             notice.0.clear();
             commands
                 .entity(level.root)
-                .insert(MeshlessGiBake::spawn(loaded.mesh, recipe));
+                .insert(GiBakeTask::spawn(loaded.mesh, recipe));
         }
         Err(why) => notice.0 = format!("not baked: {why}"),
     }

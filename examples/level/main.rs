@@ -151,7 +151,7 @@ impl Plugin for LevelPlugin {
 
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
-    mut camera: Single<(&mut MeshlessGiCamera, &Transform), Without<Lamp>>,
+    mut camera: Single<(&mut GiCamera, &Transform), Without<Lamp>>,
     mut lamp: Query<(&mut Transform, &mut Visibility), With<Lamp>>,
     mut suns: Query<&mut DirectionalLight>,
     mut gizmos: ResMut<GizmoConfigStore>,

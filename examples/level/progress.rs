@@ -68,7 +68,7 @@ pub fn overall(stage: Stage, done: f32) -> f32 {
 }
 
 /// Shows why a bake failed.
-pub fn keep_error(event: On<MeshlessGiBakeFinished>, mut notice: ResMut<Notice>) {
+pub fn keep_error(event: On<GiBakeFinished>, mut notice: ResMut<Notice>) {
     if let Err(error) = &event.result {
         notice.0 = format!("the bake failed: {error}");
     }
@@ -83,8 +83,8 @@ pub fn show(
     mut lines: Single<&mut Text, With<Lines>>,
     mut bar: Single<(&mut Node, &ChildOf), With<Bar>>,
     mut visibility: Query<&mut Visibility>,
-    bakes: Query<Ref<MeshlessGiBake>>,
-    camera: Single<&MeshlessGiCamera>,
+    bakes: Query<Ref<GiBakeTask>>,
+    camera: Single<&GiCamera>,
     saving: Option<Res<Saving>>,
     notice: Res<Notice>,
     mut most: Local<f32>,

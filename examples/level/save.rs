@@ -17,8 +17,8 @@ pub fn start(
     keys: Res<ButtonInput<KeyCode>>,
     saving: Option<Res<Saving>>,
     level: Option<Res<Level>>,
-    scenes: Query<&MeshlessGi>,
-    bakes: Res<Assets<MeshlessGiAsset>>,
+    scenes: Query<&GiScene>,
+    bakes: Res<Assets<GiBakedScene>>,
     mut notice: ResMut<Notice>,
 ) {
     let control = keys.any_pressed([KeyCode::ControlLeft, KeyCode::ControlRight]);

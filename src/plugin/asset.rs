@@ -3,8 +3,8 @@
 //! Hot reload: when a `.mgi` file is baked again and Bevy watches files, the new bake replaces the old one in every scene
 //! that uses the handle, in the frame in which it has loaded.
 
-use super::level_check::{LevelChecker, LevelReports, MeshlessGiStaleBakes, warn_stale};
-use super::{MeshlessGiLoader, MeshlessGiSystems};
+use super::level_check::{GiStaleBakes, LevelChecker, LevelReports, warn_stale};
+use super::{GiBakedSceneLoader, GiSystems};
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::{Asset, AssetApp};
 use bevy::ecs::prelude::*;
@@ -14,12 +14,12 @@ use std::sync::Arc;
 
 /// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake changes.
 #[derive(Asset, TypePath, Clone, Debug)]
-pub struct MeshlessGiAsset {
+pub struct GiBakedScene {
     /// Everything that a frame reads.
     pub scene: Arc<BakedScene>,
 }
 
-impl From<BakedScene> for MeshlessGiAsset {
+impl From<BakedScene> for GiBakedScene {
     fn from(scene: BakedScene) -> Self {
         Self {
             scene: Arc::new(scene),
@@ -38,13 +38,13 @@ impl Plugin for BakedAssetPlugin {
             #[cfg(feature = "gltf")]
             folders: super::asset_folders::AssetFolders::of_app(app),
         };
-        app.init_asset::<MeshlessGiAsset>()
+        app.init_asset::<GiBakedScene>()
             .insert_resource(reports)
-            .init_resource::<MeshlessGiStaleBakes>()
-            .add_systems(Last, warn_stale.in_set(MeshlessGiSystems::Check));
+            .init_resource::<GiStaleBakes>()
+            .add_systems(Last, warn_stale.in_set(GiSystems::Check));
         #[cfg(feature = "gltf")]
         build_recipes(app, &checker);
-        app.register_asset_loader(MeshlessGiLoader { checker });
+        app.register_asset_loader(GiBakedSceneLoader { checker });
     }
 }
 
@@ -53,25 +53,25 @@ impl Plugin for BakedAssetPlugin {
 fn build_recipes(app: &mut App, checker: &LevelChecker) {
     use super::level::{RECIPE_EXTENSION, RecipeInputLoader, RecipeInputs};
     use super::recipe_progress::{RecipeBakes, send_progress};
-    use super::{MeshlessGiBakeProcessor, MeshlessGiRecipeLoader, MeshlessGiRecipeProgress};
+    use super::{GiBakeProcessor, GiRecipeLoader, GiRecipeProgress};
 
     let bakes = RecipeBakes::default();
     let folders = checker.folders.clone();
     app.init_asset::<RecipeInputs>()
         .insert_resource(bakes.clone())
-        .add_message::<MeshlessGiRecipeProgress>()
+        .add_message::<GiRecipeProgress>()
         .add_systems(
             bevy::app::PreUpdate,
-            send_progress.in_set(MeshlessGiSystems::Collect),
+            send_progress.in_set(GiSystems::Collect),
         )
         .register_asset_loader(RecipeInputLoader {
             folders: folders.clone(),
         })
-        .register_asset_loader(MeshlessGiRecipeLoader {
+        .register_asset_loader(GiRecipeLoader {
             bakes: bakes.clone(),
             folders: folders.clone(),
             checker: checker.clone(),
         })
-        .register_asset_processor(MeshlessGiBakeProcessor { bakes, folders })
-        .set_default_asset_processor::<MeshlessGiBakeProcessor>(RECIPE_EXTENSION);
+        .register_asset_processor(GiBakeProcessor { bakes, folders })
+        .set_default_asset_processor::<GiBakeProcessor>(RECIPE_EXTENSION);
 }

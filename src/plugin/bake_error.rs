@@ -1,13 +1,13 @@
 //! Errors of a bake in a running app.
 
-use super::entity_bake::MeshlessGiBakeWarning;
+use super::entity_bake::GiBakeWarning;
 use meshless_gi::bake::BakeLevelError;
 use std::sync::Arc;
 
 /// Reason why a bake in a running app has no result.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum MeshlessGiBakeError {
+pub enum GiBakeError {
     /// No usable triangle below the root.
     #[error(
         "{root}: no usable mesh on it or below it{}; spawn the meshes before the bake is requested",
@@ -17,7 +17,7 @@ pub enum MeshlessGiBakeError {
         /// The root: entity and name.
         root: String,
         /// Meshes that could not be used.
-        warnings: Vec<MeshlessGiBakeWarning>,
+        warnings: Vec<GiBakeWarning>,
     },
     /// More triangles than a bake supports.
     #[error("{root}: {count} triangles on it and below it, at most {limit} are supported")]
@@ -34,14 +34,14 @@ pub enum MeshlessGiBakeError {
     Bake(Arc<BakeLevelError>),
 }
 
-impl From<BakeLevelError> for MeshlessGiBakeError {
+impl From<BakeLevelError> for GiBakeError {
     fn from(error: BakeLevelError) -> Self {
         Self::Bake(Arc::new(error))
     }
 }
 
 /// The first warnings, for an error message.
-fn listed(warnings: &[MeshlessGiBakeWarning]) -> String {
+fn listed(warnings: &[GiBakeWarning]) -> String {
     let first: Vec<String> = warnings.iter().take(3).map(ToString::to_string).collect();
     match (first.is_empty(), warnings.len().saturating_sub(3)) {
         (true, _) => String::new(),

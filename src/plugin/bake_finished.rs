@@ -1,18 +1,18 @@
 //! The event at the end of a bake.
 
-use super::bake_error::MeshlessGiBakeError;
-use super::bake_summary::MeshlessGiBakeSummary;
+use super::bake_error::GiBakeError;
+use super::bake_summary::GiBakeSummary;
 use bevy::ecs::prelude::*;
 
 /// Triggered on an entity when its bake has ended. After success its
-/// [`MeshlessGi`](super::MeshlessGi) is present; after an error the entity keeps the one it had.
+/// [`GiScene`](super::GiScene) is present; after an error the entity keeps the one it had.
 /// A bake that was replaced, or whose entity or component was removed, triggers none.
 ///
 /// ```no_run
 /// use bevy::prelude::*;
 /// use bevy_meshless_gi::prelude::*;
 ///
-/// fn report(event: On<MeshlessGiBakeFinished>) {
+/// fn report(event: On<GiBakeFinished>) {
 ///     match &event.result {
 ///         Ok(summary) => info!("{}: {} points", event.entity, summary.points),
 ///         Err(error) => error!("{}: {error}", event.entity),
@@ -22,9 +22,9 @@ use bevy::ecs::prelude::*;
 /// # app.add_observer(report);
 /// ```
 #[derive(EntityEvent, Clone, Debug)]
-pub struct MeshlessGiBakeFinished {
+pub struct GiBakeFinished {
     /// The entity that was baked for.
     pub entity: Entity,
     /// Figures of the bake, or the reason why there is none.
-    pub result: Result<MeshlessGiBakeSummary, MeshlessGiBakeError>,
+    pub result: Result<GiBakeSummary, GiBakeError>,
 }

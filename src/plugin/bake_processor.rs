@@ -1,8 +1,8 @@
 //! Bevy's asset processor for recipes: bakes ahead of time, in an app that processes its assets.
 
 use super::asset_folders::AssetFolders;
-use super::level::{MeshlessGiBakeSettings, RecipeInputLoader, RecipeInputs};
-use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
+use super::level::{GiBakeSettings, RecipeInputLoader, RecipeInputs};
+use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::io::Writer;
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};
@@ -13,21 +13,21 @@ use bevy::tasks::futures_lite::AsyncWriteExt;
 /// Asset processor for recipes: its output is a `.mgi` container under the recipe's name. A bake
 /// that the build step or an app made from equal input is taken over.
 #[derive(Clone, Debug, Default, TypePath)]
-pub struct MeshlessGiBakeProcessor {
+pub struct GiBakeProcessor {
     pub(crate) bakes: RecipeBakes,
     pub(crate) folders: AssetFolders,
 }
 
-impl Process for MeshlessGiBakeProcessor {
-    type Settings = MeshlessGiBakeSettings;
-    type OutputLoader = MeshlessGiLoader;
+impl Process for GiBakeProcessor {
+    type Settings = GiBakeSettings;
+    type OutputLoader = GiBakedSceneLoader;
 
     async fn process(
         &self,
         context: &mut ProcessContext<'_>,
         _settings: &Self::Settings,
         writer: &mut Writer,
-    ) -> Result<MeshlessGiLoaderSettings, ProcessError> {
+    ) -> Result<GiBakedSceneLoaderSettings, ProcessError> {
         let loaded = context.load_source_asset::<RecipeInputLoader>(&()).await?;
         let inputs: RecipeInputs = loaded.take().ok_or(ProcessError::WrongMetaType)?;
         let (path, key) = (context.path(), inputs.key());
@@ -48,7 +48,7 @@ impl Process for MeshlessGiBakeProcessor {
             }
         };
         writer.write_all(&bytes).await.map_err(failed)?;
-        Ok(MeshlessGiLoaderSettings::default())
+        Ok(GiBakedSceneLoaderSettings::default())
     }
 }
 

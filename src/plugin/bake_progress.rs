@@ -5,12 +5,12 @@ use bevy::reflect::prelude::*;
 use meshless_gi::bake::{Progress, Stage};
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in
-/// [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect), removed when the bake ends.
+/// [`GiSystems::Collect`](super::GiSystems::Collect), removed when the bake ends.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiBakeProgress {
+pub struct GiBakeProgress {
     /// Current stage.
-    pub stage: MeshlessGiBakeStage,
+    pub stage: GiBakeStage,
     /// Completed part of the stage, 0 to 1.
     pub fraction: f32,
 }
@@ -18,7 +18,7 @@ pub struct MeshlessGiBakeProgress {
 /// Stages of a bake in a running app, in their order.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum MeshlessGiBakeStage {
+pub enum GiBakeStage {
     /// Waiting for scenes, meshes, materials and images below the root.
     #[default]
     Waiting,
@@ -38,7 +38,7 @@ pub enum MeshlessGiBakeStage {
     Estimate,
 }
 
-impl MeshlessGiBakeStage {
+impl GiBakeStage {
     /// Short description for a user interface.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -56,7 +56,7 @@ impl MeshlessGiBakeStage {
     }
 }
 
-impl From<Stage> for MeshlessGiBakeStage {
+impl From<Stage> for GiBakeStage {
     fn from(stage: Stage) -> Self {
         match stage {
             Stage::Bvh => Self::Geometry,
@@ -70,7 +70,7 @@ impl From<Stage> for MeshlessGiBakeStage {
     }
 }
 
-impl From<&Progress> for MeshlessGiBakeProgress {
+impl From<&Progress> for GiBakeProgress {
     fn from(progress: &Progress) -> Self {
         let (stage, fraction) = progress.get();
         Self {
@@ -86,12 +86,9 @@ mod tests {
 
     #[test]
     fn stage_of_a_new_bake_is_geometry() {
-        let progress = MeshlessGiBakeProgress::from(&Progress::default());
-        assert_eq!(progress.stage, MeshlessGiBakeStage::Geometry);
+        let progress = GiBakeProgress::from(&Progress::default());
+        assert_eq!(progress.stage, GiBakeStage::Geometry);
         assert_eq!(progress.stage.name(), Stage::Bvh.name());
-        assert_eq!(
-            MeshlessGiBakeProgress::default().stage,
-            MeshlessGiBakeStage::Waiting
-        );
+        assert_eq!(GiBakeProgress::default().stage, GiBakeStage::Waiting);
     }
 }

@@ -1,11 +1,11 @@
 //! Result of a bake in a running app.
 
-use super::entity_bake::MeshlessGiBakeWarning;
+use super::entity_bake::GiBakeWarning;
 
 /// Figures of a bake that has ended well.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
-pub struct MeshlessGiBakeSummary {
+pub struct GiBakeSummary {
     /// Duration of the bake, or of loading it, in seconds.
     pub seconds: f64,
     /// The bake's own estimate of its error (NRMSE of indirect irradiance).
@@ -16,9 +16,9 @@ pub struct MeshlessGiBakeSummary {
     pub points: u64,
     /// Links of the operator.
     pub links: u64,
-    /// `true` if the file of [`MeshlessGiBakeRequest::save_to`](super::MeshlessGiBakeRequest)
+    /// `true` if the file of [`GiBakeRequest::save_to`](super::GiBakeRequest)
     /// matched and was loaded instead of baking.
     pub loaded: bool,
     /// Everything that was left out, replaced, or not saved. Each entry is in the log too.
-    pub warnings: Vec<MeshlessGiBakeWarning>,
+    pub warnings: Vec<GiBakeWarning>,
 }

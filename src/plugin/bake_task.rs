@@ -8,24 +8,24 @@
 //! fn start(mut commands: Commands) {
 //!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
 //!     let room = mesh_of_quads(&cornell_box());
-//!     commands.spawn((Transform::default(), MeshlessGiBake::spawn(room, Recipe::default())));
+//!     commands.spawn((Transform::default(), GiBakeTask::spawn(room, Recipe::default())));
 //! }
 //! ```
 //!
-//! Scenes of Bevy meshes need no `TriangleMesh`: see [`MeshlessGiBakeRequest`].
+//! Scenes of Bevy meshes need no `TriangleMesh`: see [`GiBakeRequest`].
 //!
 //! The bake runs on threads of its own, one less than the machine has, so that the game stays alive; none of Bevy's task pools
 //! waits for it. Despawning the entity or removing the component cancels it.
 
-use super::asset::MeshlessGiAsset;
+use super::asset::GiBakedScene;
 use super::background::Background;
-use super::bake_error::MeshlessGiBakeError;
-use super::bake_finished::MeshlessGiBakeFinished;
-use super::bake_progress::MeshlessGiBakeProgress;
-use super::bake_summary::MeshlessGiBakeSummary;
-use super::components::MeshlessGi;
-use super::entity_bake::{MeshlessGiBakeRequest, MeshlessGiBakeWarning};
-use super::materials::MeshlessGiMaterials;
+use super::bake_error::GiBakeError;
+use super::bake_finished::GiBakeFinished;
+use super::bake_progress::GiBakeProgress;
+use super::bake_summary::GiBakeSummary;
+use super::components::GiScene;
+use super::entity_bake::{GiBakeRequest, GiBakeWarning};
+use super::materials::GiDynamicMaterials;
 use bevy::asset::{Assets, Handle};
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
@@ -37,26 +37,26 @@ use meshless_gi::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_lev
 use meshless_gi::scene::TriangleMesh;
 use std::sync::Arc;
 
-/// A bake under way. When it ends, the entity gets the event [`MeshlessGiBakeFinished`], and after
-/// success a [`MeshlessGi`]. [`MeshlessGiBakeProgress`] on the entity has its progress. Removing
+/// A bake under way. When it ends, the entity gets the event [`GiBakeFinished`], and after
+/// success a [`GiScene`]. [`GiBakeProgress`] on the entity has its progress. Removing
 /// the component cancels the bake.
 #[derive(Component)]
 #[component(on_remove = remove_progress)]
-#[require(MeshlessGiBakeProgress)]
-pub struct MeshlessGiBake {
+#[require(GiBakeProgress)]
+pub struct GiBakeTask {
     progress: Arc<Progress>,
     work: Result<Background<Outcome>, String>,
-    /// Materials that are inserted as [`MeshlessGiMaterials`] with the light.
+    /// Materials that are inserted as [`GiDynamicMaterials`] with the light.
     materials: NamedMaterials,
     /// Warnings that are in the log already.
-    warnings: Vec<MeshlessGiBakeWarning>,
+    warnings: Vec<GiBakeWarning>,
 }
 
 /// Names of a bake's materials and their assets.
 pub(super) type NamedMaterials = Vec<(String, Handle<StandardMaterial>)>;
 
-/// Result of the thread of a [`MeshlessGiBake`].
-pub(super) type Outcome = Result<BakeOutput, MeshlessGiBakeError>;
+/// Result of the thread of a [`GiBakeTask`].
+pub(super) type Outcome = Result<BakeOutput, GiBakeError>;
 
 /// A baked scene, with what its summary needs.
 pub(super) struct BakeOutput {
@@ -64,7 +64,7 @@ pub(super) struct BakeOutput {
     pub(super) seconds: f64,
     /// Whether it was loaded and not baked.
     pub(super) loaded: bool,
-    pub(super) warnings: Vec<MeshlessGiBakeWarning>,
+    pub(super) warnings: Vec<GiBakeWarning>,
 }
 
 impl From<Baked> for BakeOutput {
@@ -74,12 +74,12 @@ impl From<Baked> for BakeOutput {
             scene,
             seconds: stats.seconds.total,
             loaded: false,
-            warnings: warnings.map(MeshlessGiBakeWarning::Bake).collect(),
+            warnings: warnings.map(GiBakeWarning::Bake).collect(),
         }
     }
 }
 
-impl MeshlessGiBake {
+impl GiBakeTask {
     /// Starts a bake of `level`.
     #[must_use]
     pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
@@ -104,11 +104,7 @@ impl MeshlessGiBake {
     }
 
     /// Adds named materials, and warnings for the summary.
-    pub(super) fn with(
-        mut self,
-        materials: NamedMaterials,
-        warnings: Vec<MeshlessGiBakeWarning>,
-    ) -> Self {
+    pub(super) fn with(mut self, materials: NamedMaterials, warnings: Vec<GiBakeWarning>) -> Self {
         (self.materials, self.warnings) = (materials, warnings);
         self
     }
@@ -134,7 +130,7 @@ impl MeshlessGiBake {
     }
 }
 
-impl Drop for MeshlessGiBake {
+impl Drop for GiBakeTask {
     fn drop(&mut self) {
         self.progress.cancel();
     }
@@ -142,7 +138,7 @@ impl Drop for MeshlessGiBake {
 
 fn remove_progress(mut world: DeferredWorld, context: HookContext) {
     let mut commands = world.commands();
-    (commands.entity(context.entity)).try_remove::<MeshlessGiBakeProgress>();
+    (commands.entity(context.entity)).try_remove::<GiBakeProgress>();
 }
 
 /// Threads for a bake beside a running game: one less than the machine has.
@@ -150,11 +146,11 @@ pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 
-/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
 pub(crate) fn collect_bakes(
     mut commands: Commands,
-    mut bakes: Query<(Entity, &mut MeshlessGiBake, &mut MeshlessGiBakeProgress)>,
-    mut assets: ResMut<Assets<MeshlessGiAsset>>,
+    mut bakes: Query<(Entity, &mut GiBakeTask, &mut GiBakeProgress)>,
+    mut assets: ResMut<Assets<GiBakedScene>>,
 ) {
     for (entity, mut bake, mut progress) in &mut bakes {
         let Some(outcome) = bake.take() else {
@@ -169,7 +165,7 @@ pub(crate) fn collect_bakes(
             }
             warnings.extend(output.warnings);
             let scene = output.scene;
-            let summary = MeshlessGiBakeSummary {
+            let summary = GiBakeSummary {
                 seconds: output.seconds,
                 estimated_nrmse: scene.info.estimated_nrmse,
                 triangles: scene.info.triangles,
@@ -186,12 +182,12 @@ pub(crate) fn collect_bakes(
                 summary.seconds,
                 100.0 * summary.estimated_nrmse,
             );
-            let light = MeshlessGi(assets.add(MeshlessGiAsset::from(scene)));
+            let light = GiScene(assets.add(GiBakedScene::from(scene)));
             (light, materials, summary)
         });
         // The entity may have been despawned, or another bake requested, in this very frame.
         (commands.entity(entity)).queue_silenced(move |entity: EntityWorldMut| {
-            if entity.contains::<MeshlessGiBake>() {
+            if entity.contains::<GiBakeTask>() {
                 end(entity, result);
             }
         });
@@ -201,28 +197,24 @@ pub(crate) fn collect_bakes(
 /// Ends the bake of an entity: light and materials, if there are any, then the event.
 pub(super) fn end(
     mut entity: EntityWorldMut,
-    result: Result<(MeshlessGi, NamedMaterials, MeshlessGiBakeSummary), MeshlessGiBakeError>,
+    result: Result<(GiScene, NamedMaterials, GiBakeSummary), GiBakeError>,
 ) {
-    entity.remove::<(
-        MeshlessGiBake,
-        MeshlessGiBakeRequest,
-        MeshlessGiBakeProgress,
-    )>();
+    entity.remove::<(GiBakeTask, GiBakeRequest, GiBakeProgress)>();
     let result = result.map(|(light, materials, summary)| {
         entity.insert(light);
         if !materials.is_empty() {
             // Names that the app has set stay.
-            let own = entity.take::<MeshlessGiMaterials>().unwrap_or_default();
+            let own = entity.take::<GiDynamicMaterials>().unwrap_or_default();
             let known = |name: &String| own.0.iter().any(|(n, _)| n == name);
             let added: NamedMaterials = (materials.into_iter())
                 .filter(|(name, _)| !known(name))
                 .collect();
-            entity.insert(MeshlessGiMaterials([own.0, added].concat()));
+            entity.insert(GiDynamicMaterials([own.0, added].concat()));
         }
         summary
     });
     if let Err(error) = &result {
         error!("a bake failed: {error}");
     }
-    entity.trigger(|entity| MeshlessGiBakeFinished { entity, result });
+    entity.trigger(|entity| GiBakeFinished { entity, result });
 }

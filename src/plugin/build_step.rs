@@ -18,12 +18,12 @@
 //! their source is gone.
 
 use super::asset_folders::{base_folder, source_file};
-use super::bake_processor::MeshlessGiBakeProcessor;
+use super::bake_processor::GiBakeProcessor;
 use super::bake_store::BakeStore;
 use super::build_copy::{Action, Meta, copy_asset, meta_path, remove_asset, remove_orphans};
-use super::level::{MeshlessGiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
+use super::level::{GiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
 use super::level_files::ReadFile;
-use super::loader::{MeshlessGiLoader, MeshlessGiLoaderSettings};
+use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{
@@ -206,8 +206,8 @@ fn is_baked(file: &Path, meta: Option<&Meta>) -> bool {
         })
         .is_some_and(|stem| !stem.is_empty());
     let ours = [
-        MeshlessGiBakeProcessor::type_path(),
-        MeshlessGiBakeProcessor::short_type_path(),
+        GiBakeProcessor::type_path(),
+        GiBakeProcessor::short_type_path(),
     ];
     match meta.map(|meta| &meta.action) {
         Some(Action::Process(processor)) => ours.contains(&processor.as_str()),
@@ -359,7 +359,7 @@ impl Step {
         dependencies: Vec<AssetPath<'static>>,
     ) -> Result<(), ProcessAssetsError> {
         let output = self.processed.join(recipe);
-        let loads = Action::Load(MeshlessGiLoader::type_path().into());
+        let loads = Action::Load(GiBakedSceneLoader::type_path().into());
         let described = Meta::read(&output)
             .ok()
             .flatten()
@@ -385,9 +385,9 @@ impl Step {
 /// Hash by which Bevy's asset processor finds that an asset has not changed: of its `.meta`, or of
 /// the one that it would have, and of its bytes.
 fn processor_hash(meta: Option<&Meta>, text: &[u8]) -> [u8; 32] {
-    let usual = AssetMeta::<(), MeshlessGiBakeProcessor>::new(AssetAction::Process {
-        processor: MeshlessGiBakeProcessor::type_path().into(),
-        settings: MeshlessGiBakeSettings::default(),
+    let usual = AssetMeta::<(), GiBakeProcessor>::new(AssetAction::Process {
+        processor: GiBakeProcessor::type_path().into(),
+        settings: GiBakeSettings::default(),
     });
     let meta = meta.map_or_else(|| usual.serialize(), |meta| meta.bytes.clone());
     let mut hasher = blake3::Hasher::new();
@@ -399,9 +399,9 @@ fn processor_hash(meta: Option<&Meta>, text: &[u8]) -> [u8; 32] {
 /// loaders of an app, which the step does not have. They are written as zeros, which no file has:
 /// an app's asset processor then calls its processor once, which takes over the bake that is kept.
 fn output_meta(hash: [u8; 32], dependencies: Vec<AssetPath<'static>>) -> Vec<u8> {
-    let mut meta = AssetMeta::<MeshlessGiLoader, ()>::new(AssetAction::Load {
-        loader: MeshlessGiLoader::type_path().into(),
-        settings: MeshlessGiLoaderSettings::default(),
+    let mut meta = AssetMeta::<GiBakedSceneLoader, ()>::new(AssetAction::Load {
+        loader: GiBakedSceneLoader::type_path().into(),
+        settings: GiBakedSceneLoaderSettings::default(),
     });
     meta.processed_info = Some(ProcessedInfo {
         hash,

@@ -1,6 +1,6 @@
 //! One bounce from what moves, the render world's part: draws the maps, makes virtual point lights of them, and lights the views.
 //!
-//! Each map is a Bevy camera with a schedule of its own, [`MeshlessGiCaptureGraph`], in the place of `Core3d`: the meshes' transforms,
+//! Each map is a Bevy camera with a schedule of its own, [`RsmSchedule`], in the place of `Core3d`: the meshes' transforms,
 //! and one pass that draws the deferred G-buffer. No shadow maps, no lighting, no tonemapping, no picture. Bevy's own deferred prepass is not public; ours binds what it binds
 //! (format of Bevy 0.19).
 //!
@@ -33,11 +33,11 @@ use meshless_gi::frame::{RsmParams, VplViewParams};
 
 /// What a camera of a map runs instead of `Core3d`.
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]
-pub struct MeshlessGiCaptureGraph;
+pub struct RsmSchedule;
 
 /// The schedule: Bevy's transforms of the meshes, our pass, and what reads it.
 pub(crate) fn schedule() -> Schedule {
-    let mut schedule = Schedule::new(MeshlessGiCaptureGraph);
+    let mut schedule = Schedule::new(RsmSchedule);
     schedule.set_build_settings(ScheduleBuildSettings {
         auto_insert_apply_deferred: false,
         ..ScheduleBuildSettings::default()

@@ -3,9 +3,9 @@
 //! Indirect light replaces Bevy's ambient light and diffuse light probes. Left on, they are added on top: pictures become
 //! too bright and flat. Each finding is told once, with what to set.
 
-use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
+use super::components::{GiCamera, GiScene, GiSettings};
 use super::extract::{Brought, draws_gbuffer};
-use super::reflective::{MeshlessGiBouncer, MeshlessGiCapture};
+use super::reflective::{GiReflector, GiRsmCamera};
 use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::Camera;
@@ -23,7 +23,7 @@ use bevy::render::view::Msaa;
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[reflect(Clone, Debug, PartialEq, Hash)]
 #[non_exhaustive]
-pub enum MeshlessGiFinding {
+pub enum GiWarning {
     /// `GlobalAmbientLight` shines in a camera that shows indirect light.
     GlobalAmbient,
     /// The camera's own `AmbientLight` shines.
@@ -34,7 +34,7 @@ pub enum MeshlessGiFinding {
     IrradianceVolume,
     /// A light probe has an `EnvironmentMapLight` with diffuse light.
     LightProbe,
-    /// A camera has [`MeshlessGiCamera`] but not what that brought: a prepass is gone, or it takes several samples a pixel.
+    /// A camera has [`GiCamera`] but not what that brought: a prepass is gone, or it takes several samples a pixel.
     NoGbuffer,
     /// Opaque materials are drawn forward, where the composite cannot reach them.
     ForwardMaterials,
@@ -44,9 +44,9 @@ pub enum MeshlessGiFinding {
     TransparentMaterial,
     /// A lamp casts soft shadows, and a bake does not remember what its points see.
     NoVisibility,
-    /// [`MeshlessGiSoftShadow`](super::MeshlessGiSoftShadow) is on something that casts no soft shadows.
+    /// [`GiSoftShadow`](super::GiSoftShadow) is on something that casts no soft shadows.
     SoftShadowKind,
-    /// A point light has both a shadow map and [`MeshlessGiSoftShadow`](super::MeshlessGiSoftShadow).
+    /// A point light has both a shadow map and [`GiSoftShadow`](super::GiSoftShadow).
     SoftShadowTwice,
     /// There are more rectangle lights than Bevy draws.
     SoftShadowCount,
@@ -54,12 +54,12 @@ pub enum MeshlessGiFinding {
     NoFreeSpace,
     /// The camera's volumetric fog has ambient light, and a level lights it.
     FogAmbient,
-    /// A material of [`MeshlessGiMaterials`](super::MeshlessGiMaterials) got another texture.
+    /// A material of [`GiDynamicMaterials`](super::GiDynamicMaterials) got another texture.
     LiveTexture,
     /// Bevy's shader module for irradiance volumes is not the one that ours takes the place of.
     VolumeShader,
     /// An entity uses a bake whose level, recipe or bake version has changed since, see
-    /// [`MeshlessGiStaleBakes`](super::MeshlessGiStaleBakes).
+    /// [`GiStaleBakes`](super::GiStaleBakes).
     StaleBake,
     /// No camera displays a bake, and some camera that sees its root is not deferred.
     NoDisplay,
@@ -67,25 +67,25 @@ pub enum MeshlessGiFinding {
     NoDeferredDisplay,
 }
 
-impl MeshlessGiFinding {
+impl GiWarning {
     /// What is wrong and what to set.
     #[must_use]
     pub fn advice(self) -> &'static str {
         match self {
             Self::GlobalAmbient => {
                 "Bevy's ambient light is added to indirect light: insert `GlobalAmbientLight::NONE` \
-                 (for light from the sky set `MeshlessGiLighting::sky`, which knows where the walls are)."
+                 (for light from the sky set `GiLighting::sky`, which knows where the walls are)."
             }
             Self::CameraAmbient => {
-                "A camera has both `AmbientLight` and `MeshlessGiCamera`: set the former's `brightness` to 0 \
-                 (for light from the sky set `MeshlessGiLighting::sky`)."
+                "A camera has both `AmbientLight` and `GiCamera`: set the former's `brightness` to 0 \
+                 (for light from the sky set `GiLighting::sky`)."
             }
             Self::EnvironmentMap => {
-                "A camera has both `EnvironmentMapLight` and `MeshlessGiCamera`: its diffuse part is added to indirect light. \
+                "A camera has both `EnvironmentMapLight` and `GiCamera`: its diffuse part is added to indirect light. \
                  Give it a black `diffuse_map` and keep its reflections."
             }
             Self::IrradianceVolume => {
-                "An `IrradianceVolume` of the game's and a baked scene are both visible: deferred pixels get both, unless a `MeshlessGiVolume` is in view. Remove the volume, or set its \
+                "An `IrradianceVolume` of the game's and a baked scene are both visible: deferred pixels get both, unless a `GiIrradianceVolume` is in view. Remove the volume, or set its \
                  `intensity` to 0."
             }
             Self::LightProbe => {
@@ -93,7 +93,7 @@ impl MeshlessGiFinding {
                  indirect light. Give it a black `diffuse_map` and keep its reflections."
             }
             Self::NoGbuffer => {
-                "A camera with `MeshlessGiCamera` shows no indirect light: it must keep the `Hdr`, `DepthPrepass`, `NormalPrepass`, \
+                "A camera with `GiCamera` shows no indirect light: it must keep the `Hdr`, `DepthPrepass`, `NormalPrepass`, \
                  `DeferredPrepass` and `Msaa::Off` that the component brings."
             }
             Self::ForwardMaterials => {
@@ -102,22 +102,22 @@ impl MeshlessGiFinding {
             }
             Self::ForwardMaterial => {
                 "A mesh's material has `opaque_render_method: Forward`: it is not in the G-buffer, so it gets no indirect light, and below a \
-                 `MeshlessGiBouncer` it reflects none. Make it `Deferred`, or `unlit`, or light it by a `MeshlessGiVolume` on the level's root."
+                 `GiReflector` it reflects none. Make it `Deferred`, or `unlit`, or light it by a `GiIrradianceVolume` on the level's root."
             }
             Self::TransparentMaterial => {
                 "A mesh's material is transparent (`AlphaMode` other than `Opaque`, `Mask` and `AlphaToCoverage`, or `specular_transmission`): it is drawn \
-                 after indirect light was added, over the surfaces behind it, and gets none itself. Put a `MeshlessGiVolume` on the level's root, which lights it; `AlphaMode::Mask` needs none."
+                 after indirect light was added, over the surfaces behind it, and gets none itself. Put a `GiIrradianceVolume` on the level's root, which lights it; `AlphaMode::Mask` needs none."
             }
             Self::NoVisibility => {
-                "A light has `MeshlessGiSoftShadow`, and a bake holds no visibility: it casts no soft shadows there, and Bevy's light stays as it is. \
+                "A light has `GiSoftShadow`, and a bake holds no visibility: it casts no soft shadows there, and Bevy's light stays as it is. \
                  Bake the level with `soft_shadows: ()` in its recipe, or with `--soft-shadows`."
             }
             Self::SoftShadowKind => {
-                "`MeshlessGiSoftShadow` is on what is neither a `RectLight` nor a `PointLight`: nothing is done. Spot and directional lights have Bevy's \
+                "`GiSoftShadow` is on what is neither a `RectLight` nor a `PointLight`: nothing is done. Spot and directional lights have Bevy's \
                  shadow maps."
             }
             Self::SoftShadowTwice => {
-                "A `PointLight` has both `shadow_maps_enabled` and `MeshlessGiSoftShadow`: only its shadow map is used. Set `shadow_maps_enabled` to false \
+                "A `PointLight` has both `shadow_maps_enabled` and `GiSoftShadow`: only its shadow map is used. Set `shadow_maps_enabled` to false \
                  for soft shadows."
             }
             Self::SoftShadowCount => {
@@ -125,27 +125,27 @@ impl MeshlessGiFinding {
                  that are far away."
             }
             Self::NoFreeSpace => {
-                "A root has `MeshlessGiVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
+                "A root has `GiIrradianceVolume`, and its bake knows no light in free space: forward cameras and transparent surfaces show none. Bake the level with `probes: ()` in its \
                  recipe, or with `--probes`."
             }
             Self::FogAmbient => {
-                "A camera's `VolumetricFog` has ambient light, and a `MeshlessGiVolume` lights the fog: both are added. Set `ambient_intensity` to 0, or the volume's `fog` to 0."
+                "A camera's `VolumetricFog` has ambient light, and a `GiIrradianceVolume` lights the fog: both are added. Set `ambient_intensity` to 0, or the volume's `fog` to 0."
             }
             Self::LiveTexture => {
-                "A material that `MeshlessGiMaterials` names got another texture for its base color or its emission: indirect light keeps that of the bake. Change `base_color` or \
+                "A material that `GiDynamicMaterials` names got another texture for its base color or its emission: indirect light keeps that of the bake. Change `base_color` or \
                  `emissive`, which multiply it, or bake the level again."
             }
             Self::NoDisplay => {
-                "No camera displays a baked scene, so there is no indirect light in the picture. Put `MeshlessGiVolume` on the scene's root, which lights \
-                 cameras that are not deferred (the bake needs `probes: ()` in its recipe, or `--probes`), or add `MeshlessGiCamera` to the camera, which makes \
+                "No camera displays a baked scene, so there is no indirect light in the picture. Put `GiIrradianceVolume` on the scene's root, which lights \
+                 cameras that are not deferred (the bake needs `probes: ()` in its recipe, or `--probes`), or add `GiCamera` to the camera, which makes \
                  it deferred and displays the whole bake."
             }
             Self::NoDeferredDisplay => {
-                "No camera displays a baked scene, so there is no indirect light in the picture. Add `MeshlessGiCamera` to the camera, which displays the whole \
-                 bake. For cameras that are not deferred, put `MeshlessGiVolume` on the scene's root (the bake needs `probes: ()` in its recipe, or `--probes`)."
+                "No camera displays a baked scene, so there is no indirect light in the picture. Add `GiCamera` to the camera, which displays the whole \
+                 bake. For cameras that are not deferred, put `GiIrradianceVolume` on the scene's root (the bake needs `probes: ()` in its recipe, or `--probes`)."
             }
             Self::VolumeShader => {
-                "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `MeshlessGiVolume` lets light of the next \
+                "The shader module `bevy_pbr::irradiance_volume` is not that of the Bevy release that this plugin was written for, and stays as it is: a `GiIrradianceVolume` lets light of the next \
                  room through walls thinner than two voxels. Use the Bevy release that the plugin's documentation names, or smaller voxels."
             }
             Self::StaleBake => {
@@ -158,39 +158,39 @@ impl MeshlessGiFinding {
 /// What the check found so far; each finding is told once in the log.
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(Resource, Default, Clone, Debug)]
-pub struct MeshlessGiFindings(pub Vec<MeshlessGiFinding>);
+pub struct GiWarnings(pub Vec<GiWarning>);
 
-/// Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"
 )]
 pub(crate) fn check(
-    settings: Res<MeshlessGiSettings>,
-    scenes: Query<(), With<MeshlessGi>>,
+    settings: Res<GiSettings>,
+    scenes: Query<(), With<GiScene>>,
     cameras: Query<
         (
             &Camera,
-            &MeshlessGiCamera,
+            &GiCamera,
             Option<&AmbientLight>,
             Option<&EnvironmentMapLight>,
             Option<&Msaa>,
             Brought,
         ),
-        Without<MeshlessGiCapture>,
+        Without<GiRsmCamera>,
     >,
     probes: Query<&EnvironmentMapLight, With<LightProbe>>,
     ambient: Option<Res<GlobalAmbientLight>>,
     volumes: Query<&IrradianceVolume, Without<Voxels>>,
     ours: Query<(), With<Voxels>>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
-    bouncers: Query<(), With<MeshlessGiBouncer>>,
+    bouncers: Query<(), With<GiReflector>>,
     materials: Option<Res<Assets<StandardMaterial>>>,
     meshes: Query<&MeshMaterial3d<StandardMaterial>>,
     changed: Query<(), Changed<MeshMaterial3d<StandardMaterial>>>,
     mut look: Local<bool>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     // What changed while nothing was asked of it is looked at later.
     *look |= materials.as_ref().is_some_and(|m| m.is_changed()) || !changed.is_empty();
@@ -202,9 +202,8 @@ pub(crate) fn check(
     if let (true, true, Some(materials)) = (shows, *look, materials) {
         *look = false;
         // A volume lights what no G-buffer holds; what moves is drawn by lamps as it is in the G-buffer.
-        let lit = |finding: &MeshlessGiFinding| {
-            !ours.is_empty()
-                && (*finding == MeshlessGiFinding::TransparentMaterial || bouncers.is_empty())
+        let lit = |finding: &GiWarning| {
+            !ours.is_empty() && (*finding == GiWarning::TransparentMaterial || bouncers.is_empty())
         };
         let dark = meshes
             .iter()
@@ -221,35 +220,35 @@ pub(crate) fn check(
         .filter(|(c, gi, ..)| c.is_active && gi.enabled)
     {
         if !draws_gbuffer(brought, msaa) {
-            found.push(MeshlessGiFinding::NoGbuffer);
+            found.push(GiWarning::NoGbuffer);
             continue;
         }
         // A camera's own ambient light takes the place of the global one.
         match own {
-            Some(own) if own.brightness > 0.0 => found.push(MeshlessGiFinding::CameraAmbient),
+            Some(own) if own.brightness > 0.0 => found.push(GiWarning::CameraAmbient),
             None if ambient.as_ref().is_some_and(|a| a.brightness > 0.0) => {
-                found.push(MeshlessGiFinding::GlobalAmbient)
+                found.push(GiWarning::GlobalAmbient)
             }
             _ => {}
         }
         if environment.is_some_and(|e| e.intensity > 0.0) {
-            found.push(MeshlessGiFinding::EnvironmentMap);
+            found.push(GiWarning::EnvironmentMap);
         }
         if probes.iter().any(|e| e.intensity > 0.0) {
-            found.push(MeshlessGiFinding::LightProbe);
+            found.push(GiWarning::LightProbe);
         }
         if volumes.iter().any(|v| v.intensity > 0.0) {
-            found.push(MeshlessGiFinding::IrradianceVolume);
+            found.push(GiWarning::IrradianceVolume);
         }
         if method.as_ref().is_some_and(|m| is_forward(m)) {
-            found.push(MeshlessGiFinding::ForwardMaterials);
+            found.push(GiWarning::ForwardMaterials);
         }
     }
     tell(found, &mut findings);
 }
 
 /// Keeps and tells what was not found before.
-pub(super) fn tell(found: Vec<MeshlessGiFinding>, findings: &mut MeshlessGiFindings) {
+pub(super) fn tell(found: Vec<GiWarning>, findings: &mut GiWarnings) {
     for finding in found {
         if !findings.0.contains(&finding) {
             warn!("{}", finding.advice());
@@ -259,7 +258,7 @@ pub(super) fn tell(found: Vec<MeshlessGiFinding>, findings: &mut MeshlessGiFindi
 }
 
 /// Why surfaces of this material get no indirect light, if they do not and should.
-fn without_light(material: &StandardMaterial) -> Option<MeshlessGiFinding> {
+fn without_light(material: &StandardMaterial) -> Option<GiWarning> {
     let solid = matches!(
         material.alpha_mode,
         AlphaMode::Opaque | AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage
@@ -267,9 +266,9 @@ fn without_light(material: &StandardMaterial) -> Option<MeshlessGiFinding> {
     if material.unlit {
         None
     } else if !solid || material.specular_transmission > 0.0 {
-        Some(MeshlessGiFinding::TransparentMaterial)
+        Some(GiWarning::TransparentMaterial)
     } else if material.opaque_render_method == OpaqueRendererMethod::Forward {
-        Some(MeshlessGiFinding::ForwardMaterial)
+        Some(GiWarning::ForwardMaterial)
     } else {
         None
     }

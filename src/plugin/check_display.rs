@@ -1,10 +1,10 @@
-//! Warns of a bake that no camera displays: no camera has [`MeshlessGiCamera`], and no root has [`MeshlessGiVolume`].
+//! Warns of a bake that no camera displays: no camera has [`GiCamera`], and no root has [`GiIrradianceVolume`].
 
-use super::asset::MeshlessGiAsset;
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
-use super::reflective::MeshlessGiCapture;
-use super::volume::MeshlessGiVolume;
+use super::asset::GiBakedScene;
+use super::check::{GiWarning, GiWarnings, tell};
+use super::components::{GiCamera, GiScene, GiSettings};
+use super::reflective::GiRsmCamera;
+use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, Camera3d};
@@ -23,23 +23,23 @@ type Cameras<'w, 's> = Query<
         Has<DeferredPrepass>,
         Option<&'static RenderLayers>,
     ),
-    (With<Camera3d>, Without<MeshlessGiCapture>),
+    (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
 #[expect(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
 )]
 pub(crate) fn check_display(
-    settings: Res<MeshlessGiSettings>,
-    roots: Query<(&MeshlessGi, Option<&RenderLayers>)>,
-    assets: Res<Assets<MeshlessGiAsset>>,
-    displays: Query<(), With<MeshlessGiCamera>>,
-    volumes: Query<(), With<MeshlessGiVolume>>,
+    settings: Res<GiSettings>,
+    roots: Query<(&GiScene, Option<&RenderLayers>)>,
+    assets: Res<Assets<GiBakedScene>>,
+    displays: Query<(), With<GiCamera>>,
+    volumes: Query<(), With<GiIrradianceVolume>>,
     cameras: Cameras,
     mut frames: Local<u32>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     let shown = !displays.is_empty() || !volumes.is_empty();
     if !settings.warn_double_counting || shown {
@@ -64,10 +64,7 @@ pub(crate) fn check_display(
         return;
     }
     *frames = frames.saturating_add(1);
-    let told = [
-        MeshlessGiFinding::NoDisplay,
-        MeshlessGiFinding::NoDeferredDisplay,
-    ];
+    let told = [GiWarning::NoDisplay, GiWarning::NoDeferredDisplay];
     if *frames <= PATIENCE || findings.0.iter().any(|found| told.contains(found)) {
         return;
     }

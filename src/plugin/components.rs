@@ -3,9 +3,9 @@
 //! All are reflected and registered, so that scenes and inspectors see them. Light quantities are Bevy's photometric ones
 //! (lux, cd/m²); the core's W stand for lumens one to one.
 
-use super::asset::MeshlessGiAsset;
-use super::display::MeshlessGiDisplay;
-use super::quality::{MeshlessGiQuality, MeshlessGiTier};
+use super::asset::GiBakedScene;
+use super::display::GiSplatting;
+use super::quality::{GiActiveTier, GiQuality};
 use crate::plan::ChannelRequest;
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};
@@ -25,19 +25,13 @@ use bevy::transform::components::Transform;
 /// `RenderLayers` on the root say which cameras show the bake and which lights take part in it; layer 0 without them.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-#[require(
-    Transform,
-    Visibility,
-    MeshlessGiLighting,
-    MeshlessGiQuality,
-    MeshlessGiTier
-)]
-pub struct MeshlessGi(pub Handle<MeshlessGiAsset>);
+#[require(Transform, Visibility, GiLighting, GiQuality, GiActiveTier)]
+pub struct GiScene(pub Handle<GiBakedScene>);
 
-/// What lights a baked scene beside Bevy's lights. Goes beside [`MeshlessGi`]; every value may change in any frame.
+/// What lights a baked scene beside Bevy's lights. Goes beside [`GiScene`]; every value may change in any frame.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiLighting {
+pub struct GiLighting {
     /// Radiance of a uniform sky, cd/m²: it comes from every direction that meets nothing. Black for none. This replaces
     /// Bevy's ambient light, and unlike it knows where the walls are.
     pub sky: LinearRgba,
@@ -49,39 +43,39 @@ pub struct MeshlessGiLighting {
     /// surfaces return, and never more than 16. A bake with baked bounces ignores it.
     pub bounces: Option<u32>,
     /// In how many channels the operator is applied. By default as many as the scene calls for.
-    pub channels: MeshlessGiChannels,
+    pub channels: GiColorMode,
 }
 
 /// In how many channels a bake's operator is applied. One costs less, and is right where every surface is gray and all that shines has one color.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum MeshlessGiChannels {
+pub enum GiColorMode {
     /// One where that is right, three else. The plan says which, and why; a light of another color is seen in the frame in which it shines.
     #[default]
     Auto,
     /// Always three.
-    Three,
+    Rgb,
     /// Always one. Where colors differ, green decides and indirect light is white.
-    One,
+    Monochrome,
 }
 
-impl From<MeshlessGiChannels> for ChannelRequest {
-    fn from(asked: MeshlessGiChannels) -> Self {
+impl From<GiColorMode> for ChannelRequest {
+    fn from(asked: GiColorMode) -> Self {
         match asked {
-            MeshlessGiChannels::Auto => Self::Auto,
-            MeshlessGiChannels::Three => Self::Three,
-            MeshlessGiChannels::One => Self::One,
+            GiColorMode::Auto => Self::Auto,
+            GiColorMode::Rgb => Self::Three,
+            GiColorMode::Monochrome => Self::One,
         }
     }
 }
 
-impl Default for MeshlessGiLighting {
+impl Default for GiLighting {
     fn default() -> Self {
         Self {
             sky: LinearRgba::BLACK,
             emission: 998.0,
             bounces: None,
-            channels: MeshlessGiChannels::Auto,
+            channels: GiColorMode::Auto,
         }
     }
 }
@@ -90,15 +84,15 @@ impl Default for MeshlessGiLighting {
 /// high-dynamic-range cameras with one sample a pixel.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-#[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off, MeshlessGiDisplay)]
+#[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off, GiSplatting)]
 #[component(on_insert = one_sample_a_pixel)]
-pub struct MeshlessGiCamera {
+pub struct GiCamera {
     /// Off runs none of our passes, and what no other camera needs on the device goes. The prepasses stay: they belong to the camera.
     pub enabled: bool,
     /// Multiplies the indirect light. 1 is what physics says.
     pub intensity: f32,
     /// What to draw.
-    pub view: MeshlessGiView,
+    pub view: GiDebugView,
 }
 
 /// A camera brings Bevy's default of four samples a pixel before ours is asked; deferred drawing has one.
@@ -108,12 +102,12 @@ fn one_sample_a_pixel(mut world: DeferredWorld, context: HookContext) {
     }
 }
 
-impl Default for MeshlessGiCamera {
+impl Default for GiCamera {
     fn default() -> Self {
         Self {
             enabled: true,
             intensity: 1.0,
-            view: MeshlessGiView::Lit,
+            view: GiDebugView::Lit,
         }
     }
 }
@@ -121,7 +115,7 @@ impl Default for MeshlessGiCamera {
 /// What a camera draws of the indirect light.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
-pub enum MeshlessGiView {
+pub enum GiDebugView {
     /// Direct and indirect light together: the picture.
     #[default]
     Lit,
@@ -134,7 +128,7 @@ pub enum MeshlessGiView {
 /// How a light takes part in indirect light. Optional, on any of Bevy's lights; a light without it takes part fully.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiLight {
+pub struct GiLight {
     /// False: the light gives direct light only.
     pub enabled: bool,
     /// Multiplies the light's indirect share. 1 is what physics says.
@@ -143,7 +137,7 @@ pub struct MeshlessGiLight {
     pub patches: u32,
 }
 
-impl Default for MeshlessGiLight {
+impl Default for GiLight {
     fn default() -> Self {
         Self {
             enabled: true,
@@ -156,14 +150,14 @@ impl Default for MeshlessGiLight {
 /// Settings of the plugin as a whole.
 #[derive(Resource, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Resource, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiSettings {
+pub struct GiSettings {
     /// A scene that no camera has seen for this many frames gives its GPU memory back.
     pub keep_frames: u32,
     /// Warn when Bevy's own ambient light or a light probe would be counted beside ours.
     pub warn_double_counting: bool,
 }
 
-impl Default for MeshlessGiSettings {
+impl Default for GiSettings {
     fn default() -> Self {
         Self {
             keep_frames: 120,

@@ -1,6 +1,6 @@
 //! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance to its picture.
 
-use super::components::MeshlessGiView;
+use super::components::GiDebugView;
 use super::compute::GiRender;
 use super::costs::view_span;
 use super::display::ViewSubsplats;
@@ -112,7 +112,7 @@ type View = (
     Option<&'static TemporalJitter>,
 );
 
-/// Runs in [`MeshlessGiSystems::Composite`](super::MeshlessGiSystems::Composite).
+/// Runs in [`GiSystems::Composite`](super::GiSystems::Composite).
 pub(crate) fn composite(
     view: ViewQuery<View>,
     world: Res<ExtractedGi>,
@@ -220,7 +220,7 @@ pub(crate) fn composite(
         let [x, y, width, height] = view.viewport.to_array();
         pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(x, y, width, height);
-        let replace = settings.view != MeshlessGiView::Lit;
+        let replace = settings.view != GiDebugView::Lit;
         let textures = [&irradiance, &**gbuffer, &*passes.texture.default_view];
         draw_composite(
             kernels,

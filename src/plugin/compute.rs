@@ -4,15 +4,15 @@
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
 use super::capture::{LightMaps, Reflections};
-use super::components::{MeshlessGiChannels, MeshlessGiView};
+use super::components::{GiColorMode, GiDebugView};
 use super::composite::ViewRuntime;
 use super::costs::{DeviceCosts, span};
-use super::diagnostics::{MeshlessGiCounters, MeshlessGiStatus};
-use super::display::MeshlessGiDisplay;
+use super::diagnostics::{FrameStats, GiFrameStats};
+use super::display::GiSplatting;
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::fog::ExtractedFogs;
 use super::quality::span_name;
-use super::readback::{CoefficientReadback, MeshlessGiCoefficients};
+use super::readback::{CoefficientReadback, SharedCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
@@ -42,7 +42,7 @@ pub(crate) struct SceneRuntime {
     /// What the device's last solve simulated.
     solved: Option<FrameSettings>,
     /// The channels that the level asked for then.
-    asked: MeshlessGiChannels,
+    asked: GiColorMode,
     /// The factors of the materials that the device's surfaces are of; none for those of the bake.
     painted: Vec<MaterialFactors>,
     /// What passes the occluders in what the device has; none for all open.
@@ -108,7 +108,7 @@ impl GiRender {
         fogs: &ExtractedFogs,
         maps: &LightMaps,
         largest_binding: u64,
-        coefficients: &MeshlessGiCoefficients,
+        coefficients: &SharedCoefficients,
     ) -> FrameState {
         let mut state = FrameState {
             device_able: !self.unable,
@@ -133,16 +133,16 @@ impl GiRender {
                 id: view.id,
                 gloss: view.gloss.is_some(),
                 // Soft shadows are taken from the picture of a deferred camera.
-                lit: view.settings.view == MeshlessGiView::Lit && !view.forward,
+                lit: view.settings.view == GiDebugView::Lit && !view.forward,
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 pixels: view.pixels,
                 display: match view.display {
-                    MeshlessGiDisplay::Full => DisplayUse::Full,
+                    GiSplatting::Full => DisplayUse::Full,
                     _ if self.views.get(&view.id).is_some_and(|v| v.too_large) => {
                         DisplayUse::NoRoom
                     }
-                    MeshlessGiDisplay::Subsplats(_) => DisplayUse::Subsplats,
+                    GiSplatting::Subsplats(_) => DisplayUse::Subsplats,
                 },
                 sees: view.sees.clone(),
             });
@@ -216,7 +216,7 @@ impl GiRender {
             soft: SceneSoft::default(),
             volume: SceneVolume::default(),
             solved: None,
-            asked: MeshlessGiChannels::Auto,
+            asked: GiColorMode::Auto,
             painted: Vec::new(),
             gains: Vec::new(),
             idle_frames: 0,
@@ -328,15 +328,15 @@ impl GiRender {
     }
 
     /// Everything that exists on the device, and what ran since the last call.
-    fn count(&mut self) -> MeshlessGiCounters {
+    fn count(&mut self) -> FrameStats {
         let mut total = self.retired;
-        let mut counters = MeshlessGiCounters {
+        let mut counters = FrameStats {
             frame: self.frame,
             pipelines: self.kernels.as_ref().map_or(0, Kernels::created),
             active_scenes: self.plan.active_scenes().len() as u32,
             plan: self.plan.clone(),
             solved: self.solved(),
-            ..MeshlessGiCounters::default()
+            ..FrameStats::default()
         };
         for (id, runtime) in &self.scenes {
             let mut of_scene = 0;
@@ -400,7 +400,7 @@ impl GiRender {
     }
 }
 
-/// Runs in [`MeshlessGiSystems::Compute`](super::MeshlessGiSystems::Compute).
+/// Runs in [`GiSystems::Compute`](super::GiSystems::Compute).
 #[allow(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
@@ -414,7 +414,7 @@ pub(crate) fn compute(
     mut render: ResMut<GiRender>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
-    coefficients: Res<MeshlessGiCoefficients>,
+    coefficients: Res<SharedCoefficients>,
     costs: Res<DeviceCosts>,
     mut ctx: RenderContext,
 ) {
@@ -632,8 +632,8 @@ impl SceneRuntime {
 /// After everything was submitted: tells the main world what the frame did, and fetches coefficients.
 pub(crate) fn publish(
     mut render: ResMut<GiRender>,
-    status: Res<MeshlessGiStatus>,
-    coefficients: Res<MeshlessGiCoefficients>,
+    status: Res<GiFrameStats>,
+    coefficients: Res<SharedCoefficients>,
 ) {
     status.set(render.count());
     for (id, runtime) in &mut render.scenes {

@@ -2,8 +2,8 @@
 //!
 //! The app has to add that plugin; without it, or without a clock that stands inside command encoders (Metal and WebGPU have none in Bevy), the costs stay unknown, and the plan says so.
 
-use super::diagnostics::MeshlessGiStatus;
-use super::quality::{MeshlessGiCost, span_name};
+use super::diagnostics::GiFrameStats;
+use super::quality::{SolveCostSource, span_name};
 use crate::plan::{CostModel, Plan, SceneId, Stage, Timed, ViewId, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
@@ -65,11 +65,11 @@ fn path(timed: &Timed) -> DiagnosticPath {
     DiagnosticPath::from_components(parts)
 }
 
-/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
 pub(crate) fn learn(
-    status: Res<MeshlessGiStatus>,
+    status: Res<GiFrameStats>,
     costs: Res<DeviceCosts>,
-    given: Res<MeshlessGiCost>,
+    given: Res<SolveCostSource>,
     store: Option<Res<DiagnosticsStore>>,
     mut seen: Local<BTreeMap<Timed, (Instant, u64)>>,
     mut last: Local<u64>,
@@ -83,7 +83,7 @@ pub(crate) fn learn(
     model.ran(&counters.plan);
     for (timed, cost) in &counters.plan.costs {
         if let (
-            MeshlessGiCost::Given(of),
+            SolveCostSource::Given(of),
             Stage::Apply,
             Work::Links(links) | Work::OneChannel(links),
         ) = (&*given, timed.stage, cost.work)

@@ -1,15 +1,15 @@
 //! Logs the plan's decisions at level DEBUG, each when it changes ([`DecisionLog`]).
 
-use super::diagnostics::MeshlessGiStatus;
+use super::diagnostics::GiFrameStats;
 use super::scene_log::entity_label;
 use crate::plan::DecisionLog;
 use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::log::debug;
 
-/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
 pub(crate) fn log_decisions(
-    status: Res<MeshlessGiStatus>,
+    status: Res<GiFrameStats>,
     names: Query<&Name>,
     mut log: Local<DecisionLog>,
     mut last: Local<u64>,

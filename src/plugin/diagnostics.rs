@@ -25,7 +25,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// What one rendered frame did.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct MeshlessGiCounters {
+pub struct FrameStats {
     /// Rendered frames since the start, this one included.
     pub frame: u64,
     /// Pipelines that exist.
@@ -53,7 +53,7 @@ pub struct MeshlessGiCounters {
     pub plan: Plan,
 }
 
-impl MeshlessGiCounters {
+impl FrameStats {
     /// Dispatches of a stage.
     #[must_use]
     pub fn dispatches_of(&self, stage: Stage) -> u32 {
@@ -63,12 +63,12 @@ impl MeshlessGiCounters {
 
 /// The counters of the last rendered frame, in both worlds. Read them with [`get`](Self::get), or from Bevy's diagnostics.
 #[derive(Resource, Clone, Default)]
-pub struct MeshlessGiStatus(Arc<Mutex<MeshlessGiCounters>>);
+pub struct GiFrameStats(Arc<Mutex<FrameStats>>);
 
-impl MeshlessGiStatus {
+impl GiFrameStats {
     /// A copy of the counters.
     #[must_use]
-    pub fn get(&self) -> MeshlessGiCounters {
+    pub fn get(&self) -> FrameStats {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -83,7 +83,7 @@ impl MeshlessGiStatus {
         bytes.filter(|_| *held == Arc::as_ptr(bake) as usize)
     }
 
-    pub(crate) fn set(&self, counters: MeshlessGiCounters) {
+    pub(crate) fn set(&self, counters: FrameStats) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = counters;
     }
 }
@@ -105,7 +105,7 @@ pub struct MeshlessGiDiagnosticsPlugin;
 
 impl Plugin for MeshlessGiDiagnosticsPlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<MeshlessGiStatus>();
+        app.init_resource::<GiFrameStats>();
         for name in [
             "pipelines",
             "buffers",
@@ -122,11 +122,11 @@ impl Plugin for MeshlessGiDiagnosticsPlugin {
                 Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0),
             );
         }
-        app.add_systems(PreUpdate, publish.in_set(super::MeshlessGiSystems::Collect));
+        app.add_systems(PreUpdate, publish.in_set(super::GiSystems::Collect));
     }
 }
 
-fn publish(status: Res<MeshlessGiStatus>, mut diagnostics: Diagnostics, mut last: Local<u64>) {
+fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Local<u64>) {
     let counters = status.get();
     if counters.frame == *last {
         return;

@@ -16,34 +16,34 @@ use meshless_gi::frame::{
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Where a camera evaluates indirect light. Goes beside [`MeshlessGiCamera`](super::MeshlessGiCamera), which brings the default.
+/// Where a camera evaluates indirect light. Goes beside [`GiCamera`](super::GiCamera), which brings the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub enum MeshlessGiDisplay {
+pub enum GiSplatting {
     /// At a fraction of the pixels, and in between by interpolation that keeps to each surface.
-    Subsplats(MeshlessGiSubsplats),
+    Subsplats(GiSubsplatSettings),
     /// At every pixel: the reference, and many times as dear.
     Full,
 }
 
-impl Default for MeshlessGiDisplay {
+impl Default for GiSplatting {
     fn default() -> Self {
-        Self::Subsplats(MeshlessGiSubsplats::default())
+        Self::Subsplats(GiSubsplatSettings::default())
     }
 }
 
 /// Where subsplats are, see [`SubsplatSettings`].
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiSubsplats {
+pub struct GiSubsplatSettings {
     /// The first subsplats are 2^coarsest pixels apart; each is refined once. 2 to 6.
     pub coarsest: u32,
     /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where nothing around them is of their surface.
     pub finest: u32,
     /// How jumps of depth are found.
-    pub depth: MeshlessGiDepthTest,
+    pub depth: GiDepthTest,
     /// How creases are found.
-    pub normal: MeshlessGiNormalTest,
+    pub normal: GiNormalTest,
     /// Look for both in the diagonal neighbors too.
     pub diagonal: bool,
     /// Refine where light differs by more than this part from what its surroundings foretold. Infinite for never.
@@ -57,7 +57,7 @@ pub struct MeshlessGiSubsplats {
 /// How jumps of depth are found, see [`DepthTest`]; thresholds are parts of the depth.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Clone, Debug, PartialEq)]
-pub enum MeshlessGiDepthTest {
+pub enum GiDepthTest {
     /// Distance from the plane through a pixel's neighbors.
     Plane(f32),
     /// Range of depths.
@@ -69,32 +69,32 @@ pub enum MeshlessGiDepthTest {
 /// How creases are found, see [`NormalTest`]; thresholds from 0 to 2.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Clone, Debug, PartialEq)]
-pub enum MeshlessGiNormalTest {
+pub enum GiNormalTest {
     /// Range of the normal's components.
     MinMax(f32),
     /// Largest curvature.
     Curvature(f32),
 }
 
-impl Default for MeshlessGiSubsplats {
+impl Default for GiSubsplatSettings {
     fn default() -> Self {
         SubsplatSettings::default().into()
     }
 }
 
-impl From<SubsplatSettings> for MeshlessGiSubsplats {
+impl From<SubsplatSettings> for GiSubsplatSettings {
     fn from(settings: SubsplatSettings) -> Self {
         Self {
             coarsest: settings.coarsest,
             finest: settings.finest,
             depth: match settings.depth {
-                DepthTest::Plane(t) => MeshlessGiDepthTest::Plane(t),
-                DepthTest::MinMax(t) => MeshlessGiDepthTest::MinMax(t),
-                DepthTest::Derivative(t) => MeshlessGiDepthTest::Derivative(t),
+                DepthTest::Plane(t) => GiDepthTest::Plane(t),
+                DepthTest::MinMax(t) => GiDepthTest::MinMax(t),
+                DepthTest::Derivative(t) => GiDepthTest::Derivative(t),
             },
             normal: match settings.normal {
-                NormalTest::MinMax(t) => MeshlessGiNormalTest::MinMax(t),
-                NormalTest::Curvature(t) => MeshlessGiNormalTest::Curvature(t),
+                NormalTest::MinMax(t) => GiNormalTest::MinMax(t),
+                NormalTest::Curvature(t) => GiNormalTest::Curvature(t),
             },
             diagonal: settings.diagonal,
             light: settings.light,
@@ -104,19 +104,19 @@ impl From<SubsplatSettings> for MeshlessGiSubsplats {
     }
 }
 
-impl From<MeshlessGiSubsplats> for SubsplatSettings {
-    fn from(settings: MeshlessGiSubsplats) -> Self {
+impl From<GiSubsplatSettings> for SubsplatSettings {
+    fn from(settings: GiSubsplatSettings) -> Self {
         Self {
             coarsest: settings.coarsest,
             finest: settings.finest,
             depth: match settings.depth {
-                MeshlessGiDepthTest::Plane(t) => DepthTest::Plane(t),
-                MeshlessGiDepthTest::MinMax(t) => DepthTest::MinMax(t),
-                MeshlessGiDepthTest::Derivative(t) => DepthTest::Derivative(t),
+                GiDepthTest::Plane(t) => DepthTest::Plane(t),
+                GiDepthTest::MinMax(t) => DepthTest::MinMax(t),
+                GiDepthTest::Derivative(t) => DepthTest::Derivative(t),
             },
             normal: match settings.normal {
-                MeshlessGiNormalTest::MinMax(t) => NormalTest::MinMax(t),
-                MeshlessGiNormalTest::Curvature(t) => NormalTest::Curvature(t),
+                GiNormalTest::MinMax(t) => NormalTest::MinMax(t),
+                GiNormalTest::Curvature(t) => NormalTest::Curvature(t),
             },
             diagonal: settings.diagonal,
             light: settings.light,

@@ -3,11 +3,11 @@
 //! [`super::composite`] adds it to the picture of a deferred camera; [`super::forward_display`] hands it to the surfaces of a forward one.
 
 use super::capture::{bakes, lights_view};
-use super::components::MeshlessGiView;
+use super::components::GiDebugView;
 use super::composite::ViewRuntime;
 use super::compute::GiRender;
 use super::costs::view_span;
-use super::display::{MeshlessGiDisplay, ViewLights, ViewSubsplats};
+use super::display::{GiSplatting, ViewLights, ViewSubsplats};
 use super::extract::{ExtractedGi, ExtractedGiView};
 use super::gloss::{GlossView, ViewGloss};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
@@ -116,7 +116,7 @@ pub(super) fn evaluate(
     let recorder = recorder.as_deref();
     let composite = CompositeParams {
         scale: settings.intensity.max(0.0),
-        white: f32::from(u8::from(settings.view == MeshlessGiView::Irradiance)),
+        white: f32::from(u8::from(settings.view == GiDebugView::Irradiance)),
         ..CompositeParams::default()
     };
 
@@ -183,7 +183,7 @@ pub(super) fn evaluate(
         (render.plan.passes.iter()).any(|p| p.stage == Stage::Gloss && p.view == Some(id))
     });
     // Irradiance is what a white, rough surface would get.
-    let glossy = glossy.filter(|_| settings.view != MeshlessGiView::Irradiance);
+    let glossy = glossy.filter(|_| settings.view != GiDebugView::Irradiance);
     match (glossy, on_view.as_ref()) {
         (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
             let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Gloss, id));
@@ -218,7 +218,7 @@ pub(super) fn evaluate(
     }
     let first = runtime.irradiance(0, device.wgpu_device());
     let subsplats = match &shown_by.display {
-        MeshlessGiDisplay::Subsplats(settings) if !runtime.too_large => {
+        GiSplatting::Subsplats(settings) if !runtime.too_large => {
             let params = SubsplatParams::new(
                 &(*settings).into(),
                 clip_from_view.inverse(),

@@ -5,21 +5,19 @@
 //! `RenderLayers` meet those of the scene's root. Units follow bevy_pbr: point and spot lights give
 //! lumens / (4π) in every direction, directional lights their lux, rectangles lumens / (π · area).
 
-use super::asset::MeshlessGiAsset;
-use super::components::{
-    MeshlessGi, MeshlessGiCamera, MeshlessGiLight, MeshlessGiLighting, MeshlessGiSettings,
-};
-use super::display::MeshlessGiDisplay;
+use super::asset::GiBakedScene;
+use super::components::{GiCamera, GiLight, GiLighting, GiScene, GiSettings};
+use super::display::GiSplatting;
 use super::forward_camera::ForwardDisplays;
-use super::gizmos::{MeshlessGiGizmos, wants_coefficients};
-use super::gloss::MeshlessGiGloss;
-use super::materials::{MeshlessGiMaterials, Resolved};
-use super::occluders::{MeshlessGiOccluder, gains};
-use super::quality::MeshlessGiTier;
-use super::reflective::MeshlessGiCapture;
-use super::sky::MeshlessGiSky;
+use super::gizmos::{GiGizmos, wants_coefficients};
+use super::gloss::GiSpecular;
+use super::materials::{GiDynamicMaterials, Resolved};
+use super::occluders::{GiOccluder, gains};
+use super::quality::GiActiveTier;
+use super::reflective::GiRsmCamera;
+use super::sky::GiSky;
 use super::transform::Placement;
-use super::volume::MeshlessGiVolume;
+use super::volume::GiIrradianceVolume;
 use crate::plan::{Inventory, Picked, PickedBounces, PickedChannels, SceneId, ViewId};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
@@ -50,7 +48,7 @@ pub(crate) struct ExtractedScene {
     pub placement: Option<Placement>,
     pub shown: bool,
     pub layers: RenderLayers,
-    pub lighting: MeshlessGiLighting,
+    pub lighting: GiLighting,
     /// The sky's radiance in the bake's local space.
     pub sky: SkyRadiance,
     /// The factors of its materials, where they may change.
@@ -69,9 +67,9 @@ pub(crate) struct ExtractedScene {
 pub(crate) struct ExtractedGiView {
     pub id: ViewId,
     pub layers: RenderLayers,
-    pub settings: MeshlessGiCamera,
-    pub display: MeshlessGiDisplay,
-    pub gloss: Option<MeshlessGiGloss>,
+    pub settings: GiCamera,
+    pub display: GiSplatting,
+    pub gloss: Option<GiSpecular>,
     pub has_gbuffer: bool,
     /// Its surfaces read the display while they are drawn ([`super::forward_display`]).
     pub forward: bool,
@@ -118,14 +116,14 @@ type Scenes<'w, 's> = Query<
     's,
     (
         Entity,
-        &'static MeshlessGi,
-        &'static MeshlessGiLighting,
-        &'static MeshlessGiTier,
+        &'static GiScene,
+        &'static GiLighting,
+        &'static GiActiveTier,
         &'static GlobalTransform,
         &'static InheritedVisibility,
         Option<&'static RenderLayers>,
-        Option<&'static MeshlessGiSky>,
-        Option<&'static MeshlessGiMaterials>,
+        Option<&'static GiSky>,
+        Option<&'static GiDynamicMaterials>,
     ),
 >;
 
@@ -135,15 +133,15 @@ type Cameras<'w, 's> = Query<
     (
         Entity,
         &'static Camera,
-        &'static MeshlessGiCamera,
-        &'static MeshlessGiDisplay,
-        Option<&'static MeshlessGiGloss>,
+        &'static GiCamera,
+        &'static GiSplatting,
+        Option<&'static GiSpecular>,
         &'static Frustum,
         Option<&'static Msaa>,
         Option<&'static RenderLayers>,
         Brought,
     ),
-    Without<MeshlessGiCapture>,
+    Without<GiRsmCamera>,
 >;
 
 /// What every kind of light has beside itself.
@@ -153,7 +151,7 @@ pub(crate) struct LightParts {
     pub transform: &'static GlobalTransform,
     visibility: &'static InheritedVisibility,
     pub layers: Option<&'static RenderLayers>,
-    gi: Option<&'static MeshlessGiLight>,
+    gi: Option<&'static GiLight>,
 }
 
 impl LightPartsItem<'_, '_> {
@@ -266,8 +264,8 @@ pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &Render
 
 /// All that the sky sheds, in the local space of a bake.
 fn sky_of(
-    lighting: &MeshlessGiLighting,
-    sky: Option<&MeshlessGiSky>,
+    lighting: &GiLighting,
+    sky: Option<&GiSky>,
     placement: Option<&Placement>,
 ) -> SkyRadiance {
     let LinearRgba {
@@ -286,7 +284,7 @@ fn sky_of(
     uniform + varied.turned(turn)
 }
 
-/// What [`MeshlessGiCamera`] brings to its camera, beside one sample a pixel.
+/// What [`GiCamera`] brings to its camera, beside one sample a pixel.
 pub(crate) type Brought = (
     Has<Hdr>,
     Has<DepthPrepass>,
@@ -294,7 +292,7 @@ pub(crate) type Brought = (
     Has<DeferredPrepass>,
 );
 
-/// Whether a camera has all that [`MeshlessGiCamera`] brought.
+/// Whether a camera has all that [`GiCamera`] brought.
 pub(crate) fn draws_gbuffer(
     (hdr, depth, normal, deferred): (bool, bool, bool, bool),
     msaa: Option<&Msaa>,
@@ -320,8 +318,8 @@ pub(crate) struct Told {
 )]
 pub(crate) fn extract(
     mut out: ResMut<ExtractedGi>,
-    settings: Extract<Res<MeshlessGiSettings>>,
-    assets: Extract<Res<Assets<MeshlessGiAsset>>>,
+    settings: Extract<Res<GiSettings>>,
+    assets: Extract<Res<Assets<GiBakedScene>>>,
     gizmos: Extract<Option<Res<GizmoConfigStore>>>,
     scenes: Extract<Scenes>,
     cameras: Extract<Cameras>,
@@ -330,16 +328,16 @@ pub(crate) fn extract(
     spots: Extract<Query<(LightParts, &SpotLight)>>,
     directionals: Extract<Query<(LightParts, &DirectionalLight)>>,
     rects: Extract<Query<(LightParts, &RectLight)>>,
-    volumes: Extract<Query<(), With<MeshlessGiVolume>>>,
+    volumes: Extract<Query<(), With<GiIrradianceVolume>>>,
     mut told: Local<Told>,
     standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
     mut resolved: Local<HashMap<Entity, Resolved>>,
-    occluders: Extract<Query<(Entity, &MeshlessGiOccluder)>>,
+    occluders: Extract<Query<(Entity, &GiOccluder)>>,
 ) {
     out.keep_frames = settings.keep_frames;
     out.read_back = gizmos
         .as_ref()
-        .and_then(|store| store.get_config::<MeshlessGiGizmos>())
+        .and_then(|store| store.get_config::<GiGizmos>())
         .is_some_and(wants_coefficients);
     let standard = standard.as_deref();
     resolved.retain(|entity, _| scenes.contains(*entity));
@@ -361,7 +359,7 @@ pub(crate) fn extract(
             && told.flat.insert(entity)
         {
             warn!(
-                "`MeshlessGiSky` varies, and the bake of {entity} knows a uniform sky only: its mean is used. Bake with `sky: Harmonics` in \
+                "`GiSky` varies, and the bake of {entity} knows a uniform sky only: its mean is used. Bake with `sky: Harmonics` in \
                  the recipe, or with `--sky harmonics`."
             );
         }
@@ -372,7 +370,7 @@ pub(crate) fn extract(
             (factors, names) = resolved.factors(bake, materials, standard);
             if !names.is_empty() && told.strange.insert(entity) {
                 warn!(
-                    "`MeshlessGiMaterials` of {entity} names what its bake does not know: {names:?}. Names are those of the level's file, and the bake \
+                    "`GiDynamicMaterials` of {entity} names what its bake does not know: {names:?}. Names are those of the level's file, and the bake \
                      needs `live_materials: true` in the recipe, or `--live-materials`."
                 );
             }
@@ -403,7 +401,7 @@ pub(crate) fn extract(
         };
         if !out.scenes.iter().any(knows) && told.strange.insert(entity) {
             warn!(
-                "`MeshlessGiOccluder` of {entity} names what no bake knows: `{}`. Name it in the recipe (`occluders: [(name: \"{}\")]`), or with `--occluder`.",
+                "`GiOccluder` of {entity} names what no bake knows: `{}`. Name it in the recipe (`occluders: [(name: \"{}\")]`), or with `--occluder`.",
                 occluder.name, occluder.name
             );
         }
@@ -447,7 +445,7 @@ pub(crate) fn extract(
             light,
             patches: parts
                 .gi
-                .map_or_else(MeshlessGiLight::default, Clone::clone)
+                .map_or_else(GiLight::default, Clone::clone)
                 .patches
                 .clamp(1, 1024),
         });

@@ -1,16 +1,16 @@
 //! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient light; behind that, kernel [`fog`](meshless_gi::frame::fog) adds what the fog sends to the eye of the level's
-//! light in free space, which it reads from the level's [`MeshlessGiVolume`].
+//! light in free space, which it reads from the level's [`GiIrradianceVolume`].
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and [`VolumetricFog`] on the camera.
 
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use super::components::{MeshlessGiSettings, MeshlessGiView};
+use super::check::{GiWarning, GiWarnings, tell};
+use super::components::{GiDebugView, GiSettings};
 use super::compute::GiRender;
 use super::costs::view_span;
 use super::extract::{ExtractedGi, in_view};
-use super::reflective::MeshlessGiCapture;
+use super::reflective::GiRsmCamera;
 use super::volume::{
-    DisplayParts, ExtractedVolumes, FoundParts, MeshlessGiVolume, Voxels, displays,
+    DisplayParts, ExtractedVolumes, FoundParts, GiIrradianceVolume, Voxels, displays,
 };
 use crate::gpu::{FogTextures, draw_fog};
 use crate::plan::{FogState, Pass, SceneId, Stage, ViewId};
@@ -91,9 +91,7 @@ impl ExtractedFogs {
 fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
     let intensity = match parts.0 {
         None => 1.0,
-        Some(ours) if ours.view == MeshlessGiView::Lit && displays(parts) => {
-            ours.intensity.max(0.0)
-        }
+        Some(ours) if ours.view == GiDebugView::Lit && displays(parts) => ours.intensity.max(0.0),
         Some(_) => return None,
     };
     camera.is_active.then_some(intensity)
@@ -156,15 +154,15 @@ type FogCameras<'w, 's> = Query<
         Option<&'static RenderLayers>,
         DisplayParts,
     ),
-    (With<Camera3d>, Without<MeshlessGiCapture>),
+    (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), behind the scenes and before the volumes.
+/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and before the volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
     world: Res<ExtractedGi>,
     volumes: Extract<Query<&ChildOf, With<Voxels>>>,
-    roots: Extract<Query<&MeshlessGiVolume>>,
+    roots: Extract<Query<&GiIrradianceVolume>>,
     fogs: Extract<Query<(&FogVolume, &GlobalTransform)>>,
     lamps: Extract<Query<(), With<VolumetricLight>>>,
     cameras: Extract<FogCameras>,
@@ -254,7 +252,7 @@ type View = (
     Option<&'static TemporalJitter>,
 );
 
-/// Runs in [`MeshlessGiSystems::Fog`](super::MeshlessGiSystems::Fog).
+/// Runs in [`GiSystems::Fog`](super::GiSystems::Fog).
 #[allow(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
@@ -399,15 +397,15 @@ pub(crate) fn draw(
     render.retired.fogs += params.len() as u64;
 }
 
-/// Says once where ambient light is in fog that a level lights. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Says once where ambient light is in fog that a level lights. Runs in [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_fog(
-    settings: Res<MeshlessGiSettings>,
-    lit: Query<&MeshlessGiVolume>,
+    settings: Res<GiSettings>,
+    lit: Query<&GiIrradianceVolume>,
     volumes: Query<(), With<Voxels>>,
     fogs: Query<(), With<FogVolume>>,
     lamps: Query<(), With<VolumetricLight>>,
-    cameras: Query<(&Camera, &VolumetricFog, DisplayParts), Without<MeshlessGiCapture>>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    cameras: Query<(&Camera, &VolumetricFog, DisplayParts), Without<GiRsmCamera>>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     let there = !volumes.is_empty() && !fogs.is_empty() && !lamps.is_empty();
     let shines = |(camera, fog, parts): (&Camera, &VolumetricFog, _)| {
@@ -419,7 +417,7 @@ pub(crate) fn check_fog(
         && lit.iter().any(|volume| volume.fog > 0.0)
         && cameras.iter().any(shines)
     {
-        tell(vec![MeshlessGiFinding::FogAmbient], &mut findings);
+        tell(vec![GiWarning::FogAmbient], &mut findings);
     }
 }
 

@@ -1,9 +1,9 @@
-//! [`MeshlessGiForwardCamera`]: the display of a camera that is not deferred.
+//! [`GiForwardCamera`]: the display of a camera that is not deferred.
 
-use super::components::MeshlessGiCamera;
-use super::display::MeshlessGiDisplay;
+use super::components::GiCamera;
+use super::display::GiSplatting;
 use super::extract::{ExtractedGiView, ExtractedScene, in_view};
-use super::reflective::MeshlessGiCapture;
+use super::reflective::GiRsmCamera;
 use crate::plan::ViewId;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, primitives::Frustum};
@@ -15,23 +15,23 @@ use bevy::reflect::prelude::*;
 /// Displays the whole bake on a camera that draws forward, with one sample a pixel, with and without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the
 /// display reads.
 ///
-/// Needs [`MeshlessGiVolume`](super::MeshlessGiVolume) on the scene's root, and so a bake with light in free space: Bevy's forward shader asks
+/// Needs [`GiIrradianceVolume`](super::GiIrradianceVolume) on the scene's root, and so a bake with light in free space: Bevy's forward shader asks
 /// for the light of an irradiance volume, and the module that answers for our volumes reads the display where the pixel shows
 /// the surface that is drawn. What the prepasses do not hold, transparent surfaces among them, is lit by the volume as before. Edges of surfaces that several samples share may be, too.
 ///
-/// Soft shadows, gloss and the views of [`MeshlessGiView`](super::MeshlessGiView) are for deferred cameras. Has no effect beside
-/// [`MeshlessGiCamera`](super::MeshlessGiCamera).
+/// Soft shadows, gloss and the views of [`GiDebugView`](super::GiDebugView) are for deferred cameras. Has no effect beside
+/// [`GiCamera`](super::GiCamera).
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-#[require(DepthPrepass, NormalPrepass, MeshlessGiDisplay)]
-pub struct MeshlessGiForwardCamera {
+#[require(DepthPrepass, NormalPrepass, GiSplatting)]
+pub struct GiForwardCamera {
     /// Off, the camera is lit by the volume alone.
     pub enabled: bool,
     /// Multiplies the indirect light of the display. 1 is what physics says.
     pub intensity: f32,
 }
 
-impl Default for MeshlessGiForwardCamera {
+impl Default for GiForwardCamera {
     fn default() -> Self {
         Self {
             enabled: true,
@@ -44,8 +44,8 @@ impl Default for MeshlessGiForwardCamera {
 #[derive(QueryData)]
 pub(crate) struct ForwardParts {
     pub camera: &'static Camera,
-    settings: &'static MeshlessGiForwardCamera,
-    display: &'static MeshlessGiDisplay,
+    settings: &'static GiForwardCamera,
+    display: &'static GiSplatting,
     frustum: &'static Frustum,
     layers: Option<&'static RenderLayers>,
     depth: Has<DepthPrepass>,
@@ -55,7 +55,7 @@ pub(crate) struct ForwardParts {
 
 /// All of them.
 pub(crate) type ForwardDisplays<'w, 's> =
-    Query<'w, 's, (Entity, ForwardParts), (Without<MeshlessGiCamera>, Without<MeshlessGiCapture>)>;
+    Query<'w, 's, (Entity, ForwardParts), (Without<GiCamera>, Without<GiRsmCamera>)>;
 
 impl ForwardPartsItem<'_, '_> {
     /// The view, as the render world needs it. It sees the scenes that have a volume: without one no surface asks for their light.
@@ -72,10 +72,10 @@ impl ForwardPartsItem<'_, '_> {
         let pixels = self.camera.physical_viewport_size();
         ExtractedGiView {
             id: ViewId(entity.to_bits()),
-            settings: MeshlessGiCamera {
+            settings: GiCamera {
                 enabled: self.settings.enabled,
                 intensity: self.settings.intensity,
-                ..MeshlessGiCamera::default()
+                ..GiCamera::default()
             },
             display: *self.display,
             gloss: None,

@@ -1,13 +1,13 @@
 //! Drawings of what a bake is made of, off by default.
 //!
-//! Turn them on with `GizmoConfigStore`: `store.config_mut::<MeshlessGiGizmos>().0.enabled = true`, and choose in the group
+//! Turn them on with `GizmoConfigStore`: `store.config_mut::<GiGizmos>().0.enabled = true`, and choose in the group
 //! what to draw. Points come from the baked asset. The green dots of [L08] Figure 1, the non-zero coefficients, are those that the
 //! device computed for this frame's lights: while they are on, the vector irradiances are read back, some frames late.
 
-use super::components::MeshlessGi;
-use super::readback::MeshlessGiCoefficients;
+use super::components::GiScene;
+use super::readback::SharedCoefficients;
 use super::transform::Placement;
-use super::{asset::MeshlessGiAsset, sets::MeshlessGiSystems};
+use super::{asset::GiBakedScene, sets::GiSystems};
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::Assets;
 use bevy::camera::visibility::InheritedVisibility;
@@ -23,7 +23,7 @@ use bevy::transform::components::GlobalTransform;
 /// What to draw of each baked scene.
 #[derive(GizmoConfigGroup, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiGizmos {
+pub struct GiGizmos {
     /// A cross at every point, one color a level (red is coarsest, blue finest).
     pub points: bool,
     /// A stroke along every point's normal.
@@ -40,7 +40,7 @@ pub struct MeshlessGiGizmos {
     pub size: f32,
 }
 
-impl Default for MeshlessGiGizmos {
+impl Default for GiGizmos {
     fn default() -> Self {
         Self {
             points: true,
@@ -55,7 +55,7 @@ impl Default for MeshlessGiGizmos {
 }
 
 /// True when the frame must bring coefficients back.
-pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &MeshlessGiGizmos)) -> bool {
+pub(crate) fn wants_coefficients((config, group): (&GizmoConfig, &GiGizmos)) -> bool {
     config.enabled && group.coefficients
 }
 
@@ -72,8 +72,8 @@ impl Plugin for MeshlessGiGizmosPlugin {
             depth_bias: -0.01,
             ..GizmoConfig::default()
         };
-        app.insert_gizmo_config(MeshlessGiGizmos::default(), off)
-            .add_systems(Last, draw.in_set(MeshlessGiSystems::Check));
+        app.insert_gizmo_config(GiGizmos::default(), off)
+            .add_systems(Last, draw.in_set(GiSystems::Check));
     }
 }
 
@@ -88,10 +88,10 @@ fn level_color(level: usize, levels: usize) -> Color {
 }
 
 fn draw(
-    mut gizmos: Gizmos<MeshlessGiGizmos>,
-    scenes: Query<(Entity, &MeshlessGi, &GlobalTransform, &InheritedVisibility)>,
-    assets: Res<Assets<MeshlessGiAsset>>,
-    coefficients: Res<MeshlessGiCoefficients>,
+    mut gizmos: Gizmos<GiGizmos>,
+    scenes: Query<(Entity, &GiScene, &GlobalTransform, &InheritedVisibility)>,
+    assets: Res<Assets<GiBakedScene>>,
+    coefficients: Res<SharedCoefficients>,
 ) {
     if !gizmos.config.enabled {
         return;

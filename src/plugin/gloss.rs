@@ -7,12 +7,12 @@ use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
 use meshless_gi::frame::{GlossSettings, VplParams, VplViewParams};
 
-/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the highlights of the virtual lights that [`MeshlessGiReflective`](super::MeshlessGiReflective) lamps make. Goes
-/// beside [`MeshlessGiCamera`](super::MeshlessGiCamera). Each light is evaluated where it changes on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing
+/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the highlights of the virtual lights that [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap) lamps make. Goes
+/// beside [`GiCamera`](super::GiCamera). Each light is evaluated where it changes on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing
 /// while nothing bounces in view.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiGloss {
+pub struct GiSpecular {
     /// All lights are evaluated at places 2^coarsest pixels apart, 2 to 6: highlights much narrower may be missed.
     pub coarsest: u32,
     /// None are evaluated at places nearer than 2^finest pixels; 1 at least.
@@ -23,7 +23,7 @@ pub struct MeshlessGiGloss {
     pub roughest: f32,
 }
 
-impl Default for MeshlessGiGloss {
+impl Default for GiSpecular {
     fn default() -> Self {
         let settings = GlossSettings::default();
         Self {
@@ -35,8 +35,8 @@ impl Default for MeshlessGiGloss {
     }
 }
 
-impl From<MeshlessGiGloss> for GlossSettings {
-    fn from(gloss: MeshlessGiGloss) -> Self {
+impl From<GiSpecular> for GlossSettings {
+    fn from(gloss: GiSpecular) -> Self {
         Self {
             coarsest: gloss.coarsest,
             finest: gloss.finest,

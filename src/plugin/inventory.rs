@@ -1,12 +1,12 @@
 //! Takes the [inventory](crate::plan::Inventory) of the world: in the main world, which materials want a normal map, looked at where one changes; in extraction, after scenes and lights were
 //! read, everything else.
 
-use super::components::MeshlessGiCamera;
+use super::components::GiCamera;
 use super::compute::bounds;
 use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
 };
-use super::reflective::{AskingLights, MeshlessGiBouncer, MeshlessGiCapture};
+use super::reflective::{AskingLights, GiReflector, GiRsmCamera};
 use crate::plan::{
     BouncePicker, Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches,
 };
@@ -49,7 +49,7 @@ pub(crate) fn follow_materials(
 
 type AnyCamera = (
     &'static Camera,
-    Option<&'static MeshlessGiCamera>,
+    Option<&'static GiCamera>,
     Option<&'static Msaa>,
     Brought,
 );
@@ -74,7 +74,7 @@ pub(crate) struct Pickers {
     bake: usize,
 }
 
-/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), after scenes and lights were read.
+/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), after scenes and lights were read.
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,
@@ -84,8 +84,8 @@ pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
     mut surveyor: Local<Surveyor<LightKey>>,
     mut pickers: Local<BTreeMap<SceneId, Pickers>>,
-    cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<MeshlessGiCapture>)>>,
-    bouncers: Extract<Query<(), With<MeshlessGiBouncer>>>,
+    cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<GiRsmCamera>)>>,
+    bouncers: Extract<Query<(), With<GiReflector>>>,
     asking: Extract<Res<AskingLights>>,
     maps: Extract<Res<NormalMaps>>,
     fogs: Extract<Query<(), With<FogVolume>>>,

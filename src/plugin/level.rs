@@ -4,7 +4,7 @@
 //! `level.gi.ron` beside `level.glb` holds a [`Recipe`] that names the level:
 //! `(scene: "level.glb", preset: Medium)`.
 //!
-//! | assets of the app | `asset_server.load::<MeshlessGiAsset>("level.gi.ron")` |
+//! | assets of the app | `asset_server.load::<GiBakedScene>("level.gi.ron")` |
 //! |---|---|
 //! | processed by the app (`AssetMode::Processed`) | loads the bake of the asset processor |
 //! | processed before, by the build step or another app | loads that bake |
@@ -16,13 +16,13 @@
 //! A level that cannot be baked fails its asset with a message that says what and where. Nothing
 //! here panics, because a panic would hang Bevy's asset processor forever.
 
-use super::asset::MeshlessGiAsset;
+use super::asset::GiBakedScene;
 use super::asset_folders::AssetFolders;
 use super::background::Background;
 use super::bake_task::bake_threads;
-use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
+use super::level_check::{GiSceneCheck, LevelChecker};
 use super::level_files::{LevelFiles, ReadFile};
-use super::loader::{MeshlessGiLoadError, read_bake};
+use super::loader::{GiLoadError, read_bake};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
@@ -37,16 +37,16 @@ use meshless_gi::scene::SceneError;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Settings of [`MeshlessGiBakeProcessor`](super::MeshlessGiBakeProcessor) and
-/// [`MeshlessGiRecipeLoader`], for `.meta` files.
+/// Settings of [`GiBakeProcessor`](super::GiBakeProcessor) and
+/// [`GiRecipeLoader`], for `.meta` files.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiBakeSettings {
+pub struct GiBakeSettings {
     /// [`BAKE_VERSION`]; it takes part in Bevy's hash of what an asset was made from.
     pub bake_version: u32,
 }
 
-impl Default for MeshlessGiBakeSettings {
+impl Default for GiBakeSettings {
     fn default() -> Self {
         Self {
             bake_version: BAKE_VERSION,
@@ -99,7 +99,7 @@ pub enum RecipeLoadError {
     },
     /// The file of the recipe's name holds a bake that cannot be used.
     #[error(transparent)]
-    Baked(#[from] MeshlessGiLoadError),
+    Baked(#[from] GiLoadError),
 }
 
 /// Input of a recipe's bake.
@@ -230,15 +230,15 @@ impl ReadFile for ContextReader<'_, '_> {
 /// Bakes a recipe (`.gi.ron`) while loading it. A recipe that names no preset is baked at
 /// [`Preset::Draft`]. A file of that name that holds a bake is loaded like a `.mgi` file.
 #[derive(Clone, Debug, Default, TypePath)]
-pub struct MeshlessGiRecipeLoader {
+pub struct GiRecipeLoader {
     pub(crate) bakes: RecipeBakes,
     pub(crate) folders: AssetFolders,
     pub(crate) checker: LevelChecker,
 }
 
-impl AssetLoader for MeshlessGiRecipeLoader {
-    type Asset = MeshlessGiAsset;
-    type Settings = MeshlessGiBakeSettings;
+impl AssetLoader for GiRecipeLoader {
+    type Asset = GiBakedScene;
+    type Settings = GiBakeSettings;
     type Error = RecipeLoadError;
 
     async fn load(
@@ -246,12 +246,12 @@ impl AssetLoader for MeshlessGiRecipeLoader {
         reader: &mut dyn Reader,
         _settings: &Self::Settings,
         context: &mut LoadContext<'_>,
-    ) -> Result<MeshlessGiAsset, RecipeLoadError> {
+    ) -> Result<GiBakedScene, RecipeLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         if is_container(&bytes) {
             let scene = read_bake(&bytes, Limits::default().max_bytes)?;
-            let check = MeshlessGiLevelCheck::default();
+            let check = GiSceneCheck::default();
             self.checker.check(&scene.info, check, context).await;
             return Ok(scene.into());
         }

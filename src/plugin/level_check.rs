@@ -5,8 +5,8 @@
 //! content hash compared: an edited animation makes no bake stale. The level is read through the
 //! load context, so that a change of it loads and compares the bake again where Bevy watches files.
 
-use super::check::{MeshlessGiFinding, MeshlessGiFindings};
-use super::components::MeshlessGi;
+use super::check::{GiWarning, GiWarnings};
+use super::components::GiScene;
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// of the bake is always compared.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
-pub enum MeshlessGiLevelCheck {
+pub enum GiSceneCheck {
     /// In builds with debug assertions.
     #[default]
     Auto,
@@ -31,7 +31,7 @@ pub enum MeshlessGiLevelCheck {
     Never,
 }
 
-impl MeshlessGiLevelCheck {
+impl GiSceneCheck {
     #[cfg(feature = "gltf")]
     fn is_on(self) -> bool {
         match self {
@@ -47,7 +47,7 @@ impl MeshlessGiLevelCheck {
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Clone, Debug)]
-pub struct MeshlessGiStaleBakes(pub HashMap<AssetPath<'static>, Staleness>);
+pub struct GiStaleBakes(pub HashMap<AssetPath<'static>, Staleness>);
 
 /// Comparisons on their way from loaders to the main world.
 #[derive(Resource, Clone, Debug, Default)]
@@ -85,12 +85,7 @@ pub(crate) struct LevelChecker {
 impl LevelChecker {
     /// Compares a bake that `context` loads with its level, and reports it. A level that cannot be
     /// read or parsed is not compared.
-    pub async fn check(
-        &self,
-        info: &BakeInfo,
-        check: MeshlessGiLevelCheck,
-        context: &mut LoadContext<'_>,
-    ) {
+    pub async fn check(&self, info: &BakeInfo, check: GiSceneCheck, context: &mut LoadContext<'_>) {
         let report = LevelReport {
             path: context.path().clone(),
             level: info.level.clone(),
@@ -180,13 +175,13 @@ fn is_recipe(path: &AssetPath<'_>) -> bool {
     path.path().to_string_lossy().ends_with(".gi.ron")
 }
 
-/// Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn warn_stale(
     reports: Res<LevelReports>,
-    scenes: Query<(Entity, Option<&Name>, &MeshlessGi)>,
+    scenes: Query<(Entity, Option<&Name>, &GiScene)>,
     mut pending: Local<Vec<LevelReport>>,
-    mut stale: ResMut<MeshlessGiStaleBakes>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    mut stale: ResMut<GiStaleBakes>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     for report in reports.take() {
         pending.retain(|older| older.path != report.path);
@@ -208,8 +203,8 @@ pub(crate) fn warn_stale(
         };
         let entity = name.map_or_else(|| entity.to_string(), |name| format!("{name} ({entity})"));
         warn!("{}", advice(&entity, report));
-        if !findings.0.contains(&MeshlessGiFinding::StaleBake) {
-            findings.0.push(MeshlessGiFinding::StaleBake);
+        if !findings.0.contains(&GiWarning::StaleBake) {
+            findings.0.push(GiWarning::StaleBake);
         }
         false
     });

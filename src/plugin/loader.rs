@@ -1,7 +1,7 @@
 //! Loader of `.mgi` files and of processed recipes.
 
-use super::asset::MeshlessGiAsset;
-use super::level_check::{LevelChecker, MeshlessGiLevelCheck};
+use super::asset::GiBakedScene;
+use super::level_check::{GiSceneCheck, LevelChecker};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
 use bevy::reflect::prelude::*;
 use meshless_gi::asset::{AssetError, BakedScene, Limits};
@@ -9,26 +9,26 @@ use serde::{Deserialize, Serialize};
 
 /// Loads `.mgi` files, and what the asset processor makes of recipes.
 #[derive(Clone, Debug, Default, TypePath)]
-pub struct MeshlessGiLoader {
+pub struct GiBakedSceneLoader {
     pub(crate) checker: LevelChecker,
 }
 
-/// Settings of [`MeshlessGiLoader`], for `.meta` files.
+/// Settings of [`GiBakedSceneLoader`], for `.meta` files.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
-pub struct MeshlessGiLoaderSettings {
+pub struct GiBakedSceneLoaderSettings {
     /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything is allocated.
     pub max_bytes: u64,
     /// When the level beside the bake is read, to find a bake that is stale.
-    pub check_level: MeshlessGiLevelCheck,
+    pub check_level: GiSceneCheck,
 }
 
-impl Default for MeshlessGiLoaderSettings {
+impl Default for GiBakedSceneLoaderSettings {
     fn default() -> Self {
         Self {
             max_bytes: Limits::default().max_bytes,
-            check_level: MeshlessGiLevelCheck::default(),
+            check_level: GiSceneCheck::default(),
         }
     }
 }
@@ -36,7 +36,7 @@ impl Default for MeshlessGiLoaderSettings {
 /// Why a `.mgi` file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum MeshlessGiLoadError {
+pub enum GiLoadError {
     /// The bytes could not be read.
     #[error("the file could not be read: {0}")]
     Io(#[from] std::io::Error),
@@ -48,17 +48,17 @@ pub enum MeshlessGiLoadError {
     Empty,
 }
 
-impl AssetLoader for MeshlessGiLoader {
-    type Asset = MeshlessGiAsset;
-    type Settings = MeshlessGiLoaderSettings;
-    type Error = MeshlessGiLoadError;
+impl AssetLoader for GiBakedSceneLoader {
+    type Asset = GiBakedScene;
+    type Settings = GiBakedSceneLoaderSettings;
+    type Error = GiLoadError;
 
     async fn load(
         &self,
         reader: &mut dyn Reader,
         settings: &Self::Settings,
         context: &mut LoadContext<'_>,
-    ) -> Result<MeshlessGiAsset, MeshlessGiLoadError> {
+    ) -> Result<GiBakedScene, GiLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let scene = read_bake(&bytes, settings.max_bytes)?;
@@ -73,9 +73,9 @@ impl AssetLoader for MeshlessGiLoader {
 }
 
 /// Reads a bake that takes at most `max_bytes` of memory.
-pub(crate) fn read_bake(bytes: &[u8], max_bytes: u64) -> Result<BakedScene, MeshlessGiLoadError> {
+pub(crate) fn read_bake(bytes: &[u8], max_bytes: u64) -> Result<BakedScene, GiLoadError> {
     if bytes.is_empty() {
-        return Err(MeshlessGiLoadError::Empty);
+        return Err(GiLoadError::Empty);
     }
     Ok(BakedScene::from_bytes(bytes, &Limits { max_bytes })?)
 }

@@ -1,6 +1,6 @@
 //! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
 
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
+use super::check::{GiWarning, GiWarnings, tell};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;
@@ -14,13 +14,13 @@ use meshless_gi::scene::MaterialFactors;
 use std::sync::{Arc, Weak};
 
 /// Which asset a material of the bake is in this world: its name in the level's file, and the [`StandardMaterial`] that is drawn. Goes beside
-/// [`MeshlessGi`](super::MeshlessGi). Indirect light then follows `base_color` and `emissive` of the asset, in the frame in which they change; textures and
+/// [`GiScene`](super::GiScene). Indirect light then follows `base_color` and `emissive` of the asset, in the frame in which they change; textures and
 /// metalness stay those of the bake, and so do materials that are not named. Needs a bake with `live_materials: true` in its recipe.
 ///
 /// bevy_gltf puts a `GltfMaterialName` beside each mesh of a glTF scene: that is the name.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
+pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 
 /// Which of a bake's materials the named ones are: looked up where bake or names changed, for both may be hundreds.
 #[derive(Debug, Default)]
@@ -35,7 +35,7 @@ pub(crate) struct Resolved {
 
 impl Resolved {
     /// Looks names up where they are not those of the frame before.
-    fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&MeshlessGiMaterials>) {
+    fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
         let named = named.map_or(&[][..], |n| &n.0);
         if self.bake.as_ptr() == Arc::as_ptr(bake) && self.named == named {
             return;
@@ -62,7 +62,7 @@ impl Resolved {
     pub fn factors(
         &mut self,
         bake: &Arc<BakedScene>,
-        named: Option<&MeshlessGiMaterials>,
+        named: Option<&GiDynamicMaterials>,
         assets: Option<&Assets<StandardMaterial>>,
     ) -> (Vec<MaterialFactors>, &[String]) {
         self.follow(bake, named);
@@ -85,13 +85,13 @@ impl Resolved {
 
 type Textures = [Option<AssetId<Image>>; 2];
 
-/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs in [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,
-    named: Query<&MeshlessGiMaterials>,
+    named: Query<&GiDynamicMaterials>,
     mut before: Local<HashMap<AssetId<StandardMaterial>, Textures>>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     for event in events.read() {
         let (id, new) = match *event {
@@ -114,7 +114,7 @@ pub(crate) fn check_textures(
         let was = before.insert(id, now);
         let live = || named.iter().any(|n| n.0.iter().any(|(_, h)| h.id() == id));
         if !new && was.is_some_and(|was| was != now) && live() {
-            tell(vec![MeshlessGiFinding::LiveTexture], &mut findings);
+            tell(vec![GiWarning::LiveTexture], &mut findings);
         }
     }
 }

@@ -16,10 +16,10 @@
 //!     // The level, and the light baked for it, on one root.
 //!     commands.spawn((
 //!         WorldAssetRoot(assets.load("level.glb#Scene0")),
-//!         MeshlessGi(assets.load("level.gi.ron")),
+//!         GiScene(assets.load("level.gi.ron")),
 //!     ));
 //!     commands.spawn((PointLight { shadow_maps_enabled: true, ..default() }, Transform::from_xyz(0.0, 2.0, 0.0)));
-//!     commands.spawn((Camera3d::default(), MeshlessGiCamera::default(), Transform::from_xyz(0.0, 1.5, 4.0)));
+//!     commands.spawn((Camera3d::default(), GiCamera::default(), Transform::from_xyz(0.0, 1.5, 4.0)));
 //! }
 //! ```
 //!
@@ -54,9 +54,9 @@
 //!
 //! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
 //!   says so once and stays inert; nothing else of the app changes.
-//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`MeshlessGiCamera`] brings what that takes, and the plugin makes
+//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`GiCamera`] brings what that takes, and the plugin makes
 //!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Cameras without a deferred prepass draw such materials forward,
-//!   as without the plugin. What is drawn forward, transparent surfaces and whole cameras, is lit by [`MeshlessGiVolume`], and so is volumetric fog.
+//!   as without the plugin. What is drawn forward, transparent surfaces and whole cameras, is lit by [`GiIrradianceVolume`], and so is volumetric fog.
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
@@ -123,59 +123,52 @@ mod transform;
 mod volume;
 mod volume_shader;
 
-pub use asset::MeshlessGiAsset;
-pub use bake_error::MeshlessGiBakeError;
-pub use bake_finished::MeshlessGiBakeFinished;
+pub use asset::GiBakedScene;
+pub use bake_error::GiBakeError;
+pub use bake_finished::GiBakeFinished;
 #[cfg(feature = "gltf")]
-pub use bake_processor::MeshlessGiBakeProcessor;
-pub use bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
-pub use bake_summary::MeshlessGiBakeSummary;
-pub use bake_task::MeshlessGiBake;
+pub use bake_processor::GiBakeProcessor;
+pub use bake_progress::{GiBakeProgress, GiBakeStage};
+pub use bake_summary::GiBakeSummary;
+pub use bake_task::GiBakeTask;
 #[cfg(feature = "gltf")]
 pub use build_step::{
     ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
     process_assets,
 };
-pub use capture::MeshlessGiCaptureGraph;
-pub use check::{MeshlessGiFinding, MeshlessGiFindings};
+pub use capture::RsmSchedule;
+pub use check::{GiWarning, GiWarnings};
 pub use components::{
-    MeshlessGi, MeshlessGiCamera, MeshlessGiChannels, MeshlessGiLight, MeshlessGiLighting,
-    MeshlessGiSettings, MeshlessGiView,
+    GiCamera, GiColorMode, GiDebugView, GiLight, GiLighting, GiScene, GiSettings,
 };
-pub use diagnostics::{
-    MeshlessGiCounters, MeshlessGiDiagnosticsPlugin, MeshlessGiStatus, dispatch_path,
-};
-pub use display::{
-    MeshlessGiDepthTest, MeshlessGiDisplay, MeshlessGiNormalTest, MeshlessGiSubsplats,
-};
-pub use entity_bake::{
-    MeshlessGiBakeCommands, MeshlessGiBakeExclude, MeshlessGiBakeRequest, MeshlessGiBakeWarning,
-};
-pub use forward_camera::MeshlessGiForwardCamera;
-pub use gizmos::MeshlessGiGizmos;
-pub use gloss::MeshlessGiGloss;
+pub use diagnostics::{FrameStats, GiFrameStats, MeshlessGiDiagnosticsPlugin, dispatch_path};
+pub use display::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
+pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
+pub use forward_camera::GiForwardCamera;
+pub use gizmos::GiGizmos;
+pub use gloss::GiSpecular;
 #[cfg(feature = "gltf")]
-pub use level::{MeshlessGiBakeSettings, MeshlessGiRecipeLoader, RecipeLoadError};
-pub use level_check::{MeshlessGiLevelCheck, MeshlessGiStaleBakes};
-pub use loader::{MeshlessGiLoadError, MeshlessGiLoader, MeshlessGiLoaderSettings};
-pub use materials::MeshlessGiMaterials;
-pub use occluders::MeshlessGiOccluder;
+pub use level::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
+pub use level_check::{GiSceneCheck, GiStaleBakes};
+pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
+pub use materials::GiDynamicMaterials;
+pub use occluders::GiOccluder;
 pub use points::{
-    MeshlessGiPointCloud, MeshlessGiPointCloudPart, MeshlessGiPoints, MeshlessGiPointsError,
-    MeshlessGiPointsLoader, MeshlessGiPointsSettings,
+    GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoader,
+    GiPointCloudLoaderSettings, GiPointCloudPart,
 };
-pub use quality::{GivenCost, MeshlessGiCost, MeshlessGiQuality, MeshlessGiTier};
-pub use readback::MeshlessGiCoefficients;
+pub use quality::{GiActiveTier, GiQuality, SolveCostFn, SolveCostSource};
+pub use readback::SharedCoefficients;
 #[cfg(feature = "gltf")]
-pub use recipe_progress::MeshlessGiRecipeProgress;
+pub use recipe_progress::GiRecipeProgress;
 pub use reflective::{
-    MeshlessGiBouncer, MeshlessGiCapture, MeshlessGiReflective, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
+    GiReflectiveShadowMap, GiReflector, GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
 };
-pub use sets::MeshlessGiSystems;
-pub use sky::{MeshlessGiSky, MeshlessGiSkyError};
-pub use soft::MeshlessGiSoftShadow;
+pub use sets::GiSystems;
+pub use sky::{GiSky, GiSkyError};
+pub use soft::GiSoftShadow;
 pub use transform::Placement;
-pub use volume::MeshlessGiVolume;
+pub use volume::GiIrradianceVolume;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
 use bevy::asset::{AssetApp, AssetEventSystems, Assets};
@@ -210,47 +203,47 @@ impl Default for MeshlessGiPlugin {
 
 impl Plugin for MeshlessGiPlugin {
     fn build(&self, app: &mut App) {
-        app.register_type::<MeshlessGi>()
-            .register_type::<MeshlessGiBakeExclude>()
-            .register_type::<MeshlessGiBakeRequest>()
-            .register_type::<MeshlessGiStaleBakes>()
-            .register_type::<MeshlessGiBakeProgress>()
-            .register_type::<MeshlessGiBouncer>()
-            .register_type::<MeshlessGiCamera>()
-            .register_type::<MeshlessGiCapture>()
-            .register_type::<MeshlessGiCost>()
-            .register_type::<MeshlessGiDisplay>()
-            .register_type::<MeshlessGiFindings>()
-            .register_type::<MeshlessGiGizmos>()
-            .register_type::<MeshlessGiForwardCamera>()
-            .register_type::<MeshlessGiGloss>()
-            .register_type::<MeshlessGiLight>()
-            .register_type::<MeshlessGiLighting>()
-            .register_type::<MeshlessGiLoaderSettings>()
-            .register_type::<MeshlessGiMaterials>()
-            .register_type::<MeshlessGiOccluder>()
-            .register_type::<MeshlessGiChannels>()
-            .register_type::<MeshlessGiPointCloud>()
-            .register_type::<MeshlessGiPointCloudPart>()
-            .register_type::<MeshlessGiPointsSettings>()
-            .register_type::<MeshlessGiQuality>()
-            .register_type::<MeshlessGiReflective>()
-            .register_type::<MeshlessGiSettings>()
-            .register_type::<MeshlessGiSky>()
-            .register_type::<MeshlessGiSoftShadow>()
-            .register_type::<MeshlessGiTier>()
-            .register_type::<MeshlessGiView>()
-            .register_type::<MeshlessGiVolume>()
-            .init_resource::<MeshlessGiSettings>()
-            .init_resource::<MeshlessGiFindings>()
-            .init_resource::<MeshlessGiCost>()
+        app.register_type::<GiScene>()
+            .register_type::<GiBakeExclude>()
+            .register_type::<GiBakeRequest>()
+            .register_type::<GiStaleBakes>()
+            .register_type::<GiBakeProgress>()
+            .register_type::<GiReflector>()
+            .register_type::<GiCamera>()
+            .register_type::<GiRsmCamera>()
+            .register_type::<SolveCostSource>()
+            .register_type::<GiSplatting>()
+            .register_type::<GiWarnings>()
+            .register_type::<GiGizmos>()
+            .register_type::<GiForwardCamera>()
+            .register_type::<GiSpecular>()
+            .register_type::<GiLight>()
+            .register_type::<GiLighting>()
+            .register_type::<GiBakedSceneLoaderSettings>()
+            .register_type::<GiDynamicMaterials>()
+            .register_type::<GiOccluder>()
+            .register_type::<GiColorMode>()
+            .register_type::<GiPointCloud>()
+            .register_type::<GiPointCloudPart>()
+            .register_type::<GiPointCloudLoaderSettings>()
+            .register_type::<GiQuality>()
+            .register_type::<GiReflectiveShadowMap>()
+            .register_type::<GiSettings>()
+            .register_type::<GiSky>()
+            .register_type::<GiSoftShadow>()
+            .register_type::<GiActiveTier>()
+            .register_type::<GiDebugView>()
+            .register_type::<GiIrradianceVolume>()
+            .init_resource::<GiSettings>()
+            .init_resource::<GiWarnings>()
+            .init_resource::<SolveCostSource>()
             .init_resource::<deferred::ReadyDisplays>()
-            .init_resource::<MeshlessGiCoefficients>()
+            .init_resource::<SharedCoefficients>()
             .init_resource::<reflective::AskingLights>()
             .init_resource::<inventory::NormalMaps>()
             .init_resource::<costs::DeviceCosts>()
-            .init_asset::<MeshlessGiPoints>()
-            .register_asset_loader(MeshlessGiPointsLoader)
+            .init_asset::<GiPointCloudAsset>()
+            .register_asset_loader(GiPointCloudLoader)
             .add_plugins((
                 asset::BakedAssetPlugin,
                 MeshlessGiDiagnosticsPlugin,
@@ -264,21 +257,21 @@ impl Plugin for MeshlessGiPlugin {
                     decisions::log_decisions,
                     scene_log::log_scenes,
                 )
-                    .in_set(MeshlessGiSystems::Collect),
+                    .in_set(GiSystems::Collect),
             )
-            .add_systems(PostUpdate, quality::pick.in_set(MeshlessGiSystems::Pick))
+            .add_systems(PostUpdate, quality::pick.in_set(GiSystems::Pick))
             // After assets have come, and before transforms and bounds of new meshes are made.
             .add_systems(
                 Update,
                 (points::draw, points::follow)
                     .chain()
-                    .in_set(MeshlessGiSystems::Points),
+                    .in_set(GiSystems::Points),
             )
             .add_systems(
                 PostUpdate,
                 (reflective::mark, reflective::aim)
                     .chain()
-                    .in_set(MeshlessGiSystems::Aim)
+                    .in_set(GiSystems::Aim)
                     .after(TransformSystems::Propagate)
                     .after(VisibilitySystems::VisibilityPropagate)
                     .before(CameraUpdateSystems)
@@ -299,15 +292,15 @@ impl Plugin for MeshlessGiPlugin {
                 PostUpdate,
                 (
                     volume::shape
-                        .in_set(MeshlessGiSystems::Shape)
+                        .in_set(GiSystems::Shape)
                         .before(TransformSystems::Propagate)
                         .before(AssetEventSystems)
                         .run_if(resource_exists::<Assets<Image>>),
                     volume_shader::replace
-                        .in_set(MeshlessGiSystems::Shape)
+                        .in_set(GiSystems::Shape)
                         .before(AssetEventSystems),
                     volume::hide
-                        .in_set(MeshlessGiSystems::Hide)
+                        .in_set(GiSystems::Hide)
                         .after(VisibilitySystems::CheckVisibility),
                 ),
             )
@@ -328,34 +321,33 @@ impl Plugin for MeshlessGiPlugin {
                     materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
                 )
                     .chain()
-                    .in_set(MeshlessGiSystems::Check),
+                    .in_set(GiSystems::Check),
             )
             .add_systems(
                 Last,
                 (
-                    entity_bake::systems::start_bakes
-                        .run_if(any_with_component::<MeshlessGiBakeRequest>),
+                    entity_bake::systems::start_bakes.run_if(any_with_component::<GiBakeRequest>),
                     entity_bake::stale::compare_bakes.run_if(entity_bake::stale::has_comparison),
                 )
                     .chain()
-                    .in_set(MeshlessGiSystems::Request)
-                    .before(MeshlessGiSystems::Check),
+                    .in_set(GiSystems::Request)
+                    .before(GiSystems::Check),
             )
             .add_systems(
                 Last,
-                entity_bake::wrong_file::check_files.in_set(MeshlessGiSystems::Check),
+                entity_bake::wrong_file::check_files.in_set(GiSystems::Check),
             );
         #[cfg(feature = "gltf")]
-        app.register_type::<MeshlessGiBakeSettings>();
+        app.register_type::<GiBakeSettings>();
         if self.deferred {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }
     }
 
     fn finish(&self, app: &mut App) {
-        let status = app.world().resource::<MeshlessGiStatus>().clone();
+        let status = app.world().resource::<GiFrameStats>().clone();
         let costs = app.world().resource::<costs::DeviceCosts>().clone();
-        let coefficients = app.world().resource::<MeshlessGiCoefficients>().clone();
+        let coefficients = app.world().resource::<SharedCoefficients>().clone();
         let ready = app.world().resource::<deferred::ReadyDisplays>().clone();
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
             warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
@@ -395,12 +387,12 @@ impl Plugin for MeshlessGiPlugin {
                         .after(extract::extract),
                     inventory::take_inventory.after(extract::extract),
                 )
-                    .in_set(MeshlessGiSystems::Extract),
+                    .in_set(GiSystems::Extract),
             )
             .add_systems(
                 RenderGraph,
                 compute::compute
-                    .in_set(MeshlessGiSystems::Compute)
+                    .in_set(GiSystems::Compute)
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
             )
@@ -418,7 +410,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 Core3d,
                 composite::composite
-                    .in_set(MeshlessGiSystems::Composite)
+                    .in_set(GiSystems::Composite)
                     .in_set(Core3dSystems::MainPass)
                     .after(main_opaque_pass_3d)
                     .before(main_transmissive_pass_3d)
@@ -430,7 +422,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 Core3d,
                 fog::draw
-                    .in_set(MeshlessGiSystems::Fog)
+                    .in_set(GiSystems::Fog)
                     .in_set(Core3dSystems::EarlyPostProcess),
             );
     }

@@ -11,14 +11,14 @@ use meshless_gi::asset::Occluders;
 /// counts; an occluder that no entity names stands open. The indirect light follows; direct light and its shadows are Bevy's own, of the mesh that is drawn.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiOccluder {
+pub struct GiOccluder {
     /// Its name in the recipe.
     pub name: String,
     /// From 0, shut, to 1, open. What is no number is shut.
     pub openness: f32,
 }
 
-impl Default for MeshlessGiOccluder {
+impl Default for GiOccluder {
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -28,10 +28,7 @@ impl Default for MeshlessGiOccluder {
 }
 
 /// What passes the occluders of a bake now: the least of all that is said of each.
-pub(crate) fn gains<'a>(
-    known: &Occluders,
-    said: impl Iterator<Item = &'a MeshlessGiOccluder>,
-) -> Vec<f32> {
+pub(crate) fn gains<'a>(known: &Occluders, said: impl Iterator<Item = &'a GiOccluder>) -> Vec<f32> {
     let mut gains = vec![1.0f32; known.names.len()];
     for occluder in said {
         let called = known.names.iter().position(|name| *name == occluder.name);
@@ -63,7 +60,7 @@ mod tests {
             ("window", 0.0),
             ("lift", 3.0),
         ]
-        .map(|(name, openness)| MeshlessGiOccluder {
+        .map(|(name, openness)| GiOccluder {
             name: name.into(),
             openness,
         });

@@ -23,9 +23,9 @@ use meshless_gi::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A point cloud, and what it is drawn as. `asset_server.load::<MeshlessGiPoints>("statue.ply")`.
+/// A point cloud, and what it is drawn as. `asset_server.load::<GiPointCloudAsset>("statue.ply")`.
 #[derive(Asset, TypePath, Clone, Debug)]
-pub struct MeshlessGiPoints {
+pub struct GiPointCloudAsset {
     /// The points, in the cloud's own space: meters, linear albedo.
     pub cloud: Arc<PointCloud>,
     /// Their cells, colored as the points are, in parts of 100,000 points at most, as no device has room for a mesh of any size; the labeled assets `Mesh0`, `Mesh1`, …
@@ -41,17 +41,17 @@ pub struct MeshlessGiPoints {
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Transform, Visibility)]
-pub struct MeshlessGiPointCloud(pub Handle<MeshlessGiPoints>);
+pub struct GiPointCloud(pub Handle<GiPointCloudAsset>);
 
-/// Loads `.ply` files as [`MeshlessGiPoints`].
+/// Loads `.ply` files as [`GiPointCloudAsset`].
 #[derive(Clone, Copy, Debug, Default, TypePath)]
-pub struct MeshlessGiPointsLoader;
+pub struct GiPointCloudLoader;
 
-/// Settings of [`MeshlessGiPointsLoader`], for `.meta` files.
+/// Settings of [`GiPointCloudLoader`], for `.meta` files.
 #[derive(Reflect, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
-pub struct MeshlessGiPointsSettings {
+pub struct GiPointCloudLoaderSettings {
     /// Places in free space, meters: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
     pub viewpoints: Vec<[f32; 3]>,
 }
@@ -59,7 +59,7 @@ pub struct MeshlessGiPointsSettings {
 /// Why a `.ply` file gives no cloud.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum MeshlessGiPointsError {
+pub enum GiPointCloudLoadError {
     /// The file could not be read.
     #[error("the points could not be read: {0}")]
     Io(#[from] std::io::Error),
@@ -68,17 +68,17 @@ pub enum MeshlessGiPointsError {
     Scene(#[from] SceneError),
 }
 
-impl AssetLoader for MeshlessGiPointsLoader {
-    type Asset = MeshlessGiPoints;
-    type Settings = MeshlessGiPointsSettings;
-    type Error = MeshlessGiPointsError;
+impl AssetLoader for GiPointCloudLoader {
+    type Asset = GiPointCloudAsset;
+    type Settings = GiPointCloudLoaderSettings;
+    type Error = GiPointCloudLoadError;
 
     async fn load(
         &self,
         reader: &mut dyn Reader,
         settings: &Self::Settings,
         context: &mut LoadContext<'_>,
-    ) -> Result<MeshlessGiPoints, MeshlessGiPointsError> {
+    ) -> Result<GiPointCloudAsset, GiPointCloudLoadError> {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let name = context.path().to_string();
@@ -93,7 +93,7 @@ impl AssetLoader for MeshlessGiPointsLoader {
             .map(|(k, mesh)| context.add_labeled_asset(format!("Mesh{k}"), mesh))
             .collect();
         let material = context.add_labeled_asset("Material", material());
-        Ok(MeshlessGiPoints {
+        Ok(GiPointCloudAsset {
             cloud: Arc::new(cloud),
             meshes,
             material,
@@ -105,7 +105,7 @@ impl AssetLoader for MeshlessGiPointsLoader {
     }
 }
 
-impl MeshlessGiPoints {
+impl GiPointCloudAsset {
     /// A cloud that a game made itself.
     #[must_use]
     pub fn new(
@@ -186,22 +186,22 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
 /// its `RenderLayers`, `NotShadowCaster` and `NotShadowReceiver`.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiPointCloudPart;
+pub struct GiPointCloudPart;
 
 /// Gives point clouds what they are drawn as, and takes it from those that are none any more.
 #[allow(clippy::type_complexity, reason = "what a query reads")]
 pub(crate) fn draw(
     mut commands: Commands,
-    assets: Res<Assets<MeshlessGiPoints>>,
-    mut events: MessageReader<AssetEvent<MeshlessGiPoints>>,
-    mut removed: RemovedComponents<MeshlessGiPointCloud>,
+    assets: Res<Assets<GiPointCloudAsset>>,
+    mut events: MessageReader<AssetEvent<GiPointCloudAsset>>,
+    mut removed: RemovedComponents<GiPointCloud>,
     clouds: Query<(
         Entity,
-        Ref<MeshlessGiPointCloud>,
+        Ref<GiPointCloud>,
         Option<&Mesh3d>,
         Has<MeshMaterial3d<StandardMaterial>>,
     )>,
-    parts: Query<(Entity, &ChildOf), With<MeshlessGiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf), With<GiPointCloudPart>>,
 ) {
     let clear = |commands: &mut Commands, cloud: Entity| {
         for (part, _) in parts.iter().filter(|(_, of)| of.parent() == cloud) {
@@ -214,7 +214,7 @@ pub(crate) fn draw(
             entity.try_remove::<Mesh3d>();
         }
     }
-    let news: Vec<AssetId<MeshlessGiPoints>> = events
+    let news: Vec<AssetId<GiPointCloudAsset>> = events
         .read()
         .filter_map(|event| match event {
             AssetEvent::Added { id } | AssetEvent::Modified { id } => Some(*id),
@@ -231,7 +231,7 @@ pub(crate) fn draw(
         };
         clear(&mut commands, id);
         for mesh in others {
-            commands.spawn((MeshlessGiPointCloudPart, Mesh3d(mesh.clone()), ChildOf(id)));
+            commands.spawn((GiPointCloudPart, Mesh3d(mesh.clone()), ChildOf(id)));
         }
         let mut entity = commands.entity(id);
         if mesh.is_none_or(|mesh| mesh.0 != *first) {
@@ -254,8 +254,8 @@ type Drawn = (
 /// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind [`draw`].
 pub(crate) fn follow(
     mut commands: Commands,
-    parts: Query<(Entity, &ChildOf, Drawn), With<MeshlessGiPointCloudPart>>,
-    clouds: Query<Drawn, Without<MeshlessGiPointCloudPart>>,
+    parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,
+    clouds: Query<Drawn, Without<GiPointCloudPart>>,
 ) {
     for (part, of, own) in &parts {
         let Ok(cloud) = clouds.get(of.parent()) else {

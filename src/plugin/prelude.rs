@@ -1,14 +1,11 @@
 //! What most apps use, by name.
 
 pub use super::{
-    MeshlessGi, MeshlessGiAsset, MeshlessGiBake, MeshlessGiBakeCommands, MeshlessGiBakeError,
-    MeshlessGiBakeExclude, MeshlessGiBakeFinished, MeshlessGiBakeProgress, MeshlessGiBakeRequest,
-    MeshlessGiBakeStage, MeshlessGiBakeSummary, MeshlessGiBakeWarning, MeshlessGiBouncer,
-    MeshlessGiCamera, MeshlessGiCapture, MeshlessGiChannels, MeshlessGiDisplay, MeshlessGiFinding,
-    MeshlessGiFindings, MeshlessGiForwardCamera, MeshlessGiGloss, MeshlessGiLight,
-    MeshlessGiLighting, MeshlessGiMaterials, MeshlessGiOccluder, MeshlessGiPlugin,
-    MeshlessGiPointCloud, MeshlessGiPoints, MeshlessGiQuality, MeshlessGiReflective,
-    MeshlessGiSettings, MeshlessGiSky, MeshlessGiSoftShadow, MeshlessGiStatus, MeshlessGiSystems,
-    MeshlessGiTier, MeshlessGiView, MeshlessGiVolume,
+    GiActiveTier, GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress,
+    GiBakeRequest, GiBakeStage, GiBakeSummary, GiBakeTask, GiBakeWarning, GiBakedScene, GiCamera,
+    GiColorMode, GiDebugView, GiDynamicMaterials, GiForwardCamera, GiFrameStats,
+    GiIrradianceVolume, GiLight, GiLighting, GiOccluder, GiPointCloud, GiPointCloudAsset,
+    GiQuality, GiReflectiveShadowMap, GiReflector, GiRsmCamera, GiScene, GiSettings, GiSky,
+    GiSoftShadow, GiSpecular, GiSplatting, GiSystems, GiWarning, GiWarnings, MeshlessGiPlugin,
 };
 pub use meshless_gi::bake::{FreeSpaceLight, OccluderShape, Preset, Recipe};

@@ -6,10 +6,10 @@
 //! `render/meshless_gi_compute/solve_<root>/elapsed_gpu` holds projection and solve of one root. Where there are no such timestamps (Metal and WebGPU have none in
 //! Bevy) nothing is known of the cost, and the picker stays with all links and says so.
 
-use super::asset::MeshlessGiAsset;
-use super::components::{MeshlessGi, MeshlessGiLighting};
+use super::asset::GiBakedScene;
+use super::components::{GiLighting, GiScene};
 use super::compute::largest_binding;
-use super::diagnostics::MeshlessGiStatus;
+use super::diagnostics::GiFrameStats;
 use crate::plan::{BouncePicker, Picked, Picker, Quality, TierChoice, falls_back};
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
@@ -21,11 +21,11 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator is used. Goes beside [`MeshlessGi`] on the scene's root; may change
-/// in any frame. What was picked and why is in [`MeshlessGiTier`] and in the plan's words ([`MeshlessGiStatus`]).
+/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator is used. Goes beside [`GiScene`] on the scene's root; may change
+/// in any frame. What was picked and why is in [`GiActiveTier`] and in the plan's words ([`GiFrameStats`]).
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub enum MeshlessGiQuality {
+pub enum GiQuality {
     /// All links of the bake.
     #[default]
     All,
@@ -37,21 +37,21 @@ pub enum MeshlessGiQuality {
     FrameBudget(f32),
 }
 
-impl From<MeshlessGiQuality> for Quality {
-    fn from(asked: MeshlessGiQuality) -> Self {
+impl From<GiQuality> for Quality {
+    fn from(asked: GiQuality) -> Self {
         match asked {
-            MeshlessGiQuality::All => Self::All,
-            MeshlessGiQuality::Tier(n) => Self::Tier(n),
-            MeshlessGiQuality::MaxError(error) => Self::MaxError(error),
-            MeshlessGiQuality::FrameBudget(ms) => Self::FrameBudget(ms),
+            GiQuality::All => Self::All,
+            GiQuality::Tier(n) => Self::Tier(n),
+            GiQuality::MaxError(error) => Self::MaxError(error),
+            GiQuality::FrameBudget(ms) => Self::FrameBudget(ms),
         }
     }
 }
 
-/// The tier that [`MeshlessGiQuality`] selects, with the reason. Output of the plugin; comes with [`MeshlessGi`].
+/// The tier that [`GiQuality`] selects, with the reason. Output of the plugin; comes with [`GiScene`].
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiTier {
+pub struct GiActiveTier {
     /// Tier of the next frames, from 1; 0 while the bake is not loaded.
     pub tier: u32,
     /// Number of tiers of the bake.
@@ -68,7 +68,7 @@ pub struct MeshlessGiTier {
     pub changes: u64,
 }
 
-impl MeshlessGiTier {
+impl GiActiveTier {
     /// The tier of the next frames and the reason; `None` while the bake is not loaded.
     #[must_use]
     pub fn picked(&self) -> Option<Picked> {
@@ -89,7 +89,7 @@ impl MeshlessGiTier {
     }
 }
 
-impl From<&Picker> for MeshlessGiTier {
+impl From<&Picker> for GiActiveTier {
     fn from(picker: &Picker) -> Self {
         let picked = picker.picked();
         Self {
@@ -114,22 +114,22 @@ pub(crate) struct Picking {
 }
 
 /// What a solve costs, milliseconds, by the links that it reads.
-pub type GivenCost = dyn Fn(u64) -> f32 + Send + Sync;
+pub type SolveCostFn = dyn Fn(u64) -> f32 + Send + Sync;
 
 /// Where the cost of solves is known from.
 #[derive(Resource, Reflect, Clone, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Clone, Debug)]
-pub enum MeshlessGiCost {
+pub enum SolveCostSource {
     /// The device's timestamps.
     #[default]
     Timestamps,
     /// A function of the links that a solve reads, those of the sweeps as often as they run; asked after each frame that solved the scene. For a game that measures by
     /// itself, and for tests.
-    Given(Arc<GivenCost>),
+    Given(Arc<SolveCostFn>),
 }
 
-impl fmt::Debug for MeshlessGiCost {
+impl fmt::Debug for SolveCostSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Timestamps => "Timestamps",
@@ -143,30 +143,24 @@ pub(crate) fn span_name(root: u64) -> String {
     format!("solve_{root:x}")
 }
 
-/// Runs in [`MeshlessGiSystems::Pick`](super::MeshlessGiSystems::Pick).
+/// Runs in [`GiSystems::Pick`](super::GiSystems::Pick).
 #[expect(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
 )]
 pub(crate) fn pick(
-    mut roots: Query<(
-        Entity,
-        &MeshlessGi,
-        &MeshlessGiQuality,
-        &MeshlessGiLighting,
-        &mut MeshlessGiTier,
-    )>,
-    assets: Res<Assets<MeshlessGiAsset>>,
-    status: Res<MeshlessGiStatus>,
+    mut roots: Query<(Entity, &GiScene, &GiQuality, &GiLighting, &mut GiActiveTier)>,
+    assets: Res<Assets<GiBakedScene>>,
+    status: Res<GiFrameStats>,
     store: Option<Res<DiagnosticsStore>>,
-    cost: Res<MeshlessGiCost>,
+    cost: Res<SolveCostSource>,
     device: Option<Res<RenderDevice>>,
     mut pickings: Local<EntityHashMap<Picking>>,
     mut last_frame: Local<u64>,
 ) {
     pickings.retain(|root, _| roots.contains(*root));
     // Only a budget asks what was solved.
-    let asks = |q: &MeshlessGiQuality| matches!(q, MeshlessGiQuality::FrameBudget(_));
+    let asks = |q: &GiQuality| matches!(q, GiQuality::FrameBudget(_));
     let counters = roots
         .iter()
         .any(|(_, _, quality, ..)| asks(quality))
@@ -175,7 +169,7 @@ pub(crate) fn pick(
     for (root, gi, quality, lighting, mut tier) in &mut roots {
         let Some(asset) = assets.get(&gi.0) else {
             pickings.remove(&root);
-            tier.set_if_neq(MeshlessGiTier::default());
+            tier.set_if_neq(GiActiveTier::default());
             continue;
         };
         let bake = &asset.scene;
@@ -207,7 +201,7 @@ pub(crate) fn pick(
             continue;
         };
         let sample = match &*cost {
-            MeshlessGiCost::Given(of) => {
+            SolveCostSource::Given(of) => {
                 let solved = counters
                     .as_ref()
                     .and_then(|c| c.solved.get(&root.to_bits()));
@@ -217,7 +211,7 @@ pub(crate) fn pick(
                 });
                 choice.map(|choice| of(choice.work))
             }
-            MeshlessGiCost::Timestamps => {
+            SolveCostSource::Timestamps => {
                 let path = DiagnosticPath::from_components([
                     "render",
                     "meshless_gi_compute",
@@ -240,11 +234,11 @@ pub(crate) fn pick(
 }
 
 /// A request as bits, so that one that is no number equals itself.
-fn bits(quality: MeshlessGiQuality) -> [u32; 2] {
+fn bits(quality: GiQuality) -> [u32; 2] {
     match quality {
-        MeshlessGiQuality::All => [0, 0],
-        MeshlessGiQuality::Tier(n) => [1, n],
-        MeshlessGiQuality::MaxError(error) => [2, error.to_bits()],
-        MeshlessGiQuality::FrameBudget(ms) => [3, ms.to_bits()],
+        GiQuality::All => [0, 0],
+        GiQuality::Tier(n) => [1, n],
+        GiQuality::MaxError(error) => [2, error.to_bits()],
+        GiQuality::FrameBudget(ms) => [3, ms.to_bits()],
     }
 }

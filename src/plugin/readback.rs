@@ -11,9 +11,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// The size of each point's vector irradiance, W/m², of the scenes that the gizmos show. Shared by both worlds.
 #[derive(Resource, Clone, Default)]
-pub struct MeshlessGiCoefficients(Arc<Mutex<BTreeMap<u64, Arc<Vec<f32>>>>>);
+pub struct SharedCoefficients(Arc<Mutex<BTreeMap<u64, Arc<Vec<f32>>>>>);
 
-impl MeshlessGiCoefficients {
+impl SharedCoefficients {
     /// The newest values of the scene on `root`, one a point; `None` before the first have arrived.
     #[must_use]
     pub fn of(&self, root: Entity) -> Option<Arc<Vec<f32>>> {
@@ -76,7 +76,7 @@ impl CoefficientReadback {
     }
 
     /// After the submission: maps the copy, and hands its values on when that is done.
-    pub fn fetch(&mut self, scene: u64, to: &MeshlessGiCoefficients) {
+    pub fn fetch(&mut self, scene: u64, to: &SharedCoefficients) {
         if !std::mem::take(&mut self.recorded) {
             return;
         }

@@ -1,6 +1,6 @@
 //! Progress of recipes that are baked: in the log, and as messages of the main world.
 
-use super::asset::MeshlessGiAsset;
+use super::asset::GiBakedScene;
 use bevy::asset::{AssetId, AssetPath, AssetServer};
 use bevy::ecs::prelude::*;
 use bevy::log::info;
@@ -18,12 +18,12 @@ const LOG_INTERVAL: Duration = Duration::from_secs(1);
 /// sent when the stage or its fraction has changed, at most once a frame for each recipe. The end
 /// of the bake is an [`AssetEvent`](bevy::asset::AssetEvent) of the asset.
 #[derive(Message, Clone, Debug, PartialEq)]
-pub struct MeshlessGiRecipeProgress {
+pub struct GiRecipeProgress {
     /// Path of the recipe.
     pub path: AssetPath<'static>,
     /// Asset that the recipe becomes. `None` if the app has not asked for it yet, as for recipes
     /// that the asset processor bakes ahead.
-    pub id: Option<AssetId<MeshlessGiAsset>>,
+    pub id: Option<AssetId<GiBakedScene>>,
     /// Stage of the bake.
     pub stage: Stage,
     /// Fraction of the stage that is done, 0 to 1.
@@ -117,11 +117,11 @@ fn is_news(logged: Option<(Stage, f32)>, now: (Stage, f32)) -> bool {
     logged.is_none_or(|(stage, fraction)| stage != now.0 || now.1 >= fraction + LOGGED_SHARE)
 }
 
-/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
 pub(crate) fn send_progress(
     bakes: Res<RecipeBakes>,
     server: Res<AssetServer>,
-    mut messages: MessageWriter<MeshlessGiRecipeProgress>,
+    mut messages: MessageWriter<GiRecipeProgress>,
 ) {
     let news: Vec<_> = bakes.change(|list| {
         let changed = list.iter_mut().filter_map(|bake| {
@@ -131,7 +131,7 @@ pub(crate) fn send_progress(
         changed.collect()
     });
     for (path, (stage, fraction)) in news {
-        messages.write(MeshlessGiRecipeProgress {
+        messages.write(GiRecipeProgress {
             id: server.get_handle(&path).map(|handle| handle.id()),
             path,
             stage,

@@ -1,12 +1,12 @@
 //! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the cameras that draw it from there.
 //!
-//! A bake holds the light that static surfaces reflect. What moves is not in it: [`MeshlessGiBouncer`] marks such objects, and a light with
-//! [`MeshlessGiReflective`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
-//! its own ([`MeshlessGiCapture`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
+//! A bake holds the light that static surfaces reflect. What moves is not in it: [`GiReflector`] marks such objects, and a light with
+//! [`GiReflectiveShadowMap`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
+//! its own ([`GiRsmCamera`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
 //!
 //! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the meshes below a bouncer get beside theirs.
 
-use super::components::MeshlessGiCamera;
+use super::components::GiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
 use crate::plan::{Lens, MapView, Skip, map_views};
 use bevy::asset::{AssetEvent, Assets};
@@ -45,20 +45,20 @@ pub const RSM_RENDER_LAYER: usize = 61;
 pub const RSM_CAMERA_ORDER: isize = -1_000_000;
 
 /// This entity and all below it reflect light that no bake holds: a thing that moves. In the light of lamps with
-/// [`MeshlessGiReflective`] its meshes reflect once, diffusely, onto everything that cameras with [`MeshlessGiCamera`] show.
+/// [`GiReflectiveShadowMap`] its meshes reflect once, diffusely, onto everything that cameras with [`GiCamera`] show.
 ///
 /// Meshes must be opaque or masked and deferred; others reflect nothing. Never put it on what is baked: that light would be counted twice.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiBouncer;
+pub struct GiReflector;
 
-/// The light that this lamp throws on [`MeshlessGiBouncer`]s bounces. Goes on a point, spot or directional light. It costs nothing where
+/// The light that this lamp throws on [`GiReflector`]s bounces. Goes on a point, spot or directional light. It costs nothing where
 /// nothing moves in the lamp's reach.
 ///
-/// A [`MeshlessGiLight`](super::MeshlessGiLight) beside it is respected: switched off there, it is off here.
+/// A [`GiLight`](super::GiLight) beside it is respected: switched off there, it is off here.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiReflective {
+pub struct GiReflectiveShadowMap {
     /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point light may take up to six maps, see [`map_views`].
     pub resolution: u32,
     /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
@@ -68,7 +68,7 @@ pub struct MeshlessGiReflective {
     pub visibility: bool,
 }
 
-impl Default for MeshlessGiReflective {
+impl Default for GiReflectiveShadowMap {
     fn default() -> Self {
         Self {
             resolution: 64,
@@ -78,7 +78,7 @@ impl Default for MeshlessGiReflective {
     }
 }
 
-impl MeshlessGiReflective {
+impl GiReflectiveShadowMap {
     /// Edge of a map in texels: the power of two that is drawn.
     #[must_use]
     pub fn texels(&self) -> u32 {
@@ -87,11 +87,11 @@ impl MeshlessGiReflective {
 }
 
 /// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned by the plugin; inactive where nothing moves. A game that asks for
-/// cameras without asking for more may want `Without<MeshlessGiCapture>`.
+/// cameras without asking for more may want `Without<GiRsmCamera>`.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[component(immutable)]
-pub struct MeshlessGiCapture {
+pub struct GiRsmCamera {
     /// The light that it looks from.
     pub light: Entity,
     /// Which of the entity's lights.
@@ -115,7 +115,7 @@ pub(crate) struct Marked {
 )]
 pub(crate) fn mark(
     mut commands: Commands,
-    bouncers: Query<Entity, With<MeshlessGiBouncer>>,
+    bouncers: Query<Entity, With<GiReflector>>,
     children: Query<&Children>,
     meshes: Query<(Option<&RenderLayers>, Has<Marked>), With<Mesh3d>>,
     marked: Query<(Entity, &Marked, Option<&RenderLayers>)>,
@@ -172,7 +172,7 @@ pub(crate) struct AskingLight {
     /// In world space.
     pub light: FrameLight,
     pub layers: RenderLayers,
-    pub settings: MeshlessGiReflective,
+    pub settings: GiReflectiveShadowMap,
     /// Where its maps stand.
     pub views: Vec<MapView>,
     pub maps: Result<Vec<Entity>, Skip>,
@@ -199,7 +199,7 @@ pub(crate) struct AskingLights {
 }
 
 /// A mesh below a bouncer.
-type Moving = (With<Marked>, With<Mesh3d>, Without<MeshlessGiCapture>);
+type Moving = (With<Marked>, With<Mesh3d>, Without<GiRsmCamera>);
 
 /// It changed.
 type Changes = Or<(
@@ -255,7 +255,7 @@ type Captures<'w, 's> = Query<
     's,
     (
         Entity,
-        &'static MeshlessGiCapture,
+        &'static GiRsmCamera,
         &'static mut Camera,
         &'static mut RenderTarget,
         &'static mut Projection,
@@ -273,16 +273,16 @@ type Captures<'w, 's> = Query<
 pub(crate) fn aim(
     mut commands: Commands,
     mut asking: ResMut<AskingLights>,
-    cameras: Query<(&Camera, &MeshlessGiCamera), Without<MeshlessGiCapture>>,
-    points: Query<(LightParts, &PointLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
-    spots: Query<(LightParts, &SpotLight, &MeshlessGiReflective), Without<MeshlessGiCapture>>,
+    cameras: Query<(&Camera, &GiCamera), Without<GiRsmCamera>>,
+    points: Query<(LightParts, &PointLight, &GiReflectiveShadowMap), Without<GiRsmCamera>>,
+    spots: Query<(LightParts, &SpotLight, &GiReflectiveShadowMap), Without<GiRsmCamera>>,
     directionals: Query<
-        (LightParts, &DirectionalLight, &MeshlessGiReflective),
-        Without<MeshlessGiCapture>,
+        (LightParts, &DirectionalLight, &GiReflectiveShadowMap),
+        Without<GiRsmCamera>,
     >,
     moving: Query<
         (&GlobalTransform, &Aabb, &InheritedVisibility),
-        (With<Marked>, Without<MeshlessGiCapture>),
+        (With<Marked>, Without<GiRsmCamera>),
     >,
     mut captures: Captures,
 ) {
@@ -291,7 +291,7 @@ pub(crate) fn aim(
         false => std::mem::take(&mut asking.lights),
     };
     let shown = cameras.iter().any(|(c, gi)| c.is_active && gi.enabled);
-    let mut ask = |kind, parts: &_, light, settings: &MeshlessGiReflective| {
+    let mut ask = |kind, parts: &_, light, settings: &GiReflectiveShadowMap| {
         let parts: &super::extract::LightPartsItem = parts;
         asking.lights.push(AskingLight {
             key: (parts.entity.to_bits(), kind),
@@ -336,7 +336,7 @@ pub(crate) fn aim(
             let mut drawn = Vec::with_capacity(views.len());
             for (map, view) in views.iter().enumerate() {
                 order += 1;
-                let capture = MeshlessGiCapture {
+                let capture = GiRsmCamera {
                     light: Entity::from_bits(light.key.0),
                     kind: light.key.1,
                     map: map as u32,
@@ -464,7 +464,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         RenderTarget::None {
             size: UVec2::splat(texels),
         },
-        CameraRenderGraph::new(super::capture::MeshlessGiCaptureGraph),
+        CameraRenderGraph::new(super::capture::RsmSchedule),
         projection(view.lens),
         (at, GlobalTransform::from(at)),
         RenderLayers::layer(RSM_RENDER_LAYER),

@@ -1,8 +1,8 @@
 //! Logs one line per baked scene: when its light starts, and again when its bake changes.
 
-use super::asset::MeshlessGiAsset;
-use super::components::MeshlessGi;
-use super::diagnostics::MeshlessGiStatus;
+use super::asset::GiBakedScene;
+use super::components::GiScene;
+use super::diagnostics::GiFrameStats;
 use bevy::asset::Assets;
 use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
@@ -23,11 +23,11 @@ pub(crate) fn entity_label(entity: Entity, name: Option<&Name>) -> String {
 /// The bake that was last logged for a scene, and its line.
 type Logged = (Weak<BakedScene>, String);
 
-/// Runs in [`MeshlessGiSystems::Collect`](super::MeshlessGiSystems::Collect).
+/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
 pub(crate) fn log_scenes(
-    status: Res<MeshlessGiStatus>,
-    scenes: Query<(Entity, &MeshlessGi, Option<&Name>)>,
-    assets: Res<Assets<MeshlessGiAsset>>,
+    status: Res<GiFrameStats>,
+    scenes: Query<(Entity, &GiScene, Option<&Name>)>,
+    assets: Res<Assets<GiBakedScene>>,
     mut logged: Local<HashMap<Entity, Logged>>,
 ) {
     logged.retain(|entity, _| scenes.contains(*entity));

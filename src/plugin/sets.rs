@@ -4,23 +4,23 @@ use bevy::ecs::schedule::SystemSet;
 
 /// Where the plugin's systems run.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum MeshlessGiSystems {
+pub enum GiSystems {
     /// `PreUpdate` of the main world: counters of the last frame reach the diagnostics, finished bakes become
-    /// [`MeshlessGi`](super::MeshlessGi) components. Order *after* it to see them in the same frame.
+    /// [`GiScene`](super::GiScene) components. Order *after* it to see them in the same frame.
     Collect,
-    /// `Update` of the main world: point clouds that have loaded get what they are drawn as ([`MeshlessGiPointCloud`](super::MeshlessGiPointCloud)).
+    /// `Update` of the main world: point clouds that have loaded get what they are drawn as ([`GiPointCloud`](super::GiPointCloud)).
     Points,
-    /// `PostUpdate` of the main world: the tier of each root is picked ([`MeshlessGiQuality`](super::MeshlessGiQuality)). What was asked for before it counts in the same frame.
+    /// `PostUpdate` of the main world: the tier of each root is picked ([`GiQuality`](super::GiQuality)). What was asked for before it counts in the same frame.
     Pick,
-    /// `PostUpdate` of the main world, before transforms: volumes for forward cameras and transparent surfaces are made and removed ([`MeshlessGiVolume`](super::MeshlessGiVolume)).
+    /// `PostUpdate` of the main world, before transforms: volumes for forward cameras and transparent surfaces are made and removed ([`GiIrradianceVolume`](super::GiIrradianceVolume)).
     Shape,
-    /// `PostUpdate` of the main world, after Bevy looked what its cameras see: our volumes are not for cameras of lamps' maps, nor for those whose [`MeshlessGiCamera`](super::MeshlessGiCamera) is off.
+    /// `PostUpdate` of the main world, after Bevy looked what its cameras see: our volumes are not for cameras of lamps' maps, nor for those whose [`GiCamera`](super::GiCamera) is off.
     Hide,
     /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what moves is found, and the cameras of the
-    /// lights that draw it ([`MeshlessGiReflective`](super::MeshlessGiReflective)) are aimed.
+    /// lights that draw it ([`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)) are aimed.
     Aim,
     /// `Last` of the main world: requested bakes start once everything below their roots is there
-    /// ([`MeshlessGiBakeRequest`](super::MeshlessGiBakeRequest)). What was spawned before it counts.
+    /// ([`GiBakeRequest`](super::GiBakeRequest)). What was spawned before it counts.
     Request,
     /// `Last` of the main world: checks cameras and lights for what would be counted twice, and warns.
     Check,

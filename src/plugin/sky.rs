@@ -14,11 +14,11 @@ use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureF
 use meshless_gi::scene::SkyRadiance;
 
 /// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q symmetric and without trace. Goes beside
-/// [`MeshlessGi`](super::MeshlessGi), may change in any frame, and is added to [`MeshlessGiLighting::sky`](super::MeshlessGiLighting::sky). A bake made
+/// [`GiScene`](super::GiScene), may change in any frame, and is added to [`GiLighting::sky`](super::GiLighting::sky). A bake made
 /// without `sky: Harmonics` in its recipe is lit by its mean over all directions, with one warning.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiSky {
+pub struct GiSky {
     /// c; d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz: linear RGB each.
     pub coefficients: [Vec3; 9],
 }
@@ -26,7 +26,7 @@ pub struct MeshlessGiSky {
 /// A cubemap that gives no sky.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum MeshlessGiSkyError {
+pub enum GiSkyError {
     /// It has not six square layers.
     #[error("{width} × {height} texels in {layers} layers are no cubemap")]
     NoCubemap {
@@ -48,7 +48,7 @@ pub enum MeshlessGiSkyError {
     Format(String),
 }
 
-impl MeshlessGiSky {
+impl GiSky {
     /// Three colors, cd/m²: straight up, at the horizon and straight down ([`SkyRadiance::gradient`]).
     #[must_use]
     pub fn gradient(zenith: LinearRgba, horizon: LinearRgba, ground: LinearRgba) -> Self {
@@ -59,8 +59,8 @@ impl MeshlessGiSky {
     /// The sky of a cubemap as `Skybox` shows it; `brightness` is what a texel of one stands for, cd/m².
     ///
     /// # Errors
-    /// [`MeshlessGiSkyError`]: compressed texels, for instance, are not read.
-    pub fn from_cubemap(image: &Image, brightness: f32) -> Result<Self, MeshlessGiSkyError> {
+    /// [`GiSkyError`]: compressed texels, for instance, are not read.
+    pub fn from_cubemap(image: &Image, brightness: f32) -> Result<Self, GiSkyError> {
         Self::turned(image, brightness, Quat::IDENTITY)
     }
 
@@ -68,22 +68,22 @@ impl MeshlessGiSky {
     /// light counts twice.
     ///
     /// # Errors
-    /// [`MeshlessGiSkyError`], also where the map is not loaded (yet).
+    /// [`GiSkyError`], also where the map is not loaded (yet).
     pub fn from_environment_map(
         light: &EnvironmentMapLight,
         images: &Assets<Image>,
-    ) -> Result<Self, MeshlessGiSkyError> {
+    ) -> Result<Self, GiSkyError> {
         let map = images.get(&light.specular_map);
-        let map = map.ok_or(MeshlessGiSkyError::NotLoaded)?;
+        let map = map.ok_or(GiSkyError::NotLoaded)?;
         Self::turned(map, light.intensity, light.rotation)
     }
 
     /// The sky of a cubemap that is turned so in the world.
-    fn turned(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, MeshlessGiSkyError> {
+    fn turned(image: &Image, brightness: f32, rotation: Quat) -> Result<Self, GiSkyError> {
         let size = image.texture_descriptor.size;
         let (n, layers) = (size.width, size.depth_or_array_layers);
         if layers != 6 || n != size.height || n == 0 {
-            return Err(MeshlessGiSkyError::NoCubemap {
+            return Err(GiSkyError::NoCubemap {
                 width: n,
                 height: size.height,
                 layers,
@@ -91,7 +91,7 @@ impl MeshlessGiSky {
         }
         if image.data.is_none() {
             debug_assert!(!image.asset_usage.contains(RenderAssetUsages::MAIN_WORLD));
-            return Err(MeshlessGiSkyError::NoData);
+            return Err(GiSkyError::NoData);
         }
         let texels = texels(image)?;
         let mut samples = Vec::with_capacity(texels.len());
@@ -121,7 +121,7 @@ impl MeshlessGiSky {
     }
 }
 
-impl From<SkyRadiance> for MeshlessGiSky {
+impl From<SkyRadiance> for GiSky {
     fn from(sky: SkyRadiance) -> Self {
         let mut coefficients = [sky.mean; 9];
         coefficients[1..].copy_from_slice(&sky.terms);
@@ -130,12 +130,12 @@ impl From<SkyRadiance> for MeshlessGiSky {
 }
 
 /// The linear colors of a cubemap's largest level, face after face, row after row.
-fn texels(image: &Image) -> Result<Vec<Vec3>, MeshlessGiSkyError> {
+fn texels(image: &Image) -> Result<Vec<Vec3>, GiSkyError> {
     let descriptor = &image.texture_descriptor;
     let format = descriptor.format;
-    let wrong = |why: String| MeshlessGiSkyError::Format(why);
+    let wrong = |why: String| GiSkyError::Format(why);
     let bytes = format.pixel_size().map_err(|e| wrong(e.to_string()))?;
-    let data = image.data.as_deref().ok_or(MeshlessGiSkyError::NoData)?;
+    let data = image.data.as_deref().ok_or(GiSkyError::NoData)?;
     let n = descriptor.size.width as usize;
     let level = |m: u32| (n >> m).max(1).pow(2) * bytes;
     let face = match image.data_order {
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn a_cubemap_gives_its_sky_back() {
-        let sky = MeshlessGiSky::gradient(
+        let sky = GiSky::gradient(
             LinearRgba::rgb(0.2, 0.4, 1.0),
             LinearRgba::rgb(0.8, 0.7, 0.6),
             LinearRgba::rgb(0.1, 0.1, 0.0),
@@ -229,9 +229,9 @@ mod tests {
         let mut sky = sky.radiance();
         sky.terms[0] = Vec3::new(0.1, 0.0, 0.05);
         sky.terms[2] = Vec3::new(0.0, 0.2, 0.0);
-        let found = MeshlessGiSky::from_cubemap(&cubemap(32, |w| sky.toward(w)), 3.0);
+        let found = GiSky::from_cubemap(&cubemap(32, |w| sky.toward(w)), 3.0);
         let found = found.unwrap().coefficients;
-        let right = MeshlessGiSky::from(sky * 3.0).coefficients;
+        let right = GiSky::from(sky * 3.0).coefficients;
         for (a, b) in found.iter().zip(right) {
             assert!((*a - b).length() < 0.01, "{a} {b}");
         }
@@ -241,9 +241,9 @@ mod tests {
     fn a_sun_in_a_cubemap_rings_unless_told_not_to() {
         let sun = Vec3::new(0.8, 0.6, 0.0);
         let shines = |w: Vec3| Vec3::splat(if w.dot(sun) > 0.95 { 10.0 } else { 0.1 });
-        let sky = MeshlessGiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
+        let sky = GiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
         let beside = Vec3::new(-0.6, 0.8, 0.0);
-        let least = |sky: &MeshlessGiSky| sky.radiance().toward(beside).max_element();
+        let least = |sky: &GiSky| sky.radiance().toward(beside).max_element();
         assert!(least(&sky) < -0.1, "{}", least(&sky));
         let without = sky.without_ringing();
         assert!(least(&without) > -1e-4, "{}", least(&without));
@@ -303,20 +303,20 @@ mod tests {
             mean += 3.0 * share * Vec3::new(1024.0, 512.0, 0.0);
             way += to.normalize() / at.len() as f32;
         }
-        let sky = MeshlessGiSky::from_environment_map(&light, &images).unwrap();
+        let sky = GiSky::from_environment_map(&light, &images).unwrap();
         let [c, x, y, z, ..] = sky.coefficients;
         assert!((c - mean).length() < 1e-3 * mean.length(), "{c} {mean}");
         // The second coefficients of a sun: three times its mean, along its direction.
         let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
         assert!((along - way).length() < 0.01, "{along} {way}");
         light.rotation = turn;
-        let sky = MeshlessGiSky::from_environment_map(&light, &images).unwrap();
+        let sky = GiSky::from_environment_map(&light, &images).unwrap();
         let [_, x, y, z, ..] = sky.coefficients;
         let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
         assert!((along - turn * way).length() < 0.01, "{along} {way}");
         light.specular_map = Default::default();
-        let none = MeshlessGiSky::from_environment_map(&light, &images);
-        assert_eq!(none, Err(MeshlessGiSkyError::NotLoaded));
+        let none = GiSky::from_environment_map(&light, &images);
+        assert_eq!(none, Err(GiSkyError::NotLoaded));
     }
 
     #[test]
@@ -324,12 +324,12 @@ mod tests {
         let mut image = cubemap(4, |_| Vec3::ONE);
         image.data = None;
         image.asset_usage = RenderAssetUsages::RENDER_WORLD;
-        let no_data = MeshlessGiSky::from_cubemap(&image, 1.0);
-        assert_eq!(no_data, Err(MeshlessGiSkyError::NoData));
+        let no_data = GiSky::from_cubemap(&image, 1.0);
+        assert_eq!(no_data, Err(GiSkyError::NoData));
         image.texture_descriptor.size.depth_or_array_layers = 1;
         assert!(matches!(
-            MeshlessGiSky::from_cubemap(&image, 1.0),
-            Err(MeshlessGiSkyError::NoCubemap { layers: 1, .. })
+            GiSky::from_cubemap(&image, 1.0),
+            Err(GiSkyError::NoCubemap { layers: 1, .. })
         ));
     }
 }

@@ -3,9 +3,9 @@
 //!
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
-use super::asset::MeshlessGiAsset;
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use super::components::{MeshlessGi, MeshlessGiSettings};
+use super::asset::GiBakedScene;
+use super::check::{GiWarning, GiWarnings, tell};
+use super::components::{GiScene, GiSettings};
 use super::composite::screen_texture;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use super::transform::Placement;
@@ -35,12 +35,12 @@ use std::collections::BTreeMap;
 /// function reaches, keeps Bevy's light and casts no such shadow. Indirect light has its own shadows, with or without this.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiSoftShadow {
+pub struct GiSoftShadow {
     /// Samples of the lamp, about, 1 to 256. Each costs two look-ups of what every point remembers, in frames in which the lamp moves.
     pub samples: u32,
 }
 
-impl Default for MeshlessGiSoftShadow {
+impl Default for GiSoftShadow {
     fn default() -> Self {
         Self { samples: 25 }
     }
@@ -72,11 +72,11 @@ fn tables_of(
     there.then(|| wgpu::TextureView::clone(&image.texture_view))
 }
 
-/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract).
+/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract).
 pub(crate) fn extract_soft(
     mut out: ResMut<ExtractedSoft>,
-    points: Extract<Query<(LightParts, &PointLight, &MeshlessGiSoftShadow)>>,
-    rects: Extract<Query<(LightParts, &RectLight, &MeshlessGiSoftShadow)>>,
+    points: Extract<Query<(LightParts, &PointLight, &GiSoftShadow)>>,
+    rects: Extract<Query<(LightParts, &RectLight, &GiSoftShadow)>>,
     all_rects: Extract<Query<&InheritedVisibility, With<RectLight>>>,
     luts: Option<Res<AreaLightLuts>>,
     images: Option<Res<RenderAssets<GpuImage>>>,
@@ -113,7 +113,7 @@ pub(crate) fn extract_soft(
     out.lights.sort_unstable_by_key(|light| light.key);
 }
 
-fn sphere(light: &Light, radius: f32, soft: &MeshlessGiSoftShadow) -> SoftLight {
+fn sphere(light: &Light, radius: f32, soft: &GiSoftShadow) -> SoftLight {
     match *light {
         Light::Point {
             position,
@@ -124,7 +124,7 @@ fn sphere(light: &Light, radius: f32, soft: &MeshlessGiSoftShadow) -> SoftLight 
     }
 }
 
-fn rectangle(light: &Light, range: f32, soft: &MeshlessGiSoftShadow) -> SoftLight {
+fn rectangle(light: &Light, range: f32, soft: &GiSoftShadow) -> SoftLight {
     // Bevy's shortest range is a centimeter.
     SoftLight::of(light, soft.samples)
         .map_or_else(SoftLight::default, |l| l.within(range.max(0.01)))
@@ -343,13 +343,13 @@ impl ViewShade {
     }
 }
 
-/// Says once what lamps with [`MeshlessGiSoftShadow`] lack. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Says once what lamps with [`GiSoftShadow`] lack. Runs in [`GiSystems::Check`](super::GiSystems::Check).
 #[allow(
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"
 )]
 pub(crate) fn check_soft(
-    settings: Res<MeshlessGiSettings>,
+    settings: Res<GiSettings>,
     lamps: Query<
         (
             Option<&PointLight>,
@@ -357,12 +357,12 @@ pub(crate) fn check_soft(
             Has<SpotLight>,
             Has<DirectionalLight>,
         ),
-        With<MeshlessGiSoftShadow>,
+        With<GiSoftShadow>,
     >,
     rects: Query<&InheritedVisibility, With<RectLight>>,
-    scenes: Query<&MeshlessGi>,
-    assets: Option<Res<Assets<MeshlessGiAsset>>>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    scenes: Query<&GiScene>,
+    assets: Option<Res<Assets<GiBakedScene>>>,
+    mut findings: ResMut<GiWarnings>,
 ) {
     if !settings.warn_double_counting || lamps.is_empty() {
         return;
@@ -370,23 +370,23 @@ pub(crate) fn check_soft(
     let mut found = Vec::new();
     for (point, rect, spot, directional) in &lamps {
         if spot || directional || (point.is_none() && !rect) {
-            found.push(MeshlessGiFinding::SoftShadowKind);
+            found.push(GiWarning::SoftShadowKind);
         }
         if point.is_some_and(|light| light.shadow_maps_enabled) {
-            found.push(MeshlessGiFinding::SoftShadowTwice);
+            found.push(GiWarning::SoftShadowTwice);
         }
     }
     if lamps.iter().any(|(_, rect, ..)| rect)
         && rects.iter().filter(|v| v.get()).count() > MAX_RECT_LIGHTS
     {
-        found.push(MeshlessGiFinding::SoftShadowCount);
+        found.push(GiWarning::SoftShadowCount);
     }
-    let forgetful = |gi: &MeshlessGi| {
+    let forgetful = |gi: &GiScene| {
         let asset = assets.as_ref().and_then(|a| a.get(&gi.0));
         asset.is_some_and(|asset| asset.scene.visibility.is_none())
     };
     if scenes.iter().any(forgetful) {
-        found.push(MeshlessGiFinding::NoVisibility);
+        found.push(GiWarning::NoVisibility);
     }
     tell(found, &mut findings);
 }

@@ -2,13 +2,13 @@
 //!
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
-use super::asset::MeshlessGiAsset;
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use super::components::{MeshlessGi, MeshlessGiCamera, MeshlessGiSettings};
+use super::asset::GiBakedScene;
+use super::check::{GiWarning, GiWarnings, tell};
+use super::components::{GiCamera, GiScene, GiSettings};
 use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
-use super::reflective::MeshlessGiCapture;
+use super::reflective::GiRsmCamera;
 use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
@@ -34,8 +34,8 @@ use meshless_gi::frame::{VolumeParams, VolumePlaces, VolumeShape};
 use std::any::TypeId;
 use std::sync::Arc;
 
-/// Lights what no G-buffer holds: all that cameras without [`MeshlessGiCamera`] draw, forward ones and those with several samples a pixel; transparent and forward surfaces in views with it; and Bevy's volumetric fog in all views. Goes
-/// beside [`MeshlessGi`]; the bake must know light in free space (recipe field `probes`).
+/// Lights what no G-buffer holds: all that cameras without [`GiCamera`] draw, forward ones and those with several samples a pixel; transparent and forward surfaces in views with it; and Bevy's volumetric fog in all views. Goes
+/// beside [`GiScene`]; the bake must know light in free space (recipe field `probes`).
 ///
 /// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are
 /// lit between voxels, which is coarser. No wall lets light of the next room through, however thin: as soon as there is such a component, Bevy's shader module for irradiance volumes is replaced by one
@@ -43,7 +43,7 @@ use std::sync::Arc;
 /// the nearest one counts: use one a place.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiVolume {
+pub struct GiIrradianceVolume {
     /// Edge of a voxel, meters of the bake's space; none for half of the distance between the bake's probes.
     pub voxel: Option<f32>,
     /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions, and eight for the ways to walls. Voxels become larger where they would be more.
@@ -56,7 +56,7 @@ pub struct MeshlessGiVolume {
     pub fog: f32,
 }
 
-impl Default for MeshlessGiVolume {
+impl Default for GiIrradianceVolume {
     fn default() -> Self {
         Self {
             voxel: None,
@@ -66,7 +66,7 @@ impl Default for MeshlessGiVolume {
     }
 }
 
-impl MeshlessGiVolume {
+impl GiIrradianceVolume {
     /// The same for its voxels, no number like no number.
     fn same(&self, other: &Self) -> bool {
         let bits = |v: &Self| (v.voxel.map(f32::to_bits), v.most);
@@ -79,24 +79,21 @@ impl MeshlessGiVolume {
 pub(crate) struct Voxels {
     shape: VolumeShape,
     /// The bake, also where another takes its place under the same handle, and what was asked for.
-    bake: (AssetId<MeshlessGiAsset>, usize),
-    asked: MeshlessGiVolume,
+    bake: (AssetId<GiBakedScene>, usize),
+    asked: GiIrradianceVolume,
 }
 
 /// Which bake an asset holds now.
-fn which(
-    id: AssetId<MeshlessGiAsset>,
-    asset: &MeshlessGiAsset,
-) -> (AssetId<MeshlessGiAsset>, usize) {
+fn which(id: AssetId<GiBakedScene>, asset: &GiBakedScene) -> (AssetId<GiBakedScene>, usize) {
     (id, Arc::as_ptr(&asset.scene) as usize)
 }
 
 impl Voxels {
     /// The volume of a bake; none where it knows no light in free space.
     fn new(
-        asked: &MeshlessGiVolume,
-        asset: &MeshlessGiAsset,
-        id: AssetId<MeshlessGiAsset>,
+        asked: &GiIrradianceVolume,
+        asset: &GiBakedScene,
+        id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
             shape: VolumeShape::around(&asset.scene, asked.voxel, asked.most)?,
@@ -125,16 +122,11 @@ impl Voxels {
     }
 }
 
-/// Makes, replaces and removes the volumes of roots. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
+/// Makes, replaces and removes the volumes of roots. Runs in [`GiSystems::Shape`](super::GiSystems::Shape).
 pub(crate) fn shape(
-    roots: Query<(
-        Entity,
-        &MeshlessGi,
-        &MeshlessGiVolume,
-        Option<&RenderLayers>,
-    )>,
+    roots: Query<(Entity, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)>,
     made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
-    assets: Res<Assets<MeshlessGiAsset>>,
+    assets: Res<Assets<GiBakedScene>>,
     mut images: ResMut<Assets<Image>>,
     mut commands: Commands,
 ) {
@@ -142,7 +134,7 @@ pub(crate) fn shape(
     for (child, parent, voxels, layers) in &made {
         let root = parent.parent();
         let still =
-            |(_, gi, asked, own): &(_, &MeshlessGi, &MeshlessGiVolume, Option<&RenderLayers>)| {
+            |(_, gi, asked, own): &(_, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)| {
                 let now = assets.get(&gi.0).map(|asset| which(gi.0.id(), asset));
                 (now == Some(voxels.bake) && asked.same(&voxels.asked))
                     .then(|| own.cloned().unwrap_or_default())
@@ -180,18 +172,14 @@ pub(crate) fn shape(
 }
 
 /// Cameras with a display of their own.
-type WithDisplay = Or<(With<MeshlessGiCamera>, With<MeshlessGiCapture>)>;
+type WithDisplay = Or<(With<GiCamera>, With<GiRsmCamera>)>;
 
 /// What a camera's display hangs on.
-pub(super) type DisplayParts = (
-    Option<&'static MeshlessGiCamera>,
-    Option<&'static Msaa>,
-    Brought,
-);
+pub(super) type DisplayParts = (Option<&'static GiCamera>, Option<&'static Msaa>, Brought);
 
 /// What a query finds of that.
 pub(super) type FoundParts<'a> = (
-    Option<&'a MeshlessGiCamera>,
+    Option<&'a GiCamera>,
     Option<&'a Msaa>,
     (bool, bool, bool, bool),
 );
@@ -202,7 +190,7 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
 }
 
 /// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display is off or
-/// cannot be. Runs in [`MeshlessGiSystems::Hide`](super::MeshlessGiSystems::Hide).
+/// cannot be. Runs in [`GiSystems::Hide`](super::GiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
@@ -270,14 +258,10 @@ type ForwardCameras<'w, 's> = Query<
         &'static Frustum,
         Option<&'static RenderLayers>,
     ),
-    (
-        With<Camera3d>,
-        Without<MeshlessGiCamera>,
-        Without<MeshlessGiCapture>,
-    ),
+    (With<Camera3d>, Without<GiCamera>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`MeshlessGiSystems::Extract`](super::MeshlessGiSystems::Extract), behind the scenes and the fog.
+/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and the fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,
@@ -454,15 +438,15 @@ impl SceneVolume {
     }
 }
 
-/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in [`MeshlessGiSystems::Check`](super::MeshlessGiSystems::Check).
+/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_volumes(
-    settings: Res<MeshlessGiSettings>,
-    roots: Query<&MeshlessGi, With<MeshlessGiVolume>>,
-    assets: Res<Assets<MeshlessGiAsset>>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    settings: Res<GiSettings>,
+    roots: Query<&GiScene, With<GiIrradianceVolume>>,
+    assets: Res<Assets<GiBakedScene>>,
+    mut findings: ResMut<GiWarnings>,
 ) {
-    let empty = |gi: &MeshlessGi| (assets.get(&gi.0)).is_some_and(|a| a.scene.probes.is_none());
+    let empty = |gi: &GiScene| (assets.get(&gi.0)).is_some_and(|a| a.scene.probes.is_none());
     if settings.warn_double_counting && roots.iter().any(empty) {
-        tell(vec![MeshlessGiFinding::NoFreeSpace], &mut findings);
+        tell(vec![GiWarning::NoFreeSpace], &mut findings);
     }
 }

@@ -1,12 +1,12 @@
-//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one in its place as soon as a level has a [`MeshlessGiVolume`], one that knows which voxels lie behind a
+//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one in its place as soon as a level has a [`GiIrradianceVolume`], one that knows which voxels lie behind a
 //! wall (`shaders/engine/irradiance_volume.wgsl`; twin: [`read_volume`](meshless_gi::frame::volume_read::read_volume)). Volumes that are not ours look as before.
 //!
 //! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and pipelines that import it are made anew. A module that does not look as it does in the release that this was
 //! written for stays as it is, and that is told: walls then let light of the next room through.
 
-use super::check::{MeshlessGiFinding, MeshlessGiFindings, tell};
-use super::forward_camera::MeshlessGiForwardCamera;
-use super::volume::MeshlessGiVolume;
+use super::check::{GiWarning, GiWarnings, tell};
+use super::forward_camera::GiForwardCamera;
+use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;
 use bevy::shader::{Shader, ShaderImport, Source};
@@ -36,12 +36,12 @@ pub(crate) enum Module {
 }
 
 /// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once more where the first display of a forward camera
-/// comes later. Runs in [`MeshlessGiSystems::Shape`](super::MeshlessGiSystems::Shape).
+/// comes later. Runs in [`GiSystems::Shape`](super::GiSystems::Shape).
 pub(crate) fn replace(
-    volumes: Query<(), With<MeshlessGiVolume>>,
-    displays: Query<(), With<MeshlessGiForwardCamera>>,
+    volumes: Query<(), With<GiIrradianceVolume>>,
+    displays: Query<(), With<GiForwardCamera>>,
     shaders: Option<ResMut<Assets<Shader>>>,
-    mut findings: ResMut<MeshlessGiFindings>,
+    mut findings: ResMut<GiWarnings>,
     mut module: Local<Module>,
 ) {
     let display = !displays.is_empty();
@@ -59,7 +59,7 @@ pub(crate) fn replace(
     };
     if *module == Module::Theirs && !is_known(theirs) {
         *module = Module::Unknown;
-        tell(vec![MeshlessGiFinding::VolumeShader], &mut findings);
+        tell(vec![GiWarning::VolumeShader], &mut findings);
         return;
     }
     let ours = ours(theirs, display);
@@ -98,18 +98,18 @@ mod tests {
     fn become_of(text: &str, volume: bool) -> (String, bool) {
         let mut world = World::new();
         world.init_resource::<Assets<Shader>>();
-        world.init_resource::<MeshlessGiFindings>();
+        world.init_resource::<GiWarnings>();
         let shader = Shader::from_wgsl(format!("{HEAD}{text}"), "a.wgsl");
         let handle = world.resource_mut::<Assets<Shader>>().add(shader);
         if volume {
-            world.spawn(MeshlessGiVolume::default());
+            world.spawn(GiIrradianceVolume::default());
         }
         world.run_system_once(replace).expect("it runs");
         let shaders = world.resource::<Assets<Shader>>();
         let Source::Wgsl(text) = &shaders.get(&handle).expect("still there").source else {
             panic!("no WGSL");
         };
-        let told = !world.resource::<MeshlessGiFindings>().0.is_empty();
+        let told = !world.resource::<GiWarnings>().0.is_empty();
         (text.to_string(), told)
     }
 

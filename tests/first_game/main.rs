@@ -27,7 +27,7 @@ const MAX_FLIP: f32 = 0.02;
 fn programs() -> &'static Package {
     static PACKAGE: OnceLock<Package> = OnceLock::new();
     PACKAGE.get_or_init(|| {
-        let recipe = readme::program("MeshlessGi(assets.load(");
+        let recipe = readme::program("GiScene(assets.load(");
         let assets = |processor: bool| {
             let plugin = format!(
                 "DefaultPlugins.set(AssetPlugin {{ mode: AssetMode::Processed, \

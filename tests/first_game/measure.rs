@@ -20,7 +20,7 @@ use meshless_gi_lab::accuracy::{Image as LinearImage, flip};
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::BouncePicker;
-use bevy_meshless_gi::plugin::{MeshlessGiStatus, MeshlessGiView};
+use bevy_meshless_gi::plugin::{GiFrameStats, GiDebugView};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
 use std::f32::consts::PI;
@@ -73,7 +73,7 @@ fn receive(event: On<ReadbackComplete>, mut measurement: ResMut<Measurement>) {
 fn measure(world: &mut World) {
     let mut state = world.remove_resource::<Measurement>().unwrap_or_default();
     state.frames += 1;
-    let lit = !world.resource::<MeshlessGiStatus>().get().solved.is_empty() || state.lit_frames > 0;
+    let lit = !world.resource::<GiFrameStats>().get().solved.is_empty() || state.lit_frames > 0;
     state.lit_frames += u32::from(lit);
     if state.frames > MAX_FRAMES {
         println!("FIRST_GAME no indirect light after {MAX_FRAMES} frames");
@@ -144,8 +144,8 @@ fn spawn_second_camera(world: &mut World) -> Handle<Image> {
             ..default()
         },
         RenderTarget::Image(target.clone().into()),
-        MeshlessGiCamera {
-            view: MeshlessGiView::Indirect,
+        GiCamera {
+            view: GiDebugView::Indirect,
             ..default()
         },
         Tonemapping::None,
@@ -253,10 +253,10 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let camera = game_camera(world);
     let triangles = triangles(world);
     let lights = lights(world);
-    let mut roots = world.query::<(&MeshlessGi, &GlobalTransform, &MeshlessGiLighting)>();
+    let mut roots = world.query::<(&GiScene, &GlobalTransform, &GiLighting)>();
     let (gi, root, lighting) = roots.single(world).expect("the game has one bake");
     let local_from_world = root.to_matrix().inverse();
-    let assets = world.resource::<Assets<MeshlessGiAsset>>();
+    let assets = world.resource::<Assets<GiBakedScene>>();
     let scene: &BakedScene = &assets.get(&gi.0).expect("the bake is loaded").scene;
     let picked = BouncePicker::new().pick(lighting.bounces, scene, &[]);
     let settings = FrameSettings {

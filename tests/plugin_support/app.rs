@@ -59,7 +59,7 @@ pub const BOUNCES: u32 = 4;
 /// Waits for the plugins (the renderer starts in the background) and finishes them.
 pub fn ready(app: &mut App) {
     app.add_observer(
-        |set: On<Insert, MeshlessGiLighting>, mut all: Query<&mut MeshlessGiLighting>| {
+        |set: On<Insert, GiLighting>, mut all: Query<&mut GiLighting>| {
             if let Ok(mut lighting) = all.get_mut(set.entity) {
                 lighting.bounces.get_or_insert(BOUNCES);
             }
@@ -119,7 +119,7 @@ pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
         },
         RenderTarget::Image(target.clone().into()),
         Tonemapping::None,
-        MeshlessGiDisplay::Full,
+        GiSplatting::Full,
         bevy::core_pipeline::tonemapping::DebandDither::Disabled,
         transform,
     )

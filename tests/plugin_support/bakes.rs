@@ -15,10 +15,10 @@ use std::sync::Arc;
 
 /// Ends of bakes, in their order.
 #[derive(Resource, Default)]
-pub struct Ends(pub Vec<MeshlessGiBakeFinished>);
+pub struct Ends(pub Vec<GiBakeFinished>);
 
 /// Result of a bake, as the event has it.
-pub type BakeResult = Result<MeshlessGiBakeSummary, MeshlessGiBakeError>;
+pub type BakeResult = Result<GiBakeSummary, GiBakeError>;
 
 /// An app without renderer and window that has meshes, materials, images and scenes.
 pub fn bare_app(assets: &Path) -> App {
@@ -50,11 +50,9 @@ pub fn bare_app(assets: &Path) -> App {
 /// Keeps the ends of bakes in [`Ends`].
 pub fn keep_ends(app: &mut App) {
     app.init_resource::<Ends>();
-    app.add_observer(
-        |event: On<MeshlessGiBakeFinished>, mut ends: ResMut<Ends>| {
-            ends.0.push(event.event().clone());
-        },
-    );
+    app.add_observer(|event: On<GiBakeFinished>, mut ends: ResMut<Ends>| {
+        ends.0.push(event.event().clone());
+    });
 }
 
 /// A recipe that takes a moment, for rooms as small as [`Room::cornell`].
@@ -104,8 +102,8 @@ pub fn end_of(app: &mut App, root: Entity) -> BakeResult {
 pub fn bake(
     app: &mut App,
     root: Entity,
-    request: impl Into<MeshlessGiBakeRequest>,
-) -> (MeshlessGiBakeSummary, Arc<BakedScene>) {
+    request: impl Into<GiBakeRequest>,
+) -> (GiBakeSummary, Arc<BakedScene>) {
     app.world_mut().entity_mut(root).bake_gi(request);
     let summary = end_of(app, root).unwrap_or_else(|error| panic!("{error}"));
     (summary, scene_of(app, root))
@@ -113,8 +111,8 @@ pub fn bake(
 
 /// The bake that lights `root`.
 pub fn scene_of(app: &App, root: Entity) -> Arc<BakedScene> {
-    let gi = app.world().get::<MeshlessGi>(root).expect("it has light");
-    let bakes = app.world().resource::<Assets<MeshlessGiAsset>>();
+    let gi = app.world().get::<GiScene>(root).expect("it has light");
+    let bakes = app.world().resource::<Assets<GiBakedScene>>();
     bakes.get(&gi.0).expect("the bake is there").scene.clone()
 }
 

@@ -5,7 +5,7 @@ use super::flip::Picture;
 use super::scenes::{Quad, Room, exposure};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Lens, map_views};
-use bevy_meshless_gi::plugin::MeshlessGiReflective;
+use bevy_meshless_gi::plugin::GiReflectiveShadowMap;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::gloss::{GlossView, Lights};
 use meshless_gi::frame::project::extent;
@@ -115,7 +115,7 @@ impl Geometry for Things {
 pub fn cpu_vpls(
     moving: &Things,
     light: &Light,
-    asked: &MeshlessGiReflective,
+    asked: &GiReflectiveShadowMap,
     bake: Option<&BakedScene>,
 ) -> Vec<Vpl> {
     let light = FrameLight::expand(light, 1)[0];

@@ -5,7 +5,7 @@ use super::flip::{Picture, flip};
 use super::scenes::{Room, cornell};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
-use bevy_meshless_gi::plugin::{MeshlessGiCounters, MeshlessGiStatus, MeshlessGiView};
+use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::FrameSettings;
@@ -41,9 +41,9 @@ pub fn lamp(position: Vec3) -> Light {
 }
 
 /// Shows indirect light alone.
-pub fn indirect() -> MeshlessGiCamera {
-    MeshlessGiCamera {
-        view: MeshlessGiView::Indirect,
+pub fn indirect() -> GiCamera {
+    GiCamera {
+        view: GiDebugView::Indirect,
         ..default()
     }
 }
@@ -92,15 +92,15 @@ pub fn spawn_baked(app: &mut App, room: &Room, bake: &Arc<BakedScene>, root: Tra
     let scene = bake.clone();
     let asset = app
         .world_mut()
-        .resource_mut::<Assets<MeshlessGiAsset>>()
-        .add(MeshlessGiAsset { scene });
-    let root = app.world_mut().spawn((MeshlessGi(asset), root)).id();
+        .resource_mut::<Assets<GiBakedScene>>()
+        .add(GiBakedScene { scene });
+    let root = app.world_mut().spawn((GiScene(asset), root)).id();
     room.spawn(app, root);
     root
 }
 
-pub fn counters(app: &App) -> MeshlessGiCounters {
-    app.world().resource::<MeshlessGiStatus>().get()
+pub fn counters(app: &App) -> FrameStats {
+    app.world().resource::<GiFrameStats>().get()
 }
 
 /// Writes a picture where `MGI_TEST_PICTURES` names a folder.
@@ -143,7 +143,7 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
 }
 
 /// What a frame's counters say of the stages that lights at rest must not run.
-pub fn work(c: &MeshlessGiCounters) -> [u32; 4] {
+pub fn work(c: &FrameStats) -> [u32; 4] {
     [
         Stage::Project,
         Stage::PullPush,

@@ -1,12 +1,12 @@
 //! Joins collected meshes to one mesh. Its order depends on the content alone, not on the order in
 //! which entities were spawned: equal scenes have equal hashes and equal bakes.
 
-use super::super::bake_error::MeshlessGiBakeError;
+use super::super::bake_error::GiBakeError;
 use super::collect::{Collected, Instance};
 use super::material::{ENCODINGS, SurfaceMaterial};
 use super::mesh_data::MeshData;
 use super::texture::{Encoding, texture};
-use super::warning::MeshlessGiBakeWarning as Warning;
+use super::warning::GiBakeWarning as Warning;
 use bevy::math::{Vec2, Vec3, Vec4};
 use bevy::platform::collections::HashMap;
 use meshless_gi::scene::{Material, MeshProblems, Texture, TriangleMesh, TriangleUvs};
@@ -46,13 +46,13 @@ struct Hashed {
 pub(super) fn assemble(
     collected: &Collected,
     warnings: &mut Vec<Warning>,
-) -> Result<TriangleMesh, MeshlessGiBakeError> {
+) -> Result<TriangleMesh, GiBakeError> {
     let instances = collected.instances.iter();
     let count: u64 = instances
         .map(|i| collected.meshes[i.mesh].triangles.len() as u64)
         .sum();
     if count > MAX_TRIANGLES {
-        return Err(MeshlessGiBakeError::TooManyTriangles {
+        return Err(GiBakeError::TooManyTriangles {
             root: collected.root.clone(),
             count,
             limit: MAX_TRIANGLES,
@@ -84,7 +84,7 @@ pub(super) fn assemble(
     pieces.sort_by_key(|piece| piece.hash);
     let mesh = join(pieces, collected, &surfaces, textures);
     if mesh.is_empty() {
-        return Err(MeshlessGiBakeError::Empty {
+        return Err(GiBakeError::Empty {
             root: collected.root.clone(),
             warnings: [&collected.warnings[..], warnings].concat(),
         });

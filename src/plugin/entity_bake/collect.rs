@@ -1,7 +1,7 @@
 //! Copies meshes, materials and images out of the world, for the bake's thread.
 
 use super::super::bake_task::NamedMaterials;
-use super::super::materials::MeshlessGiMaterials;
+use super::super::materials::GiDynamicMaterials;
 use super::label;
 use super::material::{
     SurfaceMaterial, SurfaceTexture, TEXTURES, channels_of, factors, images_of, is_double_sided,
@@ -12,7 +12,7 @@ use super::reflection::{gltf_material_name, has_custom_material};
 use super::texture::unreadable;
 use super::wait::{State, asset_state, scene_state};
 use super::walk::{StaticMesh, Walk};
-use super::warning::MeshlessGiBakeWarning as Warning;
+use super::warning::GiBakeWarning as Warning;
 use bevy::asset::{Asset, AssetId, AssetServer, Assets, Handle};
 use bevy::ecs::prelude::*;
 use bevy::image::Image;
@@ -52,7 +52,7 @@ pub(super) struct Instance {
 
 /// Copies what `walk` found. `with_names` gives the materials names.
 pub(super) fn collect(world: &World, walk: Walk, with_names: bool) -> Collected {
-    let given = world.get::<MeshlessGiMaterials>(walk.root);
+    let given = world.get::<GiDynamicMaterials>(walk.root);
     let mut collector = Collector {
         world,
         with_names,

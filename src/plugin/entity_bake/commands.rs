@@ -1,34 +1,34 @@
 //! The command that bakes the meshes below an entity.
 
-use super::request::MeshlessGiBakeRequest;
+use super::request::GiBakeRequest;
 use bevy::ecs::prelude::*;
 
 /// Adds [`bake_gi`](Self::bake_gi) to `EntityCommands` and `EntityWorldMut`.
-pub trait MeshlessGiBakeCommands {
+pub trait GiBakeCommands {
     /// Bakes the static meshes on this entity and below it. `request` is a
     /// [`Recipe`](meshless_gi::bake::Recipe), a [`Preset`](meshless_gi::bake::Preset), or a
-    /// [`MeshlessGiBakeRequest`], which can name a file.
+    /// [`GiBakeRequest`], which can name a file.
     ///
     /// ```no_run
     /// use bevy::prelude::*;
     /// use bevy_meshless_gi::prelude::*;
     ///
     /// fn bake(root: Entity, commands: &mut Commands) {
-    ///     let request = MeshlessGiBakeRequest::new(Recipe::default()).save_to("assets/room.mgi");
+    ///     let request = GiBakeRequest::new(Recipe::default()).save_to("assets/room.mgi");
     ///     commands.entity(root).bake_gi(request);
     /// }
     /// ```
-    fn bake_gi(&mut self, request: impl Into<MeshlessGiBakeRequest>) -> &mut Self;
+    fn bake_gi(&mut self, request: impl Into<GiBakeRequest>) -> &mut Self;
 }
 
-impl MeshlessGiBakeCommands for EntityCommands<'_> {
-    fn bake_gi(&mut self, request: impl Into<MeshlessGiBakeRequest>) -> &mut Self {
+impl GiBakeCommands for EntityCommands<'_> {
+    fn bake_gi(&mut self, request: impl Into<GiBakeRequest>) -> &mut Self {
         self.try_insert(request.into())
     }
 }
 
-impl MeshlessGiBakeCommands for EntityWorldMut<'_> {
-    fn bake_gi(&mut self, request: impl Into<MeshlessGiBakeRequest>) -> &mut Self {
+impl GiBakeCommands for EntityWorldMut<'_> {
+    fn bake_gi(&mut self, request: impl Into<GiBakeRequest>) -> &mut Self {
         self.insert(request.into())
     }
 }

@@ -4,7 +4,7 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 
 /// Leaves this entity and everything below it out of bakes from entities
-/// ([`MeshlessGiBakeRequest`](super::MeshlessGiBakeRequest)): characters, moving things, sky domes.
+/// ([`GiBakeRequest`](super::GiBakeRequest)): characters, moving things, sky domes.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct MeshlessGiBakeExclude;
+pub struct GiBakeExclude;

@@ -4,8 +4,8 @@ use super::super::bake_task::{BakeOutput, Outcome, bake_threads};
 use super::super::recipe_progress::log_progress;
 use super::assemble::assemble;
 use super::collect::Collected;
-use super::request::MeshlessGiBakeRequest;
-use super::warning::MeshlessGiBakeWarning as Warning;
+use super::request::GiBakeRequest;
+use super::warning::GiBakeWarning as Warning;
 use bevy::log::info;
 use meshless_gi::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
 use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Progress, Recipe, Staleness, bake_level};
@@ -17,7 +17,7 @@ use std::time::Instant;
 /// Bakes what was collected as `request` says.
 pub(super) fn run(
     collected: &Collected,
-    request: &MeshlessGiBakeRequest,
+    request: &GiBakeRequest,
     progress: &Arc<Progress>,
 ) -> Outcome {
     let began = Instant::now();

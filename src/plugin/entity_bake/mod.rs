@@ -22,7 +22,7 @@
 //! | file | content |
 //! |---|---|
 //! | `request` | the component that requests a bake |
-//! | `commands` | [`MeshlessGiBakeCommands::bake_gi`] |
+//! | `commands` | [`GiBakeCommands::bake_gi`] |
 //! | `exclude` | the marker that leaves entities out |
 //! | `warning` | meshes, materials and images that a bake can't use |
 //! | `walk` | visits the hierarchy: static meshes with their transforms in the root's space |
@@ -55,10 +55,10 @@ mod walk;
 mod warning;
 pub(super) mod wrong_file;
 
-pub use commands::MeshlessGiBakeCommands;
-pub use exclude::MeshlessGiBakeExclude;
-pub use request::MeshlessGiBakeRequest;
-pub use warning::MeshlessGiBakeWarning;
+pub use commands::GiBakeCommands;
+pub use exclude::GiBakeExclude;
+pub use request::GiBakeRequest;
+pub use warning::GiBakeWarning;
 
 use bevy::ecs::prelude::*;
 

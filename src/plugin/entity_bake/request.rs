@@ -1,7 +1,7 @@
 //! The component that requests a bake of the meshes below its entity.
 
-use super::super::bake_progress::MeshlessGiBakeProgress;
-use super::super::bake_task::MeshlessGiBake;
+use super::super::bake_progress::GiBakeProgress;
+use super::super::bake_task::GiBakeTask;
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::lifecycle::HookContext;
 use bevy::ecs::prelude::*;
@@ -12,13 +12,13 @@ use meshless_gi::bake::{Preset, Recipe};
 use std::path::PathBuf;
 
 /// Requests a bake of the static meshes on this entity and below it. Insert it with
-/// [`bake_gi`](super::MeshlessGiBakeCommands::bake_gi), or as a component.
+/// [`bake_gi`](super::GiBakeCommands::bake_gi), or as a component.
 ///
 /// The bake waits until scenes below the root are spawned and their meshes, materials and images
 /// are loaded. Then it copies them and runs in the background. At its end the entity gets a
-/// [`MeshlessGi`](super::super::MeshlessGi) and the event
-/// [`MeshlessGiBakeFinished`](super::super::MeshlessGiBakeFinished), and this component is removed.
-/// [`MeshlessGiBakeProgress`] has the progress.
+/// [`GiScene`](super::super::GiScene) and the event
+/// [`GiBakeFinished`](super::super::GiBakeFinished), and this component is removed.
+/// [`GiBakeProgress`] has the progress.
 ///
 /// | action | effect |
 /// |---|---|
@@ -32,11 +32,11 @@ use std::path::PathBuf;
 /// | `Mesh3d` with `MeshMaterial3d<StandardMaterial>` | yes: base color, metallic and emissive factors and textures, UV transform, alpha cutoff, sides |
 /// | `Mesh3d` with a material of another type | yes, as a gray surface (albedo 0.5), with a warning |
 /// | `Mesh3d` without a material | no: Bevy does not draw it |
-/// | [`MeshlessGiBakeExclude`](super::MeshlessGiBakeExclude), [`MeshlessGiBouncer`](super::super::MeshlessGiBouncer), or below one | no |
+/// | [`GiBakeExclude`](super::GiBakeExclude), [`GiReflector`](super::super::GiReflector), or below one | no |
 /// | `Visibility::Hidden` below the root, or inherited from there | no; the root's own visibility does not matter |
 /// | `SkinnedMesh` | no |
-/// | `MeshlessGiPointCloud` | no, with a warning: join its mesh and use [`MeshlessGiBake`] |
-/// | below another root with `MeshlessGi` or `MeshlessGiBakeRequest` | no: it belongs to that root |
+/// | `GiPointCloud` | no, with a warning: join its mesh and use [`GiBakeTask`] |
+/// | below another root with `GiScene` or `GiBakeRequest` | no: it belongs to that root |
 ///
 /// Vertex colors multiply the base color, averaged over each triangle. Blended surfaces count as
 /// opaque where their alpha is 0.5 or more. Morph targets have no effect. All surfaces block light,
@@ -46,17 +46,17 @@ use std::path::PathBuf;
 /// compressed image can't be read. A warning names the entity; the bake goes on without them.
 ///
 /// The name of an entity (`Name`, or the name of its
-/// [`MeshlessGiOccluder`](super::super::MeshlessGiOccluder)) is the node name for the recipe's
+/// [`GiOccluder`](super::super::GiOccluder)) is the node name for the recipe's
 /// `occluders`. With `live_materials` the materials get names (from
-/// [`MeshlessGiMaterials`](super::super::MeshlessGiMaterials) on the root, else `GltfMaterialName`,
-/// else the asset path, else `material N`), and `MeshlessGiMaterials` is inserted with all of them,
+/// [`GiDynamicMaterials`](super::super::GiDynamicMaterials) on the root, else `GltfMaterialName`,
+/// else the asset path, else `material N`), and `GiDynamicMaterials` is inserted with all of them,
 /// so that indirect light follows the assets.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(opaque)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[component(on_insert = restart, on_remove = cancel)]
 #[require(Transform, Visibility)]
-pub struct MeshlessGiBakeRequest {
+pub struct GiBakeRequest {
     /// Settings of the bake. `scene` is ignored.
     pub recipe: Recipe,
     /// File that holds the bake, relative to the working directory. If it exists and was baked from
@@ -65,7 +65,7 @@ pub struct MeshlessGiBakeRequest {
     pub save_to: Option<PathBuf>,
 }
 
-impl MeshlessGiBakeRequest {
+impl GiBakeRequest {
     /// Creates a request with this recipe. The bake is kept in memory.
     #[must_use]
     pub fn new(recipe: Recipe) -> Self {
@@ -83,13 +83,13 @@ impl MeshlessGiBakeRequest {
     }
 }
 
-impl From<Recipe> for MeshlessGiBakeRequest {
+impl From<Recipe> for GiBakeRequest {
     fn from(recipe: Recipe) -> Self {
         Self::new(recipe)
     }
 }
 
-impl From<Preset> for MeshlessGiBakeRequest {
+impl From<Preset> for GiBakeRequest {
     fn from(preset: Preset) -> Self {
         Self::new(preset.into())
     }
@@ -97,11 +97,10 @@ impl From<Preset> for MeshlessGiBakeRequest {
 
 fn restart(mut world: DeferredWorld, context: HookContext) {
     (world.commands().entity(context.entity))
-        .try_remove::<MeshlessGiBake>()
-        .try_insert(MeshlessGiBakeProgress::default());
+        .try_remove::<GiBakeTask>()
+        .try_insert(GiBakeProgress::default());
 }
 
 fn cancel(mut world: DeferredWorld, context: HookContext) {
-    (world.commands().entity(context.entity))
-        .try_remove::<(MeshlessGiBake, MeshlessGiBakeProgress)>();
+    (world.commands().entity(context.entity)).try_remove::<(GiBakeTask, GiBakeProgress)>();
 }

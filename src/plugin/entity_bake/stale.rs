@@ -1,11 +1,11 @@
 //! Compares loaded bakes of entities with the meshes that are below their roots now.
 
-use super::super::asset::MeshlessGiAsset;
+use super::super::asset::GiBakedScene;
 use super::super::background::Background;
-use super::super::components::MeshlessGi;
+use super::super::components::GiScene;
 use super::assemble::assemble;
 use super::collect::{Collected, collect};
-use super::request::MeshlessGiBakeRequest;
+use super::request::GiBakeRequest;
 use super::walk::walk;
 use super::{label, wait};
 use bevy::asset::{AssetId, AssetServer, Assets};
@@ -17,22 +17,22 @@ use meshless_gi::bake::is_stale;
 #[derive(Component)]
 pub(crate) struct BakeComparison {
     /// The bake that was compared.
-    asset: AssetId<MeshlessGiAsset>,
+    asset: AssetId<GiBakedScene>,
     /// Hash of the meshes, while it is computed; `None` in it if there are no meshes.
     work: Option<Background<Option<[u8; 32]>>>,
 }
 
 type Roots<'w> = (
     Entity,
-    &'w MeshlessGi,
+    &'w GiScene,
     Option<&'w BakeComparison>,
-    Has<MeshlessGiBakeRequest>,
+    Has<GiBakeRequest>,
 );
 
 /// Run condition of [`compare_bakes`]: a bake has not been compared yet.
 pub(crate) fn has_comparison(
     roots: Query<Roots<'static>>,
-    bakes: Res<Assets<MeshlessGiAsset>>,
+    bakes: Res<Assets<GiBakedScene>>,
     server: Option<Res<AssetServer>>,
 ) -> bool {
     let Some(server) = server else {
@@ -43,12 +43,12 @@ pub(crate) fn has_comparison(
 
 /// Whether a root has a loaded bake of entities that was not compared with its meshes.
 fn wants_comparison(
-    (_, gi, comparison, is_requested): (Entity, &MeshlessGi, Option<&BakeComparison>, bool),
-    bakes: &Assets<MeshlessGiAsset>,
+    (_, gi, comparison, is_requested): (Entity, &GiScene, Option<&BakeComparison>, bool),
+    bakes: &Assets<GiBakedScene>,
     server: &AssetServer,
 ) -> bool {
     let is_done = |c: &BakeComparison| c.asset == gi.0.id() && c.work.is_none();
-    let is_of_entities = |bake: &MeshlessGiAsset| !bake.scene.info.request.is_empty();
+    let is_of_entities = |bake: &GiBakedScene| !bake.scene.info.request.is_empty();
     // A bake of this session has no path, and was made from what is there.
     !is_requested
         && !comparison.is_some_and(is_done)
@@ -56,9 +56,9 @@ fn wants_comparison(
         && server.get_path(gi.0.id()).is_some()
 }
 
-/// Runs in [`MeshlessGiSystems::Request`](super::super::MeshlessGiSystems::Request).
+/// Runs in [`GiSystems::Request`](super::super::GiSystems::Request).
 pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'static>>) {
-    let Some(bakes) = world.get_resource::<Assets<MeshlessGiAsset>>() else {
+    let Some(bakes) = world.get_resource::<Assets<GiBakedScene>>() else {
         return;
     };
     let Some(server) = world.get_resource::<AssetServer>() else {
@@ -71,7 +71,7 @@ pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'sta
         }
     }
     for (root, handle) in open {
-        let bakes = world.resource::<Assets<MeshlessGiAsset>>();
+        let bakes = world.resource::<Assets<GiBakedScene>>();
         let Some(scene) = bakes.get(&handle).map(|bake| bake.scene.clone()) else {
             continue;
         };
@@ -106,13 +106,13 @@ fn hash(collected: &Collected) -> Option<[u8; 32]> {
     Some(mesh.content_hash())
 }
 
-fn warn_stale(world: &World, root: Entity, asset: AssetId<MeshlessGiAsset>) {
+fn warn_stale(world: &World, root: Entity, asset: AssetId<GiBakedScene>) {
     let path = (world.get_resource::<AssetServer>()).and_then(|server| server.get_path(asset));
     let path = path.map_or_else(String::new, |path| path.to_string());
     warn!(
         "{}: the meshes on it and below it are not those that `{path}` was baked from (or another \
          version baked it), so indirect light is wrong where they differ. Bake again: \
-         `commands.entity(root).bake_gi(MeshlessGiBakeRequest::new(recipe).save_to(file))`",
+         `commands.entity(root).bake_gi(GiBakeRequest::new(recipe).save_to(file))`",
         label(world, root)
     );
 }

@@ -1,10 +1,10 @@
 //! Starts requested bakes once everything below their roots is there.
 
-use super::super::bake_error::MeshlessGiBakeError;
-use super::super::bake_progress::{MeshlessGiBakeProgress, MeshlessGiBakeStage};
-use super::super::bake_task::{MeshlessGiBake, end};
+use super::super::bake_error::GiBakeError;
+use super::super::bake_progress::{GiBakeProgress, GiBakeStage};
+use super::super::bake_task::{GiBakeTask, end};
 use super::collect::collect;
-use super::request::MeshlessGiBakeRequest;
+use super::request::GiBakeRequest;
 use super::walk::walk;
 use super::{job, label, wait};
 use bevy::ecs::prelude::*;
@@ -21,9 +21,9 @@ pub(crate) struct Wait {
     logged: bool,
 }
 
-type Waiting = (With<MeshlessGiBakeRequest>, Without<MeshlessGiBake>);
+type Waiting = (With<GiBakeRequest>, Without<GiBakeTask>);
 
-/// Runs in [`MeshlessGiSystems::Request`](super::super::MeshlessGiSystems::Request).
+/// Runs in [`GiSystems::Request`](super::super::GiSystems::Request).
 pub(crate) fn start_bakes(
     world: &mut World,
     requested: &mut QueryState<Entity, Waiting>,
@@ -44,7 +44,7 @@ pub(crate) fn start_bakes(
             }
             continue;
         }
-        let Some(request) = world.get::<MeshlessGiBakeRequest>(root).cloned() else {
+        let Some(request) = world.get::<GiBakeRequest>(root).cloned() else {
             continue;
         };
         let mut collected = collect(world, found, request.recipe.live_materials);
@@ -58,14 +58,14 @@ pub(crate) fn start_bakes(
         };
         if collected.instances.is_empty() {
             let root = collected.root;
-            end(entity, Err(MeshlessGiBakeError::Empty { root, warnings }));
+            end(entity, Err(GiBakeError::Empty { root, warnings }));
             continue;
         }
         let work = move |progress: &_| job::run(&collected, &request, progress);
         entity.insert((
-            MeshlessGiBake::start(work).with(named, warnings),
-            MeshlessGiBakeProgress {
-                stage: MeshlessGiBakeStage::Geometry,
+            GiBakeTask::start(work).with(named, warnings),
+            GiBakeProgress {
+                stage: GiBakeStage::Geometry,
                 fraction: 0.0,
             },
         ));

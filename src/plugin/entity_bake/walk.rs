@@ -1,11 +1,8 @@
 //! Visits the hierarchy below a root: static meshes with their transforms in the root's space.
 
-use super::exclude::MeshlessGiBakeExclude;
-use super::request::MeshlessGiBakeRequest;
-use crate::plugin::{
-    MeshlessGi, MeshlessGiBouncer, MeshlessGiOccluder, MeshlessGiPointCloud,
-    MeshlessGiPointCloudPart,
-};
+use super::exclude::GiBakeExclude;
+use super::request::GiBakeRequest;
+use crate::plugin::{GiOccluder, GiPointCloud, GiPointCloudPart, GiReflector, GiScene};
 use bevy::asset::Handle;
 use bevy::camera::visibility::Visibility;
 use bevy::ecs::prelude::*;
@@ -80,8 +77,8 @@ impl Walk {
         if entity.contains::<WorldAssetRoot>() || entity.contains::<DynamicWorldRoot>() {
             self.scenes.push(entity.id());
         }
-        let part = entity.contains::<MeshlessGiPointCloudPart>();
-        if entity.contains::<MeshlessGiPointCloud>() {
+        let part = entity.contains::<GiPointCloudPart>();
+        if entity.contains::<GiPointCloud>() {
             self.point_clouds.push(entity.id());
         } else if let Some(mesh) = entity.get::<Mesh3d>()
             && visible
@@ -100,15 +97,15 @@ impl Walk {
 
 /// Whether an entity below the root is no part of its bake, with all below it.
 fn is_left_out(entity: EntityRef) -> bool {
-    entity.contains::<MeshlessGiBakeExclude>()
-        || entity.contains::<MeshlessGiBouncer>()
-        || entity.contains::<MeshlessGi>()
-        || entity.contains::<MeshlessGiBakeRequest>()
+    entity.contains::<GiBakeExclude>()
+        || entity.contains::<GiReflector>()
+        || entity.contains::<GiScene>()
+        || entity.contains::<GiBakeRequest>()
 }
 
 /// The name that the recipe's occluders refer to.
 fn node_name(entity: EntityRef) -> String {
-    match (entity.get::<MeshlessGiOccluder>(), entity.get::<Name>()) {
+    match (entity.get::<GiOccluder>(), entity.get::<Name>()) {
         (Some(occluder), _) => occluder.name.clone(),
         (None, Some(name)) => name.as_str().into(),
         (None, None) => String::new(),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// has the cause and the remedy. Entities are given with their names, assets with their paths.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum MeshlessGiBakeWarning {
+pub enum GiBakeWarning {
     /// The mesh has no data in the main world.
     #[error(
         "{entity}: mesh {mesh} is in the render world alone and is not in the bake; \
@@ -69,7 +69,7 @@ pub enum MeshlessGiBakeWarning {
     /// The material is not a `StandardMaterial`.
     #[error(
         "{entity}: its material is not a `StandardMaterial`; the bake has a gray surface (albedo \
-         0.5) there. Add `MeshlessGiBakeExclude` to leave it out"
+         0.5) there. Add `GiBakeExclude` to leave it out"
     )]
     CustomMaterial {
         /// Entity with the mesh.
@@ -121,7 +121,7 @@ pub enum MeshlessGiBakeWarning {
     /// Point clouds are not collected.
     #[error(
         "{entity}: point clouds are not collected; \
-         join their meshes (`PointCloud::mesh`) with the others and use `MeshlessGiBake::spawn`"
+         join their meshes (`PointCloud::mesh`) with the others and use `GiBakeTask::spawn`"
     )]
     PointCloud {
         /// Entity with the cloud.

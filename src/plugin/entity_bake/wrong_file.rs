@@ -1,6 +1,6 @@
 //! Warns of a scene file in the place of a bake.
 
-use super::super::components::MeshlessGi;
+use super::super::components::GiScene;
 use bevy::asset::AssetPath;
 use bevy::ecs::prelude::*;
 use bevy::log::error;
@@ -8,10 +8,8 @@ use bevy::log::error;
 /// Endings of files that hold scenes.
 const SCENES: [&str; 6] = ["glb", "gltf", "ply", "obj", "fbx", "scn"];
 
-/// Runs in [`MeshlessGiSystems::Check`](super::super::MeshlessGiSystems::Check).
-pub(crate) fn check_files(
-    changed: Query<(Entity, Option<&Name>, &MeshlessGi), Changed<MeshlessGi>>,
-) {
+/// Runs in [`GiSystems::Check`](super::super::GiSystems::Check).
+pub(crate) fn check_files(changed: Query<(Entity, Option<&Name>, &GiScene), Changed<GiScene>>) {
     for (entity, name, gi) in &changed {
         if let Some(message) = gi.0.path().and_then(wrong_file) {
             let name = name.map(|name| format!(" (`{name}`)")).unwrap_or_default();
@@ -29,8 +27,8 @@ fn wrong_file(path: &AssetPath) -> Option<String> {
     let file = path.path().display().to_string();
     let stem = file.get(..file.len() - ending.len() - 1)?.to_owned();
     Some(format!(
-        "`MeshlessGi` names `{file}`, which is a scene and not a bake; there is no indirect light. \
-         Use `MeshlessGi(asset_server.load(\"{stem}.gi.ron\"))` with a recipe \
+        "`GiScene` names `{file}`, which is a scene and not a bake; there is no indirect light. \
+         Use `GiScene(asset_server.load(\"{stem}.gi.ron\"))` with a recipe \
          `(scene: \"{file}\")`, or `\"{stem}.mgi\"` from `meshless_gi bake {file}`, or \
          `commands.entity(root).bake_gi(Recipe::default())` to bake the spawned scene"
     ))
