@@ -32,7 +32,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
-use meshless_gi::bake::SoftShadows;
+use meshless_gi::bake::VisibilityRecipe;
 use meshless_gi::scene::cornell_box;
 use std::process::ExitCode;
 
@@ -93,7 +93,7 @@ fn setup(
     let quads = cornell_box();
     let recipe = Recipe {
         preset: Preset::Draft,
-        soft_shadows: soft.0.then(SoftShadows::default),
+        soft_shadows: soft.0.then(VisibilityRecipe::default),
         ..default()
     };
     let mut root = commands.spawn((Transform::default(), Visibility::default()));

@@ -27,7 +27,7 @@ use bevy::asset::AssetPlugin;
 use bevy::light::IrradianceVolume;
 use bevy::prelude::*;
 use common::capture::{Capture, default_plugins};
-use meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
 use meshless_gi::export::{ExportedVolume, VolumeExport, VolumePlacement};
 use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
 use std::error::Error;
@@ -110,11 +110,11 @@ fn placement(folder: &Path) -> Result<VolumePlacement, Box<dyn Error>> {
 fn export(texture: &Path) -> Result<(), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..default()
     };
     let mesh = mesh_of_quads(&cornell_box());
-    let baked = bake_level(&mesh, &recipe, 0, &Progress::default())?;
+    let baked = bake_scene(&mesh, &recipe, 0, &Progress::default())?;
     let light = Light::Point {
         position: LIGHT.0,
         intensity: Vec3::splat(LIGHT.1),

@@ -9,7 +9,7 @@ use bevy_meshless_gi::gpu::{Harness, KERNELS};
 use bytemuck::NoUninit;
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::basis::{NO_COVER, weight};
 use meshless_gi::frame::apply::apply_row;
 use meshless_gi::frame::apply_one::apply_one_row;
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             preset,
             ..Recipe::default()
         };
-        let scene = bake_level(&mesh_of_quads(&quads), &recipe, 0, &Progress::default())?.scene;
+        let scene = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default())?.scene;
         let mut frame = CpuFrame::new(&scene);
         let lamp = Light::Point {
             position: Vec3::new(0.4, 1.7, 0.5),

@@ -17,7 +17,7 @@ use bevy_meshless_gi::gpu::{
 };
 use half::f16;
 use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::frame::{
     CompositeParams, SubsplatSettings, VectorIrradiance, Vpl, VplParams, VplViewParams, splat,
 };
@@ -83,7 +83,7 @@ fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Erro
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    Ok(bake_level(&level.mesh, &recipe, 0, &Progress::default())?.scene)
+    Ok(bake_scene(&level.mesh, &recipe, 0, &Progress::default())?.scene)
 }
 
 /// A view's textures on the device.

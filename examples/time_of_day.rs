@@ -31,7 +31,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
-use meshless_gi::bake::{FreeSpaceLight, Sky};
+use meshless_gi::bake::{ProbeSettings, Sky};
 use meshless_gi::scene::{Material, Quad, SkyRadiance};
 use std::f32::consts::{PI, TAU};
 use std::process::ExitCode;
@@ -133,7 +133,7 @@ fn set_up(
         rays: Some(1024),
         sky: Sky::Harmonics,
         // Light in free space, for the mist.
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..default()
     };
     let mut root = commands.spawn((

@@ -29,7 +29,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems, spawn_lamp};
-use meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape};
+use meshless_gi::bake::{OccluderBox, OccluderDesc, ProbeSettings};
 use meshless_gi::scene::{Material, Quad};
 use std::f32::consts::PI;
 use std::process::ExitCode;
@@ -102,8 +102,8 @@ fn set_up(
     let recipe = Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[-2.0, 1.5, -1.5], [2.0, 1.5, -1.5]],
-        probes: Some(FreeSpaceLight::default()),
-        occluders: vec![OccluderShape {
+        probes: Some(ProbeSettings::default()),
+        occluders: vec![OccluderDesc {
             name: "door".into(),
             boxes: vec![OccluderBox {
                 center: DOOR.0.to_array(),

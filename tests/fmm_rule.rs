@@ -4,7 +4,7 @@
 use bevy_meshless_gi::plan::{Picker, Quality, TierChoice};
 use glam::{Vec2, Vec3};
 use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::samples::{Random, scatter, uniform_sphere};
@@ -54,7 +54,7 @@ fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Truth {
     })
 }
 
-fn draft(rule: Rule) -> Recipe {
+fn draft(rule: TransportMethod) -> Recipe {
     Recipe {
         preset: Preset::Draft,
         rule,
@@ -63,7 +63,7 @@ fn draft(rule: Rule) -> Recipe {
 }
 
 fn baked(level: &TriangleMesh, recipe: &Recipe) -> BakedScene {
-    bake_level(level, recipe, 0, &Progress::default())
+    bake_scene(level, recipe, 0, &Progress::default())
         .expect("a bake")
         .scene
 }
@@ -125,7 +125,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
     for (name, level, most) in rooms {
         let places = places(&level, 400);
         let truth = reference(&level, &places);
-        let [fmm, bounded] = [Rule::Fmm, Rule::Bounded].map(|rule| {
+        let [fmm, bounded] = [TransportMethod::Fmm, TransportMethod::Bounded].map(|rule| {
             let scene = baked(&level, &draft(rule));
             let bytes = scene.to_bytes().expect("a file").len();
             let again = BakedScene::from_bytes(&scene.to_bytes().unwrap(), &Limits::default());
@@ -157,7 +157,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
             };
             let floor: Vec<_> = places.iter().filter(below).copied().collect();
             let bare = mesh_of_quads(&cornell_box()[..5]);
-            let empty = baked(&bare, &quick(Rule::Fmm, false));
+            let empty = baked(&bare, &quick(TransportMethod::Fmm, false));
             let tints = [(&fmm.0, &level), (&empty, &bare)].map(|(scene, level)| {
                 let sum: Vec3 = indirect(scene, level, &floor).into_iter().sum();
                 sum.x / sum.z
@@ -185,7 +185,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
 }
 
 /// A recipe that bakes in a second.
-fn quick(rule: Rule, fallback: bool) -> Recipe {
+fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
     Recipe {
         coarse_radius: Some(0.4),
         rays: Some(64),
@@ -200,8 +200,8 @@ fn quick(rule: Rule, fallback: bool) -> Recipe {
 #[test]
 fn links_stand_below_the_octree() {
     let level = mesh_of_quads(&cornell_box());
-    let both = baked(&level, &quick(Rule::Fmm, true));
-    let links = baked(&level, &quick(Rule::Bounded, false));
+    let both = baked(&level, &quick(TransportMethod::Fmm, true));
+    let links = baked(&level, &quick(TransportMethod::Bounded, false));
     let tiers = both.link_tiers();
     assert_eq!(both.tiers(), tiers + 1);
     assert_eq!(both.info.tiers.len() as u32, tiers + 1);
@@ -248,9 +248,9 @@ fn links_stand_below_the_octree() {
 fn any_number_of_threads_bakes_the_same_bytes() {
     let level = mesh_of_quads(&cornell_box());
     let bytes = |threads| {
-        bake_level(
+        bake_scene(
             &level,
-            &quick(Rule::Fmm, false),
+            &quick(TransportMethod::Fmm, false),
             threads,
             &Progress::default(),
         )
@@ -284,7 +284,7 @@ fn a_closed_room_keeps_its_energy() {
             })
             .collect();
         let level = mesh_of_quads(&walls);
-        baked(&level, &quick(Rule::Fmm, false))
+        baked(&level, &quick(TransportMethod::Fmm, false))
     };
     for albedo in [0.0f32, 0.5, 0.9] {
         let scene = furnace(albedo);
@@ -320,7 +320,7 @@ fn what_a_recipe_may_not_say() {
         }),
     ];
     for (field, change) in wrong {
-        let mut recipe = draft(Rule::Fmm);
+        let mut recipe = draft(TransportMethod::Fmm);
         assert!(recipe.check().is_ok());
         change(&mut recipe);
         let why = recipe.check().expect_err(field).to_string();

@@ -18,7 +18,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plugin::{GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{FreeSpaceLight, Preset, Recipe};
+use meshless_gi::bake::{Preset, ProbeSettings, Recipe};
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::Picture;
 use plugin_support::scenes::{Room, cornell};
@@ -447,7 +447,7 @@ fn method_that_a_game_sets_stays() {
 fn with_probes() -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.25),
             rays: None,
         }),

@@ -6,7 +6,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, OccluderBox, OccluderShape, Recipe};
+use meshless_gi::bake::{OccluderBox, OccluderDesc, ProbeSettings, Recipe};
 use meshless_gi::frame::CpuFrame;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
@@ -22,9 +22,9 @@ fn cornell() -> (Room, Arc<BakedScene>) {
 }
 
 /// The same with a screen of this thickness, halved, and light for what moves.
-fn cornell_with(half: f32, probes: Option<FreeSpaceLight>) -> (Room, Arc<BakedScene>) {
+fn cornell_with(half: f32, probes: Option<ProbeSettings>) -> (Room, Arc<BakedScene>) {
     let room = Room::cornell();
-    let screen = OccluderShape {
+    let screen = OccluderDesc {
         name: "screen".into(),
         boxes: vec![OccluderBox {
             center: [-0.45, 1.0, 0.0],
@@ -150,7 +150,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
 /// The lamp stands before a screen that is drawn in the farther half of an occluder three times as thick.
 #[test]
 fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
-    let (mut room, bake) = cornell_with(0.06, Some(FreeSpaceLight::default()));
+    let (mut room, bake) = cornell_with(0.06, Some(ProbeSettings::default()));
     let corner = Vec3::new(-0.505, 0.0, -1.0);
     let (thick, high, deep) = (Vec3::X * 0.04, Vec3::Y * 2.0, Vec3::Z * 2.0);
     let quad = |corner, u, v| Quad {

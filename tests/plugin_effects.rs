@@ -9,7 +9,7 @@ mod scenes;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{PickedChannels, Stage};
 use bevy_meshless_gi::plugin::FrameStats;
-use meshless_gi::bake::{FreeSpaceLight, Recipe, SoftShadows};
+use meshless_gi::bake::{ProbeSettings, Recipe, VisibilityRecipe};
 use meshless_gi::frame::Channels;
 use plugin_support::app::{app, run};
 use plugin_support::stage::counters;
@@ -24,15 +24,15 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
         levels: Some(3),
         sender_levels: Some(2),
         rays: Some(64),
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.4),
             rays: None,
         }),
-        soft_shadows: Some(SoftShadows {
+        soft_shadows: Some(VisibilityRecipe {
             directions: 252,
             coefficients: 20,
             cluster_points: 100,
-            ..SoftShadows::default()
+            ..VisibilityRecipe::default()
         }),
         ..Recipe::default()
     };

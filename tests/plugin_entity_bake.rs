@@ -15,7 +15,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{AsBindGroup, Extent3d, Face, TextureDimension, TextureFormat};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{OccluderShape, Progress, bake_level};
+use meshless_gi::bake::{OccluderDesc, Progress, bake_scene};
 use meshless_gi::scene::load_gltf;
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::assets::until;
@@ -66,7 +66,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
     let ours = scene_of(&app, root);
 
     let mesh = load_gltf(&file).unwrap().mesh;
-    let theirs = bake_level(&mesh, &recipe, 2, &Progress::default()).unwrap();
+    let theirs = bake_scene(&mesh, &recipe, 2, &Progress::default()).unwrap();
     let theirs = theirs.scene;
     assert_eq!(triangles(&ours), triangles(&theirs));
     assert_eq!((ours.info.triangles, theirs.info.triangles), (20, 20));
@@ -697,7 +697,7 @@ fn occluders_are_entities_by_name_or_component() {
         openness: 0.0,
     });
     let recipe = Recipe {
-        occluders: ["door", "gate"].map(OccluderShape::node).into(),
+        occluders: ["door", "gate"].map(OccluderDesc::node).into(),
         ..quick()
     };
     let (_, scene) = bake(&mut app, root, recipe);

@@ -12,7 +12,7 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Recipe};
+use meshless_gi::bake::{ProbeSettings, Recipe};
 use meshless_gi::eval::Bounces;
 use meshless_gi::export::{ExportedVolume, VolumeExport, VolumePlacement};
 use plugin_support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
@@ -30,7 +30,7 @@ fn bake() -> Arc<BakedScene> {
         levels: Some(3),
         sender_levels: Some(2),
         rays: Some(128),
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.25),
             rays: None,
         }),

@@ -12,7 +12,7 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Recipe};
+use meshless_gi::bake::{ProbeSettings, Recipe};
 use meshless_gi::frame::fog_voxels::fog_voxels;
 use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::{
@@ -45,7 +45,7 @@ fn bake() -> Arc<BakedScene> {
             levels: Some(3),
             sender_levels: Some(2),
             rays: Some(128),
-            probes: Some(FreeSpaceLight {
+            probes: Some(ProbeSettings {
                 spacing: Some(0.25),
                 rays: None,
             }),

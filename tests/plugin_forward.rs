@@ -9,7 +9,7 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::GiWarnings;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Recipe};
+use meshless_gi::bake::{ProbeSettings, Recipe};
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::Picture;
 use plugin_support::scenes::Room;
@@ -31,7 +31,7 @@ fn bake() -> Arc<BakedScene> {
             levels: Some(3),
             sender_levels: Some(2),
             rays: Some(128),
-            probes: Some(FreeSpaceLight {
+            probes: Some(ProbeSettings {
                 spacing: Some(0.5),
                 rays: None,
             }),

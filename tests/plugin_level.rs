@@ -203,7 +203,7 @@ fn overall_progress_rises_from_stage_to_stage() {
         Stage::Probes,
         Stage::Bounces,
         Stage::Visibility,
-        Stage::Estimate,
+        Stage::ErrorEstimate,
     ];
     let steps = stages
         .iter()

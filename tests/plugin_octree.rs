@@ -8,7 +8,7 @@ use bevy_meshless_gi::plan::{Stage, TierChoice};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Recipe, Rule};
+use meshless_gi::bake::{Recipe, TransportMethod};
 use meshless_gi::frame::FrameSettings;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::scenes::{Room, cpu_indirect};
@@ -28,7 +28,7 @@ fn baked(order: u32) -> (Room, Arc<BakedScene>) {
         sender_levels: Some(2),
         extra_levels: Some(0),
         rays: Some(128),
-        rule: Rule::Fmm,
+        rule: TransportMethod::Fmm,
         order: Some(order),
         fallback: true,
         ..Recipe::default()

@@ -7,7 +7,7 @@ use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{GiPointCloudAsset, GiPointCloudPart};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::samples::scatter;
 use meshless_gi::scene::{
     Material, PlyEncoding, PlyPoints, PointCloud, Quad, TriangleMesh, mesh_of_quads, write_ply,
@@ -68,7 +68,7 @@ fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -
         viewpoints: vec![[0.0, 1.0, 0.6]],
         ..Recipe::default()
     };
-    let baked = bake_level(mesh, &recipe, 0, &Progress::default()).expect("the room bakes");
+    let baked = bake_scene(mesh, &recipe, 0, &Progress::default()).expect("the room bakes");
     let mut app = app_in(folder);
     let asset = app
         .world_mut()

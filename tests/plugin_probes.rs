@@ -9,7 +9,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Recipe};
+use meshless_gi::bake::{ProbeSettings, Recipe};
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room, cpu_indirect};
@@ -28,7 +28,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
         levels: Some(3),
         sender_levels: Some(2),
         rays: Some(128),
-        probes: probes.then_some(FreeSpaceLight {
+        probes: probes.then_some(ProbeSettings {
             spacing: Some(0.3),
             rays: None,
         }),

@@ -7,7 +7,7 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Recipe, SoftShadows};
+use meshless_gi::bake::{Recipe, VisibilityRecipe};
 use meshless_gi::frame::project::extent;
 use meshless_gi::frame::shade::{self, ShadeParams, Shading};
 use meshless_gi::frame::soft::{self, Rays};
@@ -33,7 +33,7 @@ fn remembering() -> Arc<BakedScene> {
             sender_levels: Some(4),
             rays: Some(32),
             seed: 1,
-            soft_shadows: Some(SoftShadows::default()),
+            soft_shadows: Some(VisibilityRecipe::default()),
             ..Recipe::default()
         })
     };

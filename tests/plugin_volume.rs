@@ -14,7 +14,7 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
 use meshless_gi::scene::{TriangleMesh, load_gltf};
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
@@ -38,7 +38,7 @@ fn bake(probes: bool) -> Arc<BakedScene> {
             levels: Some(3),
             sender_levels: Some(2),
             rays: Some(128),
-            probes: probes.then_some(FreeSpaceLight {
+            probes: probes.then_some(ProbeSettings {
                 spacing: Some(0.25),
                 rays: None,
             }),
@@ -241,10 +241,10 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
     let mesh = load_gltf(file).unwrap().mesh;
     let recipe = Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..Recipe::default()
     };
-    let bake = bake_level(&mesh, &recipe, 0, &Progress::default()).unwrap();
+    let bake = bake_scene(&mesh, &recipe, 0, &Progress::default()).unwrap();
     let bake = Arc::new(bake.scene);
     let eye = Transform::from_xyz(0.7, 1.4, 3.2).looking_at(Vec3::new(3.9, 1.1, 1.9), Vec3::Y);
     let kinds = [None, Some(Msaa::Off)];

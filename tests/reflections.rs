@@ -3,7 +3,7 @@
 use bevy_meshless_gi::plan::{BouncePicker, LEFT, bounces_at};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{Material, Quad, SceneDescription, load_gltf, mesh_of_quads};
 use std::path::Path;
@@ -29,7 +29,7 @@ fn what_the_picked_number_leaves_out_is_little() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/{name}"));
         let description = SceneDescription::read(folder.join("L0.json")).unwrap();
         let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
-        let bake = bake_level(&mesh, &draft(), 0, &Progress::default()).unwrap();
+        let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
         let scene = bake.scene;
         let lights: Vec<FrameLight> = (description.lights.iter())
             .flat_map(|light| FrameLight::expand(light, 4))
@@ -78,7 +78,7 @@ fn dark_levels_take_few_and_settings_take_theirs() {
         })
         .collect();
     let mesh = mesh_of_quads(&quads);
-    let bake = bake_level(&mesh, &draft(), 0, &Progress::default()).unwrap();
+    let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
     let scene = bake.scene;
     let pick = |asked| BouncePicker::new().pick(asked, &scene, &[]).unwrap();
     let dark = pick(None);

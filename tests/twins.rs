@@ -602,15 +602,15 @@ fn links_that_do_not_fit_one_binding_are_cut() {
 /// The whole frame of real bakes, from lights to vector irradiance, the projection included.
 #[test]
 fn bakes_of_the_cornell_box() {
-    use meshless_gi::bake::{BounceMode, Rule};
+    use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     for (rule, mode) in [
-        (Rule::Bounded, BounceMode::Live),
-        (Rule::Bounded, BounceMode::Baked),
-        (Rule::L08, BounceMode::Live),
-        (Rule::Pca, BounceMode::Live),
-        (Rule::Fmm, BounceMode::Live),
+        (TransportMethod::Bounded, BounceMode::Live),
+        (TransportMethod::Bounded, BounceMode::Baked),
+        (TransportMethod::L08, BounceMode::Live),
+        (TransportMethod::Pca, BounceMode::Live),
+        (TransportMethod::Fmm, BounceMode::Live),
     ] {
         let scene = baked::cornell(rule, mode);
         eprintln!(
@@ -663,10 +663,10 @@ fn bakes_of_the_cornell_box() {
 #[test]
 fn an_octree_that_does_not_fit_leaves_the_links() {
     use bevy_meshless_gi::plan::{NoOctree, falls_back};
-    use meshless_gi::bake::{BounceMode, Rule};
+    use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
-    let mut scene = baked::cornell(Rule::Fmm, BounceMode::Live);
+    let mut scene = baked::cornell(TransportMethod::Fmm, BounceMode::Live);
     let run = |scene: &BakedScene| {
         let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 8).unwrap();
         harness

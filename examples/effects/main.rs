@@ -17,7 +17,7 @@ use bevy::render::render_resource::PollType;
 use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
 use bevy_meshless_gi::plugin::{FrameStats, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{FreeSpaceLight, Preset, Recipe, SoftShadows};
+use meshless_gi::bake::{Preset, ProbeSettings, Recipe, VisibilityRecipe};
 use scenes::{SCENES, Scene};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -61,8 +61,8 @@ fn main() -> ExitCode {
 fn table() -> Result<String, String> {
     let bakes = scenes::bakes(&Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
-        soft_shadows: Some(SoftShadows::default()),
+        probes: Some(ProbeSettings::default()),
+        soft_shadows: Some(VisibilityRecipe::default()),
         ..Recipe::default()
     })?;
     let mut rows = String::new();

@@ -9,7 +9,7 @@ use bevy::render::view::Msaa;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{OccluderBox, OccluderShape, Progress, Recipe, bake_level};
+use meshless_gi::bake::{OccluderBox, OccluderDesc, Progress, Recipe, bake_scene};
 use meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
 use std::sync::Arc;
 
@@ -223,7 +223,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
             (recipe.probes, recipe.soft_shadows) = (None, None);
         }
         if screen {
-            recipe.occluders = vec![OccluderShape {
+            recipe.occluders = vec![OccluderDesc {
                 name: "screen".into(),
                 boxes: vec![OccluderBox {
                     center: [-0.5, 0.6, 0.2],
@@ -231,7 +231,7 @@ pub fn bakes(recipe: &Recipe) -> Result<Bakes, String> {
                 }],
             }];
         }
-        let made = bake_level(
+        let made = bake_scene(
             &mesh_of_quads(&quads(gray)),
             &recipe,
             0,

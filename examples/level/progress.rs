@@ -62,7 +62,7 @@ pub fn overall(stage: Stage, done: f32) -> f32 {
         Stage::Probes => [0.7, 0.75],
         Stage::Bounces => [0.75, 0.8],
         Stage::Visibility => [0.8, 0.85],
-        Stage::Estimate => [0.85, 1.0],
+        Stage::ErrorEstimate => [0.85, 1.0],
     };
     from + (to - from) * done.clamp(0.0, 1.0)
 }

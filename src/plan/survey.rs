@@ -408,7 +408,7 @@ mod tests {
     use super::*;
     use crate::plan::Census;
     use meshless_gi::asset::MaterialShare;
-    use meshless_gi::bake::{Progress, Recipe, bake_level};
+    use meshless_gi::bake::{Progress, Recipe, bake_scene};
     use meshless_gi::scene::{Material, cornell_box, mesh_of_quads};
 
     fn lamp(at: Vec3, intensity: Vec3) -> Light {
@@ -441,7 +441,7 @@ mod tests {
             rays: Some(16),
             ..Recipe::default()
         };
-        let made = bake_level(&mesh_of_quads(&quads), &recipe, 0, &Progress::default());
+        let made = bake_scene(&mesh_of_quads(&quads), &recipe, 0, &Progress::default());
         Arc::new(made.expect("a small bake").scene)
     }
 

@@ -1,7 +1,7 @@
 //! Errors of a bake in a running app.
 
 use super::entity_bake::GiBakeWarning;
-use meshless_gi::bake::BakeLevelError;
+use meshless_gi::bake::BakeSceneError;
 use std::sync::Arc;
 
 /// Reason why a bake in a running app has no result.
@@ -31,11 +31,11 @@ pub enum GiBakeError {
     },
     /// The bake failed or was canceled.
     #[error(transparent)]
-    Bake(Arc<BakeLevelError>),
+    Bake(Arc<BakeSceneError>),
 }
 
-impl From<BakeLevelError> for GiBakeError {
-    fn from(error: BakeLevelError) -> Self {
+impl From<BakeSceneError> for GiBakeError {
+    fn from(error: BakeSceneError) -> Self {
         Self::Bake(Arc::new(error))
     }
 }

@@ -35,7 +35,7 @@ pub enum GiBakeStage {
     /// Baking visibility for soft shadows.
     Visibility,
     /// Measuring the error.
-    Estimate,
+    ErrorEstimate,
 }
 
 impl GiBakeStage {
@@ -50,7 +50,7 @@ impl GiBakeStage {
             Self::Probes => Stage::Probes,
             Self::Bounces => Stage::Bounces,
             Self::Visibility => Stage::Visibility,
-            Self::Estimate => Stage::Estimate,
+            Self::ErrorEstimate => Stage::ErrorEstimate,
         };
         stage.name()
     }
@@ -65,7 +65,7 @@ impl From<Stage> for GiBakeStage {
             Stage::Probes => Self::Probes,
             Stage::Bounces => Self::Bounces,
             Stage::Visibility => Self::Visibility,
-            Stage::Estimate => Self::Estimate,
+            Stage::ErrorEstimate => Self::ErrorEstimate,
         }
     }
 }

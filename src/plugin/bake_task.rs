@@ -33,7 +33,7 @@ use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeLevelError, Baked, Progress, Recipe, Stage, bake_level};
+use meshless_gi::bake::{BakeSceneError, Baked, Progress, Recipe, Stage, bake_scene};
 use meshless_gi::scene::TriangleMesh;
 use std::sync::Arc;
 
@@ -84,7 +84,7 @@ impl GiBakeTask {
     #[must_use]
     pub fn spawn(level: TriangleMesh, recipe: Recipe) -> Self {
         Self::start(move |progress| {
-            let baked = bake_level(&level, &recipe, bake_threads(), progress)?;
+            let baked = bake_scene(&level, &recipe, bake_threads(), progress)?;
             Ok(baked.into())
         })
     }
@@ -93,7 +93,7 @@ impl GiBakeTask {
     pub(super) fn start(work: impl FnOnce(&Arc<Progress>) -> Outcome + Send + 'static) -> Self {
         let progress = Arc::new(Progress::default());
         let of_thread = progress.clone();
-        let panicked = || Err(BakeLevelError::Threads("the bake panicked".into()).into());
+        let panicked = || Err(BakeSceneError::Threads("the bake panicked".into()).into());
         let work = Background::spawn("meshless gi bake", move || work(&of_thread), panicked);
         Self {
             progress,
@@ -113,7 +113,7 @@ impl GiBakeTask {
     fn take(&mut self) -> Option<Outcome> {
         match &mut self.work {
             Ok(work) => work.take(),
-            Err(error) => Some(Err(BakeLevelError::Threads(std::mem::take(error)).into())),
+            Err(error) => Some(Err(BakeSceneError::Threads(std::mem::take(error)).into())),
         }
     }
 

@@ -30,7 +30,7 @@ use bevy::log::{debug, info, warn};
 use bevy::reflect::prelude::*;
 use meshless_gi::asset::{BakedScene, FORMAT_VERSION, Limits, fingerprint, is_container};
 use meshless_gi::bake::{
-    BAKE_VERSION, BakeLevelError, Baked, Preset, Progress, Recipe, RecipeError, bake_level,
+    BAKE_VERSION, BakeSceneError, Baked, Preset, Progress, Recipe, RecipeError, bake_scene,
     canonical_recipe,
 };
 use meshless_gi::scene::SceneError;
@@ -95,7 +95,7 @@ pub enum RecipeLoadError {
         /// Name of the level in the recipe.
         path: String,
         /// Error of the bake.
-        why: BakeLevelError,
+        why: BakeSceneError,
     },
     /// The file of the recipe's name holds a bake that cannot be used.
     #[error(transparent)]
@@ -150,7 +150,7 @@ impl RecipeInputs {
     /// Bakes on `threads` threads (0: one for each processor), and logs the result.
     pub fn bake(&self, threads: usize, progress: &Progress) -> Result<BakedScene, RecipeLoadError> {
         let level = self.level.mesh(&self.recipe.viewpoints)?;
-        let baked = bake_level(&level, &self.recipe, threads, progress);
+        let baked = bake_scene(&level, &self.recipe, threads, progress);
         let Baked { mut scene, stats } = baked.map_err(|why| self.failed(why))?;
         scene.info.level_digest = self.level.digest();
         info!("baked `{}` in {:.1} s", self.path, stats.seconds.total);
@@ -169,9 +169,9 @@ impl RecipeInputs {
         Background::spawn(
             "meshless gi bake",
             move || inputs.bake(threads, &progress),
-            move || Err(panicked.failed(BakeLevelError::Panicked("no message".into()))),
+            move || Err(panicked.failed(BakeSceneError::Panicked("no message".into()))),
         )
-        .map_err(|error| self.failed(BakeLevelError::Threads(error.to_string())))
+        .map_err(|error| self.failed(BakeSceneError::Threads(error.to_string())))
     }
 
     /// Bakes beside a running app.
@@ -184,7 +184,7 @@ impl RecipeInputs {
         work.await
     }
 
-    fn failed(&self, why: BakeLevelError) -> RecipeLoadError {
+    fn failed(&self, why: BakeSceneError) -> RecipeLoadError {
         RecipeLoadError::Bake {
             path: self.scene.clone(),
             why,

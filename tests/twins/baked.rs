@@ -2,17 +2,17 @@
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake};
+use meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, TransportMethod, bake};
 use meshless_gi::frame::FrameLight;
 use meshless_gi::scene::{Light, load_gltf};
 
 /// A quick bake.
-pub fn cornell(rule: Rule, bounce_mode: BounceMode) -> BakedScene {
+pub fn cornell(rule: TransportMethod, bounce_mode: BounceMode) -> BakedScene {
     bake_box(&recipe(rule, bounce_mode))
 }
 
 /// What makes a bake quick.
-pub fn recipe(rule: Rule, bounce_mode: BounceMode) -> Recipe {
+pub fn recipe(rule: TransportMethod, bounce_mode: BounceMode) -> Recipe {
     Recipe {
         preset: Preset::Draft,
         rays: Some(32),
@@ -21,7 +21,7 @@ pub fn recipe(rule: Rule, bounce_mode: BounceMode) -> Recipe {
         extra_levels: Some(0),
         bounces: Some(3),
         rule,
-        fallback: rule == Rule::Fmm,
+        fallback: rule == TransportMethod::Fmm,
         bounce_mode,
         ..Recipe::default()
     }

@@ -104,15 +104,15 @@ fn where_all_is_gray_one_channel_says_as_much_as_three() {
 
 #[test]
 fn light_in_free_space_takes_one_channel_too() {
-    use meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
+    use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
     let scene = bake_box(&Recipe {
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.8),
-            ..FreeSpaceLight::default()
+            ..ProbeSettings::default()
         }),
-        ..recipe(Rule::Bounded, BounceMode::Live)
+        ..recipe(TransportMethod::Bounded, BounceMode::Live)
     });
     let (lights, settings) = (lights(), one(2));
     let twin = cpu(&scene, &lights, &settings);

@@ -7,7 +7,7 @@ use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, SceneBuffers};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{
-    BounceMode, FreeSpaceLight, OccluderBox, OccluderShape, Recipe, Rule, Sky,
+    BounceMode, OccluderBox, OccluderDesc, ProbeSettings, Recipe, Sky, TransportMethod,
 };
 use meshless_gi::frame::{CpuFrame, FrameSettings, VectorIrradiance};
 use meshless_gi::scene::SkyRadiance;
@@ -15,7 +15,7 @@ use meshless_gi::transport::Link;
 
 /// The Cornell box with a shutter across its middle and one in its opening.
 fn scene() -> BakedScene {
-    let shutter = |name: &str, z: f32| OccluderShape {
+    let shutter = |name: &str, z: f32| OccluderDesc {
         name: name.into(),
         boxes: vec![OccluderBox {
             center: [2.78, 2.74, z],
@@ -23,7 +23,7 @@ fn scene() -> BakedScene {
         }],
     };
     // More than a word of bits between them; nothing gets to what is behind the box.
-    let aside = (0..32).map(|k| OccluderShape {
+    let aside = (0..32).map(|k| OccluderDesc {
         name: format!("aside {k}"),
         boxes: vec![OccluderBox {
             center: [2.78, -20.0, 30.0],
@@ -36,12 +36,12 @@ fn scene() -> BakedScene {
     let scene = bake_box(&Recipe {
         sky: Sky::Harmonics,
         live_materials: true,
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.8),
-            ..FreeSpaceLight::default()
+            ..ProbeSettings::default()
         }),
         occluders,
-        ..recipe(Rule::Bounded, BounceMode::Live)
+        ..recipe(TransportMethod::Bounded, BounceMode::Live)
     });
     let sets = &scene.occluders.as_ref().unwrap().sets;
     assert_eq!(*sets, [0, 1, 1 << 33, 1 << 33 | 1]);
@@ -169,7 +169,7 @@ fn operators_in_parts_are_occluded_too() {
 fn a_scene_without_occluders_has_nothing_of_them() {
     let Some(harness) = harness() else { return };
     let kernels = Kernels::new(&harness.device).unwrap();
-    let plain = bake_box(&recipe(Rule::Bounded, BounceMode::Live));
+    let plain = bake_box(&recipe(TransportMethod::Bounded, BounceMode::Live));
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &plain, 1).unwrap();
     let (count, bytes) = (frame.buffers().count(), frame.buffers().bytes());
     harness

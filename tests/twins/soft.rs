@@ -5,7 +5,7 @@ use super::harness;
 use bevy_meshless_gi::gpu::{Kernels, Pass, SceneBuffers, SoftBuffers};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
 use meshless_gi::frame::project::extent;
 use meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
 use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
@@ -18,7 +18,7 @@ pub fn baked() -> BakedScene {
         levels: Some(4),
         sender_levels: Some(2),
         rays: Some(64),
-        soft_shadows: Some(SoftShadows {
+        soft_shadows: Some(VisibilityRecipe {
             directions: 252,
             coefficients: 21,
             cluster_points: 60,
@@ -26,7 +26,7 @@ pub fn baked() -> BakedScene {
         }),
         ..Recipe::default()
     };
-    bake_level(&mesh, &recipe, 2, &Progress::default())
+    bake_scene(&mesh, &recipe, 2, &Progress::default())
         .unwrap()
         .scene
 }

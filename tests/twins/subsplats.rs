@@ -13,7 +13,7 @@ use bevy_meshless_gi::gpu::{
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BounceMode, FreeSpaceLight, Recipe, Rule};
+use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
 use meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
 use meshless_gi::frame::{
     CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
@@ -70,17 +70,20 @@ fn ball(center: Vec3, radius: f32) -> TriangleMesh {
 
 impl Scene {
     fn new() -> Self {
-        Self::of(baked::cornell(Rule::Bounded, BounceMode::Live), &box_mesh())
+        Self::of(
+            baked::cornell(TransportMethod::Bounded, BounceMode::Live),
+            &box_mesh(),
+        )
     }
 
     /// With a ball in the air that the bake knows nothing of, and light for it.
     fn with_ball() -> Self {
         let mut scene = baked::bake_box(&Recipe {
-            probes: Some(FreeSpaceLight {
+            probes: Some(ProbeSettings {
                 spacing: Some(0.8),
                 rays: None,
             }),
-            ..baked::recipe(Rule::Bounded, BounceMode::Live)
+            ..baked::recipe(TransportMethod::Bounded, BounceMode::Live)
         });
         let probes = scene.probes.as_mut().unwrap();
         assert!(probes.points.len() > 100 && !probes.planes.is_empty());

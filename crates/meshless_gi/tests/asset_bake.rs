@@ -3,7 +3,7 @@
 use glam::Vec3;
 use meshless_gi::asset::{BakeInfo, BakedScene, Limits, TierInfo, fingerprint};
 use meshless_gi::bake::{
-    BAKE_VERSION, BakeSource, BounceMode, Preset, Progress, Recipe, Rule, bake,
+    BAKE_VERSION, BakeSource, BounceMode, Preset, Progress, Recipe, TransportMethod, bake,
 };
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{Material, TriangleMesh};
@@ -89,7 +89,7 @@ fn bakes_come_back_from_their_files() {
             ..small.clone()
         },
         Recipe {
-            rule: Rule::L08,
+            rule: TransportMethod::L08,
             ..small.clone()
         },
     ] {

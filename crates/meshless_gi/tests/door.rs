@@ -5,8 +5,8 @@
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, Limits};
 use meshless_gi::bake::{
-    BakeError, BakeLevelError, FreeSpaceLight, OccluderBox, OccluderShape, Preset, Progress,
-    Recipe, Rule, Sky, bake_level,
+    BakeError, BakeSceneError, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Recipe,
+    Sky, TransportMethod, bake_scene,
 };
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{
@@ -81,14 +81,14 @@ fn level(walls: &[f32], opening: Opening) -> TriangleMesh {
 }
 
 /// The door between two rooms.
-fn door() -> OccluderShape {
+fn door() -> OccluderDesc {
     door_at("door", 4.0)
 }
 
 /// A door in the middle of the wall at x, four centimeters thick.
-fn door_at(name: &str, x: f32) -> OccluderShape {
+fn door_at(name: &str, x: f32) -> OccluderDesc {
     let [left, right, top] = OPENING;
-    OccluderShape {
+    OccluderDesc {
         name: name.into(),
         boxes: vec![OccluderBox {
             center: [x, 0.5 * top, 0.5 * (left + right)],
@@ -97,18 +97,18 @@ fn door_at(name: &str, x: f32) -> OccluderShape {
     }
 }
 
-fn recipe(occluders: Vec<OccluderShape>) -> Recipe {
+fn recipe(occluders: Vec<OccluderDesc>) -> Recipe {
     Recipe {
         preset: Preset::Draft,
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         occluders,
         ..Recipe::default()
     }
 }
 
 fn baked(mesh: &TriangleMesh, recipe: &Recipe) -> BakedScene {
-    bake_level(mesh, recipe, 0, &Progress::default())
+    bake_scene(mesh, recipe, 0, &Progress::default())
         .expect("a bake")
         .scene
 }
@@ -366,7 +366,7 @@ fn open_box() -> (TriangleMesh, Recipe) {
     let bounds = meshless_gi::scene::Geometry::bounds(&mesh);
     let (center, size) = (bounds.center(), bounds.size());
     // The box is open at its front: where z is least.
-    let shutter = |name: &str, z: f32| OccluderShape {
+    let shutter = |name: &str, z: f32| OccluderDesc {
         name: name.into(),
         boxes: vec![OccluderBox {
             center: [center.x, center.y, z],
@@ -377,7 +377,7 @@ fn open_box() -> (TriangleMesh, Recipe) {
         preset: Preset::Draft,
         sky: Sky::Harmonics,
         live_materials: true,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         occluders: vec![
             shutter("outer", bounds.min.z - 0.4),
             shutter("inner", bounds.min.z - 0.1),
@@ -434,21 +434,21 @@ fn the_sky_is_shut_out() {
 fn what_makes_no_sense_is_refused() {
     let mesh = rooms(Opening::Open);
     let fails =
-        |recipe: &Recipe| bake_level(&mesh, recipe, 0, &Progress::default()).expect_err("no bake");
+        |recipe: &Recipe| bake_scene(&mesh, recipe, 0, &Progress::default()).expect_err("no bake");
     let named = |names: &[&str]| Recipe {
-        occluders: names.iter().map(|&n| OccluderShape::node(n)).collect(),
+        occluders: names.iter().map(|&n| OccluderDesc::node(n)).collect(),
         ..Recipe::default()
     };
     let missing = fails(&named(&["gate"]));
     assert!(
-        matches!(&missing, BakeLevelError::Bake(BakeError::NoOccluder { name }) if name == "gate"),
+        matches!(&missing, BakeSceneError::Bake(BakeError::UnknownOccluder { name }) if name == "gate"),
         "{missing}"
     );
     assert!(missing.to_string().contains("`gate`"));
     let many: Vec<String> = (0..65).map(|i| format!("door {i}")).collect();
     let many: Vec<&str> = many.iter().map(String::as_str).collect();
     let with_box = |center: [f32; 3], half_edges: [f32; 3]| Recipe {
-        occluders: vec![OccluderShape {
+        occluders: vec![OccluderDesc {
             name: "door".into(),
             boxes: vec![OccluderBox { center, half_edges }],
         }],
@@ -459,7 +459,7 @@ fn what_makes_no_sense_is_refused() {
         ..with_box([0.0; 3], [1.0; 3])
     };
     let other_rule = Recipe {
-        rule: Rule::L08,
+        rule: TransportMethod::L08,
         ..with_box([0.0; 3], [1.0; 3])
     };
     for (wrong, says) in [
@@ -481,7 +481,7 @@ fn what_makes_no_sense_is_refused() {
     let text = "(occluders: [(name: \"door\", boxes: [(center: (0, 1, 2), half_edges: (1, 1, 1))]), (name: \"lift\")])";
     let read = Recipe::from_ron(text).expect("a recipe");
     assert_eq!(read.occluders[0].boxes[0].center, [0.0, 1.0, 2.0]);
-    assert_eq!(read.occluders[1], OccluderShape::node("lift"));
+    assert_eq!(read.occluders[1], OccluderDesc::node("lift"));
     assert!(Recipe::from_ron("(occluders: [(name: \"door\", gain: 3)])").is_err());
 }
 

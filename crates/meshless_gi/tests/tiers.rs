@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
 use meshless_gi::samples::trace_particles;
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
@@ -27,7 +27,7 @@ fn level(name: &str) -> Level {
 }
 
 fn baked(level: &Level, recipe: Recipe) -> BakedScene {
-    bake_level(&level.mesh, &recipe, 0, &Progress::default())
+    bake_scene(&level.mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene
 }
@@ -168,7 +168,7 @@ fn a_prefix_of_the_links_is_the_operator_of_a_tier() {
 #[test]
 fn the_papers_rule_has_one_tier() {
     let recipe = Recipe {
-        rule: Rule::L08,
+        rule: TransportMethod::L08,
         levels: Some(3),
         rays: Some(64),
         ..draft()

@@ -7,8 +7,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::Vec3;
 use meshless_gi::asset::check_writable;
 use meshless_gi::bake::{
-    BakeError, BakeLevelError, BakeStats, Baked, OccluderShape, Preset, Recipe, RecipeError, Rule,
-    Settings, Sky, bake_level, cast_gather_rays,
+    BakeError, BakeSceneError, BakeStats, Baked, OccluderDesc, Preset, Recipe, RecipeError,
+    Settings, Sky, TransportMethod, bake_scene, cast_gather_rays,
 };
 use meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry_within};
 use serde::Serialize;
@@ -67,7 +67,7 @@ struct Options {
     bounces: Option<u32>,
     /// What carries light [bounded, l08, pca, fmm; bounded if left out].
     #[arg(long, hide_possible_values = true, value_parser = rule())]
-    rule: Option<Rule>,
+    rule: Option<TransportMethod>,
     /// Rule pca: vectors of a cluster's basis of direct light, 1 to 1000 (10 if left out).
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     coefficients: Option<u32>,
@@ -162,12 +162,12 @@ fn preset() -> impl TypedValueParser<Value = Preset> {
     })
 }
 
-fn rule() -> impl TypedValueParser<Value = Rule> {
+fn rule() -> impl TypedValueParser<Value = TransportMethod> {
     PossibleValuesParser::new(["bounded", "l08", "pca", "fmm"]).map(|word| match word.as_str() {
-        "l08" => Rule::L08,
-        "pca" => Rule::Pca,
-        "fmm" => Rule::Fmm,
-        _ => Rule::Bounded,
+        "l08" => TransportMethod::L08,
+        "pca" => TransportMethod::Pca,
+        "fmm" => TransportMethod::Fmm,
+        _ => TransportMethod::Bounded,
     })
 }
 
@@ -204,7 +204,7 @@ impl Options {
         for name in &self.occluders {
             // One that the recipe knows already has its boxes there.
             if !recipe.occluders.iter().any(|o| o.name == *name) {
-                recipe.occluders.push(OccluderShape::node(name));
+                recipe.occluders.push(OccluderDesc::node(name));
             }
         }
         if !self.viewpoints.is_empty() {
@@ -288,7 +288,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let tree = mesh.bvh_time().as_secs_f64();
     let threads = args.threads as usize;
     let Baked { scene, mut stats } =
-        progress::watch(|progress| bake_level(&mesh, &recipe, threads, progress))
+        progress::watch(|progress| bake_scene(&mesh, &recipe, threads, progress))
             .map_err(|why| failed(args, &level, &why))?;
     stats.seconds.load = loaded - tree;
     stats.seconds.bvh += tree;
@@ -439,13 +439,13 @@ pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolEr
 }
 
 /// A bake that failed: the level's fault, or the recipe's.
-fn failed(args: &Args, level: &Path, why: &BakeLevelError) -> ToolError {
+fn failed(args: &Args, level: &Path, why: &BakeSceneError) -> ToolError {
     match why {
-        BakeLevelError::Bake(BakeError::Recipe(why)) => match &args.recipe {
+        BakeSceneError::Bake(BakeError::Recipe(why)) => match &args.recipe {
             Some(path) => ToolError::input(path, why),
             None => ToolError::input(&args.scene, why),
         },
-        BakeLevelError::Threads(_) => ToolError::Usage(why.to_string()),
+        BakeSceneError::Threads(_) => ToolError::Usage(why.to_string()),
         _ => ToolError::input(level, why),
     }
 }

@@ -8,7 +8,7 @@ use super::progress;
 use super::{bake, scatter};
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, check_writable, write_file};
-use meshless_gi::bake::{Baked, Preset, Recipe, bake_level};
+use meshless_gi::bake::{Baked, Preset, Recipe, bake_scene};
 use meshless_gi::eval::{ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     let size = effort.size;
     let recipe = recipe(effort.rays);
     let Baked { scene, mut stats } =
-        progress::watch(|progress| bake_level(&mesh, &recipe, 0, progress))
+        progress::watch(|progress| bake_scene(&mesh, &recipe, 0, progress))
             .map_err(|why| ToolError::Input(format!("the Cornell box: {why}")))?;
     let file = folder.join(format!("{name}.mgi"));
     stats.bytes = scene

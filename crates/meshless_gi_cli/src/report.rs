@@ -3,7 +3,7 @@
 use super::error::ToolError;
 use super::{bake, output, progress};
 use meshless_gi::asset::{check_writable, write_file};
-use meshless_gi::bake::BakeLevelError;
+use meshless_gi::bake::BakeSceneError;
 use meshless_gi_lab::report::{Report, ReportError, Row, Sweep, choice, figures, sweep, text};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ fn failed(level: &Path, why: &ReportError) -> ToolError {
     match why {
         ReportError::Threads(_)
         | ReportError::Bake {
-            why: BakeLevelError::Threads(_),
+            why: BakeSceneError::Threads(_),
             ..
         } => ToolError::Usage(why.to_string()),
         _ => ToolError::input(level, why),

@@ -1,6 +1,6 @@
 //! `meshless_gi report` as a user has it, and the sweep behind it on something smaller still.
 
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, Settings};
+use meshless_gi::bake::{Preset, Progress, Recipe, Settings, TransportMethod};
 use meshless_gi::scene::{Material, TriangleMesh, cornell_box, mesh_of_quads};
 use meshless_gi_lab::report::{
     ExamSize, Factor, Ratio, Report, Run, Sweep, Variant, baseline, choice, compare, figures, full,
@@ -207,12 +207,12 @@ fn variant(factor: Factor, name: &str, cost: f64, recipe: Recipe) -> Variant {
 fn tiny_variants(base: &Settings) -> Vec<Variant> {
     assert_eq!(base.rays, 64);
     let l08 = |epsilon| Recipe {
-        rule: Rule::L08,
+        rule: TransportMethod::L08,
         epsilon: Some(epsilon),
         ..tiny()
     };
     let pca = Recipe {
-        rule: Rule::Pca,
+        rule: TransportMethod::Pca,
         lamps: Some(64),
         ..tiny()
     };
@@ -334,7 +334,7 @@ fn a_level_without_light_or_without_anything_is_an_error() {
 }
 
 /// A report of made-up rows: rule, links, error, seconds.
-fn made_up(rows: &[(Rule, u64, f64, f64)]) -> Report {
+fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
         exam: ExamSize {
             lamps: 1,
@@ -362,7 +362,7 @@ fn made_up(rows: &[(Rule, u64, f64, f64)]) -> Report {
 
 #[test]
 fn rules_are_compared_at_equal_error_and_at_equal_links() {
-    let (b, l) = (Rule::Bounded, Rule::L08);
+    let (b, l) = (TransportMethod::Bounded, TransportMethod::L08);
     let report = made_up(&[
         (b, 1_000, 0.1, 3.0),
         (b, 100_000, 0.01, 9.0),
@@ -428,7 +428,11 @@ fn every_variant_can_be_baked_and_written_as_a_recipe() {
             let same = |w: &Variant| w.name == v.name || (w.recipe == v.recipe && w.run == v.run);
             assert!(!list[..i].iter().any(same), "{} twice", v.name);
         }
-        for rule in [Rule::Bounded, Rule::L08, Rule::Pca] {
+        for rule in [
+            TransportMethod::Bounded,
+            TransportMethod::L08,
+            TransportMethod::Pca,
+        ] {
             assert!(list.iter().any(|v| v.recipe.rule == rule));
         }
         // Runs of the baseline come first: they need no bake.

@@ -6,7 +6,7 @@
 //!
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
-use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Settings, bake_level, cast_gather_rays};
+use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Settings, bake_scene, cast_gather_rays};
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::{BOUNCES, Truth};
@@ -70,7 +70,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
         if made.is_none() {
             let geometry = description.geometry.first();
             let mesh = load_gltf(geometry.ok_or("a scene without geometry")?)?.mesh;
-            let baked = bake_level(&mesh, recipe, 0, &Progress::default())?;
+            let baked = bake_scene(&mesh, recipe, 0, &Progress::default())?;
             made = Some((baked, mesh));
         }
         let Some((baked, mesh)) = &made else { continue };

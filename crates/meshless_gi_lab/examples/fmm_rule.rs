@@ -6,7 +6,7 @@
 //! ```
 
 use glam::Vec3;
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, Settings, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, Settings, TransportMethod, bake_scene};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::samples::scatter;
 use meshless_gi::scene::{
@@ -48,7 +48,7 @@ fn choose(_: &Settings) -> Vec<Variant> {
         tolerance: Some(2.0 * e),
         ..draft.clone()
     };
-    let fmm = rule(Rule::Fmm);
+    let fmm = rule(TransportMethod::Fmm);
     let sources = |k| Recipe {
         sources: Some(k),
         ..fmm.clone()
@@ -96,7 +96,7 @@ fn choose(_: &Settings) -> Vec<Variant> {
             1.5,
             finer(0.03, 256),
         ),
-        of("pca", Factor::RulePca, 1.3, rule(Rule::Pca)),
+        of("pca", Factor::RulePca, 1.3, rule(TransportMethod::Pca)),
     ]
 }
 
@@ -126,13 +126,13 @@ fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
 }
 
 /// A bake's seconds, milliseconds of the least of three solves under a lamp, and its own estimate of its error.
-fn cost(level: &TriangleMesh, rule: Rule) -> Result<[f64; 3], Box<dyn Error>> {
+fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,
         rule,
         ..Recipe::default()
     };
-    let (baked, seconds) = timed(|| bake_level(level, &recipe, 0, &Progress::default()));
+    let (baked, seconds) = timed(|| bake_scene(level, &recipe, 0, &Progress::default()));
     let scene = baked?.scene;
     let lamp = Light::Point {
         position: Vec3::new(0.1, 1.7, 0.6),
@@ -174,7 +174,10 @@ fn by_number() -> Result<String, Box<dyn Error>> {
         });
         let (count, level) = read?;
         eprintln!("{count} points");
-        let [bounded, fmm] = [cost(&level, Rule::Bounded)?, cost(&level, Rule::Fmm)?];
+        let [bounded, fmm] = [
+            cost(&level, TransportMethod::Bounded)?,
+            cost(&level, TransportMethod::Fmm)?,
+        ];
         let _ = write!(
             out,
             "| {count} | {} | {seconds:.2} | {:.0} |",
@@ -216,7 +219,11 @@ fn section(name: &str, report: &Report, charts: &[Figure]) -> String {
          | rule | what | error, % | bias, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|---|\n",
         report.triangles, report.bounces, report.places, report.lamps, report.threads
     );
-    for rule in [Rule::Bounded, Rule::Pca, Rule::Fmm] {
+    for rule in [
+        TransportMethod::Bounded,
+        TransportMethod::Pca,
+        TransportMethod::Fmm,
+    ] {
         for r in (report.rows.iter()).filter(|r| r.settings.baked.rule == rule) {
             let _ = writeln!(
                 out,
@@ -252,7 +259,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let threads = rayon::current_num_threads();
     let mut out = format!(
-        "# Rule `fmm` beside links\n\n\
+        "# TransportMethod `fmm` beside links\n\n\
          Made by `cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs` on {threads} threads. Do not edit. What the method itself does to error \
          and time: [FMM.md](FMM.md).\n"
     );

@@ -8,7 +8,7 @@
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
 use leak_support::{Door, Walled, open, rooms};
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
 /// Paths of the reference at each place in the lit room.
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         open(),
     ];
     for scene in &scenes {
-        for rule in [Rule::Bounded, Rule::L08] {
+        for rule in [TransportMethod::Bounded, TransportMethod::L08] {
             let mut without = None;
             for walls in [false, true] {
                 row(scene, preset, rule, walls, &mut without)?;
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn row(
     scene: &Walled,
     preset: Preset,
-    rule: Rule,
+    rule: TransportMethod,
     walls: bool,
     without: &mut Option<[f64; 3]>,
 ) -> Result<(), Box<dyn Error>> {
@@ -58,7 +58,7 @@ fn row(
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         ..Recipe::default()
     };
-    let baked = bake_level(&scene.mesh, &recipe, 0, &Progress::default())?;
+    let baked = bake_scene(&scene.mesh, &recipe, 0, &Progress::default())?;
     let leak = scene.measure(&baked.scene);
     let bytes = baked.scene.to_bytes()?.len() as f64;
     // The estimate is no part of what walls cost.

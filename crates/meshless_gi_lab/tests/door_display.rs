@@ -4,7 +4,7 @@
 use glam::{Mat4, Quat, Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{
-    FreeSpaceLight, OccluderBox, OccluderShape, Preset, Progress, Recipe, bake_level,
+    OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Recipe, bake_scene,
 };
 use meshless_gi::eval::{ReferenceSettings, irradiance};
 use meshless_gi::frame::splat::{SEAM, share, splat_covered};
@@ -151,7 +151,7 @@ fn pixel(
 
 /// A bake with an occluder in place of the door, or without one: half of its thickness, and how far its middle lies from the door's.
 fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
-    let shape = |(half, off): (f32, f32)| OccluderShape {
+    let shape = |(half, off): (f32, f32)| OccluderDesc {
         name: "door".into(),
         boxes: vec![OccluderBox {
             center: (MIDDLE + off * Vec3::X).to_array(),
@@ -163,11 +163,11 @@ fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         rays: Some(128),
         extra_points: Some(4000),
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         occluders: occluder.map(shape).into_iter().collect(),
         ..Recipe::default()
     };
-    let baked = bake_level(&stage().level, &recipe, 0, &Progress::default());
+    let baked = bake_scene(&stage().level, &recipe, 0, &Progress::default());
     baked.expect("a bake").scene
 }
 

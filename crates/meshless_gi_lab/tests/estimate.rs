@@ -2,7 +2,7 @@
 //! operator that was made wrong on purpose. `examples/accuracy.rs` prints the same for any scene and preset.
 
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Estimate, Preset, Progress, Recipe, bake_level, estimate_errors};
+use meshless_gi::bake::{ErrorEstimate, Preset, Progress, Recipe, bake_scene, estimate_errors};
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::{BOUNCES, Truth};
@@ -36,14 +36,14 @@ fn measured(level: &Level, scene: &BakedScene, tier: u32) -> f64 {
     level.truth.compare(&evaluator, k).indirect.nrmse
 }
 
-fn estimated(level: &Level, scene: &BakedScene, seed: u64) -> Vec<Estimate> {
+fn estimated(level: &Level, scene: &BakedScene, seed: u64) -> Vec<ErrorEstimate> {
     estimate_errors(scene, &level.mesh, seed, &Progress::default())
         .unwrap()
         .0
 }
 
 /// Every tier's measured error lies within the interval around its estimate.
-fn holds(level: &Level, scene: &BakedScene, estimates: &[Estimate], what: &str) {
+fn holds(level: &Level, scene: &BakedScene, estimates: &[ErrorEstimate], what: &str) {
     for (estimate, tier) in estimates.iter().zip(1..) {
         let found = measured(level, scene, tier);
         let (e, interval) = (f64::from(estimate.nrmse), f64::from(estimate.interval));
@@ -65,12 +65,12 @@ fn is_honest(name: &'static str) {
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let mut scene = bake_level(&level.mesh, &recipe, 0, &Progress::default())
+    let mut scene = bake_scene(&level.mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     // The bake's own, as `inspect` shows it, and those of other draws.
-    let own: Vec<Estimate> = (scene.info.tiers.iter())
-        .map(|t| Estimate {
+    let own: Vec<ErrorEstimate> = (scene.info.tiers.iter())
+        .map(|t| ErrorEstimate {
             nrmse: t.estimated_nrmse,
             interval: t.estimated_nrmse_interval,
         })
@@ -110,7 +110,7 @@ fn holds_the_truth_in_open_rooms() {
 #[test]
 fn a_largest_error_is_met_with_no_more_care_than_it_takes() {
     let level = level("cornell");
-    let bake = |recipe: &Recipe| bake_level(&level.mesh, recipe, 0, &Progress::default()).unwrap();
+    let bake = |recipe: &Recipe| bake_scene(&level.mesh, recipe, 0, &Progress::default()).unwrap();
     let draft = Recipe {
         preset: Preset::Draft,
         ..Recipe::default()

@@ -1,7 +1,7 @@
 //! A baked scene at single points, beside the reference integrator.
 
 use glam::Vec3;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
 use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::errors;
@@ -16,7 +16,7 @@ fn what_glows_is_direct_light_and_only_its_reflections_are_indirect() {
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     let lights = [Light::Sky {
@@ -90,7 +90,7 @@ fn lamps_are_as_the_reference_has_them_near_and_far() {
         rays: Some(16),
         ..Recipe::default()
     };
-    let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     // A long panel that hangs half a meter before the back wall and shines down and at the wall.
@@ -140,7 +140,7 @@ fn all_bounces_are_more_than_four_and_no_more_than_change_anything() {
         rays: Some(64),
         ..Recipe::default()
     };
-    let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     let light = [Light::Point {

@@ -2,7 +2,7 @@
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
 use meshless_gi::basis::PROBE_OVERLAP;
 use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::fog::PART;
@@ -34,10 +34,10 @@ fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
     let mesh = load_gltf(&description.geometry[0]).unwrap().mesh;
     let recipe = Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..Recipe::default()
     };
-    let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     (mesh, description.lights, scene)
@@ -302,11 +302,11 @@ fn fog_in_the_next_room_is_dark() {
     quads.extend(room(low, low + size));
     let recipe = Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..Recipe::default()
     };
     let mesh = mesh_of_quads(&quads);
-    let scene = bake_level(&mesh, &recipe, 0, &Progress::default())
+    let scene = bake_scene(&mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene;
     let lamp = Light::Point {

@@ -4,10 +4,10 @@
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
 use leak_support::{Door, Leak, Walled, open, rooms};
-use meshless_gi::bake::{Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 
 /// Few rays: leaks are a matter of where functions reach.
-fn measure(scene: &Walled, rule: Rule, walls: bool, rays: u32) -> Leak {
+fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Leak {
     let recipe = Recipe {
         preset: Preset::Draft,
         rule,
@@ -17,13 +17,13 @@ fn measure(scene: &Walled, rule: Rule, walls: bool, rays: u32) -> Leak {
         viewpoints: vec![[2.0, 1.3, 1.8], [6.0, 1.3, 1.8]],
         ..Recipe::default()
     };
-    let baked = bake_level(&scene.mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    let baked = bake_scene(&scene.mesh, &recipe, 0, &Progress::default()).expect("a bake");
     let leak = scene.measure(&baked.scene);
     println!("{}, {rule:?}, walls {walls}: {leak:?}", scene.name);
     leak
 }
 
-fn stays_dark(scene: &Walled, rules: &[Rule]) {
+fn stays_dark(scene: &Walled, rules: &[TransportMethod]) {
     assert!(scene.dark.places.len() > 400 && scene.lit.places.len() > 400);
     for &rule in rules {
         let with = measure(scene, rule, true, 32);
@@ -38,21 +38,24 @@ fn stays_dark(scene: &Walled, rules: &[Rule]) {
 
 #[test]
 fn a_room_behind_a_thin_wall_stays_dark() {
-    stays_dark(&rooms("2 cm", 0.02, Door::Closed, 256), &[Rule::Bounded]);
+    stays_dark(
+        &rooms("2 cm", 0.02, Door::Closed, 256),
+        &[TransportMethod::Bounded],
+    );
 }
 
 #[test]
 fn a_room_behind_a_sheet_stays_dark() {
     let scene = rooms("a sheet", 0.0, Door::Closed, 256);
-    stays_dark(&scene, &[Rule::L08, Rule::Bounded]);
+    stays_dark(&scene, &[TransportMethod::L08, TransportMethod::Bounded]);
 }
 
 /// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong before it.
 #[test]
 fn behind_a_thin_wall_with_a_door_light_is_as_right_as_before_it() {
     let scene = open();
-    let with = measure(&scene, Rule::Bounded, true, 64);
-    let without = measure(&scene, Rule::Bounded, false, 64);
+    let with = measure(&scene, TransportMethod::Bounded, true, 64);
+    let without = measure(&scene, TransportMethod::Bounded, false, 64);
     assert!(with.ratio <= with.lit.nrmse, "{with:?}");
     assert!(
         with.dark.nrmse < 0.5 * without.dark.nrmse,

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, SoftShadows, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
 use meshless_gi::frame::soft::{self, SoftLight};
 use meshless_gi::scene::{Light, TriangleMesh, load_gltf};
 use meshless_gi::transport::pca::Visibility;
@@ -35,13 +35,13 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
         sender_levels: Some(4),
         extra_levels: Some(0),
         rays: Some(16),
-        soft_shadows: Some(SoftShadows {
+        soft_shadows: Some(VisibilityRecipe {
             cluster_points: 200,
-            ..SoftShadows::default()
+            ..VisibilityRecipe::default()
         }),
         ..Recipe::default()
     };
-    let baked = bake_level(&mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    let baked = bake_scene(&mesh, &recipe, 0, &Progress::default()).expect("a bake");
     (mesh, baked.scene)
 }
 

@@ -2,7 +2,9 @@
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::asset::{BakedScene, Limits, Probes};
-use meshless_gi::bake::{FreeSpaceLight, Preset, Progress, Recipe, RecipeError, Rule, bake_level};
+use meshless_gi::bake::{
+    Preset, ProbeSettings, Progress, Recipe, RecipeError, TransportMethod, bake_scene,
+};
 use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::probe::probe;
 use meshless_gi::frame::splat::{SEAM, splat_covered};
@@ -21,7 +23,7 @@ use std::f32::consts::PI;
 use std::path::Path;
 
 fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
-    bake_level(mesh, &recipe, 0, &Progress::default())
+    bake_scene(mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene
 }
@@ -29,7 +31,7 @@ fn baked(mesh: &TriangleMesh, recipe: Recipe) -> BakedScene {
 fn draft() -> Recipe {
     Recipe {
         preset: Preset::Draft,
-        probes: Some(FreeSpaceLight::default()),
+        probes: Some(ProbeSettings::default()),
         ..Recipe::default()
     }
 }
@@ -404,7 +406,7 @@ fn closed_forms() {
         material: Material::diffuse(Vec3::ZERO),
     };
     let recipe = Recipe {
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(1.0),
             rays: Some(4096),
         }),
@@ -435,7 +437,7 @@ fn closed_forms() {
         // Between probes light is interpolated: a wall's falls by half within a meter.
         let recipe = Recipe {
             viewpoints: Vec::new(),
-            probes: Some(FreeSpaceLight {
+            probes: Some(ProbeSettings {
                 spacing: Some(0.3),
                 rays: Some(2048),
             }),
@@ -482,14 +484,14 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
         sender_levels: Some(2),
         extra_levels: Some(0),
         rays: Some(32),
-        probes: Some(FreeSpaceLight {
+        probes: Some(ProbeSettings {
             spacing: Some(0.3),
             rays: None,
         }),
         ..draft()
     };
     let scene = baked(&mesh, recipe.clone());
-    let again = bake_level(&mesh, &recipe, 1, &Progress::default()).unwrap();
+    let again = bake_scene(&mesh, &recipe, 1, &Progress::default()).unwrap();
     assert_eq!(scene, again.scene, "threads change the bake");
     let probes = scene.probes.as_ref().unwrap();
     assert_eq!(again.stats.probes, probes.points.len() as u64);
@@ -566,27 +568,27 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
 
     for (probes, rule) in [
         (
-            FreeSpaceLight {
+            ProbeSettings {
                 spacing: Some(0.0),
                 rays: None,
             },
-            Rule::Bounded,
+            TransportMethod::Bounded,
         ),
         (
-            FreeSpaceLight {
+            ProbeSettings {
                 spacing: Some(f32::NAN),
                 rays: None,
             },
-            Rule::Bounded,
+            TransportMethod::Bounded,
         ),
         (
-            FreeSpaceLight {
+            ProbeSettings {
                 spacing: None,
                 rays: Some(3),
             },
-            Rule::Bounded,
+            TransportMethod::Bounded,
         ),
-        (FreeSpaceLight::default(), Rule::L08),
+        (ProbeSettings::default(), TransportMethod::L08),
     ] {
         let wrong = Recipe {
             probes: Some(probes),

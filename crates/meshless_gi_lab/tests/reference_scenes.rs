@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::basis::weight;
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::samples::trace_particles;
@@ -31,7 +31,7 @@ fn baked(mesh: &TriangleMesh, preset: Preset) -> BakedScene {
         preset,
         ..Recipe::default()
     };
-    bake_level(mesh, &recipe, 0, &Progress::default())
+    bake_scene(mesh, &recipe, 0, &Progress::default())
         .unwrap()
         .scene
 }

@@ -4,7 +4,7 @@
 
 use glam::{Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, Sky, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, Sky, bake_scene};
 use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::materials::live_surfaces;
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
@@ -192,7 +192,7 @@ impl Case {
             live_materials: true,
             ..Recipe::default()
         };
-        let scene = bake_level(mesh, &recipe, 0, &Progress::default())
+        let scene = bake_scene(mesh, &recipe, 0, &Progress::default())
             .unwrap()
             .scene;
         let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();

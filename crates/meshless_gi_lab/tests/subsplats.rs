@@ -4,7 +4,7 @@
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use glam::{Mat4, Vec3};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::frame::pyramid::{breaks, pyramid};
 use meshless_gi::frame::refine::{divides, unpack_cell};
 use meshless_gi::frame::{
@@ -157,7 +157,7 @@ fn published(name: &str) -> Stage {
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let baked = bake_level(&level.mesh, &recipe, 0, &Progress::default()).expect("a bake");
+    let baked = bake_scene(&level.mesh, &recipe, 0, &Progress::default()).expect("a bake");
     Stage::new(level, baked.scene)
 }
 

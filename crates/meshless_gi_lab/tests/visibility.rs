@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, RecipeError, SoftShadows, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, RecipeError, VisibilityRecipe, bake_scene};
 use meshless_gi::frame::project::extent;
 use meshless_gi::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
 use meshless_gi::samples::Random;
@@ -12,7 +12,7 @@ use meshless_gi::transport::pca::{
 };
 use std::sync::atomic::{AtomicU32, Ordering};
 
-const SOFT: SoftShadows = SoftShadows {
+const SOFT: VisibilityRecipe = VisibilityRecipe {
     directions: 504,
     coefficients: 40,
     cluster_points: 100,
@@ -33,7 +33,7 @@ fn baked(threads: usize) -> BakedScene {
         soft_shadows: Some(SOFT),
         ..Recipe::default()
     };
-    bake_level(&level(), &recipe, threads, &Progress::default())
+    bake_scene(&level(), &recipe, threads, &Progress::default())
         .unwrap()
         .scene
 }
@@ -666,10 +666,10 @@ fn halls_are_remembered_too() {
         sender_levels: Some(3),
         extra_levels: Some(0),
         rays: Some(16),
-        soft_shadows: Some(SoftShadows {
+        soft_shadows: Some(VisibilityRecipe {
             directions: 1008,
             error,
-            ..SoftShadows::default()
+            ..VisibilityRecipe::default()
         }),
         ..Recipe::default()
     };
@@ -682,7 +682,7 @@ fn halls_are_remembered_too() {
     );
     // How far memory and rays are apart, how much light the rays let through, and how much memory adds to it.
     let apart = |error| {
-        let scene = bake_level(&mesh, &recipe(error), 0, &Progress::default())
+        let scene = bake_scene(&mesh, &recipe(error), 0, &Progress::default())
             .unwrap()
             .scene;
         let found = fractions(&scene, &mesh, &panel);

@@ -8,7 +8,7 @@ use super::request::GiBakeRequest;
 use super::warning::GiBakeWarning as Warning;
 use bevy::log::info;
 use meshless_gi::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
-use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Progress, Recipe, Staleness, bake_level};
+use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Progress, Recipe, Staleness, bake_scene};
 use meshless_gi::scene::TriangleMesh;
 use std::path::Path;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub(super) fn run(
         request.recipe.preset
     );
     let log = log_progress(root.clone(), progress.clone());
-    let baked = bake_level(&mesh, &request.recipe, bake_threads(), progress)?;
+    let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
     drop(log);
     let mut output = BakeOutput::from(baked);
     output.scene.info.request = key;

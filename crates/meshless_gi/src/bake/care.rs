@@ -10,7 +10,7 @@ use super::recipe::Recipe;
 
 /// What a preset stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Care {
+pub struct QualityParameters {
     /// Points wanted on the finest level.
     pub points: f32,
     /// See [`Recipe`].
@@ -32,9 +32,9 @@ pub struct Care {
 impl Preset {
     /// What it stands for.
     #[must_use]
-    pub(super) fn care(self) -> Care {
+    pub(super) fn care(self) -> QualityParameters {
         match self {
-            Self::Draft => Care {
+            Self::Draft => QualityParameters {
                 points: 8_000.0,
                 sender_levels: 4,
                 extra_levels: 2,
@@ -44,7 +44,7 @@ impl Preset {
                 epsilon: 0.03,
                 tolerance: 0.06,
             },
-            Self::Medium => Care {
+            Self::Medium => QualityParameters {
                 points: 32_000.0,
                 sender_levels: 5,
                 extra_levels: 3,
@@ -55,7 +55,7 @@ impl Preset {
                 tolerance: 0.02,
             },
             // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
-            Self::High => Care {
+            Self::High => QualityParameters {
                 points: 40_000.0,
                 sender_levels: 5,
                 extra_levels: 4,
@@ -82,7 +82,7 @@ const STEP: f32 = 1.6;
 /// Rungs. The last is finer than the finest preset by half a step; beyond it memory ends on large levels.
 const RUNGS: i32 = 8;
 
-impl Care {
+impl QualityParameters {
     /// The rungs to try for an error of at most `error`, one after the other: from the coarsest that may do, by the errors of the presets, to the finest of all.
     pub fn ladder(error: f32) -> impl Iterator<Item = Self> {
         let usual = |rung: i32| COARSEST / STEP.powi(rung);
@@ -124,12 +124,12 @@ mod tests {
     #[test]
     fn the_ladder_goes_through_the_presets_and_only_up() {
         for (error, preset) in USUAL {
-            let (a, b) = (Care::of_error(error), preset.care());
+            let (a, b) = (QualityParameters::of_error(error), preset.care());
             assert!((a.points / b.points - 1.0).abs() < 1e-3 && a.rays == b.rays);
             assert!((a.epsilon / b.epsilon - 1.0).abs() < 1e-3 && a.places == b.places);
             assert_eq!(a.extra_levels, b.extra_levels);
         }
-        let all: Vec<Care> = Care::ladder(1.0).collect();
+        let all: Vec<QualityParameters> = QualityParameters::ladder(1.0).collect();
         assert_eq!(all.len(), RUNGS as usize);
         for pair in all.windows(2) {
             let (a, b) = (pair[0], pair[1]);
@@ -140,7 +140,7 @@ mod tests {
         }
         // Where it starts: coarser for a larger error, and always with something to try.
         let errors = [1.0, 0.1, 0.05, 0.03, 0.01, 0.001, 1e-4];
-        let left = errors.map(|e| Care::ladder(e).count());
+        let left = errors.map(|e| QualityParameters::ladder(e).count());
         assert!(left.is_sorted_by(|a, b| a >= b) && left[6] == 1, "{left:?}");
         assert!(left[1] > left[3] && left[3] > left[4], "{left:?}");
     }

@@ -71,7 +71,7 @@ const RAYS_PER_BOUNCE: u64 = 1 + COLORS as u64;
 
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
+pub struct ErrorEstimate {
     /// NRMSE: root of the mean over lamps of each one's squared NRMSE over the surface; without the reference's own noise.
     pub nrmse: f32,
     /// Half width of the 95 % prediction interval around it for the NRMSE of one more lamp.
@@ -96,7 +96,7 @@ pub fn estimate_errors(
     geometry: &dyn Geometry,
     seed: u64,
     progress: &Progress,
-) -> Option<(Vec<Estimate>, u64)> {
+) -> Option<(Vec<ErrorEstimate>, u64)> {
     let (lamps, rays) = lamp_errors(scene, geometry, &Effort::of(scene), seed, progress)?;
     let estimates = lamps.iter().map(|l| summarize(l)).collect();
     Some((estimates, rays))
@@ -133,7 +133,7 @@ fn lamp_errors(
     };
     let mut all: Vec<Vec<LampError>> = vec![Vec::new(); scene.tiers() as usize];
     for (k, three) in lamps.chunks_exact(COLORS).enumerate() {
-        if !progress.set(Stage::Estimate, k as f32 / effort.triples as f32) {
+        if !progress.set(Stage::ErrorEstimate, k as f32 / effort.triples as f32) {
             return None;
         }
         let lamps: Vec<Light> = (three.iter().zip([Vec3::X, Vec3::Y, Vec3::Z]))
@@ -388,12 +388,12 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their squared errors tells both, and is what one more lamp
 /// will show. Only what the reference's paths put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay below
 /// m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom; they are skewed to larger errors, so that the upper end makes the width for both sides.
-fn summarize(lamps: &[LampError]) -> Estimate {
+fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
     let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
     let total: f64 = weights.iter().sum();
     if total <= 0.0 {
-        return Estimate::default();
+        return ErrorEstimate::default();
     }
     let mean = |of: &dyn Fn(&LampError) -> f64| {
         let parts = lamps.iter().zip(&weights).map(|(l, weight)| weight * of(l));
@@ -404,7 +404,7 @@ fn summarize(lamps: &[LampError]) -> Estimate {
     let count = total * total / weights.iter().map(|w| w * w).sum::<f64>();
     let nrmse = m.sqrt();
     if count < 1.5 {
-        return Estimate {
+        return ErrorEstimate {
             nrmse: nrmse as f32,
             // One lamp says nothing of others.
             interval: nrmse as f32,
@@ -414,7 +414,7 @@ fn summarize(lamps: &[LampError]) -> Estimate {
     // The usual lamp's: a single one of great noise is one of great error as often as not.
     let noise = median(lamps.iter().map(|l| l.noise)).clamp(0.0, seen);
     let width = student(count - 1.0) * (seen - noise + seen / count).sqrt();
-    Estimate {
+    ErrorEstimate {
         nrmse: nrmse as f32,
         interval: ((m + width).sqrt() - nrmse) as f32,
     }
@@ -467,7 +467,7 @@ mod tests {
         let mut lamps = vec![lamp(0.01, 0.0, 1.0); 20];
         lamps.push(lamp(1.0, 0.0, 1e-5));
         assert!((summarize(&lamps).nrmse - 0.1).abs() < 1e-3);
-        assert_eq!(summarize(&[]), Estimate::default());
+        assert_eq!(summarize(&[]), ErrorEstimate::default());
         let one = summarize(&[lamp(0.01, 0.0, 1.0)]);
         assert_eq!(one.nrmse, one.interval);
     }

@@ -9,7 +9,7 @@ use std::time::Instant;
 /// Why a level's bake gave nothing.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum BakeLevelError {
+pub enum BakeSceneError {
     /// The bake says why.
     #[error(transparent)]
     Bake(#[from] BakeError),
@@ -25,18 +25,18 @@ pub enum BakeLevelError {
 /// processor may hang on it.
 ///
 /// # Errors
-/// See [`BakeLevelError`].
-pub fn bake_level(
+/// See [`BakeSceneError`].
+pub fn bake_scene(
     level: &TriangleMesh,
     recipe: &Recipe,
     threads: usize,
     progress: &Progress,
-) -> Result<Baked, BakeLevelError> {
+) -> Result<Baked, BakeSceneError> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|i| format!("meshless gi bake {i}"))
         .build()
-        .map_err(|e| BakeLevelError::Threads(e.to_string()))?;
+        .map_err(|e| BakeSceneError::Threads(e.to_string()))?;
     let whole = || {
         let began = Instant::now();
         if !progress.set(Stage::Bvh, 0.0) {
@@ -67,7 +67,7 @@ pub fn bake_level(
         Err(panic) => {
             let text = panic.downcast_ref::<&str>().map(ToString::to_string);
             let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-            Err(BakeLevelError::Panicked(
+            Err(BakeSceneError::Panicked(
                 text.unwrap_or_else(|| "no message".into()),
             ))
         }
@@ -83,22 +83,22 @@ mod tests {
     #[test]
     fn a_level_that_cannot_be_baked_says_why() {
         let none = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
-        let bake = |progress: &Progress| bake_level(&none, &Recipe::default(), 1, progress);
+        let bake = |progress: &Progress| bake_scene(&none, &Recipe::default(), 1, progress);
         assert!(matches!(
             bake(&Progress::default()),
-            Err(BakeLevelError::Bake(BakeError::NothingReached { .. }))
+            Err(BakeSceneError::Bake(BakeError::NoReachableSurface { .. }))
         ));
         let stopped = Progress::default();
         stopped.cancel();
         assert!(matches!(
             bake(&stopped),
-            Err(BakeLevelError::Bake(BakeError::Canceled))
+            Err(BakeSceneError::Bake(BakeError::Canceled))
         ));
         let wrong = Recipe {
             viewpoints: vec![[f32::NAN, Vec3::X.y, 0.0]],
             ..Recipe::default()
         };
-        let error = bake_level(&none, &wrong, 1, &Progress::default()).unwrap_err();
+        let error = bake_scene(&none, &wrong, 1, &Progress::default()).unwrap_err();
         assert!(error.to_string().contains("viewpoints"), "{error}");
     }
 }

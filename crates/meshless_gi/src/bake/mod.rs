@@ -24,16 +24,18 @@ mod soft_shadows;
 mod stale;
 mod stats;
 
-use care::Care;
-pub use estimate::{Estimate, estimate_errors};
-pub use level::{BakeLevelError, bake_level};
-pub use occluders::{OccluderBox, OccluderShape};
+use care::QualityParameters;
+pub use estimate::{ErrorEstimate, estimate_errors};
+pub use level::{BakeSceneError, bake_scene};
+pub use occluders::{OccluderBox, OccluderDesc};
 pub use octree::OctreeSettings;
-pub use probes::FreeSpaceLight;
+pub use probes::ProbeSettings;
 pub use progress::{Progress, Stage};
-pub use recipe::{BounceMode, Preset, Recipe, RecipeError, Rule, Settings, reached_area};
+pub use recipe::{
+    BounceMode, Preset, Recipe, RecipeError, Settings, TransportMethod, reached_area,
+};
 pub use sky::Sky;
-pub use soft_shadows::SoftShadows;
+pub use soft_shadows::VisibilityRecipe;
 pub use stale::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
 
@@ -89,7 +91,7 @@ pub enum BakeError {
     #[error(
         "no surface was reached by light from {viewpoints} viewpoints: the level is empty, or the viewpoints lie outside of it"
     )]
-    NothingReached {
+    NoReachableSurface {
         /// How many were tried.
         viewpoints: usize,
     },
@@ -97,7 +99,7 @@ pub enum BakeError {
     #[error(
         "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: move it to its origin, and place its root instead"
     )]
-    TooFar {
+    PrecisionLoss {
         /// Largest coordinate, meters.
         far: f32,
         /// Largest edge of the box around it, meters.
@@ -109,13 +111,13 @@ pub enum BakeError {
     #[error(
         "the level has nothing called `{name}` for the occluder of that name: it must be the name of a node with triangles, or have boxes"
     )]
-    NoOccluder {
+    UnknownOccluder {
         /// The occluder's name.
         name: String,
     },
     /// More sets of occluders that light passes one after the other than can be told apart.
     #[error("light passes the occluders in more than {most} combinations")]
-    TooManyPassages {
+    TooManyOccluderSets {
         /// How many can be told apart.
         most: usize,
     },
@@ -166,7 +168,7 @@ fn bake_known(
     let began = Instant::now();
     let mut best: Option<Baked> = None;
     let error = |baked: &Baked| baked.scene.info.estimated_nrmse;
-    for care in Care::ladder(most) {
+    for care in QualityParameters::ladder(most) {
         let baked = bake_once(source, recipe, &care, progress)?;
         let met = error(&baked) <= most;
         // A recipe that fixes all that care is taken by makes the same again.
@@ -193,7 +195,7 @@ fn bake_known(
 fn bake_once(
     source: &BakeSource<'_>,
     recipe: &Recipe,
-    care: &Care,
+    care: &QualityParameters,
     progress: &Progress,
 ) -> Result<Baked, BakeError> {
     let began = Instant::now();
@@ -226,7 +228,7 @@ fn bake_once(
     let pilot = trace_particles(geometry, &viewpoints, 0..512, recipe.seed ^ 0x70_69, false);
     stats.rays += pilot.rays;
     if pilot.candidates.is_empty() {
-        return Err(BakeError::NothingReached {
+        return Err(BakeError::NoReachableSurface {
             viewpoints: viewpoints.len(),
         });
     }
@@ -244,8 +246,10 @@ fn bake_once(
         most: settings.most_points(),
         seed: settings.seed,
         sender_overlap: match settings.rule {
-            Rule::Bounded | Rule::Pca | Rule::Fmm => Some(SENDER_OVERLAP),
-            Rule::L08 => None,
+            TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+                Some(SENDER_OVERLAP)
+            }
+            TransportMethod::L08 => None,
         },
         clip: settings.walls,
         drop_first,
@@ -256,7 +260,7 @@ fn bake_once(
     .ok_or(BakeError::Canceled)?;
     stats.rays += hierarchy.rays;
     if hierarchy.is_empty() {
-        return Err(BakeError::NothingReached {
+        return Err(BakeError::NoReachableSurface {
             viewpoints: viewpoints.len(),
         });
     }
@@ -267,7 +271,7 @@ fn bake_once(
     // Without links nobody hands mass to coarse senders, and nobody reads their light.
     let linked = settings.octree.is_none_or(|octree| octree.fallback);
     let mut pull = match settings.rule {
-        Rule::Bounded | Rule::Pca | Rule::Fmm if linked => {
+        TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm if linked => {
             let (areas, rays) = hierarchy.shown_areas(geometry, &viewpoints, &tree, &building);
             stats.rays += rays;
             shown = areas;
@@ -275,7 +279,7 @@ fn bake_once(
         }
         _ => hierarchy.pull(),
     };
-    let mut parents = hierarchy.parents(settings.rule == Rule::L08);
+    let mut parents = hierarchy.parents(settings.rule == TransportMethod::L08);
     stats.seconds.points = began.elapsed().as_secs_f64();
 
     // The operator.
@@ -287,19 +291,21 @@ fn bake_once(
         rays: settings.rays,
         seed: settings.seed,
         deposit: match settings.rule {
-            Rule::Bounded | Rule::Pca | Rule::Fmm => Deposit::Finest,
-            Rule::L08 => Deposit::All,
+            TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+                Deposit::Finest
+            }
+            TransportMethod::L08 => Deposit::All,
         },
     };
     let told = |done| progress.set(Stage::Transport, done);
     let mut compression = None;
     let (mut free_space, mut space_passing) = (None, Vec::new());
     let (refined, form) = match settings.rule {
-        Rule::Fmm if !linked => (
+        TransportMethod::Fmm if !linked => (
             Some(Refined::without_rows(hierarchy.len())),
             SenderForm::Averages,
         ),
-        Rule::Bounded | Rule::Pca | Rule::Fmm => {
+        TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
             let (training, rays) = signals::train(
                 &gathering,
@@ -311,7 +317,7 @@ fn bake_once(
                 drop_first,
             );
             stats.rays += rays;
-            let basis = (settings.rule == Rule::Pca).then(|| {
+            let basis = (settings.rule == TransportMethod::Pca).then(|| {
                 let (basis, rays) = examples::light_basis(
                     &gathering,
                     &hierarchy,
@@ -378,7 +384,7 @@ fn bake_once(
             };
             (refined, form)
         }
-        Rule::L08 => {
+        TransportMethod::L08 => {
             let neighbors = l08::neighbors(&hierarchy, sender_levels);
             (
                 l08::refine_l08(

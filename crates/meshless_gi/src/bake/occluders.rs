@@ -16,7 +16,7 @@ const LONGEST_NAME: usize = 256;
 /// A door or a lift: what a game opens and shuts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct OccluderShape {
+pub struct OccluderDesc {
     /// What the game calls it; without boxes also the name of the level's node that it is, with all nodes below that.
     pub name: String,
     /// What it is where the level has no such node.
@@ -34,14 +34,14 @@ pub struct OccluderBox {
     pub half_edges: [f32; 3],
 }
 
-impl From<&str> for OccluderShape {
+impl From<&str> for OccluderDesc {
     /// The node of this name.
     fn from(name: &str) -> Self {
         Self::node(name)
     }
 }
 
-impl OccluderShape {
+impl OccluderDesc {
     /// The node of this name.
     #[must_use]
     pub fn node(name: impl Into<String>) -> Self {
@@ -63,7 +63,7 @@ impl OccluderBox {
 }
 
 /// Whether the occluders of a recipe make sense, whatever the level.
-pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> {
+pub(super) fn check_shapes(shapes: &[OccluderDesc]) -> Result<(), RecipeError> {
     let wrong = |value: String, allowed| RecipeError::OutOfRange {
         field: "occluders",
         value,
@@ -99,18 +99,18 @@ pub(super) fn check_shapes(shapes: &[OccluderShape]) -> Result<(), RecipeError> 
 }
 
 /// The names of the nodes that occluders without boxes are.
-pub(super) fn node_names(shapes: &[OccluderShape]) -> Vec<&str> {
+pub(super) fn node_names(shapes: &[OccluderDesc]) -> Vec<&str> {
     let nodes = shapes.iter().filter(|s| s.boxes.is_empty());
     nodes.map(|s| s.name.as_str()).collect()
 }
 
 /// The shape of each occluder: its boxes, or the triangles of the part of the level that is called so. `geometry` is the level without them.
 pub(super) fn find(
-    shapes: &[OccluderShape],
+    shapes: &[OccluderDesc],
     parts: &[Occluder],
     geometry: &dyn Geometry,
 ) -> Result<Vec<Occluder>, BakeError> {
-    let one = |shape: &OccluderShape| {
+    let one = |shape: &OccluderDesc| {
         let part = parts.iter().find(|p| p.name == shape.name);
         let part = part.filter(|_| shape.boxes.is_empty());
         let occluder = Occluder {
@@ -121,7 +121,7 @@ pub(super) fn find(
                 .collect(),
         };
         match occluder.shapes().is_empty() {
-            true => Err(BakeError::NoOccluder {
+            true => Err(BakeError::UnknownOccluder {
                 name: occluder.name,
             }),
             false => Ok(occluder),
@@ -141,7 +141,7 @@ pub(super) fn known(
     }
     let most = Passage::MAX_SETS;
     let (sets, [links, probes]) =
-        number_sets([passing, space]).ok_or(BakeError::TooManyPassages { most })?;
+        number_sets([passing, space]).ok_or(BakeError::TooManyOccluderSets { most })?;
     Ok(Some(Occluders {
         names: occluders.iter().map(|o| o.name.clone()).collect(),
         sets,

@@ -14,7 +14,7 @@ use std::time::Instant;
 /// Light in free space, for what moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct FreeSpaceLight {
+pub struct ProbeSettings {
     /// Distance that probes keep from those they see, meters; where left out, so that about 2048 fill the box around the level.
     pub spacing: Option<f32>,
     /// Rays a probe, 64 to 65536; where left out, twice those of a surface point.
@@ -24,16 +24,16 @@ pub struct FreeSpaceLight {
 /// What the spacing is chosen for where a recipe has none.
 pub const PROBES: f32 = 2048.0;
 
-/// [`FreeSpaceLight`] with everything filled in.
+/// [`ProbeSettings`] with everything filled in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FreeSpaceSettings {
-    /// See [`FreeSpaceLight::spacing`].
+    /// See [`ProbeSettings::spacing`].
     pub spacing: f32,
-    /// See [`FreeSpaceLight::rays`].
+    /// See [`ProbeSettings::rays`].
     pub rays: u32,
 }
 
-impl FreeSpaceLight {
+impl ProbeSettings {
     /// Checks every value.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         let wrong = |field, value: String, allowed| {
@@ -85,7 +85,7 @@ pub(super) struct Room<'a> {
 
 /// Spreads probes over free space and gathers their rows. Also says what of their links crosses occluders.
 pub(super) fn bake(
-    light: &FreeSpaceLight,
+    light: &ProbeSettings,
     room: &mut Room<'_>,
     progress: &Progress,
 ) -> Result<(Probes, Vec<Passing>), BakeError> {

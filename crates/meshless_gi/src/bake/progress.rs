@@ -18,7 +18,7 @@ pub enum Stage {
     /// Remembering what points see.
     Visibility,
     /// Measuring the error.
-    Estimate,
+    ErrorEstimate,
 }
 
 impl Stage {
@@ -29,7 +29,7 @@ impl Stage {
         Self::Probes,
         Self::Bounces,
         Self::Visibility,
-        Self::Estimate,
+        Self::ErrorEstimate,
     ];
 
     /// A word for people.
@@ -42,7 +42,7 @@ impl Stage {
             Self::Probes => "gathering light in free space",
             Self::Bounces => "baking bounces",
             Self::Visibility => "baking visibility",
-            Self::Estimate => "measuring the error",
+            Self::ErrorEstimate => "measuring the error",
         }
     }
 }

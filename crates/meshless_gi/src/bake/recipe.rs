@@ -1,12 +1,12 @@
 //! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
 //! scene's size.
 
-use super::care::Care;
-use super::occluders::{OccluderShape, check_shapes};
+use super::care::QualityParameters;
+use super::occluders::{OccluderDesc, check_shapes};
 use super::octree::OctreeSettings;
-use super::probes::FreeSpaceLight;
+use super::probes::ProbeSettings;
 use super::sky::Sky;
-use super::soft_shadows::SoftShadows;
+use super::soft_shadows::VisibilityRecipe;
 use crate::asset::Places;
 use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::Link;
@@ -27,7 +27,7 @@ pub enum Preset {
 
 /// Which links are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Rule {
+pub enum TransportMethod {
     /// Rows keep their mass, with a bound on what they blur, see [`crate::transport::bounded`].
     #[default]
     Bounded,
@@ -45,7 +45,7 @@ pub enum BounceMode {
     /// In the frame, by sweeps over the senders: materials may change.
     #[default]
     Live,
-    /// In the bake, by the Neumann series on the coarsest points: fewest steps a frame. Needs [`Rule::Bounded`].
+    /// In the bake, by the Neumann series on the coarsest points: fewest steps a frame. Needs [`TransportMethod::Bounded`].
     Baked,
 }
 
@@ -79,7 +79,7 @@ pub struct Recipe {
     /// Where the later bounces are computed.
     pub bounce_mode: BounceMode,
     /// Which links are kept.
-    pub rule: Rule,
+    pub rule: TransportMethod,
     /// Threshold of the rule: the bound on what a row blurs (`Bounded`) or leaves out (`Pca`), or ε of \[L08\] Figure 5.
     pub epsilon: Option<f32>,
     /// Difference to the parents' value below which a receiver needs no row (not with `L08`).
@@ -103,15 +103,15 @@ pub struct Recipe {
     /// Bakes the links of `Bounded` on the same points too, for devices and frames that do not hold the octree (`Fmm`).
     pub fallback: bool,
     /// Bakes what the senders and one level behind them see, for lights with soft shadows; left out: such lights cast none.
-    pub soft_shadows: Option<SoftShadows>,
+    pub soft_shadows: Option<VisibilityRecipe>,
     /// Light in free space, for what moves (rule `Bounded`).
-    pub probes: Option<FreeSpaceLight>,
+    pub probes: Option<ProbeSettings>,
     /// Which skies may light the level (`Harmonics` with rule `Bounded` only).
     pub sky: Sky,
     /// Base colors and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
     pub live_materials: bool,
     /// Doors, lifts and what else comes and goes in the running game, 64 at most: the light through them gets a gain (rule `Bounded`, bounce mode `Live`).
-    pub occluders: Vec<OccluderShape>,
+    pub occluders: Vec<OccluderDesc>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether functions stop at walls (design D7). Off is the paper's way, and leaks.
@@ -169,7 +169,7 @@ pub struct Settings {
     /// See [`Recipe::bounce_mode`].
     pub bounce_mode: BounceMode,
     /// See [`Recipe::rule`].
-    pub rule: Rule,
+    pub rule: TransportMethod,
     /// See [`Recipe::epsilon`].
     pub epsilon: f32,
     /// See [`Recipe::tolerance`].
@@ -189,10 +189,10 @@ pub struct Settings {
     pub octree: Option<OctreeSettings>,
     /// See [`Recipe::soft_shadows`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub soft_shadows: Option<SoftShadows>,
+    pub soft_shadows: Option<VisibilityRecipe>,
     /// See [`Recipe::probes`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub probes: Option<FreeSpaceLight>,
+    pub probes: Option<ProbeSettings>,
     /// See [`Recipe::sky`].
     #[serde(default, skip_serializing_if = "Sky::is_uniform")]
     pub sky: Sky,
@@ -201,7 +201,7 @@ pub struct Settings {
     pub live_materials: bool,
     /// See [`Recipe::occluders`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub occluders: Vec<OccluderShape>,
+    pub occluders: Vec<OccluderDesc>,
 }
 
 /// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
@@ -276,7 +276,7 @@ impl Recipe {
         }
         if let Some(probes) = &self.probes {
             probes.check()?;
-            if self.rule != Rule::Bounded {
+            if self.rule != TransportMethod::Bounded {
                 return Err(RecipeError::OutOfRange {
                     field: "probes",
                     value: format!("there with rule {:?}", self.rule),
@@ -284,14 +284,14 @@ impl Recipe {
                 });
             }
         }
-        if self.sky == Sky::Harmonics && self.rule != Rule::Bounded {
+        if self.sky == Sky::Harmonics && self.rule != TransportMethod::Bounded {
             return Err(RecipeError::OutOfRange {
                 field: "sky",
                 value: format!("Harmonics with rule {:?}", self.rule),
                 allowed: "Uniform, or Harmonics with rule Bounded",
             });
         }
-        let live = self.rule == Rule::Bounded && self.bounce_mode == BounceMode::Live;
+        let live = self.rule == TransportMethod::Bounded && self.bounce_mode == BounceMode::Live;
         if self.live_materials && !live {
             return Err(RecipeError::OutOfRange {
                 field: "live_materials",
@@ -343,10 +343,12 @@ impl Recipe {
             });
         }
         let allowed = match self.rule {
-            Rule::Bounded => None,
-            Rule::L08 => Some("Live with rule L08, whose rows are differences"),
-            Rule::Pca => Some("Live with rule Pca, whose rows are components"),
-            Rule::Fmm => Some("Live with rule Fmm, whose octree is run for every reflection"),
+            TransportMethod::Bounded => None,
+            TransportMethod::L08 => Some("Live with rule L08, whose rows are differences"),
+            TransportMethod::Pca => Some("Live with rule Pca, whose rows are components"),
+            TransportMethod::Fmm => {
+                Some("Live with rule Fmm, whose octree is run for every reflection")
+            }
         };
         if let (BounceMode::Baked, Some(allowed)) = (self.bounce_mode, allowed) {
             return Err(RecipeError::OutOfRange {
@@ -367,7 +369,11 @@ impl Recipe {
     }
 
     /// Fills in what is left out as `care` has it.
-    pub(super) fn settings_with(&self, area: f32, care: &Care) -> Result<Settings, RecipeError> {
+    pub(super) fn settings_with(
+        &self,
+        area: f32,
+        care: &QualityParameters,
+    ) -> Result<Settings, RecipeError> {
         self.check()?;
         let levels = self.levels.unwrap_or(5);
         let sender_levels = self.sender_levels.unwrap_or(care.sender_levels.min(levels));
@@ -394,8 +400,8 @@ impl Recipe {
         let senders = FILL * area / (radius * radius);
         let a_cluster = (senders / CLUSTERS).clamp(MIN_CLUSTER, 65_536.0) as u32;
         let pca = |value: Option<u32>, usual| match self.rule {
-            Rule::Pca => value.unwrap_or(usual),
-            Rule::Bounded | Rule::L08 | Rule::Fmm => 0,
+            TransportMethod::Pca => value.unwrap_or(usual),
+            TransportMethod::Bounded | TransportMethod::L08 | TransportMethod::Fmm => 0,
         };
         Ok(Settings {
             coarse_radius,
@@ -405,17 +411,21 @@ impl Recipe {
             extra_points: self.extra_points.unwrap_or(care.extra_points as u32),
             rays: self.rays.unwrap_or(care.rays),
             places: self.places.unwrap_or(match self.rule {
-                Rule::Bounded | Rule::Pca | Rule::Fmm => care.places,
+                TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+                    care.places
+                }
                 // [L08] takes the light at a function's own point.
-                Rule::L08 => 1,
+                TransportMethod::L08 => 1,
             }),
             bounces: self.bounces.unwrap_or(4),
             bounce_mode: self.bounce_mode,
             rule: self.rule,
             epsilon: self.epsilon.unwrap_or(match self.rule {
-                Rule::Bounded | Rule::Pca | Rule::Fmm => care.epsilon,
+                TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
+                    care.epsilon
+                }
                 // [L08] §4.2: 0.025 in all tests.
-                Rule::L08 => 0.025,
+                TransportMethod::L08 => 0.025,
             }),
             tolerance: self.tolerance.unwrap_or(care.tolerance),
             coefficients: pca(self.coefficients, 10),
@@ -423,7 +433,7 @@ impl Recipe {
             lamps: pca(self.lamps, 1000),
             seed: self.seed,
             walls: self.walls.unwrap_or(true),
-            octree: (self.rule == Rule::Fmm).then(|| OctreeSettings::of(self)),
+            octree: (self.rule == TransportMethod::Fmm).then(|| OctreeSettings::of(self)),
             soft_shadows: self.soft_shadows,
             probes: self.probes,
             sky: self.sky,

@@ -19,7 +19,7 @@ pub(super) fn remoteness(bounds: &Bounds) -> Result<Option<String>, BakeError> {
         return Ok(None);
     }
     if lift > MAX_LIFT {
-        return Err(BakeError::TooFar { far, size, spacing });
+        return Err(BakeError::PrecisionLoss { far, size, spacing });
     }
     Ok(Some(format!(
         "the level of {size} m lies {far} m from its origin, where coordinates are {spacing} m apart: rays start {:.1} % of its size off their surfaces. Move it to its origin, and place its root instead",

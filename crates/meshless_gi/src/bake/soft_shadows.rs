@@ -12,7 +12,7 @@ use std::time::Instant;
 /// Visibility of the senders and of one level behind them, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct SoftShadows {
+pub struct VisibilityRecipe {
     /// Directions a point, about, 16 to 16384.
     pub directions: u32,
     /// Most coefficients a point, 1 to 128.
@@ -24,7 +24,7 @@ pub struct SoftShadows {
     pub error: f32,
 }
 
-impl Default for SoftShadows {
+impl Default for VisibilityRecipe {
     fn default() -> Self {
         let usual = VisibilitySettings::default();
         Self {
@@ -36,7 +36,7 @@ impl Default for SoftShadows {
     }
 }
 
-impl SoftShadows {
+impl VisibilityRecipe {
     /// Checks every value.
     pub(super) fn check(&self) -> Result<(), RecipeError> {
         let within = |field, v: u32, low: u32, high: u32, allowed| match (low..=high).contains(&v) {

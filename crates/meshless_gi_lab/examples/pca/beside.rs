@@ -1,7 +1,7 @@
 //! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light, by error, time of a frame, bytes and time of the bake.
 
 use super::document::LEVEL;
-use meshless_gi::bake::{Progress, Rule, Settings};
+use meshless_gi::bake::{Progress, Settings, TransportMethod};
 use meshless_gi::scene::TriangleMesh;
 use meshless_gi_lab::report::{
     Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
@@ -69,7 +69,7 @@ pub fn section(name: &str, report: &Report, figures: &[Figure]) -> String {
         | rule | recipe | error, % | links | file, MB | bake, s | frame, ms |\n|---|---|---|---|---|---|---|\n",
         report.triangles, report.bounces, report.places, report.lamps, report.threads
     );
-    for rule in [Rule::Bounded, Rule::Pca] {
+    for rule in [TransportMethod::Bounded, TransportMethod::Pca] {
         for r in report.rows.iter().filter(|r| r.settings.baked.rule == rule) {
             let _ = writeln!(
                 out,

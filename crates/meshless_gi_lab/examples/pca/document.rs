@@ -225,7 +225,7 @@ fn cut(level: &str, cuts: &[Cut]) -> String {
 pub fn transfer(all: &[Transfer]) -> String {
     let mut out = format!(
         "{TRANSFER}\n\
-        Rule `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lamps that no bake has seen, with the \
+        TransportMethod `pca` beside rule `bounded`. The error is NRMSE of indirect irradiance after four reflections against the reference integrator, at places under lamps that no bake has seen, with the \
         half width of its 95 % interval for other places. The share missed is the root mean square of the example lamps' direct light that the bases cannot write down. The operator is links \
         of eight bytes, rows, and columns of sixteen bits a value.\n"
     );

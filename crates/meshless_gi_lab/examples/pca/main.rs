@@ -15,7 +15,7 @@ mod visibility;
 
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::frame::project::extent;
 use meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
 use std::error::Error;
@@ -99,7 +99,7 @@ fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<d
         preset: Preset::Draft,
         ..Recipe::default()
     };
-    let baked = bake_level(mesh, &recipe, 0, &Progress::default())?;
+    let baked = bake_scene(mesh, &recipe, 0, &Progress::default())?;
     let scene = baked.scene;
     let center = scene.info.viewpoints.first().ok_or("no viewpoint")?;
     let half = 0.02 * extent(&scene);
@@ -143,7 +143,7 @@ fn baked(
         return Ok((BakedScene::read(file, &Limits::default())?, None));
     }
     eprintln!("baking {name}");
-    let baked = bake_level(mesh, &Recipe::default(), 0, &Progress::default())?;
+    let baked = bake_scene(mesh, &Recipe::default(), 0, &Progress::default())?;
     if let Some(file) = file {
         baked.scene.write(&file)?;
     }

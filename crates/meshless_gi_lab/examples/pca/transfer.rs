@@ -1,7 +1,7 @@
 //! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and the sparse operator beside it, each against the reference integrator.
 
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Baked, Preset, Progress, Recipe, TransportMethod, bake_scene};
 use meshless_gi::frame::FrameSettings;
 use meshless_gi::scene::TriangleMesh;
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
@@ -84,8 +84,9 @@ pub fn measure(
 ) -> Result<Transfer, Box<dyn Error>> {
     let exam = Exam::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
     let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
-        let baked = bake_level(level, &recipe, 0, &Progress::default())?;
-        let coefficients = (recipe.rule == Rule::Pca).then(|| recipe.coefficients.unwrap_or(10));
+        let baked = bake_scene(level, &recipe, 0, &Progress::default())?;
+        let coefficients =
+            (recipe.rule == TransportMethod::Pca).then(|| recipe.coefficients.unwrap_or(10));
         let made = made(
             &exam,
             recipe.preset,
@@ -108,7 +109,7 @@ pub fn measure(
         let mut of_size = Vec::new();
         for coefficients in COEFFICIENTS {
             of_size.push(bake(Recipe {
-                rule: Rule::Pca,
+                rule: TransportMethod::Pca,
                 coefficients: Some(coefficients),
                 cluster_points: Some(cluster_points),
                 ..draft.clone()
@@ -117,7 +118,7 @@ pub fn measure(
         by_count.push((cluster_points, of_size));
     }
     let bases = bake(Recipe {
-        rule: Rule::Pca,
+        rule: TransportMethod::Pca,
         ..Recipe::default()
     })?;
     let whole = Made {

@@ -15,7 +15,7 @@ use meshless_gi_lab::fixtures::gloss as gloss_support;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Progress, Recipe, bake_level};
+use meshless_gi::bake::{Progress, Recipe, bake_scene};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use subsplat_support::{Level, Stage, clutter};
@@ -57,7 +57,7 @@ fn baked(level: &Level, bakes: Option<&Path>) -> Result<BakedScene, Box<dyn Erro
         return Ok(BakedScene::read(file, &Limits::default())?);
     }
     eprintln!("baking {}", level.name);
-    let baked = bake_level(&level.mesh, &Recipe::default(), 0, &Progress::default())?;
+    let baked = bake_scene(&level.mesh, &Recipe::default(), 0, &Progress::default())?;
     if let Some(file) = file {
         baked.scene.write(&file)?;
     }

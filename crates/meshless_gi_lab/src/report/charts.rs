@@ -5,7 +5,7 @@ use super::rules::{comparable, front};
 use super::sweep::Report;
 use super::variant::Factor;
 use crate::accuracy::{Axis, Chart, Format, Mark, Series, Style, pareto_front};
-use meshless_gi::bake::Rule;
+use meshless_gi::bake::TransportMethod;
 
 /// Look of a front that belongs to no series: black.
 const BLACK: usize = 6;
@@ -166,15 +166,15 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
 /// Error against links: the default rule, the paper's, and bases of direct light where they were tried.
 fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
-        (Rule::Bounded, "rule bounded (the default)", 0),
-        (Rule::L08, "rule l08, as published", 1),
-        (Rule::Pca, "rule pca, bases of direct light", 2),
-        (Rule::Fmm, "rule fmm, entries of its lists", 3),
+        (TransportMethod::Bounded, "rule bounded (the default)", 0),
+        (TransportMethod::L08, "rule l08, as published", 1),
+        (TransportMethod::Pca, "rule pca, bases of direct light", 2),
+        (TransportMethod::Fmm, "rule fmm, entries of its lists", 3),
     ];
     let mut series = Vec::new();
     for (rule, title, look) in rules {
         let front = front(rows, rule);
-        if front.is_empty() && matches!(rule, Rule::Pca | Rule::Fmm) {
+        if front.is_empty() && matches!(rule, TransportMethod::Pca | TransportMethod::Fmm) {
             continue;
         }
         let points = rows

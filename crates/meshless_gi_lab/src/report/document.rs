@@ -7,7 +7,7 @@ use super::sweep::Report;
 use super::text::{WANTED, cheapest, section};
 use super::variant::Factor;
 use super::words::{cell, error, how, megabytes, short, whole};
-use meshless_gi::bake::Rule;
+use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 
 /// A level's part of a document.
@@ -67,7 +67,7 @@ fn advice(parts: &[Part]) -> String {
             .report
             .rows
             .iter()
-            .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Bounded)
+            .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Bounded)
             .filter(|r| r.settings.factor != Factor::Density)
             .filter_map(|r| everywhere(parts, r))
             .filter(|rows| rows.iter().all(|r| r.sure_error() <= most))

@@ -3,11 +3,11 @@
 use super::measure::Row;
 use super::rules::comparable;
 use super::words::{cell, count, megabytes, percent, short};
-use meshless_gi::bake::Rule;
+use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 
 /// Of the bakes by `rule` with at most this error the least of some cost.
-fn least(rows: &[Row], rule: Rule, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
+fn least(rows: &[Row], rule: TransportMethod, error: f64, cost: fn(&Row) -> f64) -> Option<f64> {
     let met = rows.iter().filter(|r| {
         comparable(r) && r.settings.baked.rule == rule && r.nrmse <= error && r.nrmse.is_finite()
     });
@@ -19,13 +19,13 @@ fn least(rows: &[Row], rule: Rule, error: f64, cost: fn(&Row) -> f64) -> Option<
 pub fn beside_octree(rows: &[Row]) -> String {
     let mut ours: Vec<&Row> = rows
         .iter()
-        .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Fmm)
+        .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Fmm)
         .collect();
     ours.sort_by(|a, b| b.nrmse.total_cmp(&a.nrmse));
     if ours.is_empty() {
         return String::new();
     }
-    let mut out = "Rule `fmm` ([G08]) has no links: each reflection of a frame goes up and down an octree of the points. Each row below is a bake by it, and the \
+    let mut out = "TransportMethod `fmm` ([G08]) has no links: each reflection of a frame goes up and down an octree of the points. Each row below is a bake by it, and the \
                    least that the default rule took in any of its bakes here with no more error (– where it had none).\n\n\
                    | by `fmm` | error | entries | file | bake, s | frame, ms | file of `bounded` | bake of `bounded`, s | frame of `bounded`, ms |\n\
                    |---|---|---|---|---|---|---|---|---|\n"
@@ -34,7 +34,7 @@ pub fn beside_octree(rows: &[Row]) -> String {
     let (mut cheaper, mut met) = ([0usize; 3], 0usize);
     for row in &ours {
         let costs: [fn(&Row) -> f64; 3] = [|r| r.bytes as f64, |r| r.bake_seconds, |r| r.frame_ms];
-        let theirs = costs.map(|cost| least(rows, Rule::Bounded, row.nrmse, cost));
+        let theirs = costs.map(|cost| least(rows, TransportMethod::Bounded, row.nrmse, cost));
         for ((cheaper, theirs), cost) in cheaper.iter_mut().zip(theirs).zip(costs) {
             *cheaper += usize::from(theirs.is_some_and(|theirs| theirs < cost(row)));
         }
@@ -54,10 +54,10 @@ pub fn beside_octree(rows: &[Row]) -> String {
             other(theirs[2], short),
         );
     }
-    let best = |rule: Rule| least(rows, rule, f64::INFINITY, |r| r.nrmse);
+    let best = |rule: TransportMethod| least(rows, rule, f64::INFINITY, |r| r.nrmse);
     let reached = |v: Option<f64>| v.map_or("none".into(), percent);
     let [file, bake, frame] = cheaper;
-    let (octree, linked) = (best(Rule::Fmm), best(Rule::Bounded));
+    let (octree, linked) = (best(TransportMethod::Fmm), best(TransportMethod::Bounded));
     let _ = writeln!(
         out,
         "\nWhich to use: a bake by the default rule came as low at {met} of the {} errors above, with a smaller file at {file}, a faster bake at {bake}, a faster frame at {frame}. The least error \

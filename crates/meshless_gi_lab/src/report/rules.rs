@@ -3,7 +3,7 @@
 use super::measure::Row;
 use super::variant::Factor;
 use crate::accuracy::{interpolate_log, pareto_front};
-use meshless_gi::bake::Rule;
+use meshless_gi::bake::TransportMethod;
 
 /// What `bounded` has of what `l08` has.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +46,7 @@ pub struct Compared {
 
 /// Links and errors of the rows of a rule that run as many reflections as the reference, which rows those are, by links: the Pareto front.
 #[must_use]
-pub fn front(rows: &[Row], rule: Rule) -> Vec<(usize, f64, f64)> {
+pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_rule: Vec<usize> = (0..rows.len())
         .filter(|&i| rows[i].settings.baked.rule == rule && comparable(&rows[i]))
         .filter(|&i| rows[i].links > 0 && rows[i].nrmse > 0.0)
@@ -70,13 +70,13 @@ pub fn comparable(row: &Row) -> bool {
 /// Compares the default rule with that of \[L08\] at each place of its front, fewest links first.
 #[must_use]
 pub fn compare(rows: &[Row]) -> Vec<Compared> {
-    compare_with(rows, Rule::L08)
+    compare_with(rows, TransportMethod::L08)
 }
 
 /// Compares the default rule with `rule` at each place of its front, fewest links first.
 #[must_use]
-pub fn compare_with(rows: &[Row], rule: Rule) -> Vec<Compared> {
-    let ours: Vec<(f64, f64)> = front(rows, Rule::Bounded)
+pub fn compare_with(rows: &[Row], rule: TransportMethod) -> Vec<Compared> {
+    let ours: Vec<(f64, f64)> = front(rows, TransportMethod::Bounded)
         .into_iter()
         .map(|(_, links, error)| (links, error))
         .collect();

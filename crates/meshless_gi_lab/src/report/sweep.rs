@@ -5,7 +5,7 @@ use super::measure::{Measured, Row};
 use super::variant::{self, BOUNCES, Factor, Variant};
 use crate::accuracy::Truth;
 use meshless_gi::asset::AssetError;
-use meshless_gi::bake::{BakeLevelError, BakeStats, Baked, Progress, Recipe, Settings, bake_level};
+use meshless_gi::bake::{BakeSceneError, BakeStats, Baked, Progress, Recipe, Settings, bake_scene};
 use meshless_gi::scene::{Light, TriangleMesh};
 use std::time::{Duration, Instant};
 
@@ -92,7 +92,7 @@ pub enum ReportError {
         /// Which variant.
         name: String,
         /// Why.
-        why: BakeLevelError,
+        why: BakeSceneError,
     },
     /// A bake could not be written.
     #[error("{name}: {why}")]
@@ -246,7 +246,7 @@ fn bake(
         viewpoints: sweep.viewpoints.clone(),
         ..variant.recipe.clone()
     };
-    let baked = bake_level(level, &recipe, sweep.threads, progress).map_err(failed)?;
+    let baked = bake_scene(level, &recipe, sweep.threads, progress).map_err(failed)?;
     let bytes = baked
         .scene
         .to_bytes()

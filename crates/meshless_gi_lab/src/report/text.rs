@@ -7,7 +7,7 @@ use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
 use super::words::{cell, count, error, how, megabytes, percent, short, whole};
-use meshless_gi::bake::Rule;
+use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 
 /// Errors that somebody may want to stay below.
@@ -17,10 +17,15 @@ const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
 /// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare with: reflections cannot be baked for it.
 pub fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
-    cheapest_of(rows, Rule::Bounded, most, cost)
+    cheapest_of(rows, TransportMethod::Bounded, most, cost)
 }
 
-fn cheapest_of(rows: &[Row], rule: Rule, most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
+fn cheapest_of(
+    rows: &[Row],
+    rule: TransportMethod,
+    most: f64,
+    cost: fn(&Row) -> f64,
+) -> Option<&Row> {
     rows.iter()
         .filter(|r| comparable(r) && r.settings.baked.rule == rule && r.sure_error() <= most)
         .min_by(|a, b| cost(a).total_cmp(&cost(b)))
@@ -84,7 +89,7 @@ pub fn choice(rows: &[Row]) -> String {
     let mut out = String::new();
     let best = rows
         .iter()
-        .filter(|r| comparable(r) && r.settings.baked.rule == Rule::Bounded)
+        .filter(|r| comparable(r) && r.settings.baked.rule == TransportMethod::Bounded)
         .min_by(|a, b| a.sure_error().total_cmp(&b.sure_error()));
     let Some(best) = best else {
         return "Nothing was measured.\n".into();
@@ -118,7 +123,9 @@ pub fn choice(rows: &[Row]) -> String {
     }
     let frame = |r: &Row| r.frame_ms;
     let ours = cheapest(rows, 0.05, frame).map_or(f64::INFINITY, frame);
-    if let Some(row) = cheapest_of(rows, Rule::L08, 0.05, frame).filter(|r| r.frame_ms < ours) {
+    if let Some(row) =
+        cheapest_of(rows, TransportMethod::L08, 0.05, frame).filter(|r| r.frame_ms < ours)
+    {
         let _ = writeln!(
             out,
             "The paper's rule, kept for comparison, would do that faster here: {}.",
@@ -330,11 +337,11 @@ fn rules(compared: &[Compared]) -> String {
 /// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where that rule was not tried.
 #[must_use]
 pub fn beside_bases(rows: &[Row]) -> String {
-    let compared = compare_with(rows, Rule::Pca);
+    let compared = compare_with(rows, TransportMethod::Pca);
     if compared.is_empty() {
         return String::new();
     }
-    let mut out = "Rule `pca` ([P14]) writes each row in a few principal components of the direct light on each cluster of senders; all that follows is the \
+    let mut out = "TransportMethod `pca` ([P14]) writes each row in a few principal components of the direct light on each cluster of senders; all that follows is the \
                    same. Each row below is a bake on its front, and what the default rule's front has there, on straight lines between the logarithms; \"at most\" stands \
                    where that rule was tried only with what does better.\n\n\
                    | by `pca` | error | links | file | bake, s | frame, ms | links of `bounded` at equal error | error of `bounded` at equal links |\n\
@@ -355,13 +362,13 @@ pub fn beside_bases(rows: &[Row]) -> String {
             ratio(c.error_ratio)
         );
     }
-    let least = |rule: Rule| {
+    let least = |rule: TransportMethod| {
         let errors = rows
             .iter()
             .filter(|r| comparable(r) && r.settings.baked.rule == rule);
         errors.map(|r| r.nrmse).fold(f64::INFINITY, f64::min)
     };
-    let (ours, theirs) = (least(Rule::Bounded), least(Rule::Pca));
+    let (ours, theirs) = (least(TransportMethod::Bounded), least(TransportMethod::Pca));
     let wins = compared
         .iter()
         .filter(|c| c.links_ratio.value().is_none_or(|r| r > 1.0))

@@ -1,6 +1,6 @@
 //! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule beside ours.
 
-use meshless_gi::bake::{BounceMode, Preset, Recipe, Rule, Settings};
+use meshless_gi::bake::{BounceMode, Preset, Recipe, Settings, TransportMethod};
 use meshless_gi::frame::FrameSettings;
 use meshless_gi::transport::TIERS;
 use serde::Serialize;
@@ -142,7 +142,7 @@ impl Variant {
         some(
             &mut out,
             "rule",
-            (r.rule != Rule::default()).then_some(r.rule),
+            (r.rule != TransportMethod::default()).then_some(r.rule),
         );
         some(&mut out, "coarse_radius", r.coarse_radius);
         some(&mut out, "levels", r.levels);
@@ -205,7 +205,7 @@ fn plain(value: f32, cost: f64) -> Variant {
 
 fn l08(value: f32, cost: f64) -> Variant {
     let recipe = Recipe {
-        rule: Rule::L08,
+        rule: TransportMethod::L08,
         epsilon: Some(value),
         ..draft()
     };
@@ -215,7 +215,7 @@ fn l08(value: f32, cost: f64) -> Variant {
 /// Bases of so many vectors for clusters of so many senders.
 fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
     let recipe = Recipe {
-        rule: Rule::Pca,
+        rule: TransportMethod::Pca,
         coefficients: Some(coefficients),
         cluster_points: Some(cluster_points),
         ..draft()
@@ -228,7 +228,7 @@ fn pca(coefficients: u32, cluster_points: u32, cost: f64) -> Variant {
 fn pca_preset(preset: Preset, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
-        rule: Rule::Pca,
+        rule: TransportMethod::Pca,
         ..Recipe::default()
     };
     let name = format!("pca, {preset:?}").to_lowercase();
@@ -239,7 +239,7 @@ fn pca_preset(preset: Preset, cost: f64) -> Variant {
 fn fmm(preset: Preset, sender_levels: Option<u32>, sources: Option<u32>, cost: f64) -> Variant {
     let recipe = Recipe {
         preset,
-        rule: Rule::Fmm,
+        rule: TransportMethod::Fmm,
         sender_levels,
         sources,
         ..Recipe::default()

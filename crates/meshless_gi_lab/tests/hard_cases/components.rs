@@ -3,13 +3,13 @@
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Progress, Recipe, Rule, bake_level};
+use meshless_gi::bake::{Progress, Recipe, TransportMethod, bake_scene};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::Material;
 
 fn pca() -> Recipe {
     Recipe {
-        rule: Rule::Pca,
+        rule: TransportMethod::Pca,
         lamps: Some(100),
         cluster_points: Some(40),
         ..quick()
@@ -50,9 +50,9 @@ fn more_vectors_come_nearer_to_all_of_them() {
         ..pca()
     };
     // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what sixteen bits do.
-    let whole = baked(&level, &of(Rule::Pca, Some(1000))).scene;
-    let senders = baked(&level, &of(Rule::Bounded, None)).scene;
-    let few = [1, 4, 12].map(|k| baked(&level, &of(Rule::Pca, Some(k))));
+    let whole = baked(&level, &of(TransportMethod::Pca, Some(1000))).scene;
+    let senders = baked(&level, &of(TransportMethod::Bounded, None)).scene;
+    let few = [1, 4, 12].map(|k| baked(&level, &of(TransportMethod::Pca, Some(k))));
     assert_eq!(senders.points.len(), whole.points.len());
     for bounces in [1, 4] {
         let right = lit(&whole, bounces);
@@ -88,7 +88,7 @@ fn even_light_is_kept_whatever_the_examples() {
             &Recipe {
                 lamps,
                 cluster_points: cluster_points.or(Some(40)),
-                rule: Rule::Pca,
+                rule: TransportMethod::Pca,
                 ..small()
             },
         );
@@ -135,7 +135,7 @@ fn a_white_room_is_guarded_and_hardly_darkened() {
     let bake = baked(
         &closed(Material::diffuse(Vec3::ONE)),
         &Recipe {
-            rule: Rule::Pca,
+            rule: TransportMethod::Pca,
             ..small()
         },
     );
@@ -156,7 +156,7 @@ fn a_white_room_is_guarded_and_hardly_darkened() {
 fn threads_change_nothing() {
     let level = cornell(1.0, Vec3::ZERO);
     let bytes = |threads| {
-        let bake = bake_level(&level, &pca(), threads, &Progress::default()).unwrap();
+        let bake = bake_scene(&level, &pca(), threads, &Progress::default()).unwrap();
         bake.scene.to_bytes().unwrap()
     };
     assert!(bytes(1) == bytes(3));

@@ -3,7 +3,7 @@
 use super::support::{baked, closed, cornell, small};
 use glam::{DVec3, Vec3};
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Recipe, Rule};
+use meshless_gi::bake::{Recipe, TransportMethod};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::Material;
 
@@ -36,7 +36,7 @@ fn rows_sum_to_the_hemisphere() {
     }
     // The paper's rule drops links, and its rows miss what they held: the same figure says so.
     let paper = Recipe {
-        rule: Rule::L08,
+        rule: TransportMethod::L08,
         ..small()
     };
     let told = baked(&cornell(1.0, Vec3::ZERO), &paper).stats.energy;
@@ -68,14 +68,18 @@ fn growth(scene: &BakedScene) -> f64 {
 
 #[test]
 fn the_bound_on_the_gain_holds_and_is_near() {
-    for rule in [Rule::Bounded, Rule::L08] {
+    for rule in [TransportMethod::Bounded, TransportMethod::L08] {
         let recipe = Recipe { rule, ..small() };
         let bake = baked(&cornell(1.0, Vec3::ZERO), &recipe);
         let (told, growth) = (bake.stats.energy, growth(&bake.scene));
         eprintln!("{rule:?}: grows by {growth:.4}, told {told:?}");
         assert!(growth <= f64::from(told.gain) * 1.001, "{growth} {told:?}");
         // Signs leave the paper's rule only the row sums.
-        let near = if rule == Rule::Bounded { 0.9 } else { 0.3 };
+        let near = if rule == TransportMethod::Bounded {
+            0.9
+        } else {
+            0.3
+        };
         assert!(growth > near * f64::from(told.gain), "{growth} {told:?}");
         assert!(told.gain_found <= told.gain);
     }

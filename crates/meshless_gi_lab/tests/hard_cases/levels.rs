@@ -4,7 +4,7 @@ use super::support::{
     Triangles, baked, closed, cornell, irradiances, lit, mesh, quick, room, small, square,
 };
 use glam::Vec3;
-use meshless_gi::bake::{BakeError, BakeLevelError, Progress, Recipe, bake_level};
+use meshless_gi::bake::{BakeError, BakeSceneError, Progress, Recipe, bake_scene};
 use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{Geometry, Light, Material, TriangleMesh};
@@ -197,11 +197,11 @@ fn inside_out_is_as_good_where_both_sides_reflect() {
         double_sided: false,
         ..half()
     };
-    let error = bake_level(&mesh(turned, single), &inside, 1, &Progress::default()).unwrap_err();
+    let error = bake_scene(&mesh(turned, single), &inside, 1, &Progress::default()).unwrap_err();
     assert!(
         matches!(
             error,
-            BakeLevelError::Bake(BakeError::NothingReached { .. })
+            BakeSceneError::Bake(BakeError::NoReachableSurface { .. })
         ),
         "{error}"
     );
@@ -214,12 +214,12 @@ fn next_to_nothing_and_nothing() {
         vec![[Vec3::NAN; 3]],
         vec![[Vec3::ZERO, Vec3::X, 2.0 * Vec3::X]],
     ] {
-        let error = bake_level(&mesh(triangles, half()), &quick(), 1, &Progress::default());
+        let error = bake_scene(&mesh(triangles, half()), &quick(), 1, &Progress::default());
         let error = error.unwrap_err();
         assert!(
             matches!(
                 error,
-                BakeLevelError::Bake(BakeError::NothingReached { .. })
+                BakeSceneError::Bake(BakeError::NoReachableSurface { .. })
             ),
             "{error}"
         );
@@ -234,7 +234,7 @@ fn next_to_nothing_and_nothing() {
         ],
     ] {
         let level = mesh(vec![corners], half());
-        let scene = match bake_level(&level, &quick(), 1, &Progress::default()) {
+        let scene = match bake_scene(&level, &quick(), 1, &Progress::default()) {
             Ok(bake) => bake.scene,
             Err(error) => panic!("{error}"),
         };

@@ -2,7 +2,7 @@
 
 use super::support::{baked, cornell, cornell_places, quick};
 use glam::Vec3;
-use meshless_gi::bake::{BakeError, BakeLevelError, Baked, Progress, Recipe, bake_level};
+use meshless_gi::bake::{BakeError, BakeSceneError, Baked, Progress, Recipe, bake_scene};
 use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
 use meshless_gi::scene::Light;
 use meshless_gi_lab::accuracy::{Errors, errors};
@@ -101,8 +101,8 @@ fn far_from_the_origin_light_is_as_good_as_single_precision() {
 #[test]
 fn farther_than_that_is_an_error() {
     let away = cornell(1.0, Vec3::new(1e6, 0.0, 0.0));
-    let error = bake_level(&away, &quick(), 2, &Progress::default()).unwrap_err();
-    let BakeLevelError::Bake(BakeError::TooFar { far, size, spacing }) = &error else {
+    let error = bake_scene(&away, &quick(), 2, &Progress::default()).unwrap_err();
+    let BakeSceneError::Bake(BakeError::PrecisionLoss { far, size, spacing }) = &error else {
         panic!("{error}");
     };
     assert!((*far, *size) == (1_000_001.0, 2.0) && (0.1..0.13).contains(spacing));

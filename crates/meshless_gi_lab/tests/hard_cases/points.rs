@@ -2,7 +2,7 @@
 
 use super::support::{baked, irradiances, lit, mesh, room, small};
 use glam::{Vec2, Vec3};
-use meshless_gi::bake::{Recipe, Rule};
+use meshless_gi::bake::{Recipe, TransportMethod};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::samples::{Random, scatter, uniform_sphere};
 use meshless_gi::scene::{Material, PlyPoints, PointCloud, PointsError, TriangleMesh};
@@ -20,19 +20,19 @@ fn cloud(points: PlyPoints) -> TriangleMesh {
     PointCloud::new(points, &[]).expect("a cloud").mesh().0
 }
 
-fn by(rule: Rule) -> Recipe {
+fn by(rule: TransportMethod) -> Recipe {
     Recipe { rule, ..small() }
 }
 
 /// Bakes by both rules, looks at every number, and at the light of the room.
 fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
-    for rule in [Rule::Bounded, Rule::Fmm] {
+    for rule in [TransportMethod::Bounded, TransportMethod::Fmm] {
         let recipe = Recipe {
             coarse_radius: Some(0.3 * scale),
             ..by(rule)
         };
         let scene = baked(level, &recipe).scene;
-        assert_eq!(scene.fmm.is_some(), rule == Rule::Fmm);
+        assert_eq!(scene.fmm.is_some(), rule == TransportMethod::Fmm);
         let (one, eight) = lit(&scene, scale);
         eprintln!("{name}, {rule:?}: {one:.4} of one reflection, {eight:.4} of eight");
         assert!((one - 1.0).abs() < most, "{name}, {rule:?}: {one}");
@@ -115,7 +115,7 @@ fn points_in_one_plane_give_each_other_nothing() {
         ..PlyPoints::default()
     };
     let level = cloud(flat);
-    for rule in [Rule::Bounded, Rule::Fmm] {
+    for rule in [TransportMethod::Bounded, TransportMethod::Fmm] {
         let scene = baked(&level, &by(rule)).scene;
         let mut frame = CpuFrame::new(&scene);
         let lamp = FrameLight::point(Vec3::new(0.9, 1.1, 1.2), Vec3::ONE, f32::INFINITY);

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_level};
+use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{cornell_box, mesh_of_quads};
 
@@ -13,7 +13,7 @@ fn cornell(places: u32) -> BakedScene {
         ..Recipe::default()
     };
     let mesh = mesh_of_quads(&cornell_box());
-    bake_level(&mesh, &recipe, 0, &Progress::default())
+    bake_scene(&mesh, &recipe, 0, &Progress::default())
         .expect("a bake")
         .scene
 }
