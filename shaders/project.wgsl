@@ -10,7 +10,7 @@
 // Slot after slot, `params.senders` values each.
 @group(0) @binding(7) var<storage, read_write> projected: array<f32>;
 // `params.places` each for the senders of the finest sender level.
-@group(0) @binding(8) var<storage, read> places: array<LitPlace>;
+@group(0) @binding(8) var<storage, read> places: array<LightSample>;
 
 // Places of a sender that one patch of a rectangle light shines on at most.
 const PATCH_PLACES: u32 = 4u;

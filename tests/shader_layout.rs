@@ -18,10 +18,10 @@ use meshless_gi::frame::{
     gloss, probe, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces,
     volume_places, volume_read, volume_ways, vpl,
 };
-use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LitPlace, Point};
+use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LightSample, Point};
 use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
 use meshless_gi::transport::pca::{Column, MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint};
-use meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, Passage, Row};
+use meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, PackedLinkTerm, Row};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::{BTreeMap, BTreeSet};
@@ -69,7 +69,7 @@ fn layouts() -> Vec<Layout> {
             spot_scale,
             spot_offset
         }),
-        layout!(LitPlace { position, normal }),
+        layout!(LightSample { position, normal }),
         layout!(WeightEntry { index, weight }),
         layout!(Row {
             start,
@@ -78,7 +78,7 @@ fn layouts() -> Vec<Layout> {
             tier
         }),
         layout!(Link { xy, z_sender }),
-        layout!(Passage { link, xy, z_set }),
+        layout!(PackedLinkTerm { link, xy, z_set }),
         layout!(Column {
             member,
             count,

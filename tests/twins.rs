@@ -37,7 +37,7 @@ mod volume_read;
 use bevy_meshless_gi::gpu::{GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers};
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, SkySight};
+use meshless_gi::asset::{BakedScene, SkyVisibility};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
 use meshless_gi::scene::SkyRadiance;
 use meshless_gi::transport::pca::Column;
@@ -436,7 +436,7 @@ fn under_a_sky() -> BakedScene {
         let term = senders + 1 + k % 8;
         *link = Link::pack(link.vector(), 1.0, term as u16);
     }
-    scene.sky = Some(SkySight {
+    scene.sky = Some(SkyVisibility {
         senders: (0..senders)
             .map(|_| std::array::from_fn(|_| dice.signed()))
             .collect(),

@@ -13,7 +13,7 @@ struct Point {
 }
 
 // Where a sender is lit.
-struct LitPlace {
+struct LightSample {
     position: vec3f,
     // Octahedral, unpack2x16snorm.
     normal: u32,
@@ -68,7 +68,7 @@ struct Link {
 }
 
 // What of a link passes one set of occluders.
-struct Passage {
+struct PackedLinkTerm {
     link: u32,
     // x in the low half, y in the high half.
     xy: u32,

@@ -16,10 +16,10 @@ use meshless_gi::frame::{
     SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams, VectorIrradiance,
     VolumeParams, Vpl, VplParams, VplViewParams, Ways, rsm,
 };
-use meshless_gi::samples::{GridSlot, LitPlace, Point};
+use meshless_gi::samples::{GridSlot, LightSample, Point};
 use meshless_gi::scene::{BvhNode, BvhTriangle};
 use meshless_gi::transport::pca::{Column, VisibilityCluster, VisiblePoint};
-use meshless_gi::transport::{BounceLink, Link, Passage, Row};
+use meshless_gi::transport::{BounceLink, Link, PackedLinkTerm, Row};
 
 /// Joins a shader and the parts of the library that it needs.
 macro_rules! shader {
@@ -71,7 +71,7 @@ pub const KERNELS: [Kernel; 26] = [
         source: shader!("occlude"),
         bindings: &[
             SPAN,
-            bind(2, "passages", Read(size_of::<Passage>())),
+            bind(2, "passages", Read(size_of::<PackedLinkTerm>())),
             bind(3, "passing", Read(4)),
             bind(4, "links", Write(size_of::<Link>())),
         ],
@@ -88,7 +88,7 @@ pub const KERNELS: [Kernel; 26] = [
             bind(5, "nodes", Read(size_of::<BvhNode>())),
             bind(6, "triangles", Read(size_of::<BvhTriangle>())),
             bind(7, "projected", Write(4)),
-            bind(8, "places", Read(size_of::<LitPlace>())),
+            bind(8, "places", Read(size_of::<LightSample>())),
         ],
         entries: &[each(Pass::Project, "project", &[0, 2, 3, 4, 5, 6, 7, 8])],
     },

@@ -9,7 +9,7 @@ use meshless_gi::asset::{BakedScene, Occluders};
 use meshless_gi::frame::Span;
 use meshless_gi::frame::occlude::{passing, sound_gains};
 use meshless_gi::scene::Bvh;
-use meshless_gi::transport::{Passage, Row};
+use meshless_gi::transport::{PackedLinkTerm, Row};
 
 /// The parts of the operator's links, or of the probes'.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl PassageBuffers {
         make: &Maker<'_>,
         table: &mut SpanTable<'_>,
         rows: &[Row],
-        passages: &[Passage],
+        passages: &[PackedLinkTerm],
     ) -> Result<Self, GpuError> {
         let (mut spans, mut buffers) = (Vec::new(), Vec::new());
         for part in cut(rows, make.limit)? {

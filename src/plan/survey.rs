@@ -4,7 +4,7 @@
 
 use super::{Cameras, Colors, Inventory, LightSort, SceneColors, SceneId, Skies};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, LiveMaterials};
+use meshless_gi::asset::{BakedScene, DynamicMaterials};
 use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
@@ -146,7 +146,7 @@ impl Facts {
         for (j, surface) in bake.surfaces.iter().enumerate() {
             let own = [surface.albedo, surface.emission];
             add(&mut facts.all, own);
-            let covers = |live: &LiveMaterials| !live.row(j).is_empty();
+            let covers = |live: &DynamicMaterials| !live.row(j).is_empty();
             // Points that do not send have no row.
             if j < bake.senders() && !bake.materials.as_ref().is_some_and(covers) {
                 add(&mut facts.rest, own);
@@ -407,7 +407,7 @@ fn count_scene(
 mod tests {
     use super::*;
     use crate::plan::Census;
-    use meshless_gi::asset::MaterialShare;
+    use meshless_gi::asset::MaterialCoverage;
     use meshless_gi::bake::{Progress, Recipe, bake_scene};
     use meshless_gi::scene::{Material, cornell_box, mesh_of_quads};
 
@@ -551,12 +551,12 @@ mod tests {
         for surface in &mut baked.surfaces[..2] {
             (surface.albedo, surface.emission) = ([0.0; 3], [0.0; 3]);
         }
-        let share = |material, albedo, emission| MaterialShare {
+        let share = |material, albedo, emission| MaterialCoverage {
             material,
             albedo,
             emission,
         };
-        baked.materials = Some(LiveMaterials {
+        baked.materials = Some(DynamicMaterials {
             names: vec!["wall".into(), "sign".into()],
             factors: vec![MaterialFactors::default(); 2],
             starts: [0, 1].into_iter().chain((0..senders).map(|_| 2)).collect(),

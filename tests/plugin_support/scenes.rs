@@ -10,7 +10,8 @@ use meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
 use meshless_gi::frame::splat::{SEAM, share, splat_covered};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{
-    Bounds, Bvh, BvhNode, BvhTriangle, Coating, Geometry, Hit, Light, MaterialFactors, Ray, Surface,
+    Bounds, Bvh, BvhNode, BvhTriangle, Geometry, Hit, Light, MaterialFactors, MaterialTerms, Ray,
+    Surface,
 };
 use std::sync::{Arc, OnceLock};
 
@@ -257,8 +258,8 @@ impl Geometry for Room {
     }
 
     /// A quad is its own material.
-    fn coating(&self, _ray: &Ray, hit: &Hit) -> Option<Coating> {
-        Some(Coating {
+    fn coating(&self, _ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
+        Some(MaterialTerms {
             material: hit.primitive,
             albedo: Vec3::ONE,
             emission: Vec3::ONE,

@@ -12,7 +12,7 @@ use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
 use meshless_gi::scene::{
     Light, Material, Quad, SkyRadiance, TriangleMesh, load_gltf, mesh_of_quads,
 };
-use meshless_gi::transport::Passage;
+use meshless_gi::transport::PackedLinkTerm;
 use std::path::Path;
 
 /// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Meters.
@@ -530,7 +530,7 @@ fn a_damaged_bake_is_refused() {
                 .as_mut()
                 .unwrap()
                 .probes
-                .push(Passage::default());
+                .push(PackedLinkTerm::default());
         }),
     ];
     for (place, damage) in damages {

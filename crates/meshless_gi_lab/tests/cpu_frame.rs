@@ -7,7 +7,7 @@ use glam::Vec3;
 use meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
 use meshless_gi::basis::{Weights, support_bounds};
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
-use meshless_gi::samples::{HashedGrid, LitPlace, Point};
+use meshless_gi::samples::{HashedGrid, LightSample, Point};
 use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, TriangleMesh};
 use meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
 use std::f32::consts::PI;
@@ -89,7 +89,7 @@ fn a_sender_is_lit_at_its_places() {
     scene.places = Places {
         per_sender: 4,
         list: (0..4 * SENDERS)
-            .map(|k| LitPlace::new(place(k), Vec3::Y))
+            .map(|k| LightSample::new(place(k), Vec3::Y))
             .collect(),
     };
     scene.validate().expect("valid");

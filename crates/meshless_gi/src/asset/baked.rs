@@ -3,12 +3,12 @@
 //! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the first
 //! `sender_levels` levels are the senders: sender j is point j.
 
-use super::materials::LiveMaterials;
+use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
 use super::probes::Probes;
-use super::sky::SkySight;
+use super::sky::SkyVisibility;
 use crate::basis::Weights;
-use crate::samples::{HashedGrid, LitPlace, Point};
+use crate::samples::{HashedGrid, LightSample, Point};
 use crate::scene::Bvh;
 use crate::transport::fmm::FmmOperator;
 use crate::transport::pca::Visibility;
@@ -51,7 +51,7 @@ pub struct Places {
     /// How many each sender has.
     pub per_sender: u32,
     /// Sender after sender, from the first of the finest sender level.
-    pub list: Vec<LitPlace>,
+    pub list: Vec<LightSample>,
 }
 
 impl Places {
@@ -90,9 +90,9 @@ pub struct BakedScene {
     /// What the senders and the points of whole levels behind them see, where the recipe asked for it: soft shadows without rays.
     pub visibility: Option<Visibility>,
     /// What the senders see of a sky that is not uniform, where the recipe asked for it; links to its terms are among the operator's.
-    pub sky: Option<SkySight>,
+    pub sky: Option<SkyVisibility>,
     /// Which materials cover the senders, where the recipe asked for materials that change.
-    pub materials: Option<LiveMaterials>,
+    pub materials: Option<DynamicMaterials>,
     /// The light in free space, where the recipe asked for it.
     pub probes: Option<Probes>,
     /// What comes and goes, where the recipe names any.

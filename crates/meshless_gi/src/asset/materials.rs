@@ -14,7 +14,7 @@ use bytemuck::{Pod, Zeroable};
 /// What a material has of a sender. 28 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct MaterialShare {
+pub struct MaterialCoverage {
     /// Index of the material.
     pub material: u32,
     /// Mean over the sender's places of the reflectance for a base color of one, zero where another material is: RGB, 0 to the material's share of the places.
@@ -25,7 +25,7 @@ pub struct MaterialShare {
 
 /// The materials of a baked scene that may change: a sender's albedo is Σ share · base color, its emitted radiosity π Σ share · emissive factor.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct LiveMaterials {
+pub struct DynamicMaterials {
     /// What the materials are called; names may be empty, and come again.
     pub names: Vec<String>,
     /// Their factors when they were baked.
@@ -33,14 +33,14 @@ pub struct LiveMaterials {
     /// Where each sender's shares start; one more than there are senders. A sender without any keeps the surface that it was baked with.
     pub starts: Vec<u32>,
     /// The shares, sender after sender.
-    pub shares: Vec<MaterialShare>,
+    pub shares: Vec<MaterialCoverage>,
 }
 
-impl LiveMaterials {
+impl DynamicMaterials {
     /// The shares of sender `j`.
     #[must_use]
     #[inline]
-    pub fn row(&self, j: usize) -> &[MaterialShare] {
+    pub fn row(&self, j: usize) -> &[MaterialCoverage] {
         &self.shares[self.starts[j] as usize..self.starts[j + 1] as usize]
     }
 
@@ -106,14 +106,14 @@ pub(super) const KINDS: [Kind; 4] = [
         name: "material shares",
         version: 1,
         raw: SHARE.item_bytes() as u64,
-        memory: size_of::<MaterialShare>() as u64,
+        memory: size_of::<MaterialCoverage>() as u64,
         most: u32::MAX as u64,
     },
 ];
 
 /// The sections of `live`; `kinds` are those of [`KINDS`] in the table.
 pub(super) fn sections(
-    live: &LiveMaterials,
+    live: &DynamicMaterials,
     kinds: &'static [Kind],
 ) -> Result<Vec<Section>, AssetError> {
     let names = ron::to_string(&live.names).map_err(|e| broken(&kinds[0], e))?;
@@ -137,7 +137,7 @@ pub(super) fn sections(
 pub(super) fn read(
     file: &Container<'_>,
     kinds: &'static [Kind],
-) -> Result<Option<LiveMaterials>, AssetError> {
+) -> Result<Option<DynamicMaterials>, AssetError> {
     let Some((_, names)) = file.section(&kinds[0])? else {
         return match kinds.iter().find(|k| file.has(k)) {
             Some(kind) => Err(broken(
@@ -148,7 +148,7 @@ pub(super) fn read(
         };
     };
     let names = std::str::from_utf8(&names).map_err(|e| broken(&kinds[0], e))?;
-    Ok(Some(LiveMaterials {
+    Ok(Some(DynamicMaterials {
         names: ron::from_str(names).map_err(|e| broken(&kinds[0], e))?,
         factors: items(file, &kinds[1], FACTORS)?,
         starts: starts(file, &kinds[2])?,

@@ -9,7 +9,7 @@ use super::probes::LARGEST;
 use super::sections::{COUNT, broken, items, kind, section};
 use super::validate::{Check, LARGEST_ROW_SUM, TOLERANCE};
 use crate::scene::{Bvh, BvhTriangle};
-use crate::transport::{Link, PROBE_ROWS, Passage, Row, SenderForm, link_of_parts};
+use crate::transport::{Link, PROBE_ROWS, PackedLinkTerm, Row, SenderForm, link_of_parts};
 use glam::Vec3;
 
 /// The occluders of a baked scene.
@@ -20,9 +20,9 @@ pub struct Occluders {
     /// The sets of occluders that light passes one after the other, bit k for number k: ascending, the empty one first.
     pub sets: Vec<u64>,
     /// The parts of those of the operator's links that occluders are in the way of: ascending by link, then by set. With all open a link is what its parts sum to.
-    pub links: Vec<Passage>,
+    pub links: Vec<PackedLinkTerm>,
     /// The same of the probes' links.
-    pub probes: Vec<Passage>,
+    pub probes: Vec<PackedLinkTerm>,
 }
 
 impl Occluders {
@@ -59,11 +59,11 @@ pub(super) const KINDS: [Kind; 5] = [
     },
     kind::<u32>(51, "occluder triangles", COUNT),
     Kind {
-        most: Passage::MAX_SETS as u64,
+        most: PackedLinkTerm::MAX_SETS as u64,
         ..kind::<u64>(52, "occluder sets", SET)
     },
-    kind::<Passage>(53, "passages", PASSAGE),
-    kind::<Passage>(54, "probe passages", PASSAGE),
+    kind::<PackedLinkTerm>(53, "passages", PASSAGE),
+    kind::<PackedLinkTerm>(54, "probe passages", PASSAGE),
 ];
 
 /// The sections of `occluders`, whose triangles are the last of `bvh`; `kinds` are those of [`KINDS`] in the table.
@@ -159,7 +159,7 @@ impl BakedScene {
         let count = sets.len();
         let ascend = sets.first() == Some(&0) && sets.windows(2).all(|w| w[0] < w[1]);
         check.whole(
-            ascend && count <= Passage::MAX_SETS,
+            ascend && count <= PackedLinkTerm::MAX_SETS,
             "occluder sets",
             || format!("{count} do not ascend from the empty one"),
         );
@@ -219,11 +219,11 @@ impl BakedScene {
         &self,
         row: &Row,
         links: &[Link],
-        passages: &[Passage],
+        passages: &[PackedLinkTerm],
         size: impl Fn(Vec3) -> Vec3,
     ) -> Vec3 {
         let range = row.start..row.start + row.count;
-        let of_row = |p: &Passage| p.link < range.start;
+        let of_row = |p: &PackedLinkTerm| p.link < range.start;
         let mut parts = &passages[passages.partition_point(of_row)..];
         let mut sum = Vec3::ZERO;
         for at in range.clone() {
@@ -245,7 +245,7 @@ impl BakedScene {
 fn check_passages(
     check: &mut Check,
     place: &'static str,
-    passages: &[Passage],
+    passages: &[PackedLinkTerm],
     links: &[Link],
     sets: usize,
 ) {

@@ -11,7 +11,7 @@ use super::fmm;
 use super::info::BakeInfo;
 use super::{materials, occluders, probes, sky, visibility};
 use crate::basis::{WeightEntry, Weights, support_bounds};
-use crate::samples::{GridSlot, HashedGrid, LitPlace, Point};
+use crate::samples::{GridSlot, HashedGrid, LightSample, Point};
 use crate::scene::{Bvh, BvhNode, BvhTriangle};
 use crate::transport::pca::{Column, Compression};
 use crate::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links};
@@ -173,7 +173,7 @@ static KINDS: [Kind; 49] = [
         ..kind::<BvhNode>(17, "bvh nodes", NODE)
     },
     kind::<BvhTriangle>(18, "bvh triangles", TRIANGLE),
-    kind::<LitPlace>(19, "places", PLACE),
+    kind::<LightSample>(19, "places", PLACE),
     kind::<Column>(20, "columns", COLUMN),
     // One more word: validating counts how often each sender is named.
     Kind {

@@ -12,7 +12,7 @@ use crate::transport::SenderForm;
 
 /// What the senders see of the sky's terms.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct SkySight {
+pub struct SkyVisibility {
     /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the polynomials p_k of the sky's terms: dimensionless, within ±1.
     pub senders: Vec<[f32; SkyRadiance::TERMS]>,
 }
@@ -39,7 +39,7 @@ pub(super) const KIND: Kind = Kind {
 };
 
 /// The section of `sky`; `kind` is [`KIND`] in the table.
-pub(super) fn sections(sky: &SkySight, kind: &'static Kind) -> Section {
+pub(super) fn sections(sky: &SkyVisibility, kind: &'static Kind) -> Section {
     section(kind, TERMS, &sky.senders)
 }
 
@@ -47,11 +47,11 @@ pub(super) fn sections(sky: &SkySight, kind: &'static Kind) -> Section {
 pub(super) fn read(
     file: &Container<'_>,
     kind: &'static Kind,
-) -> Result<Option<SkySight>, AssetError> {
+) -> Result<Option<SkyVisibility>, AssetError> {
     if !file.has(kind) {
         return Ok(None);
     }
-    Ok(Some(SkySight {
+    Ok(Some(SkyVisibility {
         senders: items(file, kind, TERMS)?,
     }))
 }

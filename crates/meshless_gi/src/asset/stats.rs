@@ -1,7 +1,7 @@
 //! What a valid baked scene consists of, counted: what `inspect` and `validate` show.
 
 use super::baked::BakedScene;
-use super::materials::LiveMaterials;
+use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
 use super::probes::Probes;
 use crate::basis::Weights;
@@ -144,7 +144,7 @@ impl BakedScene {
             memory: seen.map_or(0, |v| v.bytes() as u64)
                 + probes.map_or(0, Probes::bytes)
                 + octree.map_or(0, FmmOperator::bytes)
-                + self.materials.as_ref().map_or(0, LiveMaterials::bytes)
+                + self.materials.as_ref().map_or(0, DynamicMaterials::bytes)
                 + self.occluders.as_ref().map_or(0, Occluders::bytes)
                 + self.sky.as_ref().map_or(0, |s| bytes(s.senders.len(), 32))
                 + bytes(self.illumination.len(), 12)

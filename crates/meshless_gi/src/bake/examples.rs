@@ -10,7 +10,7 @@ use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};
 use crate::scene::Geometry;
 use crate::transport::pca::{Clusters, Examples, LightBasis, cluster};
-use crate::transport::{Gathering, SIGNALS, coarse_rows, mean_squares};
+use crate::transport::{GatherSettings, TRAINING_LIGHTS, coarse_rows, mean_squares};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -43,7 +43,7 @@ enum Lamp {
 /// Bases of direct light for clusters of the senders, and how many rays they took.
 #[must_use]
 pub fn light_basis(
-    gathering: &Gathering<'_>,
+    gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
     places: &Places,
@@ -83,7 +83,7 @@ fn basis_of(
 
 #[expect(clippy::too_many_arguments, reason = "what a level consists of")]
 fn examples(
-    gathering: &Gathering<'_>,
+    gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
     places: &Places,
@@ -116,9 +116,9 @@ fn examples(
         .collect();
     let mut light = Vec::with_capacity(own.len() * lamps.len());
     let mut powers: Vec<[f64; 2]> = Vec::with_capacity(lamps.len());
-    for (batch, lamps) in lamps.chunks(SIGNALS).enumerate() {
+    for (batch, lamps) in lamps.chunks(TRAINING_LIGHTS).enumerate() {
         let scene = (hierarchy, geometry, places, pull);
-        let values = radiosity(scene, lamps, batch * SIGNALS);
+        let values = radiosity(scene, lamps, batch * TRAINING_LIGHTS);
         rays += (own.len() * lamps.len()) as u64;
         let back = mean_squares(&rows, &values);
         for (lamp, back) in back.into_iter().enumerate().take(lamps.len()) {
@@ -153,14 +153,14 @@ fn radiosity(
     (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &Places, &Weights),
     lamps: &[Lamp],
     first: usize,
-) -> Vec<[f32; SIGNALS]> {
+) -> Vec<[f32; TRAINING_LIGHTS]> {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
     let count = places.per_sender as usize;
     let far = 2.0 * geometry.bounds().size().length();
-    let mut values: Vec<[f32; SIGNALS]> = (0..pull.len())
+    let mut values: Vec<[f32; TRAINING_LIGHTS]> = (0..pull.len())
         .into_par_iter()
         .map(|j| {
-            let mut row = [0.0; SIGNALS];
+            let mut row = [0.0; TRAINING_LIGHTS];
             if j < finest && !pull.row(j).is_empty() {
                 return row;
             }

@@ -1,8 +1,8 @@
 //! The bake of live materials: which materials the places of each sender are covered by, and how.
 
-use crate::asset::{LiveMaterials, MaterialShare, Places};
+use crate::asset::{DynamicMaterials, MaterialCoverage, Places};
 use crate::basis::{Hierarchy, Weights};
-use crate::scene::{Coating, Geometry, Ray};
+use crate::scene::{Geometry, MaterialTerms, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -13,14 +13,14 @@ pub(super) fn cover(
     hierarchy: &Hierarchy,
     places: &Places,
     pull: &Weights,
-) -> (Option<LiveMaterials>, u64) {
+) -> (Option<DynamicMaterials>, u64) {
     let (names, factors): (Vec<_>, Vec<_>) = geometry.materials().into_iter().unzip();
     if factors.is_empty() {
         return (None, 0);
     }
     let finest = hierarchy.level(hierarchy.senders.len() - 1);
     let count = places.per_sender as usize;
-    let rows: Vec<(Vec<MaterialShare>, u64)> = (0..finest.end)
+    let rows: Vec<(Vec<MaterialCoverage>, u64)> = (0..finest.end)
         .into_par_iter()
         .map(|j| {
             let s = &hierarchy.surfaces[j];
@@ -35,7 +35,7 @@ pub(super) fn cover(
             } else {
                 vec![own]
             };
-            let mut shares: Vec<MaterialShare> = Vec::new();
+            let mut shares: Vec<MaterialCoverage> = Vec::new();
             let part = 1.0 / at.len().max(1) as f32;
             for &(x, n) in &at {
                 let Some(coating) = below(geometry, x, n) else {
@@ -43,9 +43,9 @@ pub(super) fn cover(
                 };
                 let known = shares.iter().position(|s| s.material == coating.material);
                 let k = known.unwrap_or_else(|| {
-                    shares.push(MaterialShare {
+                    shares.push(MaterialCoverage {
                         material: coating.material,
-                        ..MaterialShare::default()
+                        ..MaterialCoverage::default()
                     });
                     shares.len() - 1
                 });
@@ -59,7 +59,7 @@ pub(super) fn cover(
         })
         .collect();
     let rays = rows.iter().map(|r| r.1).sum();
-    let mut live = LiveMaterials {
+    let mut live = DynamicMaterials {
         names,
         factors,
         starts: vec![0],
@@ -73,7 +73,7 @@ pub(super) fn cover(
 }
 
 /// The material under a place on the surface, seen from its side.
-fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<Coating> {
+fn below(geometry: &dyn Geometry, x: Vec3, n: Vec3) -> Option<MaterialTerms> {
     let up = 2.0 * geometry.lift(x);
     let ray = Ray::segment(x + n * up, -n, 2.0 * up);
     let hit = geometry.cast(&ray)?;

@@ -40,15 +40,16 @@ pub use stale::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale}
 pub use stats::{BakeStats, StageSeconds};
 
 use crate::asset::{
-    BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, SkySight, TierInfo,
+    BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, SkyVisibility, TierInfo,
 };
 use crate::basis::{Hierarchy, HierarchySettings, Weights, find_places};
 use crate::samples::{find_viewpoints, trace_particles};
-use crate::scene::{Bvh, Doorways, Geometry, Occluder};
+use crate::scene::{Bvh, Geometry, Occluder, OccluderGeometry};
 use crate::transport::pca::Compression;
 use crate::transport::{
-    BounceScene, BoundedSettings, Deposit, Gathering, Passing, RawRow, Receivers, Refined,
-    SenderForm, SenderTree, assign_tiers, bounce_operator, cast_only, l08, pack, refine_bounded,
+    BounceScene, BoundedSettings, Deposit, GatherSettings, RawRow, Receivers, RefinedOperator,
+    SenderForm, SenderTree, UnindexedLinkTerm, assign_tiers, bounce_operator, cast_only, l08, pack,
+    refine_bounded,
 };
 use glam::Vec3;
 use rayon::prelude::*;
@@ -146,7 +147,7 @@ pub fn bake(
     if !occluders.is_empty() {
         let shapes: Vec<_> = occluders.iter().map(Occluder::shapes).collect();
         let open = BakeSource {
-            geometry: &Doorways::new(source.geometry, &occluders),
+            geometry: &OccluderGeometry::new(source.geometry, &occluders),
             bvh: source.bvh.clone().with_occluders(&shapes),
             occluders,
             ..*source
@@ -285,7 +286,7 @@ fn bake_once(
     // The operator.
     let transport_began = Instant::now();
     go_on(Stage::Transport, 0.0)?;
-    let gathering = Gathering {
+    let gathering = GatherSettings {
         geometry,
         sender_levels,
         rays: settings.rays,
@@ -302,7 +303,7 @@ fn bake_once(
     let (mut free_space, mut space_passing) = (None, Vec::new());
     let (refined, form) = match settings.rule {
         TransportMethod::Fmm if !linked => (
-            Some(Refined::without_rows(hierarchy.len())),
+            Some(RefinedOperator::without_rows(hierarchy.len())),
             SenderForm::Averages,
         ),
         TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
@@ -471,12 +472,12 @@ fn assemble(
     places: Places,
     pull: Weights,
     parents: Weights,
-    mut refined: Refined,
+    mut refined: RefinedOperator,
     form: SenderForm,
     compression: Option<Compression>,
     mut stats: BakeStats,
     progress: &Progress,
-) -> Result<(Baked, Vec<Passing>), BakeError> {
+) -> Result<(Baked, Vec<UnindexedLinkTerm>), BakeError> {
     let sender_levels = settings.sender_levels as usize;
     let senders = hierarchy.level_starts[sender_levels] as usize;
     stats.rays += refined.rays;
@@ -560,7 +561,7 @@ fn assemble(
         fmm: None,
         illumination: Vec::new(),
         materials,
-        sky: (settings.sky == Sky::Harmonics).then(|| SkySight {
+        sky: (settings.sky == Sky::Harmonics).then(|| SkyVisibility {
             senders: (sky_terms.iter().zip(&hierarchy.surfaces))
                 .take(senders)
                 .map(|(terms, s)| terms.map(|t| t.dot(s.normal)))

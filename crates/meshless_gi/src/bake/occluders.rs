@@ -4,7 +4,7 @@ use super::BakeError;
 use super::recipe::RecipeError;
 use crate::asset::Occluders;
 use crate::scene::{Bounds, Bvh, Geometry, Occluder, Shutter};
-use crate::transport::{Passage, Passing, number_sets};
+use crate::transport::{PackedLinkTerm, UnindexedLinkTerm, number_sets};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -133,13 +133,13 @@ pub(super) fn find(
 /// What the scene knows of `occluders`: which parts of the operator's links and of the probes' cross them. None where there are none.
 pub(super) fn known(
     occluders: &[Occluder],
-    passing: &[Passing],
-    space: &[Passing],
+    passing: &[UnindexedLinkTerm],
+    space: &[UnindexedLinkTerm],
 ) -> Result<Option<Occluders>, BakeError> {
     if occluders.is_empty() {
         return Ok(None);
     }
-    let most = Passage::MAX_SETS;
+    let most = PackedLinkTerm::MAX_SETS;
     let (sets, [links, probes]) =
         number_sets([passing, space]).ok_or(BakeError::TooManyOccluderSets { most })?;
     Ok(Some(Occluders {

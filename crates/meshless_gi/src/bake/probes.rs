@@ -4,9 +4,11 @@ use super::recipe::RecipeError;
 use super::{BakeError, BakeStats, Progress, Stage};
 use crate::asset::Probes;
 use crate::basis::{Hierarchy, probe_basis};
-use crate::samples::{FreeSpaceSettings as PlaceSettings, fill_free_space};
+use crate::samples::{ProbePlacementSettings as PlaceSettings, fill_free_space};
 use crate::scene::Bounds;
-use crate::transport::{Gathering, Passing, SenderForm, SenderTree, Training, pack, probe_rows};
+use crate::transport::{
+    GatherSettings, SenderForm, SenderTree, Training, UnindexedLinkTerm, pack, probe_rows,
+};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -26,7 +28,7 @@ pub const PROBES: f32 = 2048.0;
 
 /// [`ProbeSettings`] with everything filled in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FreeSpaceSettings {
+pub struct ProbePlacementSettings {
     /// See [`ProbeSettings::spacing`].
     pub spacing: f32,
     /// See [`ProbeSettings::rays`].
@@ -58,12 +60,12 @@ impl ProbeSettings {
 
     /// Fills in what is left out, for a level in `bounds` whose surface points take `rays`.
     #[must_use]
-    pub fn settings(&self, bounds: &Bounds, rays: u32) -> FreeSpaceSettings {
+    pub fn settings(&self, bounds: &Bounds, rays: u32) -> ProbePlacementSettings {
         // A flat level has a box without volume: space is as high as a tenth of it is wide.
         let size = bounds.size();
         let size = size.max(Vec3::splat(0.1 * size.max_element()));
         let usual = (size.x * size.y * size.z / PROBES).cbrt();
-        FreeSpaceSettings {
+        ProbePlacementSettings {
             spacing: self.spacing.unwrap_or(usual).max(f32::MIN_POSITIVE),
             rays: self.rays.unwrap_or(rays.saturating_mul(2)).max(64),
         }
@@ -72,7 +74,7 @@ impl ProbeSettings {
 
 /// What the bake of probes needs of the bake that it is part of.
 pub(super) struct Room<'a> {
-    pub gathering: &'a Gathering<'a>,
+    pub gathering: &'a GatherSettings<'a>,
     pub hierarchy: &'a Hierarchy,
     pub viewpoints: &'a [Vec3],
     pub tree: &'a SenderTree,
@@ -88,7 +90,7 @@ pub(super) fn bake(
     light: &ProbeSettings,
     room: &mut Room<'_>,
     progress: &Progress,
-) -> Result<(Probes, Vec<Passing>), BakeError> {
+) -> Result<(Probes, Vec<UnindexedLinkTerm>), BakeError> {
     let began = Instant::now();
     let geometry = room.gathering.geometry;
     let settings = light.settings(&geometry.bounds(), room.gathering.rays);
@@ -113,7 +115,7 @@ pub(super) fn bake(
         ));
     }
     let (basis, rays) = probe_basis(geometry, &space.probes, &space.crossed, settings.spacing);
-    let gathering = Gathering {
+    let gathering = GatherSettings {
         rays: settings.rays,
         ..*room.gathering
     };

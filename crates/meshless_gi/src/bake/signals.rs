@@ -4,11 +4,13 @@ use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::trace_particles;
 use crate::scene::Geometry;
-use crate::transport::{Gathering, SIGNALS, SenderTree, Training, coarse_rows, mean_squares};
+use crate::transport::{
+    GatherSettings, SenderTree, TRAINING_LIGHTS, Training, coarse_rows, mean_squares,
+};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Batches of [`SIGNALS`] lamps that the exposures are averaged over; the first of them are the training lamps.
+/// Batches of [`TRAINING_LIGHTS`] lamps that the exposures are averaged over; the first of them are the training lamps.
 const BATCHES: usize = 8;
 
 /// Places in free space: half-way between the bounces of importance particles, those with the most room around them of the ones tried: a lamp a
@@ -51,7 +53,7 @@ pub fn free_places(
 /// Trains on white point lamps of 1 W/sr at free places, pulled to the senders ([L08] §2.1). Also says how many rays it took.
 #[must_use]
 pub fn train(
-    gathering: &Gathering<'_>,
+    gathering: &GatherSettings<'_>,
     hierarchy: &Hierarchy,
     viewpoints: &[Vec3],
     places: &Places,
@@ -64,7 +66,7 @@ pub fn train(
     let (lamps, mut rays) = free_places(
         geometry,
         viewpoints,
-        BATCHES * SIGNALS,
+        BATCHES * TRAINING_LIGHTS,
         gathering.seed,
         drop_first,
     );
@@ -73,7 +75,7 @@ pub fn train(
     let mut signals = Vec::new();
     let mut exposure = vec![0.0f32; senders];
     let mut counted = 0;
-    for batch in lamps.chunks(SIGNALS) {
+    for batch in lamps.chunks(TRAINING_LIGHTS) {
         // The training lamps shine on places, as a frame's do; for the exposures the senders' own points will do.
         let own = Places::default();
         let places = if signals.is_empty() { places } else { &own };
@@ -91,7 +93,7 @@ pub fn train(
             signals = values;
         }
     }
-    signals.resize(senders, [0.0; SIGNALS]);
+    signals.resize(senders, [0.0; TRAINING_LIGHTS]);
     for e in &mut exposure {
         *e /= counted.max(1) as f32;
     }
@@ -108,14 +110,14 @@ fn radiosity(
     places: &Places,
     pull: &Weights,
     senders: usize,
-) -> Vec<[f32; SIGNALS]> {
+) -> Vec<[f32; TRAINING_LIGHTS]> {
     let finest = hierarchy.level_starts[hierarchy.senders.len() - 1] as usize;
     let count = places.per_sender as usize;
-    let mut values: Vec<[f32; SIGNALS]> = (0..senders)
+    let mut values: Vec<[f32; TRAINING_LIGHTS]> = (0..senders)
         .into_par_iter()
         .map(|j| {
             let s = &hierarchy.surfaces[j];
-            let mut row = [0.0; SIGNALS];
+            let mut row = [0.0; TRAINING_LIGHTS];
             if j < finest || count == 0 {
                 shine(geometry, lamps, s.position, s.normal, 1.0, &mut row);
             } else {
@@ -135,7 +137,7 @@ fn radiosity(
     for k in (0..senders).rev() {
         let row = pull.row(k);
         if !row.is_empty() {
-            let mut mean = [0.0; SIGNALS];
+            let mut mean = [0.0; TRAINING_LIGHTS];
             for w in row {
                 for (m, v) in mean.iter_mut().zip(&values[w.index as usize]) {
                     *m += w.weight * v;
@@ -154,7 +156,7 @@ fn shine(
     x: Vec3,
     n: Vec3,
     share: f32,
-    row: &mut [f32; SIGNALS],
+    row: &mut [f32; TRAINING_LIGHTS],
 ) {
     let start = x + n * geometry.lift(x);
     for (value, &lamp) in row.iter_mut().zip(lamps) {

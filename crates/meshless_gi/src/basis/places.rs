@@ -9,7 +9,7 @@
 use super::LevelBasis;
 use super::clip::eye_height;
 use super::kernel::weight;
-use crate::samples::{LitPlace, Random, lattice, tangents};
+use crate::samples::{LightSample, Random, lattice, tangents};
 use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -25,12 +25,12 @@ pub fn find_places(
     surfaces: &mut [Surface],
     per_sender: u32,
     seed: u64,
-) -> (Vec<LitPlace>, u64) {
+) -> (Vec<LightSample>, u64) {
     let count = per_sender as usize;
     let reach: Vec<f32> = (0..per_sender)
         .map(|k| quantile((k as f32 + 0.5) / per_sender as f32))
         .collect();
-    let found: Vec<(Vec<LitPlace>, u64)> = surfaces
+    let found: Vec<(Vec<LightSample>, u64)> = surfaces
         .par_iter_mut()
         .enumerate()
         .map_init(Vec::new, |seen, (i, surface)| {
@@ -47,7 +47,7 @@ pub fn find_places(
             (surface.albedo, surface.emission) = (albedo.min(Vec3::ONE), emission);
             let places = seen.iter().map(|s| {
                 let above = s.normal * geometry.roughness(s.position);
-                LitPlace::new(s.position + above, s.normal)
+                LightSample::new(s.position + above, s.normal)
             });
             (places.collect(), rays)
         })
@@ -198,9 +198,9 @@ mod tests {
         assert_eq!(places.len(), 32);
         assert!(rays >= 2 * 32);
         let (open, beside) = places.split_at(16);
-        let mean = open.iter().map(LitPlace::x).sum::<Vec3>() / 16.0;
+        let mean = open.iter().map(LightSample::x).sum::<Vec3>() / 16.0;
         assert!((mean - level.points[0].x()).length() < 0.08, "{mean}");
-        let r2 = |p: &LitPlace| (p.x() - level.points[0].x()).length_squared();
+        let r2 = |p: &LightSample| (p.x() - level.points[0].x()).length_squared();
         // ∫ K t³ / ∫ K t over the support: (2/7 − 1/2 + 1/4) / (3/20) r².
         let right = (2.0 / 7.0 - 0.25) / 0.15 * 0.64;
         let found = open.iter().map(r2).sum::<f32>() / 16.0;
@@ -253,7 +253,7 @@ mod tests {
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
         let mut sum = 0.0;
         for (point, own) in level.points.iter().zip(places.chunks(16)) {
-            let square = |p: &LitPlace| (p.x() - point.x()).length_squared();
+            let square = |p: &LightSample| (p.x() - point.x()).length_squared();
             sum += own.iter().map(square).sum::<f32>() / 16.0;
         }
         // As on a plane: the ball is five times as wide as a function.
@@ -269,7 +269,7 @@ mod tests {
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
         // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon shines on it. The start is a frame's.
         let blocked = |raised: f32| {
-            let dark = |(k, place): (usize, &LitPlace)| {
+            let dark = |(k, place): (usize, &LightSample)| {
                 let (x, n) = (place.x(), place.n());
                 let up = (x.normalize() + 0.9 * on_the_sphere(3, k as u64)).normalize();
                 let start = x + n * (2e-5 + (raised - 1.0) * mesh.roughness(x));

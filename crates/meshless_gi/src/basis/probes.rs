@@ -136,7 +136,7 @@ fn planes_of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::samples::{FreeSpaceSettings, Random, fill_free_space};
+    use crate::samples::{ProbePlacementSettings, Random, fill_free_space};
     use crate::scene::{Material, Quad, mesh_of_quads};
 
     /// The six walls of a room, seen from within.
@@ -168,7 +168,7 @@ mod tests {
         quads.extend(room(Vec3::X * 2.0, Vec3::new(4.0, 2.0, 2.0)));
         let mesh = mesh_of_quads(&quads);
         let eyes = [Vec3::ONE, Vec3::new(3.0, 1.0, 1.0)];
-        let settings = FreeSpaceSettings {
+        let settings = ProbePlacementSettings {
             spacing: 0.4,
             most: 4096,
             seed: 1,

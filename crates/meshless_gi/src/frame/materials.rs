@@ -4,7 +4,7 @@
 
 use super::light::BRIGHTEST;
 use super::occlude::occlude_sky;
-use crate::asset::{BakedScene, LiveMaterials, PointSurface};
+use crate::asset::{BakedScene, DynamicMaterials, PointSurface};
 use crate::scene::{MaterialFactors, SkyRadiance};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ pub const MAX_ALBEDO: f32 = 0.99;
 /// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
 /// are missing as they were baked.
 #[must_use]
-pub fn sound_factors(live: &LiveMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {
+pub fn sound_factors(live: &DynamicMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {
     let within = |v: [f32; 3], most: f32| {
         v.map(|c| match c.is_nan() {
             true => 0.0,
@@ -37,7 +37,7 @@ pub fn sound_factors(live: &LiveMaterials, factors: &[MaterialFactors]) -> Vec<M
 /// The surface of sender `j`, baked as `baked`. `factors` are [`sound_factors`].
 #[must_use]
 pub fn live_surface(
-    live: &LiveMaterials,
+    live: &DynamicMaterials,
     factors: &[MaterialFactors],
     baked: &PointSurface,
     j: usize,

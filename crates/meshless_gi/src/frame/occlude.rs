@@ -5,7 +5,7 @@
 
 use crate::asset::{BakedScene, Occluders, PointSurface};
 use crate::scene::SkyRadiance;
-use crate::transport::{Link, Operator, Passage, link_of_parts};
+use crate::transport::{Link, Operator, PackedLinkTerm, link_of_parts};
 use glam::Vec3;
 
 /// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for those that are missing.
@@ -31,13 +31,13 @@ pub fn passing(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
 /// The link whose parts are `parts`, where so much passes each set.
 #[must_use]
 #[inline]
-pub fn occluded_link(parts: &[Passage], passing: &[f32], link: Link) -> Link {
-    let passes = |p: &Passage| passing[p.set() as usize] * p.vector();
+pub fn occluded_link(parts: &[PackedLinkTerm], passing: &[f32], link: Link) -> Link {
+    let passes = |p: &PackedLinkTerm| passing[p.set() as usize] * p.vector();
     link_of_parts(parts.iter().map(passes), link.sender())
 }
 
 /// Rewrites the links that have parts.
-pub fn occlude(passages: &[Passage], passing: &[f32], links: &mut [Link]) {
+pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link]) {
     for parts in passages.chunk_by(|a, b| a.link == b.link) {
         let link = &mut links[parts[0].link as usize];
         *link = occluded_link(parts, passing, *link);
@@ -98,9 +98,9 @@ mod tests {
         }
     }
 
-    fn passage(link: u32, set: u32, z: f32) -> Passage {
+    fn passage(link: u32, set: u32, z: f32) -> PackedLinkTerm {
         let packed = Link::pack(Vec3::Z * z, 1.0, set as u16);
-        Passage {
+        PackedLinkTerm {
             link,
             xy: packed.xy,
             z_set: packed.z_sender,

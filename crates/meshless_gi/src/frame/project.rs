@@ -3,7 +3,7 @@
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
-use crate::samples::LitPlace;
+use crate::samples::LightSample;
 use crate::scene::{Bvh, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -158,8 +158,8 @@ pub const PATCH_PLACES: usize = 4;
 /// The places among a sender's `own` that `light` is projected onto: all of them, or [`PATCH_PLACES`] from all over them.
 pub fn places_for<'a>(
     light: &FrameLight,
-    own: &'a [LitPlace],
-) -> impl ExactSizeIterator<Item = &'a LitPlace> {
+    own: &'a [LightSample],
+) -> impl ExactSizeIterator<Item = &'a LightSample> {
     let stride = match light.kind {
         FrameLight::PATCH => own.len().div_ceil(PATCH_PLACES).max(1),
         _ => 1,

@@ -23,7 +23,7 @@ const MAX_CANDIDATES: usize = 1 << 15;
 
 /// How densely.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FreeSpaceSettings {
+pub struct ProbePlacementSettings {
     /// Distance that no two probes which see each other are below, meters; above zero.
     pub spacing: f32,
     /// Most probes.
@@ -36,7 +36,7 @@ pub struct FreeSpaceSettings {
 
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FreeSpace {
+pub struct ProbePlacement {
     /// The probes' places, meters.
     pub probes: Vec<Vec3>,
     /// Other places in free space, meters.
@@ -52,9 +52,9 @@ pub struct FreeSpace {
 pub fn fill_free_space(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
-    settings: &FreeSpaceSettings,
-) -> FreeSpace {
-    let mut out = FreeSpace::default();
+    settings: &ProbePlacementSettings,
+) -> ProbePlacement {
+    let mut out = ProbePlacement::default();
     // Both sides of an occluder get their own, for when it is shut.
     let shut = geometry.shut().unwrap_or(geometry);
     let spacing = settings.spacing;
@@ -112,7 +112,7 @@ pub fn fill_free_space(
 fn candidates(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
-    settings: &FreeSpaceSettings,
+    settings: &ProbePlacementSettings,
     round: u64,
 ) -> (Vec<(f32, Vec3)>, u64) {
     let seed = settings.seed ^ 0x6672_6565_0000 ^ round;
@@ -167,8 +167,8 @@ mod tests {
     use super::*;
     use crate::scene::{Bounds, cornell_box, mesh_of_quads};
 
-    fn settings(spacing: f32) -> FreeSpaceSettings {
-        FreeSpaceSettings {
+    fn settings(spacing: f32) -> ProbePlacementSettings {
+        ProbePlacementSettings {
             spacing,
             most: 1 << 16,
             seed: 3,
@@ -207,7 +207,7 @@ mod tests {
         let twice = fill_free_space(&mesh, &eye, &settings(0.125)).probes.len();
         let ratio = twice as f64 / found.probes.len() as f64;
         assert!((4.0..12.0).contains(&ratio), "{ratio}");
-        let few = FreeSpaceSettings {
+        let few = ProbePlacementSettings {
             most: 5,
             ..settings(0.25)
         };

@@ -16,14 +16,14 @@ mod viewpoints;
 
 pub use direction::{cosine_hemisphere, gather_direction, lattice, tangents, uniform_sphere};
 pub use distance::{F_SQUASH, dist, dist_squared, distance_5d};
-pub use free_space::{FreeSpace, FreeSpaceSettings, fill_free_space};
+pub use free_space::{ProbePlacement, ProbePlacementSettings, fill_free_space};
 pub use grid::{GridSlot, HashedGrid};
 pub use morton::{morton, order};
 pub use openness::{OPENNESS_RAYS, openness};
-pub use particles::{Candidate, Traced, local_candidates, trace_particles};
-pub use place::LitPlace;
+pub use particles::{Candidate, TracedParticles, local_candidates, trace_particles};
+pub use place::LightSample;
 pub use point::Point;
-pub use poisson::{DiskSettings, Disks, fill_level, thin_out, throw_darts};
+pub use poisson::{DiskSettings, PoissonSamples, fill_level, thin_out, throw_darts};
 pub use random::{Random, mix};
 pub use scatter::scatter;
 pub use viewpoints::find_viewpoints;

@@ -22,7 +22,7 @@ pub struct Candidate {
 
 /// What tracing particles gave.
 #[derive(Debug, Default)]
-pub struct Traced {
+pub struct TracedParticles {
     /// The candidates, in the order of the particles.
     pub candidates: Vec<Candidate>,
     /// Rays that it took.
@@ -39,9 +39,9 @@ pub fn trace_particles(
     particles: std::ops::Range<u64>,
     seed: u64,
     drop_first: bool,
-) -> Traced {
+) -> TracedParticles {
     if viewpoints.is_empty() {
-        return Traced::default();
+        return TracedParticles::default();
     }
     let per_particle: Vec<(Vec<Candidate>, u64)> = particles
         .into_par_iter()
@@ -55,7 +55,7 @@ pub fn trace_particles(
             )
         })
         .collect();
-    let mut out = Traced::default();
+    let mut out = TracedParticles::default();
     for (candidates, rays) in per_particle {
         out.candidates.extend(candidates);
         out.rays += rays;

@@ -3,17 +3,17 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-/// A surface place and its normal. 16 bytes, the layout of `LitPlace` in the shaders.
+/// A surface place and its normal. 16 bytes, the layout of `LightSample` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct LitPlace {
+pub struct LightSample {
     /// Position, meters.
     pub position: [f32; 3],
     /// Unit normal on the octahedron, two signed normalized 16-bit numbers (WGSL's `unpack2x16snorm`); 5e-5 exact.
     pub normal: u32,
 }
 
-impl LitPlace {
+impl LightSample {
     /// A place with a unit normal.
     #[must_use]
     pub fn new(position: Vec3, normal: Vec3) -> Self {
@@ -72,11 +72,11 @@ mod tests {
                 2 => Vec3::NEG_X,
                 _ => uniform_sphere(Vec2::new(random.unit(), random.unit())),
             };
-            let back = LitPlace::new(Vec3::ONE, n).n();
+            let back = LightSample::new(Vec3::ONE, n).n();
             assert!((back - n).length() < 1e-4, "{n} {back}");
         }
         for bits in [0, u32::MAX, 0x8000_8000, 0x7fff_7fff] {
-            let place = LitPlace {
+            let place = LightSample {
                 position: [0.0; 3],
                 normal: bits,
             };

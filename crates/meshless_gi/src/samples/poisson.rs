@@ -39,7 +39,7 @@ pub struct DiskSettings {
 
 /// A filled level.
 #[derive(Debug, Default)]
-pub struct Disks {
+pub struct PoissonSamples {
     /// The accepted candidates, in the order of acceptance.
     pub points: Vec<Candidate>,
     /// Rays that it took.
@@ -109,7 +109,11 @@ impl Buckets {
 
 /// Fills one level with disks of `settings.radius` from particles that start at `viewpoints`.
 #[must_use]
-pub fn fill_level(geometry: &dyn Geometry, viewpoints: &[Vec3], settings: &DiskSettings) -> Disks {
+pub fn fill_level(
+    geometry: &dyn Geometry,
+    viewpoints: &[Vec3],
+    settings: &DiskSettings,
+) -> PoissonSamples {
     let (mut out, mut buckets) = throw_particles(geometry, viewpoints, settings);
     if settings.open_only || out.truncated {
         return out;
@@ -147,8 +151,8 @@ fn throw_particles(
     geometry: &dyn Geometry,
     viewpoints: &[Vec3],
     settings: &DiskSettings,
-) -> (Disks, Buckets) {
-    let mut out = Disks::default();
+) -> (PoissonSamples, Buckets) {
+    let mut out = PoissonSamples::default();
     let mut buckets = Buckets::new(settings.radius);
     let mut failures = 0;
     let mut first = 0;

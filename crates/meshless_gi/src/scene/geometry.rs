@@ -117,7 +117,7 @@ pub struct Site {
 
 /// What a material's factors are multiplied with at a hit: the textures alone, the side seen, and what metal leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Coating {
+pub struct MaterialTerms {
     /// Index of the material among [`Geometry::materials`].
     pub material: u32,
     /// Diffuse reflectance for a base color of one. Black on the back of a single-sided material.
@@ -164,7 +164,7 @@ pub trait Geometry: Sync {
     }
 
     /// The material where `ray` met `hit`; none where the geometry has no materials that could change.
-    fn coating(&self, _ray: &Ray, _hit: &Hit) -> Option<Coating> {
+    fn coating(&self, _ray: &Ray, _hit: &Hit) -> Option<MaterialTerms> {
         None
     }
 

@@ -10,7 +10,7 @@ use super::occluder::MeshNode;
 use super::points::Lifts;
 use super::watertight::{TriangleHit, WatertightRay};
 use super::{
-    Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, MeshProblems, Ray, Site,
+    Bounds, Bvh, Geometry, Hit, Material, MaterialFactors, MaterialTerms, MeshProblems, Ray, Site,
     Surface, Texture,
 };
 use core::f32::consts::PI;
@@ -627,7 +627,7 @@ impl Geometry for TriangleMesh {
         }
     }
 
-    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<Coating> {
+    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
         let face = &self.faces[*self.place.get(hit.primitive as usize)? as usize];
         let (_, _, front) = arrive(face, ray, hit);
         let (mut albedo, mut emission) = (Vec3::ZERO, Vec3::ZERO);
@@ -635,7 +635,7 @@ impl Geometry for TriangleMesh {
             let (color, metallic, glow) = self.texels(face, hit);
             (albedo, emission) = (color * (1.0 - metallic), glow);
         }
-        Some(Coating {
+        Some(MaterialTerms {
             material: face.material,
             albedo,
             emission,

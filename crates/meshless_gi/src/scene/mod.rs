@@ -34,7 +34,7 @@ pub use cornell::{Quad, cornell_box, mesh_of_quads};
 #[cfg(feature = "json")]
 pub use description::SceneDescription;
 pub use error::SceneError;
-pub use geometry::{Barrier, Bounds, Coating, Geometry, Hit, Ray, Site, Surface};
+pub use geometry::{Barrier, Bounds, Geometry, Hit, MaterialTerms, Ray, Site, Surface};
 #[cfg(feature = "gltf")]
 pub use gltf::{
     LoadedScene, Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within,
@@ -46,7 +46,7 @@ pub use light::Light;
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;
-pub use occluder::{Doorways, MeshNode, Occluder, Shutter};
+pub use occluder::{MeshNode, Occluder, OccluderGeometry, Shutter};
 pub use ply::{PlyEncoding, PlyError, PlyPoints, parse_ply, read_ply, read_ply_within, write_ply};
 pub use points::{
     LoadedPoints, PointCloud, PointProblems, PointsError, load_ply, load_ply_bytes, load_ply_within,

@@ -3,8 +3,8 @@
 
 use super::mesh::{FaceParts, is_usable};
 use super::{
-    Barrier, Bounds, Bvh, Coating, Geometry, Hit, Material, MaterialFactors, Ray, Site, Surface,
-    TriangleMesh,
+    Barrier, Bounds, Bvh, Geometry, Hit, Material, MaterialFactors, MaterialTerms, Ray, Site,
+    Surface, TriangleMesh,
 };
 use glam::Vec3;
 
@@ -164,7 +164,7 @@ impl TriangleMesh {
 }
 
 /// A geometry whose occluders stand open, and are known.
-pub struct Doorways<'a> {
+pub struct OccluderGeometry<'a> {
     shut: Shut<'a>,
     bvh: Bvh,
 }
@@ -181,7 +181,7 @@ struct Shut<'a> {
 /// Marks hits of occluders among those of the level, which has fewer triangles.
 const DOOR: u32 = 1 << 31;
 
-impl<'a> Doorways<'a> {
+impl<'a> OccluderGeometry<'a> {
     /// `open` without the occluders, and those; no more than [`Bvh::MAX_OCCLUDERS`], the others are left out.
     #[must_use]
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
@@ -251,7 +251,7 @@ impl Shut<'_> {
     }
 }
 
-impl Geometry for Doorways<'_> {
+impl Geometry for OccluderGeometry<'_> {
     fn bounds(&self) -> Bounds {
         self.shut.open.bounds()
     }
@@ -272,7 +272,7 @@ impl Geometry for Doorways<'_> {
         self.shut.open.site(ray, hit)
     }
 
-    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<Coating> {
+    fn coating(&self, ray: &Ray, hit: &Hit) -> Option<MaterialTerms> {
         self.shut.open.coating(ray, hit)
     }
 
@@ -412,7 +412,7 @@ mod tests {
     #[test]
     fn open_for_rays_and_shut_for_those_who_ask() {
         let (rest, held) = level().hold_out(&["door"]);
-        let doorways = Doorways::new(&rest, &held);
+        let doorways = OccluderGeometry::new(&rest, &held);
         let ray = Ray::new(Vec3::new(0.0, 0.0, 2.5), Vec3::NEG_Z);
         let hit = doorways.cast(&ray).unwrap();
         assert_eq!(hit.t, 2.5);
@@ -455,7 +455,7 @@ mod tests {
                 ..Occluder::default()
             };
             assert_eq!(occluder.shapes().len(), triangles);
-            let doorways = Doorways::new(&none, &[occluder]);
+            let doorways = OccluderGeometry::new(&none, &[occluder]);
             let through = |x: f32, from: f32, to: f32| {
                 let start = Vec3::new(x, 1.0, from);
                 doorways.crossed(&Ray::segment(start, Vec3::Z, to - from))
@@ -489,7 +489,7 @@ mod tests {
         let none = TriangleMesh::new(Vec::new(), Vec::new(), Vec::new());
         let ray = Ray::new(Vec3::new(0.0, 0.0, 2.0), Vec3::NEG_Z);
         for (triangles, half) in [(thick, 0.1), (vec![tile(1.0)], 0.0)] {
-            let doorways = Doorways::new(&none, &[occluder(triangles)]);
+            let doorways = OccluderGeometry::new(&none, &[occluder(triangles)]);
             let shut = doorways.shut().unwrap();
             let barrier = shut.barrier(&ray, &shut.cast(&ray).unwrap());
             let found = barrier.half_thickness.unwrap();

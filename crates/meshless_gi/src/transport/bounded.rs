@@ -14,7 +14,7 @@
 //! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see [`super::l08`].
 
 use super::gather::Gathered;
-use super::training::{SIGNALS, Training};
+use super::training::{TRAINING_LIGHTS, Training};
 use glam::Vec3A;
 
 /// Share of the single senders' change in the estimate. Measured on three levels: half of it lets centimeter-scale light beside ledges go
@@ -201,8 +201,8 @@ fn group_change(
     members: &[u64],
 ) -> f32 {
     let of_parent = &training.signals[parent as usize];
-    let mut even = [0.0f32; SIGNALS];
-    let mut odd = [0.0f32; SIGNALS];
+    let mut even = [0.0f32; TRAINING_LIGHTS];
+    let mut odd = [0.0f32; TRAINING_LIGHTS];
     let mut sums = [0.0f32; 2];
     for &m in members {
         let [a, b] = gathered.sums[child(m)];
@@ -234,7 +234,7 @@ fn group_change(
         let (a, b) = (a.dot(n), b.dot(n));
         single += (both(a - a_mean, b - b_mean) - unmet) * training.exposure[child(m)];
     }
-    (coherent / SIGNALS as f32 + GUARD * single).max(0.0)
+    (coherent / TRAINING_LIGHTS as f32 + GUARD * single).max(0.0)
 }
 
 #[cfg(test)]
@@ -273,9 +273,9 @@ mod tests {
     /// A signal per training light: random at the finest senders, means above.
     fn training(tree: &SenderTree, amplitude: f32) -> Training {
         let mut random = Random::new(5, 9, 9);
-        let mut f = vec![[0.0f32; SIGNALS]; 74];
+        let mut f = vec![[0.0f32; TRAINING_LIGHTS]; 74];
         for row in &mut f[10..] {
-            *row = [(); SIGNALS].map(|()| 1.0 + amplitude * (random.unit() - 0.5));
+            *row = [(); TRAINING_LIGHTS].map(|()| 1.0 + amplitude * (random.unit() - 0.5));
         }
         for k in (0..10).rev() {
             let own: Vec<usize> = (0..74)
@@ -287,7 +287,7 @@ mod tests {
         }
         let exposure = f
             .iter()
-            .map(|row| row.iter().map(|f| f * f).sum::<f32>() / SIGNALS as f32)
+            .map(|row| row.iter().map(|f| f * f).sum::<f32>() / TRAINING_LIGHTS as f32)
             .collect();
         Training::new(f, exposure, 0.0, tree)
     }
@@ -328,10 +328,10 @@ mod tests {
                     clippy::needless_range_loop,
                     reason = "t picks one light out of every sender's row"
                 )]
-                for t in 0..SIGNALS {
+                for t in 0..TRAINING_LIGHTS {
                     let full: f32 = finest.iter().map(|&(j, a)| a.z * f[j as usize][t]).sum();
                     let cut: f32 = links.iter().map(|&(j, a)| a.z * f[j as usize][t]).sum();
-                    let bound = epsilon * (10.0 * SIGNALS as f32).sqrt() + 1e-5;
+                    let bound = epsilon * (10.0 * TRAINING_LIGHTS as f32).sqrt() + 1e-5;
                     assert!(
                         (full - cut).abs() <= bound,
                         "ε {epsilon}: {full} became {cut}"

@@ -23,7 +23,7 @@ pub enum Deposit {
 
 /// How to gather, whatever the hierarchy.
 #[derive(Clone, Copy)]
-pub struct Gathering<'a> {
+pub struct GatherSettings<'a> {
     /// What rays meet.
     pub geometry: &'a dyn Geometry,
     /// How many levels, from the coarsest, are senders.
@@ -36,7 +36,7 @@ pub struct Gathering<'a> {
     pub deposit: Deposit,
 }
 
-impl<'a> Gathering<'a> {
+impl<'a> GatherSettings<'a> {
     /// Together with the points as they are now.
     #[must_use]
     pub fn scene(&self, hierarchy: &'a Hierarchy) -> GatherScene<'a> {

@@ -16,11 +16,11 @@ const GENERAL: f32 = 0.01;
 
 /// Mass handed over, for every sender by the level of the ancestor that took it.
 #[derive(Debug)]
-pub struct Handed {
+pub struct TruncationMass {
     levels: Vec<Vec<AtomicU64>>,
 }
 
-impl Handed {
+impl TruncationMass {
     /// Nothing yet.
     #[must_use]
     pub fn new(tree: &SenderTree) -> Self {
@@ -97,7 +97,7 @@ mod tests {
         // Two roots, two children each, two grandchildren below the first child.
         let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1, 2, 2], &[0, 2, 6, 8]);
         let shown = vec![vec![1.0; 8]; 3];
-        let handed = Handed::new(&tree);
+        let handed = TruncationMass::new(&tree);
         handed.add(&tree, 6, 2, 0.25);
         handed.add(&tree, 7, 2, 0.75);
         handed.add(&tree, 6, 0, 0.3);

@@ -8,7 +8,7 @@
 //! holds the levels one after another.
 
 use super::gather::{GatherScene, Gathered, gather};
-use super::refine::{RawRow, Refined, share};
+use super::refine::{RawRow, RefinedOperator, share};
 use crate::basis::Weights;
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
@@ -45,15 +45,15 @@ pub fn refine_l08(
     neighbors: &[Vec<u32>],
     epsilon: f32,
     progress: &(dyn Fn(f32) -> bool + Sync),
-) -> Option<Refined> {
+) -> Option<RefinedOperator> {
     let hierarchy = scene.hierarchy;
     let points = hierarchy.len();
     let senders = neighbors.len();
     let coarsest = hierarchy.level_starts[1];
-    let mut out = Refined {
+    let mut out = RefinedOperator {
         rows: Vec::with_capacity(points),
         sky: Vec::with_capacity(points),
-        ..Refined::default()
+        ..RefinedOperator::default()
     };
     let mut uncovered = 0.0f64;
     let mut times = [Duration::ZERO; 2];

@@ -7,14 +7,14 @@ use glam::Vec3;
 /// The links of a row before it was cut, in parts of the largest component's 32 767th: an error of 2e-5 of the largest link, which the noise of
 /// the gather hides.
 #[derive(Debug, Default)]
-pub struct Leaves {
+pub struct QuantizedRow {
     /// What the largest component is, over 32 767; dimensionless.
     unit: f32,
     /// x, y, z in units, and the sender: there are no more than 65 536, see [`Link::MAX_SENDERS`](super::Link::MAX_SENDERS).
     links: Vec<[i16; 4]>,
 }
 
-impl Leaves {
+impl QuantizedRow {
     /// The links of a gathered row.
     #[must_use]
     pub fn new(gathered: &Gathered) -> Self {
@@ -66,7 +66,7 @@ mod tests {
         }
         let (n, weight) = (Vec3::new(0.6, 0.0, 0.8), 0.3);
         let mut found = Vec::new();
-        Leaves::new(&gathered).for_each(n, weight, |j, part| found.push((j, part)));
+        QuantizedRow::new(&gathered).for_each(n, weight, |j, part| found.push((j, part)));
         assert_eq!(found.len(), 4);
         for (j, part) in found {
             let right = weight * gathered.link(j).dot(n.into());
@@ -75,6 +75,6 @@ mod tests {
                 "{j}: {part} {right}"
             );
         }
-        Leaves::new(&Gathered::new(3)).for_each(n, 1.0, |_, _| panic!("nothing was met"));
+        QuantizedRow::new(&Gathered::new(3)).for_each(n, 1.0, |_, _| panic!("nothing was met"));
     }
 }

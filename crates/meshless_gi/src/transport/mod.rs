@@ -17,15 +17,19 @@ mod tiers;
 mod training;
 
 pub use bounded::SenderTree;
-pub use gather::{Deposit, GatherScene, Gathered, Gathering, cast_only, gather, look_out, look_up};
-pub use handed::Handed;
+pub use gather::{
+    Deposit, GatherScene, GatherSettings, Gathered, cast_only, gather, look_out, look_up,
+};
+pub use handed::TruncationMass;
 pub use neumann::{BounceScene, bounce_operator};
 pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
 };
 pub use pack::{Packed, pack};
-pub use passage::{Part, Passage, Passing, link_of_parts, merge_parts, number_sets};
+pub use passage::{
+    PackedLinkTerm, Part, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
+};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
-pub use refine::{BoundedSettings, RawRow, Receivers, Refined, refine_bounded};
+pub use refine::{BoundedSettings, RawRow, Receivers, RefinedOperator, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};
-pub use training::{SIGNALS, Signals, Training, coarse_rows, mean_squares};
+pub use training::{TRAINING_LIGHTS, Training, TrainingRadiosity, coarse_rows, mean_squares};

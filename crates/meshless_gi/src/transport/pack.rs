@@ -1,6 +1,6 @@
 //! From rows in full precision to the operator's eight bytes a link, with the error that it costs.
 
-use super::passage::{Part, Passing, link_of_parts, pack_parts};
+use super::passage::{Part, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
 use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;
@@ -11,7 +11,7 @@ pub struct Packed {
     /// The operator.
     pub operator: Operator,
     /// What of its links crosses occluders: ascending by link.
-    pub passing: Vec<Passing>,
+    pub passing: Vec<UnindexedLinkTerm>,
     /// See above, dimensionless.
     pub error: f32,
 }
@@ -155,7 +155,7 @@ mod tests {
         };
         let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], 8, SenderForm::Averages);
         assert_eq!(packed.passing.len(), 2);
-        let largest = |p: &Passing| p.packed.vector().abs().max_element();
+        let largest = |p: &UnindexedLinkTerm| p.packed.vector().abs().max_element();
         let largest = packed.passing.iter().map(largest).fold(0.0, f32::max);
         assert!((largest - 1.0).abs() < 1e-3, "{largest}");
     }

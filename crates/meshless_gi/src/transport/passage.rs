@@ -60,7 +60,7 @@ pub(super) fn cut_parts(
 /// What of an operator's link passes one set of occluders. 12 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct Passage {
+pub struct PackedLinkTerm {
     /// Index of the link.
     pub link: u32,
     /// x in the low half, y in the high half, both f16, relative to the row's scale as in a [`Link`].
@@ -69,7 +69,7 @@ pub struct Passage {
     pub z_set: u32,
 }
 
-impl Passage {
+impl PackedLinkTerm {
     /// Most sets: the index has 16 bits.
     pub const MAX_SETS: usize = 1 << 16;
 
@@ -94,27 +94,32 @@ impl Passage {
 
 /// A packed part whose set has no index yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Passing {
-    /// As [`Passage::link`], [`Passage::xy`] and the low half of [`Passage::z_set`].
-    pub packed: Passage,
+pub struct UnindexedLinkTerm {
+    /// As [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the low half of [`PackedLinkTerm::z_set`].
+    pub packed: PackedLinkTerm,
     /// The occluders on the way.
     pub crossed: u64,
 }
 
 /// The parts of a link relative to its row's `scale`, packed; what passes no occluder first. The `parts` are those of the link, ascending; the link is their sum and what
 /// `whole` has beyond it.
-pub(super) fn pack_parts(link: u32, whole: Vec3, parts: &[Part], scale: f32) -> Vec<Passing> {
+pub(super) fn pack_parts(
+    link: u32,
+    whole: Vec3,
+    parts: &[Part],
+    scale: f32,
+) -> Vec<UnindexedLinkTerm> {
     let free = whole - parts.iter().map(|p| Vec3::from(p.value)).sum::<Vec3>();
     let all = std::iter::once((0, free)).chain(parts.iter().map(|p| (p.crossed, p.value.into())));
     all.filter_map(|(crossed, value)| {
         let Link { xy, z_sender } = Link::pack(value, scale, 0);
-        let packed = Passage {
+        let packed = PackedLinkTerm {
             link,
             xy,
             z_set: z_sender,
         };
         // What rounds to nothing carries nothing.
-        (packed.vector() != Vec3::ZERO).then_some(Passing { packed, crossed })
+        (packed.vector() != Vec3::ZERO).then_some(UnindexedLinkTerm { packed, crossed })
     })
     .collect()
 }
@@ -130,18 +135,18 @@ pub fn link_of_parts(parts: impl Iterator<Item = Vec3>, sender: u32) -> Link {
 /// holds.
 #[must_use]
 pub fn number_sets<const N: usize>(
-    parts: [&[Passing]; N],
-) -> Option<(Vec<u64>, [Vec<Passage>; N])> {
+    parts: [&[UnindexedLinkTerm]; N],
+) -> Option<(Vec<u64>, [Vec<PackedLinkTerm>; N])> {
     let all = parts.iter().flat_map(|own| own.iter().map(|p| p.crossed));
     let sets: BTreeSet<u64> = all.chain([0]).collect();
     let sets: Vec<u64> = sets.into_iter().collect();
-    if sets.len() > Passage::MAX_SETS {
+    if sets.len() > PackedLinkTerm::MAX_SETS {
         return None;
     }
     let numbered = parts.map(|own| {
         let passages = own.iter().map(|p| {
             let set = sets.partition_point(|&s| s < p.crossed) as u32;
-            Passage {
+            PackedLinkTerm {
                 z_set: p.packed.z_set & 0xffff | set << 16,
                 ..p.packed
             }
@@ -201,7 +206,7 @@ mod tests {
         assert_eq!(all.iter().map(|p| p.crossed).collect::<Vec<_>>(), [1, 5]);
         let (sets, [first, second]) = number_sets([&packed, &all]).unwrap();
         assert_eq!(sets, [0, 1, 5]);
-        let indices = |own: &[Passage]| own.iter().map(|p| p.set()).collect::<Vec<_>>();
+        let indices = |own: &[PackedLinkTerm]| own.iter().map(|p| p.set()).collect::<Vec<_>>();
         assert_eq!(
             (indices(&first), indices(&second)),
             (vec![0, 1, 2], vec![1, 2])

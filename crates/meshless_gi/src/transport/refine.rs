@@ -11,12 +11,12 @@
 //! level: what remains is spread evenly over the surface.
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
-use super::gather::{GatherScene, Gathered, Gathering, gather};
-use super::handed::Handed;
-use super::leaves::Leaves;
+use super::gather::{GatherScene, GatherSettings, Gathered, gather};
+use super::handed::TruncationMass;
+use super::leaves::QuantizedRow;
 use super::passage::{Part, cut_parts};
 use super::pca::{CompressScratch, LightBasis};
-use super::training::{SIGNALS, Signals, Training};
+use super::training::{TRAINING_LIGHTS, Training, TrainingRadiosity};
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// The vector irradiance at a point for each training lamp, and for a sky of unit radiosity, by the even and by the odd rays.
-type Response = [[Vec3A; SIGNALS + 1]; 2];
+type Response = [[Vec3A; TRAINING_LIGHTS + 1]; 2];
 
 /// A row before packing.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +39,7 @@ pub struct RawRow {
 
 /// The rows of all points and what came with them.
 #[derive(Debug, Default)]
-pub struct Refined {
+pub struct RefinedOperator {
     /// One a point.
     pub rows: Vec<RawRow>,
     /// (1/π) ∫ ω dω over the sky, for every point.
@@ -55,12 +55,12 @@ pub struct Refined {
     /// Largest row sum Σ F·n that was seen.
     pub largest_row_sum: f32,
     /// What the rows of the senders' points handed over.
-    pub handed: Option<Handed>,
+    pub handed: Option<TruncationMass>,
     /// Share of the processor time that went into gathering; the rest went into deciding.
     pub gather_share: f64,
 }
 
-impl Refined {
+impl RefinedOperator {
     /// For so many points, none of which has a row, or knows of the sky.
     #[must_use]
     pub fn without_rows(points: usize) -> Self {
@@ -104,7 +104,7 @@ pub struct Receivers<'a> {
 /// What came of one receiver.
 struct Gather1 {
     row: RawRow,
-    leaves: Leaves,
+    leaves: QuantizedRow,
     response: Response,
     sky: Vec3A,
     error: f32,
@@ -143,24 +143,24 @@ struct Known {
     /// Square of the difference to what the parents say; its noise may make it negative.
     errors: Vec<f32>,
     /// The gathered rows before they were cut; nothing for points that inherit.
-    leaves: Vec<Leaves>,
+    leaves: Vec<QuantizedRow>,
 }
 
 /// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents
 /// say. With a `basis` rows are written in it (rule `pca`) and not cut. `progress` is told how much is done and may stop the work by answering false; then nothing comes back.
 pub fn refine_bounded(
-    gathering: &Gathering<'_>,
+    gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
     tree: &SenderTree,
     training: &Training,
     settings: &BoundedSettings,
     basis: Option<&LightBasis>,
     progress: &(dyn Fn(f32) -> bool + Sync),
-) -> Option<Refined> {
+) -> Option<RefinedOperator> {
     let senders = tree.parent.len();
-    let mut out = Refined::default();
+    let mut out = RefinedOperator::default();
     let mut known = Known::default();
-    let handed = Handed::new(tree);
+    let handed = TruncationMass::new(tree);
     let measure = CutMeasure {
         training,
         epsilon: settings.epsilon,
@@ -251,12 +251,12 @@ pub fn refine_bounded(
             }
         }
         for (i, result) in level.clone().zip(results) {
-            let inherited = |known: &mut Known, out: &mut Refined| {
+            let inherited = |known: &mut Known, out: &mut RefinedOperator| {
                 let row = parents.row(i);
                 out.sky.push(interpolate_sky(&out.sky, row).into());
                 out.rows.push(RawRow::default());
                 known.responses.push(interpolate(&known.responses, row));
-                known.leaves.push(Leaves::default());
+                known.leaves.push(QuantizedRow::default());
             };
             let Some(one) = result else {
                 inherited(&mut known, &mut out);
@@ -292,7 +292,7 @@ pub fn refine_bounded(
 /// Adds a level around the receivers of the finest level whose error is above `tolerance`, those with the largest errors first. Returns how
 /// many points it has.
 fn add_level(
-    gathering: &Gathering<'_>,
+    gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
     errors: &[f32],
     tolerance: f32,
@@ -350,14 +350,14 @@ fn add_level(
 fn receive(
     scene: &GatherScene<'_>,
     parents: &Weights,
-    done: &Refined,
+    done: &RefinedOperator,
     known: &Known,
     tree: &SenderTree,
     measure: &CutMeasure<'_>,
     basis: Option<&LightBasis>,
     judged: bool,
     keep: bool,
-    handed: Option<&Handed>,
+    handed: Option<&TruncationMass>,
     i: usize,
     room: &mut Room,
 ) -> Gather1 {
@@ -389,9 +389,9 @@ fn receive(
     }
     // Nobody asks the last level.
     let leaves = if keep {
-        Leaves::new(gathered)
+        QuantizedRow::new(gathered)
     } else {
-        Leaves::default()
+        QuantizedRow::default()
     };
     masses.clear();
     if handed.is_some() {
@@ -446,7 +446,7 @@ fn receive(
 }
 
 /// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link, and is `kept`.
-fn note_handed(handed: &Handed, tree: &SenderTree, masses: &[(u32, f32)], kept: &[bool]) {
+fn note_handed(handed: &TruncationMass, tree: &SenderTree, masses: &[(u32, f32)], kept: &[bool]) {
     for &(j, mass) in masses {
         let mut k = j;
         while !kept[k as usize] && tree.parent[k as usize] != k {
@@ -462,7 +462,7 @@ fn note_handed(handed: &Handed, tree: &SenderTree, masses: &[(u32, f32)], kept: 
 /// were cut, and those of the points that they in turn inherit from. The product of what the even and the odd rays say.
 fn single_errors(
     compared: &mut Compared,
-    done: &Refined,
+    done: &RefinedOperator,
     known: &Known,
     parents: &Weights,
     row: &[WeightEntry],
@@ -511,8 +511,8 @@ pub(super) fn share([first, second]: [Duration; 2]) -> f64 {
 }
 
 /// What the even and the odd rays of a gathered row say for each training lamp, and the row's mass. The sky is not split.
-fn respond(gathered: &Gathered, signals: &Signals) -> (Response, Vec3A) {
-    let mut response = [[Vec3A::ZERO; SIGNALS + 1]; 2];
+fn respond(gathered: &Gathered, signals: &TrainingRadiosity) -> (Response, Vec3A) {
+    let mut response = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
     let mut row_sum = Vec3A::ZERO;
     for &j in &gathered.touched {
         let sums = gathered.sums[j as usize];
@@ -523,14 +523,14 @@ fn respond(gathered: &Gathered, signals: &Signals) -> (Response, Vec3A) {
             }
         }
     }
-    response[0][SIGNALS] = 0.5 * gathered.sky;
-    response[1][SIGNALS] = 0.5 * gathered.sky;
+    response[0][TRAINING_LIGHTS] = 0.5 * gathered.sky;
+    response[1][TRAINING_LIGHTS] = 0.5 * gathered.sky;
     (response, row_sum)
 }
 
 /// What a point's parents say.
 fn interpolate(responses: &[Response], parents: &[WeightEntry]) -> Response {
-    let mut expected = [[Vec3A::ZERO; SIGNALS + 1]; 2];
+    let mut expected = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
     for w in parents {
         for (expected, parent) in expected.iter_mut().zip(&responses[w.index as usize]) {
             for (e, p) in expected.iter_mut().zip(parent) {
@@ -553,11 +553,11 @@ fn interpolate_sky(sky: &[Vec3], parents: &[WeightEntry]) -> Vec3A {
 /// part along the normal counts whole; the tangential part, which only normal maps see, a tenth of its square.
 fn difference(found: &Response, expected: &Response, n: Vec3A, sky: f32) -> f32 {
     let mut sum = 0.0;
-    for t in 0..=SIGNALS {
+    for t in 0..=TRAINING_LIGHTS {
         let a = found[0][t] - expected[0][t];
         let b = found[1][t] - expected[1][t];
-        let scale = if t < SIGNALS { 1.0 } else { sky };
+        let scale = if t < TRAINING_LIGHTS { 1.0 } else { sky };
         sum += (0.9 * a.dot(n) * b.dot(n) + 0.1 * a.dot(b)) * scale;
     }
-    4.0 * sum / (SIGNALS + 1) as f32
+    4.0 * sum / (TRAINING_LIGHTS + 1) as f32
 }

@@ -11,16 +11,16 @@ use glam::Vec3A;
 use rayon::prelude::*;
 
 /// Training lamps a bake uses.
-pub const SIGNALS: usize = 16;
+pub const TRAINING_LIGHTS: usize = 16;
 
-/// Radiosity of every sender for [`SIGNALS`] lamps, W/m² or relative, see [`Training`].
-pub type Signals = [[f32; SIGNALS]];
+/// Radiosity of every sender for [`TRAINING_LIGHTS`] lamps, W/m² or relative, see [`Training`].
+pub type TrainingRadiosity = [[f32; TRAINING_LIGHTS]];
 
 /// The lights that refinement asks.
 #[derive(Debug)]
 pub struct Training {
     /// Relative radiosity of every sender for every training lamp.
-    pub signals: Vec<[f32; SIGNALS]>,
+    pub signals: Vec<[f32; TRAINING_LIGHTS]>,
     /// Mean square relative radiosity of every sender over all lamps.
     pub exposure: Vec<f32>,
     /// Sum of `exposure` over each sender's children.
@@ -33,7 +33,7 @@ impl Training {
     /// From relative radiosities and exposures, one a sender.
     #[must_use]
     pub fn new(
-        signals: Vec<[f32; SIGNALS]>,
+        signals: Vec<[f32; TRAINING_LIGHTS]>,
         exposure: Vec<f32>,
         sky: f32,
         tree: &SenderTree,
@@ -78,11 +78,11 @@ pub fn coarse_rows(scene: &GatherScene<'_>, senders: usize) -> Vec<NormalRow> {
 
 /// Mean square irradiance of each lamp over `rows`.
 #[must_use]
-pub fn mean_squares(rows: &[NormalRow], signals: &Signals) -> [f32; SIGNALS] {
-    let squares: Vec<[f64; SIGNALS]> = rows
+pub fn mean_squares(rows: &[NormalRow], signals: &TrainingRadiosity) -> [f32; TRAINING_LIGHTS] {
+    let squares: Vec<[f64; TRAINING_LIGHTS]> = rows
         .par_iter()
         .map(|(links, _)| {
-            let mut e = [0.0f64; SIGNALS];
+            let mut e = [0.0f64; TRAINING_LIGHTS];
             for &(j, a) in links {
                 for (e, &f) in e.iter_mut().zip(&signals[j as usize]) {
                     *e += f64::from(a * f);
@@ -91,7 +91,7 @@ pub fn mean_squares(rows: &[NormalRow], signals: &Signals) -> [f32; SIGNALS] {
             e.map(|e| e * e)
         })
         .collect();
-    let mut sums = [0.0; SIGNALS];
+    let mut sums = [0.0; TRAINING_LIGHTS];
     for square in &squares {
         for (s, e) in sums.iter_mut().zip(square) {
             *s += e;
@@ -107,9 +107,9 @@ mod tests {
     #[test]
     fn squares_and_families() {
         let rows = vec![(vec![(0, 0.5), (1, 0.25)], 0.25), (vec![(1, 1.0)], 0.0)];
-        let mut signals = vec![[0.0; SIGNALS]; 3];
+        let mut signals = vec![[0.0; TRAINING_LIGHTS]; 3];
         signals[0][0] = 2.0;
-        signals[1] = [4.0; SIGNALS];
+        signals[1] = [4.0; TRAINING_LIGHTS];
         let squares = mean_squares(&rows, &signals);
         // (1 + 1)² and 4² over two; 1² and 4² over two.
         assert_eq!(&squares[..2], &[10.0, 8.5]);

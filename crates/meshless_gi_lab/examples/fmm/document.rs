@@ -256,8 +256,8 @@ pub fn text(found: &Found) -> Result<String, Box<dyn Error>> {
     }
     writeln!(
         w,
-        "\nParts: pairs of nodes in the lists that see each other in part. Disks in place of points keep pairs that nearly touch from outshining everything: with [G08] Eq. (4) as it stands two points of neighboring walls may\n\
-         send each other more light than they have, and bounces grow without end. Disks lose some light along edges instead: the bias, which falls as points are denser."
+        "\nParts: pairs of nodes in the lists that see each other in part. PoissonSamples in place of points keep pairs that nearly touch from outshining everything: with [G08] Eq. (4) as it stands two points of neighboring walls may\n\
+         send each other more light than they have, and bounces grow without end. PoissonSamples lose some light along edges instead: the bias, which falls as points are denser."
     )?;
     Ok(out)
 }

@@ -9,18 +9,18 @@ use meshless_gi_lab::fixtures::by_hand;
 use by_hand::operator;
 use glam::Vec3;
 use meshless_gi::asset::{
-    BakeInfo, BakedScene, Display, LiveMaterials, MaterialShare, Occluders, Places, PointSurface,
-    SkySight, TierInfo,
+    BakeInfo, BakedScene, Display, DynamicMaterials, MaterialCoverage, Occluders, Places,
+    PointSurface, SkyVisibility, TierInfo,
 };
 use meshless_gi::basis::{WeightEntry, Weights, support_bounds};
-use meshless_gi::samples::{HashedGrid, LitPlace, Point};
+use meshless_gi::samples::{HashedGrid, LightSample, Point};
 use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, MaterialFactors, TriangleMesh};
 use meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
 use meshless_gi::transport::pca::{
     Column, Compression, HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
 use meshless_gi::transport::{
-    BounceLink, BounceOperator, Link, Operator, Passage, Row, SenderForm, link_of_parts,
+    BounceLink, BounceOperator, Link, Operator, PackedLinkTerm, Row, SenderForm, link_of_parts,
 };
 
 /// Counted random numbers (SplitMix64).
@@ -164,8 +164,8 @@ pub fn makes() -> Vec<Make> {
 }
 
 /// Three materials, and none to two shares of them a sender.
-fn materials(r: &mut Random, senders: u32) -> LiveMaterials {
-    let mut live = LiveMaterials {
+fn materials(r: &mut Random, senders: u32) -> DynamicMaterials {
+    let mut live = DynamicMaterials {
         names: ["wall", "", "sign"].map(String::from).to_vec(),
         factors: (0..3)
             .map(|_| MaterialFactors {
@@ -178,7 +178,7 @@ fn materials(r: &mut Random, senders: u32) -> LiveMaterials {
     };
     for j in 0..senders {
         for k in 0..j % 3 {
-            live.shares.push(MaterialShare {
+            live.shares.push(MaterialCoverage {
                 material: (j + k) % 3,
                 albedo: [0.5 * r.unit(); 3],
                 emission: [0.5 * r.unit(); 3],
@@ -268,7 +268,7 @@ pub fn build(make: &Make) -> BakedScene {
     let places = Places {
         per_sender: 2,
         list: (0..2 * finest)
-            .map(|_| LitPlace::new(r.signed(), r.signed().normalize()))
+            .map(|_| LightSample::new(r.signed(), r.signed().normalize()))
             .collect(),
     };
     let compression = (make.form == SenderForm::Components).then(|| {
@@ -344,7 +344,7 @@ pub fn build(make: &Make) -> BakedScene {
         fmm: None,
         illumination: Vec::new(),
         materials: make.live.then(|| materials(r, senders)),
-        sky: make.sky.then(|| SkySight {
+        sky: make.sky.then(|| SkyVisibility {
             senders: (0..senders)
                 .map(|_| std::array::from_fn(|_| r.signed().x))
                 .collect(),
@@ -432,7 +432,7 @@ fn occlude(scene: &mut BakedScene) {
     for (at, link) in scene.operator.links.iter_mut().enumerate().step_by(3) {
         for set in [at as u16 % 2, 2] {
             let half = Link::pack(0.5 * link.vector(), 1.0, set);
-            passages.push(Passage {
+            passages.push(PackedLinkTerm {
                 link: at as u32,
                 xy: half.xy,
                 z_set: half.z_sender,
