@@ -27,7 +27,7 @@ const FLOOR: f32 = 0.1;
 const MIN: f32 = 1e-15;
 
 // Radiance over f₀ and over f₉₀.
-struct Shine {
+struct SpecularRadiance {
     straight: vec3f,
     grazing: vec3f,
 }
@@ -35,7 +35,7 @@ struct Shine {
 // A surface that lights shine on, in their space.
 struct Receiver {
     x: vec3f,
-    facet: Facet,
+    facet: ShadingPoint,
     start: vec3f,
 }
 
@@ -56,20 +56,20 @@ struct Around {
 
 // What the nodes around foretell.
 struct Foretold {
-    light: Shine,
+    light: SpecularRadiance,
     around: array<Around, 4>,
     known: bool,
 }
 
-fn shine_of(light: Shine, straight: vec3f) -> vec3f {
+fn shine_of(light: SpecularRadiance, straight: vec3f) -> vec3f {
     return straight * light.straight + f90(straight) * light.grazing;
 }
 
-fn bright(light: Shine, straight: vec3f) -> f32 {
+fn bright(light: SpecularRadiance, straight: vec3f) -> f32 {
     return dot(vec3f(RED, GREEN, BLUE), shine_of(light, straight));
 }
 
-fn pack_shine(light: Shine) -> GlossNode {
+fn pack_shine(light: SpecularRadiance) -> GlossNode {
     let a = clamp(light.straight, vec3f(0.0), vec3f(LARGEST_HALF));
     let b = clamp(light.grazing, vec3f(0.0), vec3f(LARGEST_HALF));
     return GlossNode(array<u32, 4>(
@@ -77,11 +77,11 @@ fn pack_shine(light: Shine) -> GlossNode {
     ));
 }
 
-fn unpack_shine(node: GlossNode) -> Shine {
+fn unpack_shine(node: GlossNode) -> SpecularRadiance {
     let a = unpack2x16float(node.words[0]);
     let b = unpack2x16float(node.words[1]);
     let c = unpack2x16float(node.words[2]);
-    return Shine(vec3f(a, b.x), vec3f(b.y, c));
+    return SpecularRadiance(vec3f(a, b.x), vec3f(b.y, c));
 }
 
 fn glossy(pixel: vec2u) -> Glossy {
@@ -124,7 +124,7 @@ fn receiver(pixel: vec2u, here: Glossy) -> Receiver {
     let v = normalize(near.xyz * far.w - far.xyz * near.w);
     let x = h.xyz / h.w;
     let n = gbuffer_normal(here.texel);
-    return Receiver(x, Facet(n, v, gbuffer_roughness(here.texel)), vpl_start(x, n));
+    return Receiver(x, ShadingPoint(n, v, gbuffer_roughness(here.texel)), vpl_start(x, n));
 }
 
 // What light `i` gives to the eye, over its flux.
@@ -150,16 +150,16 @@ fn gloss_of(i: u32, at: Receiver) -> vec2f {
     return arrives * found;
 }
 
-fn add_light(sum: ptr<function, Shine>, i: u32, found: vec2f) {
+fn add_light(sum: ptr<function, SpecularRadiance>, i: u32, found: vec2f) {
     let flux = params.scale * vpls[i].flux;
     (*sum).straight += found.x * flux;
     (*sum).grazing += found.y * flux;
 }
 
 // All lights at a pixel.
-fn whole(pixel: vec2u, here: Glossy) -> Shine {
+fn whole(pixel: vec2u, here: Glossy) -> SpecularRadiance {
     let at = receiver(pixel, here);
-    var sum = Shine(vec3f(0.0), vec3f(0.0));
+    var sum = SpecularRadiance(vec3f(0.0), vec3f(0.0));
     for (var i = 0u; i < lit.vpls; i++) {
         add_light(&sum, i, gloss_of(i, at));
     }
@@ -292,7 +292,7 @@ fn gloss(@builtin(global_invocation_id) id: vec3u) {
         if ((wants[g / 32u] >> (g % 32u)) & 1u) == 0u {
             continue;
         }
-        var change = Shine(vec3f(0.0), vec3f(0.0));
+        var change = SpecularRadiance(vec3f(0.0), vec3f(0.0));
         for (var i = g * group; i < min((g + 1u) * group, lit.vpls); i++) {
             var found = gloss_of(i, at);
             for (var c = 0u; c < 4u; c++) {
@@ -323,7 +323,7 @@ fn gloss_pixels(@builtin(global_invocation_id) id: vec3u) {
         textureStore(output, pixel, vec4f(0.0));
         return;
     }
-    var light: Shine;
+    var light: SpecularRadiance;
     var known = false;
     if all((pixel & vec2u(1u)) == vec2u(0u)) {
         let node = shines[cell_index(1u, pixel / 2u)];

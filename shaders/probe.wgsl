@@ -37,7 +37,7 @@ fn weight_in_space(probe: Point, x: vec3f, n: vec3f) -> f32 {
 // Distance before a surface at which light is read where no probe reaches the surface, in cells.
 const RETRY_OFFSET: f32 = 0.1;
 
-fn probe(x: vec3f, n: vec3f) -> SpaceLight {
+fn probe(x: vec3f, n: vec3f) -> ProbeIrradiance {
     let light = probe_at(x, n);
     if light.reached {
         return light;
@@ -45,7 +45,7 @@ fn probe(x: vec3f, n: vec3f) -> SpaceLight {
     return probe_at(x + (RETRY_OFFSET * params.cell_size) * n, n);
 }
 
-fn probe_at(x: vec3f, n: vec3f) -> SpaceLight {
+fn probe_at(x: vec3f, n: vec3f) -> ProbeIrradiance {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var sums = array<VectorIrradiance, 3>(nothing, nothing, nothing);
     var cover = 0.0;
@@ -66,18 +66,18 @@ fn probe_at(x: vec3f, n: vec3f) -> SpaceLight {
         }
     }
     if cover <= NO_COVER {
-        return SpaceLight(nothing, nothing, nothing, false);
+        return ProbeIrradiance(nothing, nothing, nothing, false);
     }
     for (var k = 0u; k < PROBE_ROWS; k++) {
         sums[k].x /= all_weights;
         sums[k].y /= all_weights;
         sums[k].z /= all_weights;
     }
-    return SpaceLight(sums[0], sums[1], sums[2], true);
+    return ProbeIrradiance(sums[0], sums[1], sums[2], true);
 }
 
 // The vector irradiance that gives E(n) at n and changes beside it as E does.
-fn around(light: SpaceLight, n: vec3f) -> VectorIrradiance {
+fn around(light: ProbeIrradiance, n: vec3f) -> VectorIrradiance {
     // Half the gradient of n·Q n is Q n.
     let a = light.even;
     let m = light.mixed;

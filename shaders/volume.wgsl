@@ -18,7 +18,7 @@ struct Face {
 }
 
 // What a face takes from a point's function.
-struct FaceShare {
+struct WallWeight {
     point: u32,
     part: f32,
 }
@@ -44,7 +44,7 @@ const SHARE_BITS: u32 = 12u;
 @group(0) @binding(4) var<storage, read> face_starts: array<u32>;
 // And one behind the last.
 @group(0) @binding(5) var<storage, read> faces: array<Face>;
-@group(0) @binding(6) var<storage, read> face_shares: array<FaceShare>;
+@group(0) @binding(6) var<storage, read> face_shares: array<WallWeight>;
 // One a point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
 // How far the ways from each voxel to the next ones are free, a byte each: along the edges and against them. Then one that is 0 between the sides of a wall.
@@ -74,7 +74,7 @@ fn is_reached(voxel: vec3u) -> bool {
 }
 
 // The light at the middle of a voxel of the volume.
-fn light_of(voxel: vec3u) -> SpaceLight {
+fn light_of(voxel: vec3u) -> ProbeIrradiance {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var linear = nothing;
     var even = nothing;
@@ -92,7 +92,7 @@ fn light_of(voxel: vec3u) -> SpaceLight {
         add_scaled(&mixed, part, values[j + 2u]);
     }
     let scale = 1.0 / max(all_parts, 1.0);
-    return SpaceLight(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
+    return ProbeIrradiance(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
 }
 
 // The face of a voxel of the volume that `n` faces most, the first of those; one behind the voxel's last where none faces as it does.

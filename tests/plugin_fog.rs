@@ -16,8 +16,8 @@ use meshless_gi::bake::{ProbeSettings, Recipe};
 use meshless_gi::frame::fog_voxels::fog_voxels;
 use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::{
-    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumePlaces,
-    VolumeShape, VolumeValues, fog, voxels_of,
+    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumeValues,
+    VoxelGrid, VoxelWeights, fog, voxels_of,
 };
 use meshless_gi::scene::{Geometry, Ray};
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
@@ -184,7 +184,7 @@ impl Shown {
         frame.solve(&bake, &settings());
         let bounds = bake.info.bounds.map(Vec3::from_array);
         let shape = shape();
-        let places = VolumePlaces::of(shape, &bake);
+        let places = VoxelWeights::of(shape, &bake);
         let values = VolumeValues {
             points: frame.values(),
             probes: frame.probes(),
@@ -248,11 +248,11 @@ impl Shown {
 }
 
 /// The volume's voxels.
-fn shape() -> VolumeShape {
+fn shape() -> VoxelGrid {
     let [low, high] = bake().info.bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
     let most = GiIrradianceVolume::default().most;
-    VolumeShape::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
+    VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
 }
 
 fn minus(a: &Picture, b: &Picture) -> Picture {

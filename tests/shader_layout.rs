@@ -11,12 +11,12 @@ use meshless_gi::frame::fmm_layout::{
 use meshless_gi::frame::pyramid::{self, CellRange};
 use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
 use meshless_gi::frame::{
-    CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
-    GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
-    SoftLight, SoftParams, SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance,
-    VolumeParams, Vpl, VplParams, VplViewParams, apply, brdf, compress, fog, fog_voxels, gbuffer,
-    gloss, probe, project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces,
-    volume_places, volume_read, volume_ways, vpl,
+    CompositeParams, Face, FogParams, FogVoxelsParams, FrameLight, GlossNode, GlossParams, Node,
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
+    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
+    VplViewParams, WallWeight, apply, brdf, compress, fog, fog_voxels, gbuffer, gloss, probe,
+    project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces, volume_places,
+    volume_read, volume_ways, vpl,
 };
 use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LightSample, Point};
 use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
@@ -158,7 +158,7 @@ fn layouts() -> Vec<Layout> {
             seam
         }),
         layout!(Face { normal, start }),
-        layout!(FaceShare { point, part }),
+        layout!(WallWeight { point, part }),
         layout!(VolumeParams {
             size,
             scale,

@@ -6,7 +6,7 @@ const LOST: f32 = 1.25;
 const LATE: f32 = 1.1;
 
 // A surface as a light's reflection in it is seen.
-struct Facet {
+struct ShadingPoint {
     n: vec3f,
     v: vec3f,
     roughness: f32,
@@ -22,7 +22,7 @@ fn f90(straight: vec3f) -> f32 {
 }
 
 // D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its angle squared `spread`.
-fn facet_gloss(facet: Facet, l: vec3f, spread: f32) -> vec2f {
+fn facet_gloss(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     let sum = l + facet.v;
     let len = length(sum);
     if len <= 1e-6 {

@@ -3,7 +3,7 @@
 const PROBE_ROWS: u32 = 3u;
 
 // E(n) = c + d·n + n·Q n: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
-struct SpaceLight {
+struct ProbeIrradiance {
     linear: VectorIrradiance,
     even: VectorIrradiance,
     mixed: VectorIrradiance,
@@ -11,7 +11,7 @@ struct SpaceLight {
 }
 
 // E(n), not below zero.
-fn space_irradiance(light: SpaceLight, n: vec3f) -> vec3f {
+fn space_irradiance(light: ProbeIrradiance, n: vec3f) -> vec3f {
     let square = n * n;
     let e = light.even.x
         + light.even.y * (square.x - square.z)

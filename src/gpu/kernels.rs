@@ -11,10 +11,10 @@ use meshless_gi::basis::WeightEntry;
 use meshless_gi::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use meshless_gi::frame::pyramid::CellRange;
 use meshless_gi::frame::{
-    CompositeParams, Face, FaceShare, FogParams, FogVoxelsParams, FrameLight, GlossNode,
-    GlossParams, Node, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams,
-    SoftLight, SoftParams, SolveParams, SplatParams, SubsplatParams, VectorIrradiance,
-    VolumeParams, Vpl, VplParams, VplViewParams, Ways, rsm,
+    CompositeParams, Face, FogParams, FogVoxelsParams, FrameLight, GlossNode, GlossParams, Node,
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
+    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
+    VplViewParams, WallDistances, WallWeight, rsm,
 };
 use meshless_gi::samples::{GridSlot, LightSample, Point};
 use meshless_gi::scene::{BvhNode, BvhTriangle};
@@ -296,9 +296,9 @@ pub const KERNELS: [Kernel; 26] = [
             bind(3, "values", Read(VECTOR)),
             bind(4, "face_starts", Read(4)),
             bind(5, "faces", Read(size_of::<Face>())),
-            bind(6, "face_shares", Read(size_of::<FaceShare>())),
+            bind(6, "face_shares", Read(size_of::<WallWeight>())),
             bind(7, "point_values", Read(VECTOR)),
-            bind(8, "ways", Read(size_of::<Ways>())),
+            bind(8, "ways", Read(size_of::<WallDistances>())),
             bind(9, "voxels", Voxels),
         ],
         entries: &[Entry {

@@ -9,7 +9,7 @@ use super::probes::ProbeBuffers;
 use bytemuck::Pod;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::{
-    CompositeParams, FrameLight, GridShape, SceneShape, SolveParams, Span, SplatParams,
+    CompositeParams, FrameLight, GridShape, SceneDimensions, SolveParams, Span, SplatParams,
     VectorIrradiance,
 };
 use meshless_gi::transport::{Row, SenderForm, row_order};
@@ -42,7 +42,7 @@ pub(super) struct ComponentBuffers {
 /// The buffers of a baked scene.
 #[derive(Debug)]
 pub struct SceneBuffers {
-    pub(super) shape: SceneShape,
+    pub(super) shape: SceneDimensions,
     pub(super) grid: GridShape,
     pub(super) params: wgpu::Buffer,
     pub(super) spans: wgpu::Buffer,
@@ -179,7 +179,7 @@ impl SceneBuffers {
             queue,
             limit,
         };
-        let mut shape = SceneShape::new(scene);
+        let mut shape = SceneDimensions::new(scene);
         let slots = slots.max(1);
         let (points, senders) = (shape.points() as u64, shape.senders() as u64);
 
@@ -322,7 +322,7 @@ impl SceneBuffers {
 
     /// The scene's sizes.
     #[must_use]
-    pub fn shape(&self) -> &SceneShape {
+    pub fn shape(&self) -> &SceneDimensions {
         &self.shape
     }
 

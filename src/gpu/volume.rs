@@ -5,13 +5,13 @@ use super::frame::compute;
 use super::pipelines::Kernels;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
-use meshless_gi::frame::volume_places::{VolumePlaces, VolumeShape};
+use meshless_gi::frame::volume_places::{VoxelGrid, VoxelWeights};
 use meshless_gi::frame::{Face, VolumeParams};
 
 /// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls, and how far it sees.
 #[derive(Debug)]
 pub struct VolumeBuffers {
-    shape: VolumeShape,
+    shape: VoxelGrid,
     params: wgpu::Buffer,
     starts: wgpu::Buffer,
     shares: wgpu::Buffer,
@@ -32,7 +32,7 @@ impl VolumeBuffers {
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        places: &VolumePlaces,
+        places: &VoxelWeights,
     ) -> Result<Self, GpuError> {
         assert!(places.is_whole(), "a volume whose places are not found");
         let make = Maker::new(device, queue);
@@ -58,7 +58,7 @@ impl VolumeBuffers {
 
     /// The volume.
     #[must_use]
-    pub fn shape(&self) -> &VolumeShape {
+    pub fn shape(&self) -> &VoxelGrid {
         &self.shape
     }
 
@@ -88,7 +88,7 @@ impl VolumeBuffers {
 }
 
 impl GpuFrame {
-    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VolumeShape::texels`] that may be stored to, from the values of probes and points as the last
+    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VoxelGrid::texels`] that may be stored to, from the values of probes and points as the last
     /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found in this scene. Nothing for a scene without probes.
     pub fn volume(
         &mut self,

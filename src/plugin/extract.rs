@@ -11,7 +11,7 @@ use super::display::GiSplatting;
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, wants_coefficients};
 use super::gloss::GiSpecular;
-use super::materials::{GiDynamicMaterials, Resolved};
+use super::materials::{GiDynamicMaterials, PixelResolve};
 use super::occluders::{GiOccluder, gains};
 use super::quality::GiActiveTier;
 use super::reflective::GiRsmCamera;
@@ -331,7 +331,7 @@ pub(crate) fn extract(
     volumes: Extract<Query<(), With<GiIrradianceVolume>>>,
     mut told: Local<Told>,
     standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
-    mut resolved: Local<HashMap<Entity, Resolved>>,
+    mut resolved: Local<HashMap<Entity, PixelResolve>>,
     occluders: Extract<Query<(Entity, &GiOccluder)>>,
 ) {
     out.keep_frames = settings.keep_frames;

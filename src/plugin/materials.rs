@@ -24,7 +24,7 @@ pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 
 /// Which of a bake's materials the named ones are: looked up where bake or names changed, for both may be hundreds.
 #[derive(Debug, Default)]
-pub(crate) struct Resolved {
+pub(crate) struct PixelResolve {
     bake: Weak<BakedScene>,
     named: Vec<(String, Handle<StandardMaterial>)>,
     /// Places in `named` and among the bake's materials, in the order of the former.
@@ -33,7 +33,7 @@ pub(crate) struct Resolved {
     unknown: Vec<String>,
 }
 
-impl Resolved {
+impl PixelResolve {
     /// Looks names up where they are not those of the frame before.
     fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
         let named = named.map_or(&[][..], |n| &n.0);

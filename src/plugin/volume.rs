@@ -30,7 +30,7 @@ use bevy::render::texture::GpuImage;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{VolumeParams, VolumePlaces, VolumeShape};
+use meshless_gi::frame::{VolumeParams, VoxelGrid, VoxelWeights};
 use std::any::TypeId;
 use std::sync::Arc;
 
@@ -77,7 +77,7 @@ impl GiIrradianceVolume {
 /// The child with the volume, and what it was made for.
 #[derive(Component, Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Voxels {
-    shape: VolumeShape,
+    shape: VoxelGrid,
     /// The bake, also where another takes its place under the same handle, and what was asked for.
     bake: (AssetId<GiBakedScene>, usize),
     asked: GiIrradianceVolume,
@@ -96,7 +96,7 @@ impl Voxels {
         id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
-            shape: VolumeShape::around(&asset.scene, asked.voxel, asked.most)?,
+            shape: VoxelGrid::around(&asset.scene, asked.voxel, asked.most)?,
             bake: which(id, asset),
             asked: *asked,
         })
@@ -220,7 +220,7 @@ pub(crate) struct ExtractedVolume {
 }
 
 impl ExtractedVolume {
-    pub fn shape(&self) -> &VolumeShape {
+    pub fn shape(&self) -> &VoxelGrid {
         &self.voxels.shape
     }
 
@@ -314,11 +314,11 @@ const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 #[derive(Default)]
 pub(crate) struct SceneVolume {
     /// Found over as many frames as it takes; gone once the device has them.
-    places: Option<VolumePlaces>,
+    places: Option<VoxelWeights>,
     buffers: Option<VolumeBuffers>,
     written: Option<(VolumeParams, wgpu::TextureView)>,
     /// A volume that the device does not hold.
-    refused: Option<VolumeShape>,
+    refused: Option<VoxelGrid>,
 }
 
 impl SceneVolume {
@@ -401,7 +401,7 @@ impl SceneVolume {
     /// Goes on with what a volume needs before it can be recorded: there are buffers once that is done.
     fn prepare(
         &mut self,
-        shape: VolumeShape,
+        shape: VoxelGrid,
         bake: &BakedScene,
         kernels: &Kernels,
         queue: &wgpu::Queue,
@@ -414,7 +414,7 @@ impl SceneVolume {
             return;
         }
         let begun = self.places.take().filter(|p| *p.shape() == shape);
-        let mut places = begun.unwrap_or_else(|| VolumePlaces::new(shape));
+        let mut places = begun.unwrap_or_else(|| VoxelWeights::new(shape));
         if !places.find(bake, EVALUATIONS_PER_FRAME) {
             self.places = Some(places);
             return;

@@ -10,7 +10,7 @@ use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, Pass, dra
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
 use meshless_gi::frame::fog_voxels::fog_voxels;
-use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VolumeShape, fog};
+use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VoxelGrid, fog};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];
@@ -32,7 +32,7 @@ impl Drawn {
     fn new() -> Self {
         let mut dice = Dice::new(7);
         let size = UVec3::new(7, 5, 6);
-        let shape = VolumeShape::new([Vec3::splat(-1.0), Vec3::new(2.5, 1.5, 2.0)], size).unwrap();
+        let shape = VoxelGrid::new([Vec3::splat(-1.0), Vec3::new(2.5, 1.5, 2.0)], size).unwrap();
         let root = Mat4::from_scale_rotation_translation(
             Vec3::splat(2.0),
             Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7),

@@ -12,7 +12,7 @@ use bevy_meshless_gi::gpu::{
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::gloss::Glosses;
+use meshless_gi::frame::gloss::SpecularImage;
 use meshless_gi::frame::{
     CompositeParams, GlossNode, GlossSettings, VplParams, composite, project,
 };
@@ -190,7 +190,7 @@ fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
     assert!(glossy * 4 > count);
     assert!(gpu.texels.iter().flatten().all(|v| v.is_finite()));
     // A change within rounding of a threshold may fall on either side of it.
-    let apart = |cpu: &Glosses| {
+    let apart = |cpu: &SpecularImage| {
         [
             differing(&nodes_of(&gpu.nodes), &nodes_of(&cpu.nodes)),
             differing(&texels_of(&gpu.texels), &texels_of(&cpu.texels)),

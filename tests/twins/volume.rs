@@ -8,7 +8,7 @@ use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
 use meshless_gi::frame::volume::{AHEAD, volume_texels};
-use meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape, VolumeValues};
+use meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights};
 use wgpu::{TextureUsages, TextureViewDescriptor};
 
 #[test]
@@ -36,9 +36,9 @@ fn volumes() {
     let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
     let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
     let size = UVec3::new(19, 17, 21);
-    let shape = VolumeShape::new([low - 0.3, high + 0.3], size).unwrap();
+    let shape = VoxelGrid::new([low - 0.3, high + 0.3], size).unwrap();
     let params = VolumeParams::new(&shape, &turned);
-    let places = VolumePlaces::of(shape, &of.scene);
+    let places = VoxelWeights::of(shape, &of.scene);
     let texels = shape.texels();
     assert_eq!(texels, UVec3::new(19, 34, 63));
     let texture = harness.device.create_texture(&wgpu::TextureDescriptor {
@@ -71,7 +71,7 @@ fn volumes() {
     assert_eq!(frame.counters().of(Pass::Volume), 1);
     let gpu = wide(&harness.read_texture::<[f16; 4]>(&texture).unwrap());
     assert_eq!(gpu.len() as u32, texels.element_product());
-    type Voxels<'a> = (VolumeParams, &'a VolumePlaces, VolumeValues<'a>);
+    type Voxels<'a> = (VolumeParams, &'a VoxelWeights, VolumeValues<'a>);
     let expected = |(params, places, values): Voxels<'_>| -> Vec<[f32; 4]> {
         volume_texels(&params, places, values)
     };
@@ -90,8 +90,8 @@ fn volumes() {
         changed
     };
     let corner = low - 0.3 + 0.5 * shape.voxel() * Vec3::X;
-    let aside = VolumeShape::new([corner, corner + (high - low + 0.6)], size).unwrap();
-    let aside = VolumePlaces::of(aside, &of.scene);
+    let aside = VoxelGrid::new([corner, corner + (high - low + 0.6)], size).unwrap();
+    let aside = VoxelWeights::of(aside, &of.scene);
     let spoiled: [(&str, Voxels<'_>); 6] = [
         ("values", (params, &places, moved(&on_walls, &aloft))),
         (

@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
 use meshless_gi::frame::volume_read::read_volume;
-use meshless_gi::frame::{VolumeParams, VolumeShape};
+use meshless_gi::frame::{VolumeParams, VoxelGrid};
 use wgpu::util::DeviceExt;
 
 /// Two volumes are at every place: the second one counts half, and shines four times as bright.
@@ -214,7 +214,7 @@ fn a_volume_is_read_as_its_twin_reads_it() {
 
     let mut dice = Dice::new(5);
     let size = UVec3::new(7, 5, 6);
-    let shape = VolumeShape::new([Vec3::ZERO, size.as_vec3()], size).unwrap();
+    let shape = VoxelGrid::new([Vec3::ZERO, size.as_vec3()], size).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let texels = shape.texels();
     let voxels = with_walls(&mut dice, size);

@@ -6,7 +6,7 @@ use meshless_gi::asset::{BakedScene, Limits};
 use meshless_gi::export::VolumePlacement;
 use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
 };
 use meshless_gi::scene::SceneDescription;
 use std::fs;
@@ -102,13 +102,13 @@ fn exported_volume_has_the_texels_of_the_kernel() {
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &lights);
     frame.solve(&scene, &FrameSettings::bounces(scene.info.bounces));
-    let shape = VolumeShape::around(&scene, None, 1 << 16).unwrap();
+    let shape = VoxelGrid::around(&scene, None, 1 << 16).unwrap();
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.values(),
         probes: frame.probes(),
     };
-    let expected = volume_texels(&params, &VolumePlaces::of(shape, &scene), values);
+    let expected = volume_texels(&params, &VoxelWeights::of(shape, &scene), values);
 
     let placement = placement(&out);
     let (size, texels) = texture(&out);

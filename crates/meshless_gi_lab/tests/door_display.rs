@@ -11,7 +11,7 @@ use meshless_gi::frame::splat::{SEAM, share, splat_covered};
 use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::volume_read::read_volume;
 use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
     voxels_of,
 };
 use meshless_gi::scene::{
@@ -318,8 +318,8 @@ fn volume_beside_a_shut_door_has_the_light_of_its_side() {
     let [low, high] = scene.info.bounds.map(Vec3::from);
     let (low, high) = (low - 0.15, high + 0.15);
     let size = voxels_of(high - low, 0.15, u32::MAX);
-    let shape = VolumeShape::new([low, high], size).unwrap();
-    let places = VolumePlaces::of(shape, &scene);
+    let shape = VoxelGrid::new([low, high], size).unwrap();
+    let places = VoxelWeights::of(shape, &scene);
     let params = VolumeParams::new(&shape, &Mat4::IDENTITY);
     let values = VolumeValues {
         points: frame.values(),

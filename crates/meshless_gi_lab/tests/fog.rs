@@ -11,7 +11,7 @@ use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::volume_read::read_voxels;
 use meshless_gi::frame::{
     CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, FrameSettings, VolumeParams,
-    VolumePlaces, VolumeShape, VolumeValues, fog, voxels_of,
+    VolumeValues, VoxelGrid, VoxelWeights, fog, voxels_of,
 };
 use meshless_gi::samples::{lattice, uniform_sphere};
 use meshless_gi::scene::{
@@ -45,7 +45,7 @@ fn rooms() -> (TriangleMesh, Vec<Light>, BakedScene) {
 
 /// What fog reads: a volume of a bake in one light.
 struct Air {
-    shape: VolumeShape,
+    shape: VoxelGrid,
     texels: Vec<[f32; 4]>,
 }
 
@@ -64,8 +64,8 @@ impl Air {
         let edge = edge.unwrap_or(0.5 * widest / PROBE_OVERLAP);
         let [low, high] = scene.info.bounds.map(Vec3::from);
         let (low, high) = (low - edge, high + edge);
-        let shape = VolumeShape::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
-        let places = VolumePlaces::of(shape, scene);
+        let shape = VoxelGrid::new([low, high], voxels_of(high - low, edge, u32::MAX)).unwrap();
+        let places = VoxelWeights::of(shape, scene);
         let values = VolumeValues {
             points: frame.values(),
             probes: frame.probes(),

@@ -11,8 +11,8 @@ use meshless_gi::frame::splat::{SEAM, splat_covered};
 use meshless_gi::frame::volume::volume_texels;
 use meshless_gi::frame::volume_read::read_volume;
 use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VectorIrradiance, VolumeParams, VolumePlaces, VolumeShape,
-    VolumeValues, voxels_of,
+    CpuFrame, FrameLight, FrameSettings, VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid,
+    VoxelWeights, voxels_of,
 };
 use meshless_gi::samples::{Random, lattice, trace_particles, uniform_sphere};
 use meshless_gi::scene::{
@@ -293,8 +293,8 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
     for (how, turn, edge) in turns {
         let (from, to) = (from - edge, to + edge);
         let voxels = voxels_of(to - from, edge, u32::MAX);
-        let shape = VolumeShape::new([from, to], voxels).unwrap();
-        let places = VolumePlaces::of(shape, &scene);
+        let shape = VoxelGrid::new([from, to], voxels).unwrap();
+        let places = VoxelWeights::of(shape, &scene);
         shares_say_what_probes_say(&places, &scene, frame.probes());
         println!(
             "{} faces, {} shares, {} probe shares",
@@ -359,13 +359,13 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
 
 /// The light of each place by its shares beside the look-up that they stand for, and found in many calls beside all at once.
 fn shares_say_what_probes_say(
-    places: &VolumePlaces,
+    places: &VoxelWeights,
     scene: &BakedScene,
     values: &[VectorIrradiance],
 ) {
     let probes = scene.probes.as_ref().unwrap();
     let shape = places.shape();
-    let mut by_and_by = VolumePlaces::new(*shape);
+    let mut by_and_by = VoxelWeights::new(*shape);
     let mut calls = 1;
     while !by_and_by.find(scene, 1) {
         calls += 1;

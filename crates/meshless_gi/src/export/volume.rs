@@ -8,7 +8,7 @@ use crate::eval::{Bounces, PATCHES, solve};
 use crate::frame::splat::LARGEST_HALF;
 use crate::frame::volume::volume_texels;
 use crate::frame::{
-    FrameLight, FrameSettings, VolumeParams, VolumePlaces, VolumeShape, VolumeValues,
+    FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
 };
 use crate::scene::{Light, SkyRadiance};
 use glam::Mat4;
@@ -66,11 +66,11 @@ pub enum ExportError {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedVolume {
     /// Box and voxels, in the space of the bake.
-    pub shape: VolumeShape,
+    pub shape: VoxelGrid,
     /// Multiplies the texels; a power of two.
     pub intensity: f32,
     /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
-    /// fourth number says how far it is to a wall ([`Ways::stored`](crate::frame::Ways::stored));
+    /// fourth number says how far it is to a wall ([`WallDistances::stored`](crate::frame::Ways::stored));
     /// Bevy does not read it, and this crate's plugin does.
     pub texels: Vec<[f16; 4]>,
 }
@@ -87,7 +87,7 @@ impl ExportedVolume {
         lights: &[Light],
         export: &VolumeExport,
     ) -> Result<Self, ExportError> {
-        let shape = VolumeShape::around(scene, export.voxel, export.max_voxels)
+        let shape = VoxelGrid::around(scene, export.voxel, export.max_voxels)
             .ok_or(ExportError::NoFreeSpace)?;
         let sky: SkyRadiance = (lights.iter())
             .filter_map(|light| match light {
@@ -113,7 +113,7 @@ impl ExportedVolume {
             points: frame.values(),
             probes: frame.probes(),
         };
-        let texels = volume_texels(&params, &VolumePlaces::of(shape, scene), values);
+        let texels = volume_texels(&params, &VoxelWeights::of(shape, scene), values);
         let peak = texels
             .iter()
             .flat_map(|t| &t[..3])

@@ -26,7 +26,7 @@ pub const LATE: f32 = 1.1;
 
 /// A surface as a light's reflection in it is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Facet {
+pub struct ShadingPoint {
     /// Unit normal.
     pub n: Vec3,
     /// Unit, toward the eye.
@@ -61,7 +61,7 @@ pub fn grazing(straight: Vec3) -> f32 {
 /// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with the sine of half its angle squared `spread`.
 #[must_use]
 #[inline]
-pub fn gloss(facet: &Facet, l: Vec3, spread: f32) -> Gloss {
+pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> Gloss {
     let sum = l + facet.v;
     let length = sum.length();
     // The light comes from where the eye looks to.
@@ -103,8 +103,8 @@ mod tests {
     use super::*;
     use crate::samples::Random;
 
-    fn facet(roughness: f32, slant: f32) -> Facet {
-        Facet {
+    fn facet(roughness: f32, slant: f32) -> ShadingPoint {
+        ShadingPoint {
             n: Vec3::Y,
             v: Vec3::new(slant.sin(), slant.cos(), 0.0),
             roughness,
@@ -112,7 +112,7 @@ mod tests {
     }
 
     /// Albedo of a white mirror of this roughness, by directions spread over the half vectors' own distribution.
-    fn albedo(facet: &Facet, spread: f32) -> f64 {
+    fn albedo(facet: &ShadingPoint, spread: f32) -> f64 {
         let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
         let mut random = Random::new(5, 0, 0);
         let count = 40_000;
@@ -202,7 +202,7 @@ mod tests {
                 1 => -v,
                 _ => n,
             };
-            let facet = Facet {
+            let facet = ShadingPoint {
                 n,
                 v: if i % 5 == 0 { n } else { v },
                 roughness: (i % 7) as f32 / 6.0,

@@ -5,9 +5,9 @@ use super::anderson::Anderson;
 use super::materials::{present, sound_factors};
 use super::occlude::{occlude, passing, sound_gains};
 use super::{
-    FrameLight, FrameSettings, SceneShape, SolveParams, SpaceLight, Steps, VectorIrradiance, apply,
-    apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe, project, pull, push, radiosity,
-    splat,
+    FrameLight, FrameSettings, ProbeIrradiance, SceneDimensions, SolveParams, Steps,
+    VectorIrradiance, apply, apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe,
+    project, pull, push, radiosity, splat,
 };
 use crate::asset::BakedScene;
 use crate::asset::PointSurface;
@@ -20,7 +20,7 @@ use std::ops::Range;
 
 /// What a frame has run since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameCounters {
+pub struct CpuFrameStats {
     /// Light slots projected.
     pub projected: u64,
     /// Solves that ran.
@@ -58,7 +58,7 @@ pub struct CpuFrame {
     occluded: Option<Occluded>,
     /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays were made for.
     made_for: [usize; 5],
-    counters: FrameCounters,
+    counters: CpuFrameStats,
 }
 
 /// What occluders change of a scene.
@@ -76,7 +76,10 @@ impl CpuFrame {
     /// A frame without lights: everything is black.
     #[must_use]
     pub fn new(scene: &BakedScene) -> Self {
-        let (points, senders) = (scene.points.len(), SceneShape::new(scene).coefficients());
+        let (points, senders) = (
+            scene.points.len(),
+            SceneDimensions::new(scene).coefficients(),
+        );
         Self {
             senders: vec![[0.0; 4]; senders],
             direct: vec![[0.0; 4]; senders],
@@ -219,7 +222,7 @@ impl CpuFrame {
             self.counters.rested += 1;
             return false;
         }
-        let shape = SceneShape::new(scene);
+        let shape = SceneDimensions::new(scene);
         let params = shape.params(settings, self.lights.len());
         let steps = Steps::new(&shape, settings);
         radiosity::radiosity(
@@ -278,7 +281,7 @@ impl CpuFrame {
         };
         self.solved = None;
         self.solve(scene, &one);
-        let shape = SceneShape::new(scene);
+        let shape = SceneDimensions::new(scene);
         let params = shape.params(&one, self.lights.len());
         let steps = Steps::new(&shape, &one);
         let mut octree = octree(scene, &steps);
@@ -455,7 +458,7 @@ impl CpuFrame {
 
     /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero for the nearer one); None where no probe reaches, or the scene has none.
     #[must_use]
-    pub fn in_space(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<SpaceLight> {
+    pub fn in_space(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<ProbeIrradiance> {
         probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
     }
 
@@ -540,14 +543,14 @@ impl CpuFrame {
 
     /// What has run so far.
     #[must_use]
-    pub fn counters(&self) -> FrameCounters {
+    pub fn counters(&self) -> CpuFrameStats {
         self.counters
     }
 
     /// The parameters of a solve with these settings and the lights set.
     #[must_use]
     pub fn params(&self, scene: &BakedScene, settings: &FrameSettings) -> SolveParams {
-        SceneShape::new(scene).params(settings, self.lights.len())
+        SceneDimensions::new(scene).params(settings, self.lights.len())
     }
 
     /// Starts anew where the scene has another size.

@@ -8,7 +8,7 @@
 //!
 //! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
-use super::volume_places::VolumeShape;
+use super::volume_places::VoxelGrid;
 use super::volume_read::read_voxels;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
@@ -106,7 +106,7 @@ impl FogParams {
     pub fn new(
         view: &FogView,
         fog: &Fog,
-        shape: &VolumeShape,
+        shape: &VoxelGrid,
         bounds: [Vec3; 2],
         world_from_local: &Mat4,
         earlier: &[Mat4],
@@ -314,7 +314,7 @@ mod tests {
 
     /// A room of 4 × 3 × 5 voxels of a meter, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
     fn scene(fog: Fog, steps: u32) -> FogParams {
-        let shape = VolumeShape::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
+        let shape = VoxelGrid::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
         let view = FogView {
             view_from_clip: Mat4::perspective_infinite_reverse_rh(0.5, 1.0, 0.1).inverse(),
             world_from_view: eye(),

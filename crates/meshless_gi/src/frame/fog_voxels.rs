@@ -12,14 +12,14 @@
 use super::fog::FogView;
 use super::splat::LARGEST_HALF;
 use super::volume::{AHEAD, VolumeParams};
-use super::volume_places::VolumeShape;
+use super::volume_places::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
 /// No two places are closer than this: where the eye is there is no direction.
 pub const NEAREST: f32 = 1e-12;
 
-/// Ways that are free as far as the next voxel have less ([`Ways::stored`](super::Ways::stored)).
+/// Ways that are free as far as the next voxel have less ([`WallDistances::stored`](super::Ways::stored)).
 pub const FREE_WAY: f32 = -1.252;
 
 /// A level's volume as one view sees it through fog, for `fog_voxels`. 192 bytes.
@@ -41,12 +41,7 @@ pub struct FogVoxelsParams {
 impl FogVoxelsParams {
     /// For a level whose volume is of `shape`.
     #[must_use]
-    pub fn new(
-        view: &FogView,
-        asymmetry: f32,
-        shape: &VolumeShape,
-        world_from_local: &Mat4,
-    ) -> Self {
+    pub fn new(view: &FogView, asymmetry: f32, shape: &VoxelGrid, world_from_local: &Mat4) -> Self {
         let volume = VolumeParams::new(shape, &world_from_local.inverse());
         let world_from_voxels = *world_from_local
             * Mat4::from_translation(shape.low())
@@ -159,7 +154,7 @@ mod tests {
 
     #[test]
     fn rays_go_from_the_eye_or_all_alike() {
-        let shape = VolumeShape::new([Vec3::ZERO, Vec3::splat(2.0)], UVec3::splat(2)).unwrap();
+        let shape = VoxelGrid::new([Vec3::ZERO, Vec3::splat(2.0)], UVec3::splat(2)).unwrap();
         // All light comes from +x.
         let mut texels = vec![[0.0; 4]; 6 * 8];
         for z in 0..2 {

@@ -15,7 +15,7 @@
 //! Nodes keep two colors, the light over f₀ and over f₉₀ ([`brdf`]): textures of color need no subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
 //! how much of a light arrives, and from where.
 
-use super::brdf::{self, Facet, Gloss};
+use super::brdf::{self, Gloss, ShadingPoint};
 use super::gbuffer;
 use super::pyramid::{Picture, Seen, seen};
 use super::refine::FLOOR;
@@ -122,7 +122,7 @@ pub struct GlossNode {
 impl GlossNode {
     /// A node of this light.
     #[must_use]
-    pub fn new(light: &Shine) -> Self {
+    pub fn new(light: &SpecularRadiance) -> Self {
         let pack = |a: f32, b: f32| {
             let bits = |v: f32| u32::from(f16::from_f32(v.clamp(0.0, LARGEST_HALF)).to_bits());
             bits(a) | bits(b) << 16
@@ -135,12 +135,12 @@ impl GlossNode {
 
     /// Its light, if any is known.
     #[must_use]
-    pub fn light(&self) -> Option<Shine> {
+    pub fn light(&self) -> Option<SpecularRadiance> {
         let half = |i: usize| {
             let word = self.words[i / 2] >> (16 * (i % 2));
             f16::from_bits(word as u16).to_f32()
         };
-        (self.words[3] == 1).then(|| Shine {
+        (self.words[3] == 1).then(|| SpecularRadiance {
             straight: Vec3::new(half(0), half(1), half(2)),
             grazing: Vec3::new(half(3), half(4), half(5)),
         })
@@ -149,14 +149,14 @@ impl GlossNode {
 
 /// Radiance times the view's scale, over f₀ and over f₉₀.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Shine {
+pub struct SpecularRadiance {
     /// Over f₀.
     pub straight: Vec3,
     /// Over f₉₀.
     pub grazing: Vec3,
 }
 
-impl Shine {
+impl SpecularRadiance {
     fn add(&mut self, weight: f32, other: &Self) {
         self.straight += weight * other.straight;
         self.grazing += weight * other.grazing;
@@ -201,7 +201,7 @@ pub struct Receiver {
     /// Where, meters.
     pub x: Vec3,
     /// Normal, eye, roughness.
-    pub facet: Facet,
+    pub facet: ShadingPoint,
     /// Where shadow rays start, in the bake's space.
     pub start: Vec3,
 }
@@ -219,7 +219,7 @@ pub fn receiver(
     let n = gbuffer::normal(texel);
     Receiver {
         x,
-        facet: Facet {
+        facet: ShadingPoint {
             n,
             v: toward_eye(view, pixel),
             roughness: gbuffer::roughness(texel),
@@ -275,8 +275,8 @@ pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
 
 /// What all lights give to the eye, unscaled.
 #[must_use]
-pub fn gloss_at(lights: &Lights<'_>, at: &Receiver) -> Shine {
-    let mut sum = Shine::default();
+pub fn gloss_at(lights: &Lights<'_>, at: &Receiver) -> SpecularRadiance {
+    let mut sum = SpecularRadiance::default();
     for i in 0..lights.lit.vpls {
         let flux = Vec3::from_array(lights.vpls[i as usize].flux);
         let found = gloss_of(lights, i, at);
@@ -314,14 +314,14 @@ struct Glossy {
 #[derive(Clone, Copy)]
 struct Around {
     weight: f32,
-    light: Shine,
+    light: SpecularRadiance,
     at: Receiver,
 }
 
 /// All nodes that say something of a place. Weights add up to one, or there is none.
 #[derive(Default)]
 struct Foretold {
-    light: Shine,
+    light: SpecularRadiance,
     around: [Option<Around>; 4],
     known: bool,
 }
@@ -455,7 +455,7 @@ impl GlossView<'_> {
             if before.known && asked[(g / 32) as usize] >> (g % 32) & 1 == 0 {
                 continue;
             }
-            let mut change = Shine::default();
+            let mut change = SpecularRadiance::default();
             for i in g * group..((g + 1) * group).min(self.lights.lit.vpls) {
                 let flux = self.view.scale * Vec3::from_array(self.lights.vpls[i as usize].flux);
                 let mut found = gloss_of(&self.lights, i, &at);
@@ -479,7 +479,7 @@ impl GlossView<'_> {
 
     /// All lights at a pixel.
     fn whole(&self, pixel: [u32; 2], of: &Glossy) -> GlossNode {
-        let mut light = Shine::default();
+        let mut light = SpecularRadiance::default();
         let found = gloss_at(&self.lights, &self.receiver(pixel, of));
         light.add(self.view.scale, &found);
         GlossNode::new(&light)
@@ -515,7 +515,7 @@ impl GlossView<'_> {
 
     /// All levels, in the order in which the device runs them; no pixel yet.
     #[must_use]
-    pub fn levels(&self) -> Glosses {
+    pub fn levels(&self) -> SpecularImage {
         let levels = self.screen.levels();
         let mut nodes = vec![GlossNode::default(); levels.starts[0] as usize];
         let surprised = levels.starts[0] - levels.starts[2];
@@ -535,7 +535,7 @@ impl GlossView<'_> {
                 evaluated[k as usize] += count;
             }
         }
-        Glosses {
+        SpecularImage {
             texels: Vec::new(),
             nodes,
             surprises,
@@ -545,7 +545,7 @@ impl GlossView<'_> {
 
     /// All levels and pixels.
     #[must_use]
-    pub fn run(&self) -> Glosses {
+    pub fn run(&self) -> SpecularImage {
         let mut out = self.levels();
         let levels = self.screen.levels();
         let [width, height] = levels.size;
@@ -565,7 +565,7 @@ impl GlossView<'_> {
 
 /// A view's gloss, and what it took.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Glosses {
+pub struct SpecularImage {
     /// For each pixel radiance times the view's scale, and 1 where there is gloss; else zeros.
     pub texels: Vec<[f32; 4]>,
     /// Nodes of the levels from 1.
@@ -600,7 +600,7 @@ fn alike(a: &Glossy, b: &Glossy) -> f32 {
     plane * normal * rough * slant
 }
 
-fn texel(here: &Glossy, light: &Shine) -> [f32; 4] {
+fn texel(here: &Glossy, light: &SpecularRadiance) -> [f32; 4] {
     let straight = gbuffer::straight(here.texel);
     let again = brdf::again(gbuffer::roughness(here.texel), straight);
     (here.shown * again * light.of(straight))

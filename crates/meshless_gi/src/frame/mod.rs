@@ -76,22 +76,22 @@ pub mod volume_ways;
 pub mod vpl;
 
 pub use channels::Channels;
-pub use cpu_frame::{CpuFrame, FrameCounters};
+pub use cpu_frame::{CpuFrame, CpuFrameStats};
 pub use fog::{Fog, FogParams, FogView};
 pub use fog_voxels::FogVoxelsParams;
 pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
-pub use probe::SpaceLight;
+pub use probe::ProbeIrradiance;
 pub use reflective::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
-pub use settings::{FrameSettings, SceneShape, Steps};
+pub use settings::{FrameSettings, SceneDimensions, Steps};
 pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
 pub use view::{SubsplatCounts, Subsplats, subsplats};
 pub use volume::{VolumeParams, VolumeValues};
-pub use volume_faces::{Face, FaceShare, Faces};
-pub use volume_places::{VolumePlaces, VolumeShape, voxels_of};
-pub use volume_ways::Ways;
+pub use volume_faces::{Face, Faces, WallWeight};
+pub use volume_places::{VoxelGrid, VoxelWeights, voxels_of};
+pub use volume_ways::WallDistances;

@@ -14,12 +14,12 @@ use glam::{Vec3, Vec4};
 
 /// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m²: what arrives at a place in free space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SpaceLight {
+pub struct ProbeIrradiance {
     /// d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
     pub parts: [VectorIrradiance; PROBE_ROWS],
 }
 
-impl SpaceLight {
+impl ProbeIrradiance {
     /// E(n), W/m². The second degree rings a little: what would be below zero is zero.
     #[must_use]
     pub fn irradiance(&self, n: Vec3) -> Vec3 {
@@ -67,7 +67,12 @@ pub const RETRY_OFFSET: f32 = 0.1;
 /// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
 /// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
 #[must_use]
-pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> Option<SpaceLight> {
+pub fn probe(
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<ProbeIrradiance> {
     if !x.is_finite() || !n.is_finite() {
         return None;
     }
@@ -76,8 +81,13 @@ pub fn probe(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> 
 }
 
 /// The light at `x` for what faces `n`.
-fn probe_at(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> Option<SpaceLight> {
-    let mut sum = SpaceLight::default();
+fn probe_at(
+    probes: &Probes,
+    values: &[VectorIrradiance],
+    x: Vec3,
+    n: Vec3,
+) -> Option<ProbeIrradiance> {
+    let mut sum = ProbeIrradiance::default();
     let (mut cover, mut all) = (0.0, 0.0);
     for &j in probes.grid.near(x) {
         let w = weight_in_space(&probes.points[j as usize], &probes.planes, x, n);
@@ -90,7 +100,7 @@ fn probe_at(probes: &Probes, values: &[VectorIrradiance], x: Vec3, n: Vec3) -> O
     if cover <= NO_COVER {
         return None;
     }
-    let mut out = SpaceLight::default();
+    let mut out = ProbeIrradiance::default();
     out.add_scaled(1.0 / all, &sum.parts);
     Some(out)
 }
@@ -163,7 +173,7 @@ mod tests {
                 z: four(),
             }
         };
-        let mut light = SpaceLight {
+        let mut light = ProbeIrradiance {
             parts: [vector(), vector(), vector()],
         };
         // Bright enough that nothing is cut at zero.

@@ -62,7 +62,7 @@ impl FrameSettings {
 
 /// What the steps of a solve depend on: the sizes of a baked scene, without its arrays.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SceneShape {
+pub struct SceneDimensions {
     /// Where each level's points start, and the end of the last.
     pub level_starts: Vec<u32>,
     /// How many levels send.
@@ -89,7 +89,7 @@ pub struct SceneShape {
     pub apart: f32,
 }
 
-impl SceneShape {
+impl SceneDimensions {
     /// The shape of `scene`.
     #[must_use]
     pub fn new(scene: &BakedScene) -> Self {
@@ -222,7 +222,7 @@ pub struct Steps {
 impl Steps {
     /// The steps of a solve.
     #[must_use]
-    pub fn new(shape: &SceneShape, settings: &FrameSettings) -> Self {
+    pub fn new(shape: &SceneDimensions, settings: &FrameSettings) -> Self {
         let level = |l: usize| shape.level(l);
         let octree = shape.octree && shape.tier(settings) > shape.link_tiers;
         let baked = settings.baked_bounces && shape.bounces && !octree;
@@ -253,8 +253,8 @@ impl Steps {
 mod tests {
     use super::*;
 
-    fn shape(level_starts: &[u32], sender_levels: usize) -> SceneShape {
-        SceneShape {
+    fn shape(level_starts: &[u32], sender_levels: usize) -> SceneDimensions {
+        SceneDimensions {
             level_starts: level_starts.to_vec(),
             sender_levels,
             places: 0,
@@ -277,14 +277,14 @@ mod tests {
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
         assert_eq!(steps.sweeps, 2);
-        let components = SceneShape {
+        let components = SceneDimensions {
             form: SenderForm::Components,
             columns: 5,
             ..shape(&[0, 3, 10, 40], 2)
         };
         let steps = Steps::new(&components, &FrameSettings::bounces(3));
         assert!(steps.components && steps.pull.is_empty() && !steps.differences);
-        let octree = SceneShape {
+        let octree = SceneDimensions {
             octree: true,
             ..shape(&[0, 3, 10, 40], 2)
         };

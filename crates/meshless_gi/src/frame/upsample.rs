@@ -208,7 +208,7 @@ fn node_of(
 
 /// What [`resolve`] says of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Resolved {
+pub enum PixelResolve {
     /// Irradiance times the view's scale, and 1 where light is there.
     Texel([f32; 4]),
     /// It is to be evaluated by itself; what it shows if there is no room for that.
@@ -222,9 +222,9 @@ pub fn resolve(
     picture: &Picture<'_>,
     nodes: &[Node],
     pixel: [u32; 2],
-) -> Resolved {
+) -> PixelResolve {
     let Some(here) = seen(params, picture, pixel) else {
-        return Resolved::Texel([0.0; 4]);
+        return PixelResolve::Texel([0.0; 4]);
     };
     let levels = params.levels();
     let [x, y] = pixel;
@@ -244,9 +244,9 @@ pub fn resolve(
         }
     };
     if bits & state::KNOWN == 0 {
-        return Resolved::Hole(lit(some));
+        return PixelResolve::Hole(lit(some));
     }
-    Resolved::Texel(lit(bits & state::COVERED != 0))
+    PixelResolve::Texel(lit(bits & state::COVERED != 0))
 }
 
 /// Entry point `fill`, for one pixel that was evaluated by itself.

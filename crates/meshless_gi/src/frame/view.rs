@@ -3,7 +3,7 @@
 use super::pyramid::{Picture, pyramid};
 use super::refine::{refine, start, unpack_cell};
 use super::subsplat::{LEVELS, Node, SubsplatParams};
-use super::upsample::{Resolved, fill, resolve, upsample};
+use super::upsample::{PixelResolve, fill, resolve, upsample};
 use rayon::prelude::*;
 
 /// How many subsplats there were.
@@ -83,19 +83,19 @@ pub fn subsplats(
         };
         lists[k as usize] = core::mem::replace(&mut list, next);
     }
-    let resolved: Vec<Resolved> = (0..width * height)
+    let resolved: Vec<PixelResolve> = (0..width * height)
         .into_par_iter()
         .map(|i| resolve(params, picture, &nodes, [i % width, i / width]))
         .collect();
     let room = levels.cells(0) as usize;
     let holes: Vec<u32> = (0..width * height)
-        .filter(|&i| matches!(resolved[i as usize], Resolved::Hole(_)))
+        .filter(|&i| matches!(resolved[i as usize], PixelResolve::Hole(_)))
         .take(room)
         .collect();
     let mut texels: Vec<[f32; 4]> = resolved
         .into_iter()
         .map(|r| match r {
-            Resolved::Texel(t) | Resolved::Hole(t) => t,
+            PixelResolve::Texel(t) | PixelResolve::Hole(t) => t,
         })
         .collect();
     let filled: Vec<(Node, [f32; 4])> = holes

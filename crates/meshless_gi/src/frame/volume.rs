@@ -12,7 +12,7 @@
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
 use super::volume_faces::{FACING, SAME};
-use super::volume_places::{VolumePlaces, VolumeShape};
+use super::volume_places::{VoxelGrid, VoxelWeights};
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -38,7 +38,7 @@ pub struct VolumeParams {
 impl VolumeParams {
     /// Of `shape`, for an engine whose axes are those of the world.
     #[must_use]
-    pub fn new(shape: &VolumeShape, local_from_world: &Mat4) -> Self {
+    pub fn new(shape: &VoxelGrid, local_from_world: &Mat4) -> Self {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z]
             .map(|v| local_from_world.transform_vector3(v).normalize_or_zero());
         // A voxel further is one along its longest edge. To the nearest voxel, from the middle of one.
@@ -90,7 +90,7 @@ pub struct VolumeValues<'a> {
 #[must_use]
 pub fn volume_texels(
     params: &VolumeParams,
-    places: &VolumePlaces,
+    places: &VoxelWeights,
     values: VolumeValues<'_>,
 ) -> Vec<[f32; 4]> {
     let all = places.shape().texels();
@@ -100,13 +100,13 @@ pub fn volume_texels(
         .collect()
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in lumens; the fourth is how far a way is free ([`Ways::stored`](super::Ways::stored)). The light of the
+/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::Ways::stored)). The light of the
 /// voxel's face that the side faces as most; without one that of the voxel ahead, unless a wall stands before it; else the voxel's own, else the mean of those around the one ahead; black where no probe
 /// reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
-    places: &VolumePlaces,
+    places: &VoxelWeights,
     values: VolumeValues<'_>,
     texel: UVec3,
 ) -> [f32; 4] {
@@ -145,7 +145,7 @@ pub fn volume(
 /// The light of the wall whose face `n` faces most, the first of those: the wall's for its own normal, so that sides at an angle to it together show it as it is. None where no face faces as `n` does: within 60 degrees in the
 /// air; a voxel in the ground has no light but that of the walls that it has a face of.
 fn on_a_wall(
-    places: &VolumePlaces,
+    places: &VoxelWeights,
     values: &[VectorIrradiance],
     voxel: u32,
     n: Vec3,

@@ -7,7 +7,7 @@
 //! A face has its wall's normal and no side: which sides of the voxel read it depends on how the level stands in the world.
 
 use super::splat::SEAM;
-use super::volume_places::{MAX_SHARES, VolumeShape};
+use super::volume_places::{MAX_SHARES, VoxelGrid};
 use crate::asset::Display;
 use crate::basis::weight;
 use crate::samples::Point;
@@ -42,7 +42,7 @@ pub struct Face {
 /// What a face takes from a function on a surface. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct FaceShare {
+pub struct WallWeight {
     /// The function's point.
     pub point: u32,
     /// Its part; those of a face sum to one.
@@ -57,7 +57,7 @@ pub struct Faces {
     /// Where the shares of each start, from the first one.
     pub faces: Vec<Face>,
     /// The shares.
-    pub shares: Vec<FaceShare>,
+    pub shares: Vec<WallWeight>,
 }
 
 impl Faces {
@@ -85,7 +85,7 @@ impl Faces {
 
     /// The shares of a face.
     #[must_use]
-    pub fn shares_of(&self, face: usize) -> &[FaceShare] {
+    pub fn shares_of(&self, face: usize) -> &[WallWeight] {
         let end = self.faces.get(face + 1).map(|f| f.start as usize);
         &self.shares[self.faces[face].start as usize..end.unwrap_or(self.shares.len())]
     }
@@ -115,21 +115,21 @@ impl Faces {
     /// Adds a face at `x`, a place on a wall with this normal, if functions cover it well.
     fn add(&mut self, points: &[Point], display: &Display, x: Vec3, n: Vec3) -> bool {
         let mut cover = 0.0;
-        let mut shares: Vec<FaceShare> = Vec::new();
+        let mut shares: Vec<WallWeight> = Vec::new();
         for &j in display.grid.near(x) {
             let point = &points[j as usize];
             let w = weight(point, &display.planes, x, n);
             if w > 0.0 {
                 cover += w;
                 let part = (w / point.radius) * (w / point.radius);
-                shares.push(FaceShare { point: j, part });
+                shares.push(WallWeight { point: j, part });
             }
         }
         if cover < SEAM {
             return false;
         }
         if shares.len() > MAX_SHARES {
-            let strongest = |a: &FaceShare, b: &FaceShare| {
+            let strongest = |a: &WallWeight, b: &WallWeight| {
                 b.part.total_cmp(&a.part).then(a.point.cmp(&b.point))
             };
             shares.select_nth_unstable_by(MAX_SHARES, strongest);
@@ -189,7 +189,7 @@ impl Walls {
     /// Goes on with the functions of a scene until about `most` voxels were looked at, each as often as a function may stand beside it. Says how many it were; 0 when all functions are seen.
     pub fn find(
         &mut self,
-        shape: &VolumeShape,
+        shape: &VoxelGrid,
         points: &[Point],
         display: &Display,
         most: u64,
@@ -223,7 +223,7 @@ impl Walls {
         (beside, count)
     }
 
-    fn enter(&mut self, shape: &VolumeShape, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {
+    fn enter(&mut self, shape: &VoxelGrid, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {
         let point = &points[j as usize];
         let n = point.n();
         // An interpolation on the wall reads the middles of voxels that are less than one away along each edge.

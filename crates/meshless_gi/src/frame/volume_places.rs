@@ -5,9 +5,9 @@
 //! below half of the smallest part is left out. A place's light is the sum of its shares' light over the sum of the parts, so rounding makes neither more light nor less.
 
 use super::layout::VectorIrradiance;
-use super::probe::SpaceLight;
+use super::probe::ProbeIrradiance;
 use super::volume_faces::{Faces, Walls};
-use super::volume_ways::Ways;
+use super::volume_ways::WallDistances;
 use crate::asset::{BakedScene, Probes};
 use crate::basis::{NO_COVER, PROBE_OVERLAP, weight_in_space};
 use crate::transport::PROBE_ROWS;
@@ -35,13 +35,13 @@ const _: () = assert!(Probes::MAX <= 1 << (32 - SHARE_BITS));
 
 /// A box divided into voxels, in the bake's local space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VolumeShape {
+pub struct VoxelGrid {
     low: Vec3,
     voxel: Vec3,
     size: UVec3,
 }
 
-impl VolumeShape {
+impl VoxelGrid {
     /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_PLACES`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
@@ -157,21 +157,21 @@ pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
 
 /// What each place of a volume takes from which probes, and from which functions of the walls beside it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct VolumePlaces {
-    shape: VolumeShape,
+pub struct VoxelWeights {
+    shape: VoxelGrid,
     /// Where the shares of a place start, and at last where they end.
     starts: Vec<u32>,
     shares: Vec<u32>,
     faces: Faces,
-    ways: Vec<Ways>,
+    ways: Vec<WallDistances>,
     /// What faces are made of, until all are found.
     walls: Walls,
 }
 
-impl VolumePlaces {
+impl VoxelWeights {
     /// Of a volume of which nothing is found yet.
     #[must_use]
-    pub fn new(shape: VolumeShape) -> Self {
+    pub fn new(shape: VoxelGrid) -> Self {
         Self {
             shape,
             starts: vec![0],
@@ -184,7 +184,7 @@ impl VolumePlaces {
 
     /// Of a whole volume.
     #[must_use]
-    pub fn of(shape: VolumeShape, scene: &BakedScene) -> Self {
+    pub fn of(shape: VoxelGrid, scene: &BakedScene) -> Self {
         let mut places = Self::new(shape);
         while !places.find(scene, u64::MAX) {}
         places
@@ -233,7 +233,7 @@ impl VolumePlaces {
 
     /// The volume.
     #[must_use]
-    pub fn shape(&self) -> &VolumeShape {
+    pub fn shape(&self) -> &VoxelGrid {
         &self.shape
     }
 
@@ -257,22 +257,22 @@ impl VolumePlaces {
 
     /// For each place how far the ways to the next ones are free.
     #[must_use]
-    pub fn ways(&self) -> &[Ways] {
+    pub fn ways(&self) -> &[WallDistances] {
         &self.ways
     }
 
     /// The light at a place that is found; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
     #[must_use]
-    pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<SpaceLight> {
+    pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
         let at = place as usize;
         let shares = &self.shares[self.starts[at] as usize..self.starts[at + 1] as usize];
-        let (mut sum, mut all) = (SpaceLight::default(), 0.0);
+        let (mut sum, mut all) = (ProbeIrradiance::default(), 0.0);
         for share in shares {
             let (probe, part) = (share >> SHARE_BITS, (share & WHOLE) as f32);
             all += part;
             sum.add_scaled(part, &values[PROBE_ROWS * probe as usize..][..PROBE_ROWS]);
         }
-        let mut out = SpaceLight::default();
+        let mut out = ProbeIrradiance::default();
         out.add_scaled(1.0 / all, &sum.parts);
         (!shares.is_empty()).then_some(out)
     }
@@ -284,14 +284,14 @@ struct Run {
     ends: Vec<u32>,
     shares: Vec<u32>,
     faces: Faces,
-    ways: Vec<Ways>,
+    ways: Vec<WallDistances>,
     /// How many functions were looked at, and how many rays went.
     looks: u64,
 }
 
 impl Run {
     fn find(
-        shape: &VolumeShape,
+        shape: &VoxelGrid,
         scene: &BakedScene,
         walls: &Walls,
         places: std::ops::Range<u32>,
@@ -314,7 +314,8 @@ impl Run {
                 .filter(|b| !b.is_beyond(beside, x))
                 .map(|b| (-b.height(x), b.n))
                 .filter(|(depth, _)| *depth > 0.0);
-            run.ways.push(Ways::find(shape, &scene.bvh, x, behind));
+            run.ways
+                .push(WallDistances::find(shape, &scene.bvh, x, behind));
             run.looks += RAY * 6;
             let Some(probes) = &scene.probes else {
                 run.ends.push(0);
@@ -382,13 +383,13 @@ mod tests {
     #[test]
     fn boxes_that_are_none_are_refused() {
         let room = [Vec3::ZERO, Vec3::ONE];
-        assert!(VolumeShape::new(room, UVec3::splat(4)).is_some());
-        assert!(VolumeShape::new(room, UVec3::new(4, 0, 4)).is_none());
-        assert!(VolumeShape::new(room, UVec3::new(4, MAX_VOXELS + 1, 4)).is_none());
-        assert!(VolumeShape::new(room, UVec3::new(512, 512, 4)).is_some());
-        assert!(VolumeShape::new(room, UVec3::new(512, 512, 5)).is_none());
-        assert!(VolumeShape::new([Vec3::ONE, Vec3::ZERO], UVec3::ONE).is_none());
-        assert!(VolumeShape::new([Vec3::ZERO, Vec3::splat(f32::NAN)], UVec3::ONE).is_none());
+        assert!(VoxelGrid::new(room, UVec3::splat(4)).is_some());
+        assert!(VoxelGrid::new(room, UVec3::new(4, 0, 4)).is_none());
+        assert!(VoxelGrid::new(room, UVec3::new(4, MAX_VOXELS + 1, 4)).is_none());
+        assert!(VoxelGrid::new(room, UVec3::new(512, 512, 4)).is_some());
+        assert!(VoxelGrid::new(room, UVec3::new(512, 512, 5)).is_none());
+        assert!(VoxelGrid::new([Vec3::ONE, Vec3::ZERO], UVec3::ONE).is_none());
+        assert!(VoxelGrid::new([Vec3::ZERO, Vec3::splat(f32::NAN)], UVec3::ONE).is_none());
     }
 
     #[test]

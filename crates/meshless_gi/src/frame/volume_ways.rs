@@ -5,7 +5,7 @@
 //! bounds the ways below it too.
 
 use super::volume_faces::FACING;
-use super::volume_places::VolumeShape;
+use super::volume_places::VoxelGrid;
 use crate::scene::{Bvh, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -22,7 +22,7 @@ const BEHIND: f32 = 1e-3;
 /// The ways from one voxel. 8 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-pub struct Ways {
+pub struct WallDistances {
     /// How far it is to a wall, in 254ths of a voxel, or [`FREE`]. Along each edge, and then against it.
     pub sides: [u8; 6],
     /// 0 for a middle between the two sides of a wall, which lights nothing; else [`FREE`].
@@ -31,7 +31,7 @@ pub struct Ways {
     rest: u8,
 }
 
-impl Default for Ways {
+impl Default for WallDistances {
     fn default() -> Self {
         Self {
             sides: [FREE; 6],
@@ -41,10 +41,10 @@ impl Default for Ways {
     }
 }
 
-impl Ways {
+impl WallDistances {
     /// Of a voxel with middle `x`, meters. `behind` are the surfaces beside it that it lies behind: how far, meters, and their normals.
     pub(super) fn find(
-        shape: &VolumeShape,
+        shape: &VoxelGrid,
         bvh: &Bvh,
         x: Vec3,
         behind: impl Iterator<Item = (f32, Vec3)> + Clone,
@@ -134,10 +134,10 @@ mod tests {
 
     #[test]
     fn ways_end_at_walls_also_below_the_ground() {
-        let shape = VolumeShape::new([Vec3::splat(-4.0), Vec3::splat(4.0)], UVec3::splat(8));
+        let shape = VoxelGrid::new([Vec3::splat(-4.0), Vec3::splat(4.0)], UVec3::splat(8));
         let shape = shape.expect("a box");
         let bvh = level();
-        let find = |x: Vec3| Ways::find(&shape, &bvh, x, [].into_iter());
+        let find = |x: Vec3| WallDistances::find(&shape, &bvh, x, [].into_iter());
         let at = |x: f32, y: f32| find(Vec3::new(x, y, 0.1)).sides;
         assert_eq!(at(-2.0, 2.0), [FREE; 6]);
         assert_eq!(at(-0.2, 2.0), [127, FREE, FREE, FREE, FREE, FREE]);
@@ -147,16 +147,16 @@ mod tests {
         // Below the ground it is the wall above that counts.
         let below = Vec3::new(-0.2, -0.5, 0.1);
         assert_eq!(find(below).sides, [FREE, FREE, 127, FREE, FREE, FREE]);
-        let ways = Ways::find(&shape, &bvh, below, [(0.5, Vec3::Y)].into_iter());
+        let ways = WallDistances::find(&shape, &bvh, below, [(0.5, Vec3::Y)].into_iter());
         assert_eq!(ways.sides, [127, FREE, 127, FREE, FREE, FREE]);
         assert!(ways.ends_before([1, 0, 0]) && ways.ends_before([0, 1, 0]));
-        assert!(!ways.ends_before([-1, -1, 1]) && !Ways::default().ends_before([1, 1, 1]));
+        assert!(!ways.ends_before([-1, -1, 1]) && !WallDistances::default().ends_before([1, 1, 1]));
         assert_eq!(ways.stored(0), -0.75);
         assert!(ways.stored(1) < -1.25 && ways.stored(1) > -1.5);
-        assert_eq!(Ways::default().stored(3), -2.0);
+        assert_eq!(WallDistances::default().stored(3), -2.0);
         // Between the sides of a wall.
         let within = [(0.01, Vec3::X), (0.02, Vec3::NEG_X)].into_iter();
-        let ways = Ways::find(&shape, &bvh, Vec3::new(0.3, 2.0, 0.1), within);
+        let ways = WallDistances::find(&shape, &bvh, Vec3::new(0.3, 2.0, 0.1), within);
         assert_eq!([0, 1, 5].map(|side| ways.stored(side)), [-0.125; 3]);
     }
 }
