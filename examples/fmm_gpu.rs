@@ -8,7 +8,7 @@
 
 use meshless_gi_lab::fixtures::fmm as room;
 
-use bevy_meshless_gi::gpu::{GpuCounters, GpuFmm, Harness, Kernels};
+use bevy_meshless_gi::gpu::{GpuCounters, GpuFmm, HeadlessDevice, KernelPipelines};
 use glam::Vec3;
 use meshless_gi::frame::VectorIrradiance;
 use meshless_gi::frame::fmm_down::fmm_down;
@@ -20,8 +20,8 @@ use std::error::Error;
 use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let harness = Harness::new()?;
-    let kernels = Kernels::new(&harness.device)?;
+    let harness = HeadlessDevice::new()?;
+    let kernels = KernelPipelines::new(&harness.device)?;
     println!(
         "{}, {} CPU threads\n",
         harness.adapter,

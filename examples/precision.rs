@@ -5,7 +5,7 @@
 //! cargo run --example precision -- draft|medium
 //! ```
 
-use bevy_meshless_gi::gpu::{Harness, KERNELS};
+use bevy_meshless_gi::gpu::{HeadlessDevice, KERNELS};
 use bytemuck::NoUninit;
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some("medium") => Preset::Medium,
         _ => return Err("usage: precision draft|medium".into()),
     };
-    let harness = Harness::new()?;
+    let harness = HeadlessDevice::new()?;
     println!("{}\n", harness.adapter);
     println!(
         "| scene | points | bytes of values | of all on the device | functions looked at | that count | bytes read a place, vector | scalar | µs a place, vector | scalar |\n|---|---|---|---|---|---|---|---|---|---|"
@@ -298,7 +298,7 @@ fn apart(
 
 /// What the operator reads and writes, and what that takes on one core.
 fn solve(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     name: &str,
     scene: &BakedScene,
     senders: &[[f32; 4]],
@@ -385,7 +385,7 @@ fn alone() -> Result<String, Box<dyn Error>> {
 
 /// The operator on the device, in one of the three.
 struct Applied<'a> {
-    harness: &'a Harness,
+    harness: &'a HeadlessDevice,
     pipeline: wgpu::ComputePipeline,
     bind: wgpu::BindGroup,
     groups: u32,
@@ -393,7 +393,7 @@ struct Applied<'a> {
 
 impl<'a> Applied<'a> {
     fn new<T: NoUninit>(
-        harness: &'a Harness,
+        harness: &'a HeadlessDevice,
         scene: &BakedScene,
         source: &str,
         coefficients: &[T],

@@ -12,8 +12,8 @@ mod depth;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use bevy_meshless_gi::gpu::{
-    GpuFrame, Harness, Kernels, NodeLights, Pass, ReflectiveMaps, SplatTargets, SubsplatBuffers,
-    SubsplatTargets, ViewBuffers,
+    GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers, SplatTargets,
+    SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use half::f16;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
     }
-    let harness = Harness::new()?;
+    let harness = HeadlessDevice::new()?;
     println!("{}\n", harness.adapter);
     println!(
         "| scene | view | subsplats | one of … pixels | every pixel, ms | subsplats, ms | ratio | NRMSE |"
@@ -95,7 +95,7 @@ struct Textures {
 }
 
 impl Textures {
-    fn new(harness: &Harness, view: &View<'_>) -> Self {
+    fn new(harness: &HeadlessDevice, view: &View<'_>) -> Self {
         let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
         let gbuffer = harness.texture(
             SIZE,
@@ -134,7 +134,7 @@ impl Textures {
         }
     }
 
-    fn read(&self, harness: &Harness) -> Result<Vec<f32>, Box<dyn Error>> {
+    fn read(&self, harness: &HeadlessDevice) -> Result<Vec<f32>, Box<dyn Error>> {
         let texels: Vec<[f16; 4]> = harness.read_texture(&self.output)?;
         Ok(texels
             .iter()
@@ -145,7 +145,7 @@ impl Textures {
 
 /// Milliseconds of the shortest of [`RUNS`] submissions, after one that does not count.
 fn time(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     mut record: impl FnMut(&mut wgpu::CommandEncoder),
 ) -> Result<f64, Box<dyn Error>> {
     harness.run(&mut record)?;
@@ -159,7 +159,7 @@ fn time(
 }
 
 /// Evaluations of the last frame, by the device's counts.
-fn evaluated(harness: &Harness, buffers: &SubsplatBuffers) -> Result<u32, Box<dyn Error>> {
+fn evaluated(harness: &HeadlessDevice, buffers: &SubsplatBuffers) -> Result<u32, Box<dyn Error>> {
     let levels = buffers.levels();
     let mut sum = 0;
     for k in 0..=levels.coarsest {
@@ -169,11 +169,11 @@ fn evaluated(harness: &Harness, buffers: &SubsplatBuffers) -> Result<u32, Box<dy
     Ok(sum)
 }
 
-fn row(harness: &Harness, view: &View<'_>, i: usize) -> Result<(), Box<dyn Error>> {
+fn row(harness: &HeadlessDevice, view: &View<'_>, i: usize) -> Result<(), Box<dyn Error>> {
     let Source::Baked(scene, values) = &view.stage.source else {
         return Err("a bake is measured".into());
     };
-    let kernels = Kernels::new(&harness.device)?;
+    let kernels = KernelPipelines::new(&harness.device)?;
     let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1)?;
     let buffer = frame.buffers().output(Pass::Averages).ok_or("no values")?;
     (harness.queue).write_buffer(
@@ -237,11 +237,11 @@ fn virtual_lights(view: &View<'_>, count: u32) -> Vec<Vpl> {
         .collect()
 }
 
-fn lit(harness: &Harness, view: &View<'_>, count: u32) -> Result<(), Box<dyn Error>> {
-    let kernels = Kernels::new(&harness.device)?;
+fn lit(harness: &HeadlessDevice, view: &View<'_>, count: u32) -> Result<(), Box<dyn Error>> {
+    let kernels = KernelPipelines::new(&harness.device)?;
     let textures = Textures::new(harness, view);
     let lights = virtual_lights(view, count);
-    let maps = ReflectiveMaps::new(&harness.device, 1, count)?;
+    let maps = RsmBuffers::new(&harness.device, 1, count)?;
     (harness.queue).write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&lights));
     let view_params = VplViewParams {
         space_from_clip: view.drawn.world_from_clip.to_cols_array_2d(),

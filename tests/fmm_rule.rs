@@ -1,7 +1,7 @@
 //! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on both in one room, beside rule `bounded`; tiers with links below the octree, energy,
 //! threads, the file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail there.
 
-use bevy_meshless_gi::plan::{Picker, Quality, TierChoice};
+use bevy_meshless_gi::plan::{Quality, TierCandidate, TierController};
 use glam::{Vec2, Vec3};
 use meshless_gi::asset::{BakedScene, Limits};
 use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
@@ -132,7 +132,7 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
             assert!(again.expect("it can be read") == scene);
             let found = indirect(&scene, &level, &places);
             let error = nrmse(&found, &truth);
-            let work = TierChoice::of(&scene, REFLECTIONS - 1);
+            let work = TierCandidate::of(&scene, REFLECTIONS - 1);
             println!(
                 "{name}, {rule:?}: NRMSE {error:.4}, own estimate {:.4} ± {:.4}, {bytes} bytes, a frame as {} links, gain {:.3}, not reciprocal {:.3}",
                 scene.info.estimated_nrmse,
@@ -232,9 +232,9 @@ fn links_stand_below_the_octree() {
     println!("octree and links are {apart:.3} apart");
     assert!(apart > 1e-3 && apart < 0.2, "{apart}");
     // A budget that the octree does not keep goes down to the links.
-    let choices = TierChoice::of(&both, 3);
+    let choices = TierCandidate::of(&both, 3);
     assert_eq!(choices.len() as u32, tiers + 1);
-    let mut picker = Picker::new(Quality::FrameBudget(1.0), choices);
+    let mut picker = TierController::new(Quality::FrameBudget(1.0), choices);
     assert_eq!(picker.tier(), tiers + 1);
     for _ in 0..20 {
         let work = picker.tiers()[picker.tier() as usize - 1].work;

@@ -7,7 +7,7 @@ mod plugin_support;
 mod scenes;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{PickedChannels, Stage};
+use bevy_meshless_gi::plan::{ColorModeSelection, Stage};
 use bevy_meshless_gi::plugin::FrameStats;
 use meshless_gi::bake::{ProbeSettings, Recipe, VisibilityRecipe};
 use meshless_gi::frame::Channels;
@@ -55,7 +55,7 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
         );
         assert_eq!(ran, wanted, "{}:\n{}", scene.name, found.plan);
         // One channel where all is gray, and only there.
-        let one = |c: &PickedChannels| matches!(c.channels, Channels::One(_));
+        let one = |c: &ColorModeSelection| matches!(c.channels, Channels::One(_));
         let channels = &found.plan.channels;
         assert_eq!(channels.len(), 1);
         assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);

@@ -4,7 +4,7 @@
 mod plugin_support;
 
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{Stage, TierChoice};
+use bevy_meshless_gi::plan::{Stage, TierCandidate};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::asset::BakedScene;
@@ -119,7 +119,7 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
     assert!(found.nrmse(&by_links) > 2.0 * own, "{own}");
 
     // It takes too long: the links on the same points, and the plan says what the octree would take. A solve by all links takes 2 ms, by the octree ten times as long.
-    let choices = TierChoice::of(&bake, settings().sweeps);
+    let choices = TierCandidate::of(&bake, settings().sweeps);
     let work = choices[links as usize - 1].work;
     stand
         .app
@@ -183,7 +183,7 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
     assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
 
     // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to spend, all links stay.
-    let choices = TierChoice::of(&bake, settings.sweeps);
+    let choices = TierCandidate::of(&bake, settings.sweeps);
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);
     let cost = move |asked: u64| 2.0 * asked as f32 / work as f32;

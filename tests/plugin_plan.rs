@@ -7,8 +7,8 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
 use bevy_meshless_gi::plan::{
-    Census, Colors, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skies, Skip, Stage, Subject,
-    Work, bounces_at,
+    ChangeCounts, Colors, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skip, SkyKind, Stage,
+    Subject, Work, bounces_at,
 };
 use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
@@ -52,15 +52,15 @@ fn the_inventory_follows_what_the_world_has() {
     run(&mut app, 2);
     let found = inventory(&app);
     let points = found.lights_of(LightSort::Point);
-    let at_rest = Census {
+    let at_rest = ChangeCounts {
         all: 2,
         on: 2,
-        ..Census::default()
+        ..ChangeCounts::default()
     };
     assert_eq!(points, at_rest);
     assert!(found.at_rest(), "{found}");
     assert_eq!((found.bakes, found.cameras.deferred), (1, 1));
-    assert_eq!((found.skies, found.normal_maps), (Skies::None, 0));
+    assert_eq!((found.skies, found.normal_maps), (SkyKind::None, 0));
     assert_eq!(found.colors, Colors::Surfaces);
 
     // One moves, one changes its color; each for one frame.
@@ -86,7 +86,7 @@ fn the_inventory_follows_what_the_world_has() {
     let found = inventory(&app);
     assert_eq!(found.lights_of(LightSort::Rect).all, 1);
     assert_eq!((found.bouncers, found.bouncing_lights), (1, 1));
-    assert_eq!((found.skies, found.skies_changed), (Skies::Uniform, 1));
+    assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
     assert_eq!((found.cameras.sampled, found.cameras.forward), (1, 0));
 
     // A material wants a normal map, changes its mind, and goes.

@@ -5,7 +5,7 @@ mod plugin_support;
 
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy_meshless_gi::plan::TierChoice;
+use bevy_meshless_gi::plan::TierCandidate;
 use bevy_meshless_gi::plugin::{GiActiveTier, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::frame::FrameSettings;
@@ -97,7 +97,10 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
     assert!(counters(&app).solved.is_empty());
 
     // By error: what the bake says of its tiers.
-    let upper: Vec<f32> = TierChoice::of(&bake, 3).iter().map(|t| t.error).collect();
+    let upper: Vec<f32> = TierCandidate::of(&bake, 3)
+        .iter()
+        .map(|t| t.error)
+        .collect();
     for most in [upper[0], 1e-6, f32::NAN] {
         ask(&mut app, &stage, GiQuality::MaxError(most));
         run(&mut app, 1);
@@ -118,7 +121,7 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
     let mut app = app();
     let stage = stage(&mut app);
     let (_, bake) = cornell();
-    let choices = TierChoice::of(&bake, 3);
+    let choices = TierCandidate::of(&bake, 3);
     let all = choices[3].work as f32;
     // Thousandths of a millisecond that all links take.
     let load = Arc::new(AtomicU32::new(2_000));

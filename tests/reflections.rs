@@ -1,6 +1,6 @@
 //! How many reflections a level's surfaces call for, beside all of them at once: what the picked number leaves out, on the two rooms that have references, and what it costs.
 
-use bevy_meshless_gi::plan::{BouncePicker, LEFT, bounces_at};
+use bevy_meshless_gi::plan::{BounceSelector, LEFT, bounces_at};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
@@ -38,7 +38,7 @@ fn what_the_picked_number_leaves_out_is_little() {
         frame.set_lights(&scene, &lights);
         frame.converge(&scene, &FrameSettings::default(), 1e-4);
         let all = light(&frame, &scene);
-        let picked = BouncePicker::new().pick(None, &scene, &[]).unwrap();
+        let picked = BounceSelector::new().pick(None, &scene, &[]).unwrap();
         println!("{name}: {picked}");
         let missing: Vec<f64> = (1..=picked.bounces)
             .map(|bounces| {
@@ -80,7 +80,7 @@ fn dark_levels_take_few_and_settings_take_theirs() {
     let mesh = mesh_of_quads(&quads);
     let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
     let scene = bake.scene;
-    let pick = |asked| BouncePicker::new().pick(asked, &scene, &[]).unwrap();
+    let pick = |asked| BounceSelector::new().pick(asked, &scene, &[]).unwrap();
     let dark = pick(None);
     println!("{dark}");
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");

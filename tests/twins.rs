@@ -34,7 +34,9 @@ use meshless_gi_lab::fixtures::synthetic;
 #[path = "twins/volume_read.rs"]
 mod volume_read;
 
-use bevy_meshless_gi::gpu::{GpuError, GpuFrame, Harness, Kernels, Pass, SceneBuffers};
+use bevy_meshless_gi::gpu::{
+    GpuError, GpuFrame, HeadlessDevice, KernelPipelines, Pass, SceneBuffers,
+};
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, SkyVisibility};
@@ -44,8 +46,8 @@ use meshless_gi::transport::pca::Column;
 use meshless_gi::transport::{Link, Row, SenderForm};
 
 /// The device, or None where the caller allowed that there is none.
-fn harness() -> Option<Harness> {
-    match Harness::new() {
+fn harness() -> Option<HeadlessDevice> {
+    match HeadlessDevice::new() {
         Ok(harness) => {
             eprintln!("compared on {}", harness.adapter);
             Some(harness)
@@ -80,8 +82,8 @@ fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> C
 
 /// A frame on the device that starts from the CPU's projection, so that a shadow ray that grazes an edge does not reach the kernels after `project`.
 fn solved(
-    harness: &Harness,
-    kernels: &Kernels,
+    harness: &HeadlessDevice,
+    kernels: &KernelPipelines,
     frame: GpuFrame,
     twin: &CpuFrame,
     settings: &FrameSettings,
@@ -103,7 +105,7 @@ fn solved(
 }
 
 fn output<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     frame: &GpuFrame,
     pass: Pass,
     count: usize,
@@ -150,7 +152,7 @@ fn projection_problems(
 #[test]
 fn project() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let lights = synthetic::lights();
     let twin = cpu(&scene, &lights, &settings(0, false));
@@ -221,7 +223,7 @@ fn project() {
 #[test]
 fn more_lights_than_a_dispatch_takes() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let few = synthetic::lights();
     // Lights at the beginning, and round the place where the second dispatch begins.
@@ -272,7 +274,7 @@ fn solve_agrees(form: SenderForm, settings: &FrameSettings, checked: &[(Checked,
 
 fn scene_agrees(scene: &BakedScene, settings: &FrameSettings, checked: &[(Checked, Spoil)]) {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let form = scene.operator.form;
     let lights = synthetic::lights();
     let twin = cpu(scene, &lights, settings);
@@ -550,7 +552,7 @@ fn baked_bounces() {
 #[test]
 fn links_that_do_not_fit_one_binding_are_cut() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let lights = synthetic::lights();
     let settings = settings(2, false);
@@ -604,7 +606,7 @@ fn links_that_do_not_fit_one_binding_are_cut() {
 fn bakes_of_the_cornell_box() {
     use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     for (rule, mode) in [
         (TransportMethod::Bounded, BounceMode::Live),
         (TransportMethod::Bounded, BounceMode::Baked),
@@ -662,10 +664,10 @@ fn bakes_of_the_cornell_box() {
 /// An octree carries the light alone, and where the device does not hold it the links on the same points do, if there are any.
 #[test]
 fn an_octree_that_does_not_fit_leaves_the_links() {
-    use bevy_meshless_gi::plan::{NoOctree, falls_back};
+    use bevy_meshless_gi::plan::{FmmLimit, falls_back};
     use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut scene = baked::cornell(TransportMethod::Fmm, BounceMode::Live);
     let run = |scene: &BakedScene| {
         let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 8).unwrap();
@@ -680,13 +682,13 @@ fn an_octree_that_does_not_fit_leaves_the_links() {
     assert_eq!(falls_back(&scene, 128 << 20), None);
     let why = falls_back(&scene, 1 << 16);
     assert!(
-        matches!(why, Some(NoOctree::TooLarge { has: 65536, .. })),
+        matches!(why, Some(FmmLimit::TooLarge { has: 65536, .. })),
         "{why:?}"
     );
     // Of an order that no workgroup holds.
     scene.fmm.as_mut().unwrap().order = 7;
     let why = falls_back(&scene, 128 << 20);
-    assert_eq!(why, Some(NoOctree::Order { have: 6, need: 7 }));
+    assert_eq!(why, Some(FmmLimit::Order { have: 6, need: 7 }));
     let [pulled, applied, up, evaluated] = run(&scene);
     assert!(pulled > 0 && applied > 0 && up == 0 && evaluated == 0);
     // And nothing in its place.
@@ -709,7 +711,7 @@ fn an_octree_that_does_not_fit_leaves_the_links() {
 #[test]
 fn components_alone_are_compressed() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Components);
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
     let other = synthetic::scene(SenderForm::Averages);
@@ -740,7 +742,7 @@ fn components_alone_are_compressed() {
 #[test]
 fn what_nobody_asks_for_is_not_made() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &scene, 8).unwrap();
     assert_eq!(kernels.created(), 0);

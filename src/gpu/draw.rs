@@ -2,12 +2,12 @@
 
 use super::frame::entry;
 use super::kernels::{COMPOSITE, KERNELS};
-use super::pipelines::{Draw, Kernels};
+use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::ViewBuffers;
 
 /// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`](super::GpuFrame::composite) does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
 pub fn draw_composite(
-    kernels: &Kernels,
+    kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     replace: bool,
@@ -21,7 +21,7 @@ pub fn draw_composite(
 /// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance. `textures`: what
 /// [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and lighting passes.
 pub fn draw_gloss(
-    kernels: &Kernels,
+    kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     view: &ViewBuffers,
@@ -33,7 +33,7 @@ pub fn draw_gloss(
 /// Takes from a view's picture the light of lamps with soft shadows that does not get there. `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote,
 /// G-buffer and lighting passes.
 pub fn draw_shade(
-    kernels: &Kernels,
+    kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     view: &ViewBuffers,
@@ -43,7 +43,7 @@ pub fn draw_shade(
 }
 
 fn draw(
-    kernels: &Kernels,
+    kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     how: Draw,

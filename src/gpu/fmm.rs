@@ -2,10 +2,10 @@
 
 use super::Pass;
 use super::frame::MAX_GROUPS;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::binding_limit;
 use super::{GpuCounters, GpuError};
-use crate::plan::{NoOctree, octree_fits};
+use crate::plan::{FmmLimit, octree_fits};
 use bytemuck::NoUninit;
 use meshless_gi::frame::Span;
 use meshless_gi::frame::fmm_layout::{FmmParams, fmm_terms};
@@ -50,12 +50,12 @@ impl GpuFmm {
         limit: u64,
     ) -> Result<Self, GpuError> {
         octree_fits(operator, limit).map_err(|why| match why {
-            NoOctree::Order { have, need } => GpuError::Limit {
+            FmmLimit::Order { have, need } => GpuError::Limit {
                 limit: "order of the fast multipole method",
                 have,
                 need,
             },
-            NoOctree::TooLarge { what, needs, has } => GpuError::TooLarge {
+            FmmLimit::TooLarge { what, needs, has } => GpuError::TooLarge {
                 what,
                 bytes: needs,
                 limit: has,
@@ -121,7 +121,7 @@ impl GpuFmm {
     /// Records the upward pass from the `radiosity` of the senders and the sky.
     pub fn up(
         &self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
         counters: &mut GpuCounters,
         radiosity: &wgpu::Buffer,
@@ -136,7 +136,7 @@ impl GpuFmm {
     /// Records the downward pass and the evaluation, to the vector irradiance of the points that receive.
     pub fn down(
         &self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
         counters: &mut GpuCounters,
         radiosity: &wgpu::Buffer,
@@ -179,7 +179,7 @@ impl GpuFmm {
 
     fn bind(
         &self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         which: Pass,
         radiosity: &wgpu::Buffer,
         values: Option<&wgpu::Buffer>,
@@ -207,7 +207,7 @@ impl GpuFmm {
 
     fn dispatch(
         &self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
         counters: &mut GpuCounters,
         which: Pass,

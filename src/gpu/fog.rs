@@ -2,7 +2,7 @@
 
 use super::frame::{compute, entry};
 use super::kernels::{FOG, KERNELS};
-use super::pipelines::{Draw, Kernels};
+use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::uniform;
 use super::{GpuCounters, Pass};
 use meshless_gi::frame::{FogParams, FogVoxelsParams};
@@ -77,7 +77,7 @@ impl FogBuffers {
     #[must_use]
     pub fn record(
         &self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         volumes: &[&wgpu::TextureView],
     ) -> GpuCounters {
@@ -137,7 +137,7 @@ pub struct FogTextures<'a> {
 /// # Panics
 /// Where one of them was not written.
 pub fn draw_fog(
-    kernels: &Kernels,
+    kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     buffers: &FogBuffers,

@@ -1,7 +1,7 @@
 //! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
 
 use super::draw::draw_composite;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
@@ -45,7 +45,7 @@ impl GpuFrame {
     /// # Errors
     /// [`GpuError::TooLarge`], see [`SceneBuffers::new`].
     pub fn new(
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         scene: &BakedScene,
         slots: u32,
@@ -88,7 +88,7 @@ impl GpuFrame {
     /// [`GpuError::TooLarge`] where so many slots do not fit a binding.
     pub fn set_lights(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         lights: &[FrameLight],
     ) -> Result<(), GpuError> {
@@ -138,7 +138,7 @@ impl GpuFrame {
     /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most once a submission. Slots without a light are left out.
     pub fn project(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         slots: &[u32],
@@ -186,7 +186,7 @@ impl GpuFrame {
     /// Carries the projected light on to all points. At most once a submission.
     pub fn solve(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         settings: &FrameSettings,
@@ -254,7 +254,7 @@ impl GpuFrame {
     /// Writes the irradiance of each pixel of a view.
     pub fn splat(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,
@@ -304,7 +304,7 @@ impl GpuFrame {
     )]
     pub fn composite(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         pass: &mut wgpu::RenderPass<'_>,
         format: wgpu::TextureFormat,
         replace: bool,
@@ -319,7 +319,7 @@ impl GpuFrame {
     }
 }
 
-impl Kernels {
+impl KernelPipelines {
     /// A bind group for a pass.
     pub fn bind(
         &self,
@@ -340,7 +340,7 @@ impl Kernels {
 
 /// Records the steps of a solve. Each dispatch sees what the ones before it in the same pass wrote.
 struct Recorder<'a> {
-    kernels: &'a Kernels,
+    kernels: &'a KernelPipelines,
     b: &'a SceneBuffers,
     counters: &'a mut GpuCounters,
 }

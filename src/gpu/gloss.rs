@@ -3,7 +3,7 @@
 
 use super::Pass;
 use super::frame::compute;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
@@ -124,7 +124,7 @@ impl GlossBuffers {
     /// [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         targets: &SubsplatTargets<'_>,
         lights: &NodeLights<'_>,

@@ -7,7 +7,7 @@ use std::task::{Context, Poll, Waker};
 
 /// A device and its queue.
 #[derive(Clone, Debug)]
-pub struct Harness {
+pub struct HeadlessDevice {
     /// The device.
     pub device: wgpu::Device,
     /// Its queue.
@@ -16,7 +16,7 @@ pub struct Harness {
     pub adapter: String,
 }
 
-impl Harness {
+impl HeadlessDevice {
     /// The first adapter that there is, a software one too.
     ///
     /// # Errors

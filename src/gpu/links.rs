@@ -6,7 +6,7 @@ use std::ops::Range;
 
 /// Rows whose links share a buffer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LinkPart {
+pub struct LinkChunk {
     /// The rows, as positions in the order of the links.
     pub rows: Range<u32>,
     /// Their links.
@@ -17,10 +17,10 @@ pub struct LinkPart {
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] where one row alone has more.
-pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkPart>, GpuError> {
+pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkChunk>, GpuError> {
     let size = size_of::<Link>() as u64;
-    let mut parts: Vec<LinkPart> = Vec::new();
-    let mut part = LinkPart {
+    let mut parts: Vec<LinkChunk> = Vec::new();
+    let mut part = LinkChunk {
         rows: 0..0,
         links: 0..0,
     };
@@ -34,7 +34,7 @@ pub fn cut(rows: &[Row], most: u64) -> Result<Vec<LinkPart>, GpuError> {
             if row_links.start < part.links.start || u64::from(end - part.links.start) * size > most
             {
                 parts.push(part);
-                part = LinkPart {
+                part = LinkChunk {
                     rows: i..i,
                     links: row_links,
                 };

@@ -1,20 +1,20 @@
 //! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](meshless_gi::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or
-//! a [`Harness`] without a window, brings device, queue and encoder.
+//! a [`HeadlessDevice`] without a window, brings device, queue and encoder.
 //!
 //! | type | does |
 //! |---|---|
 //! | [`KERNELS`] | the table of kernels: shader, entry points, bindings |
-//! | [`Kernels`] | pipelines, each made when it is first asked for |
+//! | [`KernelPipelines`] | pipelines, each made when it is first asked for |
 //! | [`SceneBuffers`] | a baked scene on the device |
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
 //! | [`SubsplatBuffers`] | records what a view shows by subsplats |
 //! | [`GlossBuffers`] | records what a view's glossy surfaces show of virtual lights |
-//! | [`ReflectiveMaps`] | records `rsm` and `vpl`: what moving objects reflect |
+//! | [`RsmBuffers`] | records `rsm` and `vpl`: what moving objects reflect |
 //! | [`SoftBuffers`] | records `soft`: what lamps with soft shadows do not reach |
 //! | [`ShadeBuffers`] | records `shade`: what a view loses by that |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
-//! | [`Harness`] | a device without a window |
+//! | [`HeadlessDevice`] | a device without a window |
 //!
 //! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
 //! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
@@ -48,12 +48,12 @@ pub use fmm::GpuFmm;
 pub use fog::{FogBuffers, FogTextures, draw_fog};
 pub use frame::{GpuFrame, SplatTargets};
 pub use gloss::GlossBuffers;
-pub use harness::Harness;
+pub use harness::HeadlessDevice;
 pub use kernel::{Binding, COMPOSITE_ENTRIES, Entry, FOG_ENTRIES, Kernel, Kind};
 pub use kernels::{COMPOSITE, FOG, KERNELS};
 pub use pass::Pass;
-pub use pipelines::{ComputeKernel, Draw, Kernels, RenderKernel};
-pub use rsm::{DrawnMap, ReflectiveMaps, VplShadows};
+pub use pipelines::{ComputeKernel, Draw, KernelPipelines, RenderKernel};
+pub use rsm::{RsmBuffers, RsmCapture, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
 pub use shade::ShadeBuffers;
 pub use soft::SoftBuffers;

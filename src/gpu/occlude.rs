@@ -2,7 +2,7 @@
 
 use super::frame::{MAX_GROUPS, compute};
 use super::links::cut;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, SpanList, SpanTable};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::asset::{BakedScene, Occluders};
@@ -86,7 +86,7 @@ impl GpuFrame {
     /// occluders. The lights' shadows change: [`project`](Self::project) all slots after it.
     pub fn set_occluders(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         scene: &BakedScene,

@@ -50,7 +50,7 @@ const FMM_MEMORY: usize = MAX_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 
 /// All pipelines of one device.
 #[derive(Debug)]
-pub struct Kernels {
+pub struct KernelPipelines {
     device: wgpu::Device,
     modules: [OnceLock<wgpu::ShaderModule>; KERNELS.len()],
     passes: [OnceLock<ComputeKernel>; Pass::COUNT],
@@ -59,7 +59,7 @@ pub struct Kernels {
     created: AtomicU32,
 }
 
-impl Kernels {
+impl KernelPipelines {
     /// Kernels for a device. Makes no pipeline yet.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use super::frame::{SplatTargets, compute};
 use super::links::cut;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, SpanList, SpanTable, ViewBuffers, part_span};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::asset::Probes;
@@ -108,7 +108,7 @@ impl GpuFrame {
     /// for a scene without probes, or a view whose parameters for them were not set ([`ViewBuffers::write_probes`]).
     pub fn probe(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,

@@ -3,7 +3,7 @@
 
 use super::Pass;
 use super::frame::{MAX_GROUPS, SplatTargets, compute};
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};
 use bytemuck::Pod;
@@ -23,12 +23,12 @@ const _: () = assert!(
 
 /// A map that was drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred G-buffer (`Rgba32Uint`), of what moves alone.
 #[derive(Clone, Copy, Debug)]
-pub struct DrawnMap<'a> {
+pub struct RsmCapture<'a> {
     /// Depth.
     pub depth: &'a wgpu::TextureView,
     /// G-buffer.
     pub gbuffer: &'a wgpu::TextureView,
-    /// Matrix and light. `first` is set by [`ReflectiveMaps::light`].
+    /// Matrix and light. `first` is set by [`RsmBuffers::light`].
     pub params: RsmParams,
 }
 
@@ -45,7 +45,7 @@ pub struct VplShadows<'a> {
 
 /// The buffers of all reflective shadow maps, and what is recorded of them.
 #[derive(Debug)]
-pub struct ReflectiveMaps {
+pub struct RsmBuffers {
     /// Of the light that is being recorded: lights take turns.
     texels: wgpu::Buffer,
     room: u32,
@@ -63,7 +63,7 @@ pub struct ReflectiveMaps {
     counters: GpuCounters,
 }
 
-impl ReflectiveMaps {
+impl RsmBuffers {
     /// Buffers for `vpls` virtual point lights in all, and for lights of `texels` texels at most, over all maps of the light. `begin` makes more room.
     ///
     /// # Errors
@@ -110,18 +110,18 @@ impl ReflectiveMaps {
     }
 
     /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](meshless_gi::frame::reflective::local_from_space)), and the choice of `vpls`
-    /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`ReflectiveMaps::begin`].
+    /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`RsmBuffers::begin`].
     #[expect(
         clippy::too_many_arguments,
         reason = "a light's maps and what shadows them"
     )]
     pub fn light(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         light: &FrameLight,
-        maps: &[DrawnMap<'_>],
+        maps: &[RsmCapture<'_>],
         scenes: &[(Mat4, &SceneBuffers)],
         vpls: u32,
     ) {
@@ -131,14 +131,14 @@ impl ReflectiveMaps {
         self.choose(kernels, queue, encoder, light, scenes, vpls);
     }
 
-    /// Records what one map of a light shows; after its last map comes [`ReflectiveMaps::choose`]. Apart from [`ReflectiveMaps::light`] for maps that take
+    /// Records what one map of a light shows; after its last map comes [`RsmBuffers::choose`]. Apart from [`RsmBuffers::light`] for maps that take
     /// turns in the same textures.
     pub fn map(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
-        map: &DrawnMap<'_>,
+        map: &RsmCapture<'_>,
     ) {
         let side = map.params.side;
         let count = side.saturating_mul(side);
@@ -172,7 +172,7 @@ impl ReflectiveMaps {
     /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls` virtual point lights.
     pub fn choose(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         light: &FrameLight,
@@ -232,7 +232,7 @@ impl ReflectiveMaps {
     /// Records the irradiance of each pixel of a view from the lights recorded so far, added to `targets.earlier`.
     pub fn splat(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         view: &VplViewParams,
@@ -296,7 +296,7 @@ impl ReflectiveMaps {
         }
     }
 
-    /// What it binds as its `vpls`: [`Vpl`]s, [`ReflectiveMaps::used`] of them.
+    /// What it binds as its `vpls`: [`Vpl`]s, [`RsmBuffers::used`] of them.
     #[must_use]
     pub fn vpls(&self) -> &wgpu::Buffer {
         &self.vpls
@@ -335,7 +335,12 @@ impl ReflectiveMaps {
     }
 
     /// Puts parameters into a uniform buffer that this frame has not used yet.
-    fn uniform<T: Pod>(&mut self, kernels: &Kernels, queue: &wgpu::Queue, data: &T) -> usize {
+    fn uniform<T: Pod>(
+        &mut self,
+        kernels: &KernelPipelines,
+        queue: &wgpu::Queue,
+        data: &T,
+    ) -> usize {
         if self.taken == self.uniforms.len() {
             let buffer = kernels.device().create_buffer(&wgpu::BufferDescriptor {
                 label: Some("reflective map"),
@@ -352,7 +357,7 @@ impl ReflectiveMaps {
 
     fn dispatch(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         which: Pass,
         bind: &wgpu::BindGroup,

@@ -3,7 +3,7 @@
 use super::GpuError;
 use super::Pass;
 use super::fmm::GpuFmm;
-use super::links::{LinkPart, cut};
+use super::links::{LinkChunk, cut};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use bytemuck::Pod;
@@ -547,7 +547,7 @@ fn span(range: Range<usize>) -> Span {
 }
 
 /// The rows of a part that are among the first `most`.
-pub(super) fn part_span(part: &LinkPart, most: u32) -> Span {
+pub(super) fn part_span(part: &LinkChunk, most: u32) -> Span {
     Span {
         first: part.rows.start,
         count: part.rows.end.min(most).saturating_sub(part.rows.start),

@@ -2,7 +2,7 @@
 
 use super::error::GpuError;
 use super::frame::{SplatTargets, compute};
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::soft::SoftBuffers;
 use super::{GpuCounters, Pass};
@@ -82,7 +82,7 @@ impl ShadeBuffers {
     /// [`GpuError::TooLarge`] for more than the device binds.
     pub fn write(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         scene: &SceneBuffers,
         lights: &[SoftLight],
@@ -112,7 +112,7 @@ impl ShadeBuffers {
     )]
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         scene: &SceneBuffers,
         soft: &SoftBuffers,

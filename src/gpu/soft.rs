@@ -3,7 +3,7 @@
 
 use super::error::GpuError;
 use super::frame::{MAX_GROUPS, compute};
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, uniform};
 use super::{GpuCounters, Pass};
 use bytemuck::Pod;
@@ -146,7 +146,7 @@ impl SoftBuffers {
     /// [`GpuError::TooLarge`] for more lights than the device binds.
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         scene: &SceneBuffers,
@@ -210,7 +210,7 @@ impl SoftBuffers {
 
     fn dispatch(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         pass: &mut wgpu::ComputePass<'_>,
         kernel: Pass,
         bind: &wgpu::BindGroup,

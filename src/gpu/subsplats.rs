@@ -3,8 +3,8 @@
 
 use super::Pass;
 use super::frame::{MAX_GROUPS, compute};
-use super::pipelines::Kernels;
-use super::rsm::{ReflectiveMaps, VplShadows};
+use super::pipelines::KernelPipelines;
+use super::rsm::{RsmBuffers, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::{GpuCounters, GpuError};
 use meshless_gi::frame::pyramid::CellRange;
@@ -29,7 +29,7 @@ pub struct SubsplatTargets<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct NodeLights<'a> {
     /// The lights.
-    pub maps: &'a ReflectiveMaps,
+    pub maps: &'a RsmBuffers,
     /// A uniform buffer with [`VplViewParams`](meshless_gi::frame::VplViewParams).
     pub view: &'a wgpu::Buffer,
     /// A uniform buffer with [`VplParams`](meshless_gi::frame::VplParams).
@@ -186,7 +186,7 @@ impl SubsplatBuffers {
     /// Records everything between the G-buffer and the irradiance of every pixel. `scenes` are asked in their order; `lights` are added.
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         targets: &SubsplatTargets<'_>,
         scenes: &[(&SceneBuffers, &ViewBuffers)],
@@ -239,7 +239,7 @@ impl SubsplatBuffers {
 
 /// Records dispatches into one pass; each sees what the ones before it wrote.
 struct Recorder<'a> {
-    kernels: &'a Kernels,
+    kernels: &'a KernelPipelines,
     b: &'a SubsplatBuffers,
     targets: &'a SubsplatTargets<'a>,
     pass: wgpu::ComputePass<'a>,

@@ -2,7 +2,7 @@
 //! parameters nor places nor a texture.
 
 use super::frame::compute;
-use super::pipelines::Kernels;
+use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::frame::volume_places::{VoxelGrid, VoxelWeights};
@@ -92,7 +92,7 @@ impl GpuFrame {
     /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found in this scene. Nothing for a scene without probes.
     pub fn volume(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         buffers: &VolumeBuffers,

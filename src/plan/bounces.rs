@@ -15,7 +15,7 @@ pub const MAX: u32 = 16;
 const UNKNOWN: u32 = 4;
 /// A choice and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PickedBounces {
+pub struct BounceSelection {
     /// Diffuse reflections in all, 1 or more.
     pub bounces: u32,
     /// A setting says so: nothing else has a say.
@@ -24,7 +24,7 @@ pub struct PickedBounces {
     pub gain: Option<f32>,
 }
 
-impl PickedBounces {
+impl BounceSelection {
     /// Why.
     #[must_use]
     pub fn why(&self) -> String {
@@ -40,7 +40,7 @@ impl PickedBounces {
     }
 }
 
-impl fmt::Display for PickedBounces {
+impl fmt::Display for BounceSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} reflections: {}", self.bounces, self.why())
     }
@@ -59,14 +59,14 @@ pub fn bounces_at(gain: f32) -> u32 {
 
 /// Picks, frame by frame, for one scene with one bake. What live materials ask for goes up at once and never down: there is nothing to see when they go dark, and nothing flickers.
 #[derive(Clone, Debug, Default)]
-pub struct BouncePicker {
+pub struct BounceSelector {
     /// The largest gain that was asked for so far.
     gain: f32,
     /// The factors of the materials that it was asked for last.
     factors: Vec<MaterialFactors>,
 }
 
-impl BouncePicker {
+impl BounceSelector {
     /// Nothing seen yet.
     #[must_use]
     pub fn new() -> Self {
@@ -80,7 +80,7 @@ impl BouncePicker {
         asked: Option<u32>,
         bake: &BakedScene,
         factors: &[MaterialFactors],
-    ) -> Option<PickedBounces> {
+    ) -> Option<BounceSelection> {
         if bake.bounces.is_some() {
             return None;
         }
@@ -92,7 +92,7 @@ impl BouncePicker {
         }
         let gain = known.then_some(self.gain);
         let most = FrameSettings::MAX_SWEEPS + 1;
-        Some(PickedBounces {
+        Some(BounceSelection {
             bounces: match (asked, gain) {
                 (Some(bounces), _) => bounces.clamp(1, most),
                 (None, Some(gain)) => bounces_at(gain),
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn the_reason_says_what_is_left() {
-        let picked = |bounces, forced, gain| PickedBounces {
+        let picked = |bounces, forced, gain| BounceSelection {
             bounces,
             forced,
             gain,

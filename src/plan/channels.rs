@@ -1,5 +1,5 @@
-//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that shines has one chromaticity, three else. [`Surveyor`](super::Surveyor) knows what there is;
-//! [`ChannelPicker`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another color.
+//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that shines has one chromaticity, three else. [`InventoryTracker`](super::Surveyor) knows what there is;
+//! [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another color.
 
 use super::Colors;
 use glam::Vec3;
@@ -11,7 +11,7 @@ pub const STEADY: u32 = 60;
 
 /// What is asked of a scene's channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ChannelRequest {
+pub enum ColorModeRequest {
     /// As many as it takes.
     #[default]
     Auto,
@@ -23,7 +23,7 @@ pub enum ChannelRequest {
 
 /// What colors a scene's light has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SceneColors {
+pub struct SceneChromaticity {
     /// Whether it is one.
     pub colors: Colors,
     /// That one, largest part 1; white where there are none or several.
@@ -32,7 +32,7 @@ pub struct SceneColors {
 
 /// A choice and its reason.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PickedChannels {
+pub struct ColorModeSelection {
     /// What frames take.
     pub channels: Channels,
     /// A setting says so: nothing else has a say.
@@ -41,7 +41,7 @@ pub struct PickedChannels {
     pub why: &'static str,
 }
 
-impl PickedChannels {
+impl ColorModeSelection {
     /// The choice in words.
     #[must_use]
     pub fn choice(&self) -> &'static str {
@@ -52,7 +52,7 @@ impl PickedChannels {
     }
 }
 
-impl fmt::Display for PickedChannels {
+impl fmt::Display for ColorModeSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.choice(), self.why)
     }
@@ -60,14 +60,14 @@ impl fmt::Display for PickedChannels {
 
 /// Picks, frame by frame, for one scene.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ChannelPicker {
+pub struct ColorModeSelector {
     /// One channel, with its hue, or three; none before anything shone.
     now: Option<Option<Vec3>>,
     /// Frames of one color in a row.
     steady: u32,
 }
 
-impl ChannelPicker {
+impl ColorModeSelector {
     /// Nothing seen yet.
     #[must_use]
     pub fn new() -> Self {
@@ -76,7 +76,11 @@ impl ChannelPicker {
 
     /// What this frame's solve takes. Three channels come with the frame that needs them, one channel only after [`STEADY`] frames that do with it; what shines first is taken as it is, and darkness
     /// changes nothing.
-    pub fn pick(&mut self, asked: ChannelRequest, found: SceneColors) -> PickedChannels {
+    pub fn pick(
+        &mut self,
+        asked: ColorModeRequest,
+        found: SceneChromaticity,
+    ) -> ColorModeSelection {
         let waits = match found.colors {
             Colors::Dark => false,
             Colors::One => {
@@ -91,9 +95,9 @@ impl ChannelPicker {
             }
         };
         let (channels, why) = match asked {
-            ChannelRequest::Three => (Channels::Three, "they are asked for"),
-            ChannelRequest::One => (Channels::One(found.hue), "it is asked for"),
-            ChannelRequest::Auto => match (self.now, found.colors) {
+            ColorModeRequest::Three => (Channels::Three, "they are asked for"),
+            ColorModeRequest::One => (Channels::One(found.hue), "it is asked for"),
+            ColorModeRequest::Auto => match (self.now, found.colors) {
                 (Some(Some(hue)), _) => (
                     Channels::One(hue),
                     "surfaces are gray and all that shines has one color",
@@ -110,9 +114,9 @@ impl ChannelPicker {
                 ),
             },
         };
-        PickedChannels {
+        ColorModeSelection {
             channels,
-            forced: asked != ChannelRequest::Auto,
+            forced: asked != ColorModeRequest::Auto,
             why,
         }
     }
@@ -124,19 +128,19 @@ mod tests {
 
     const WARM: Vec3 = Vec3::new(1.0, 0.8, 0.5);
 
-    fn found(colors: Colors) -> SceneColors {
-        SceneColors { colors, hue: WARM }
+    fn found(colors: Colors) -> SceneChromaticity {
+        SceneChromaticity { colors, hue: WARM }
     }
 
-    fn auto(picker: &mut ChannelPicker, colors: Colors) -> Channels {
-        let picked = picker.pick(ChannelRequest::Auto, found(colors));
+    fn auto(picker: &mut ColorModeSelector, colors: Colors) -> Channels {
+        let picked = picker.pick(ColorModeRequest::Auto, found(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
     }
 
     #[test]
     fn one_channel_from_the_first_light_on_three_at_once_and_one_again_with_patience() {
-        let mut picker = ChannelPicker::new();
+        let mut picker = ColorModeSelector::new();
         assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
         assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
         // The lamp blinks.
@@ -157,7 +161,7 @@ mod tests {
     #[test]
     fn a_lamp_that_changes_its_color_at_every_period_brings_few_changes() {
         for period in [2, STEADY - 1, STEADY + 5] {
-            let mut picker = ChannelPicker::new();
+            let mut picker = ColorModeSelector::new();
             let (mut before, mut changes) = (Channels::Three, 0);
             for k in 0..1000 {
                 let colors = if k % period == 0 {
@@ -178,11 +182,11 @@ mod tests {
 
     #[test]
     fn a_setting_decides_alone_and_is_forgotten_with_itself() {
-        let mut picker = ChannelPicker::new();
+        let mut picker = ColorModeSelector::new();
         for colors in [Colors::Dark, Colors::One, Colors::Lights] {
-            let three = picker.pick(ChannelRequest::Three, found(colors));
+            let three = picker.pick(ColorModeRequest::Three, found(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
-            let one = picker.pick(ChannelRequest::One, found(colors));
+            let one = picker.pick(ColorModeRequest::One, found(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: it is asked for");
         }

@@ -1,6 +1,6 @@
 //! What passes cost: their work, the milliseconds that it is expected to take on this device, and those that the device's clock said.
 //!
-//! Passes that are recorded into one another are timed as one ([`Timed`]). A group's milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by which a group that
+//! Passes that are recorded into one another are timed as one ([`TimingScope`]). A group's milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by which a group that
 //! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
 //! gives the right rate.
 
@@ -18,7 +18,7 @@ const KEPT: u64 = 1000;
 
 /// Passes that the device's clock times as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Timed {
+pub struct TimingScope {
     /// The one of them that stands for all: [`Stage::Apply`] for what carries light on (pull, push, apply, flatten, the probes' rows), [`Stage::Splat`] for all that lays light over a view's pixels.
     pub stage: Stage,
     /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
@@ -27,7 +27,7 @@ pub struct Timed {
     pub view: Option<ViewId>,
 }
 
-impl Timed {
+impl TimingScope {
     /// What the pass is timed with; none where no clock times it (copies, and maps, which Bevy draws).
     #[must_use]
     pub fn of(pass: &Pass) -> Option<Self> {
@@ -182,10 +182,10 @@ impl fmt::Display for Cost {
 }
 
 /// The work of the passes, one entry for all that is timed as one.
-pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(Timed, Cost)> {
-    let mut costs: Vec<(Timed, Cost)> = Vec::new();
+pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(TimingScope, Cost)> {
+    let mut costs: Vec<(TimingScope, Cost)> = Vec::new();
     for pass in passes {
-        let Some(timed) = Timed::of(pass) else {
+        let Some(timed) = TimingScope::of(pass) else {
             continue;
         };
         let scene = state.scenes.iter().find(|s| s.id == pass.scene);
@@ -264,7 +264,7 @@ fn mix(mean: &mut Option<f64>, value: f64) {
 /// What is known of the costs on one device.
 #[derive(Clone, Debug, Default)]
 pub struct CostModel {
-    groups: BTreeMap<Timed, (Means, u64)>,
+    groups: BTreeMap<TimingScope, (Means, u64)>,
     /// Milliseconds a unit of work, by stage and unit.
     rates: BTreeMap<(Stage, Unit), f64>,
     plans: u64,
@@ -300,7 +300,7 @@ impl CostModel {
     }
 
     /// The device's clock said so of one of the last frames. What no plan had, and what is no time, is left out.
-    pub fn measured(&mut self, timed: Timed, ms: f32) {
+    pub fn measured(&mut self, timed: TimingScope, ms: f32) {
         let Some((means, _)) = self.groups.get_mut(&timed) else {
             return;
         };
@@ -314,7 +314,7 @@ impl CostModel {
         mix(&mut means.ms, f64::from(ms));
         if means.rate().is_some() {
             let unit = means.unit;
-            let alike = |t: &Timed, m: &Means| t.stage == timed.stage && m.unit == unit;
+            let alike = |t: &TimingScope, m: &Means| t.stage == timed.stage && m.unit == unit;
             let of_stage = (self.groups.iter()).filter(|(t, (m, _))| alike(t, m));
             let known: Vec<f64> = of_stage.filter_map(|(_, (m, _))| m.rate()).collect();
             let mean = known.iter().sum::<f64>() / known.len() as f64;
@@ -344,8 +344,8 @@ impl CostModel {
 mod tests {
     use super::*;
     use crate::plan::{
-        DisplayUse, Picked, PickedChannels, SceneState, SlotChange, SoftState, ViewState,
-        VolumeState,
+        ColorModeSelection, DisplayUse, SceneState, SlotChange, SoftState, TierSelection,
+        ViewState, VolumeState,
     };
 
     /// Two scenes on the device with four slots each, and a view of both.
@@ -354,9 +354,9 @@ mod tests {
             resident: true,
             rays: 1000,
             slots: vec![SlotChange::None; 4],
-            tier: Some(Picked {
+            tier: Some(TierSelection {
                 work: links,
-                ..Picked::default()
+                ..TierSelection::default()
             }),
             ..SceneState::new(SceneId(id))
         };
@@ -503,7 +503,7 @@ mod tests {
     fn one_channel_has_a_rate_of_its_own() {
         let mut model = CostModel::new();
         let in_one = |mut state: FrameState| {
-            state.scenes[0].channels = Some(PickedChannels {
+            state.scenes[0].channels = Some(ColorModeSelection {
                 channels: Channels::One(glam::Vec3::ONE),
                 forced: false,
                 why: "",
@@ -581,7 +581,7 @@ mod tests {
         assert_eq!(cost(&plan, Stage::Volume).work, Work::Voxels(4096));
         assert_eq!(cost(&plan, Stage::Soft).work, Work::Sights(600));
         assert_eq!(cost(&plan, Stage::Shade).work, Work::Pixels(10_000));
-        let counted = |(_, cost): &(Timed, Cost)| cost.work != Work::Uncounted;
+        let counted = |(_, cost): &(TimingScope, Cost)| cost.work != Work::Uncounted;
         assert!(plan.costs.iter().all(counted), "{plan}");
     }
 }

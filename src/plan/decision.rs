@@ -5,7 +5,7 @@
 //! returns to [`PATIENCE`] frames when nothing changed for as long. The number of reports of a subject that alternates grows with the
 //! logarithm of the time.
 
-use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, Timed, ViewId};
+use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, TimingScope, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -80,7 +80,7 @@ pub struct Decision {
     /// The setting that decided alone; `None` if the plan decided.
     pub forced: Option<&'static str>,
     /// Cost of the passes that this decision causes, with all passes in the same timing scope. Empty if none of them ran or none is timed.
-    pub costs: Vec<(Timed, Cost)>,
+    pub costs: Vec<(TimingScope, Cost)>,
 }
 
 impl Decision {
@@ -185,7 +185,7 @@ impl Plan {
     }
 
     /// Costs of the passes that follow from a decision, one entry per timing scope.
-    fn costs_of(&self, subject: &Subject) -> Vec<(Timed, Cost)> {
+    fn costs_of(&self, subject: &Subject) -> Vec<(TimingScope, Cost)> {
         let carries = |p: &Pass, of: SceneId| p.stage == Stage::Apply && p.scene == of;
         let lays = |p: &Pass, of: ViewId| p.stage == Stage::Splat && p.view == Some(of);
         let follows = |p: &&Pass| match subject {
@@ -200,8 +200,13 @@ impl Plan {
                 (p.effect, p.scene, p.view) == (*name, *scene, *view)
             }
         };
-        let mut out: Vec<(Timed, Cost)> = Vec::new();
-        for timed in self.passes.iter().filter(follows).filter_map(Timed::of) {
+        let mut out: Vec<(TimingScope, Cost)> = Vec::new();
+        for timed in self
+            .passes
+            .iter()
+            .filter(follows)
+            .filter_map(TimingScope::of)
+        {
             if out.iter().all(|(t, _)| *t != timed) {
                 out.extend(self.costs.iter().find(|(t, _)| *t == timed).copied());
             }
@@ -282,7 +287,7 @@ impl DecisionLog {
 mod tests {
     use super::*;
     use crate::plan::{
-        FrameState, Picked, PickedChannels, SceneState, SkyUse, SlotChange, ViewState,
+        ColorModeSelection, FrameState, SceneState, SkyUse, SlotChange, TierSelection, ViewState,
     };
     use meshless_gi::frame::Channels;
 
@@ -294,12 +299,12 @@ mod tests {
                 resident: true,
                 slots: vec![SlotChange::None; 2],
                 sky: SkyUse::Terms,
-                tier: Some(Picked {
+                tier: Some(TierSelection {
                     tier: 2,
                     tiers: 4,
                     why: "it was asked for".into(),
                     forced: true,
-                    ..Picked::default()
+                    ..TierSelection::default()
                 }),
                 ..SceneState::new(A)
             }],
@@ -488,7 +493,7 @@ mod tests {
     #[test]
     fn channels_are_decided_where_links_are() {
         let mut now = state();
-        let picked = PickedChannels {
+        let picked = ColorModeSelection {
             channels: Channels::One(glam::Vec3::ONE),
             forced: true,
             why: "it is asked for",

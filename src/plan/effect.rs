@@ -215,7 +215,7 @@ fn inspection(state: &FrameState, plan: &mut Plan) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{BounceState, DisplayUse, LightId, NoOctree, ViewId};
+    use crate::plan::{BounceState, DisplayUse, FmmLimit, LightId, ViewId};
 
     const A: SceneId = SceneId(1);
     const B: SceneId = SceneId(2);
@@ -539,7 +539,7 @@ mod tests {
     fn a_plan_says_that_the_device_does_not_hold_an_octree() {
         let mut state = at_rest();
         assert!(Plan::new(&state).linked.is_empty());
-        let why = NoOctree::Order { have: 6, need: 9 };
+        let why = FmmLimit::Order { have: 6, need: 9 };
         state.scenes[0].no_octree = Some(why);
         let plan = Plan::new(&state);
         assert_eq!(plan.linked, [(A, why)]);

@@ -18,7 +18,7 @@ pub(super) fn fog(state: &FrameState, plan: &mut Plan) {
 mod tests {
     use super::*;
     use crate::plan::{
-        FogState, SceneId, SceneState, Skip, SlotChange, Timed, ViewId, VolumeState, Work,
+        FogState, SceneId, SceneState, Skip, SlotChange, TimingScope, ViewId, VolumeState, Work,
     };
 
     const A: SceneId = SceneId(1);
@@ -64,7 +64,7 @@ mod tests {
         let line = "fog of scene 1 in view 7 (fog): 2 fog volume(s) of the view lie in the scene";
         assert!(words.contains(line), "{words}");
         // Once for each of them; a second scene is timed with it.
-        let timed = Timed {
+        let timed = TimingScope {
             stage: Fog,
             scene: SceneId::WORLD,
             view: Some(ViewId(7)),

@@ -1,4 +1,4 @@
-//! What the world has that indirect light may have to follow, in counts: the plan's first words. [`Surveyor`](super::Surveyor) makes it, frame by frame.
+//! What the world has that indirect light may have to follow, in counts: the plan's first words. [`InventoryTracker`](super::Surveyor) makes it, frame by frame.
 //!
 //! It says what is there, not what runs: a lamp that moves out of view is in the inventory, and no pass is in the plan.
 
@@ -6,7 +6,7 @@ use std::fmt;
 
 /// How many of a kind, and what became of them since the frame before. What is new or gone counts as moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Census {
+pub struct ChangeCounts {
     /// There are so many.
     pub all: u32,
     /// So many of them are on.
@@ -48,7 +48,7 @@ impl LightSort {
 
 /// What the skies of the baked scenes are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Skies {
+pub enum SkyKind {
     /// None shines.
     #[default]
     None,
@@ -89,11 +89,11 @@ pub enum Colors {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Inventory {
     /// Lights of each kind, as [`LightSort::ALL`] orders them.
-    pub lights: [Census; 4],
+    pub lights: [ChangeCounts; 4],
     /// Baked scenes.
     pub bakes: u32,
     /// What their skies are.
-    pub skies: Skies,
+    pub skies: SkyKind,
     /// How many scenes' skies changed.
     pub skies_changed: u32,
     /// Scenes with surfaces that glow, as bake and settings have it.
@@ -127,14 +127,14 @@ pub struct Inventory {
 impl Inventory {
     /// Lights of one kind.
     #[must_use]
-    pub fn lights_of(&self, sort: LightSort) -> Census {
+    pub fn lights_of(&self, sort: LightSort) -> ChangeCounts {
         self.lights[sort as usize]
     }
 
     /// Nothing of what lights the scenes changed since the frame before.
     #[must_use]
     pub fn at_rest(&self) -> bool {
-        let lights = |c: &Census| c.moved == 0 && c.recolored == 0;
+        let lights = |c: &ChangeCounts| c.moved == 0 && c.recolored == 0;
         self.lights.iter().all(lights)
             && [
                 self.skies_changed,
@@ -146,7 +146,7 @@ impl Inventory {
     }
 }
 
-impl fmt::Display for Census {
+impl fmt::Display for ChangeCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let counts = [
             (self.all - self.on.min(self.all), "off"),
@@ -186,9 +186,9 @@ impl fmt::Display for Inventory {
             .map(|(sort, census)| format!("{} × {}{census}", census.all, sort.name()))
             .collect();
         let sky = match self.skies {
-            Skies::None => None,
-            Skies::Uniform => Some("a uniform sky"),
-            Skies::Varied => Some("a sky that varies"),
+            SkyKind::None => None,
+            SkyKind::Uniform => Some("a uniform sky"),
+            SkyKind::Varied => Some("a sky that varies"),
         };
         shine.extend(sky.map(|sky| format!("{sky}{}", changed(self.skies_changed, "changed"))));
         if self.glowing > 0 {
@@ -252,7 +252,7 @@ mod tests {
         );
         let mut full = Inventory {
             bakes: 1,
-            skies: Skies::Varied,
+            skies: SkyKind::Varied,
             skies_changed: 1,
             doors: 2,
             doors_moved: 1,
@@ -261,7 +261,7 @@ mod tests {
             colors: Colors::Surfaces,
             ..empty
         };
-        full.lights[LightSort::Point as usize] = Census {
+        full.lights[LightSort::Point as usize] = ChangeCounts {
             all: 3,
             on: 2,
             moved: 1,

@@ -21,9 +21,9 @@
 //! | no fog is there, or it lies elsewhere | nothing: no pass, no buffer |
 //! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
-//! With which tier of the operator a scene is solved [`Picker`] says, as the game asks for it (design D11); the plan names it beside its reason.
+//! With which tier of the operator a scene is solved [`TierController`] says, as the game asks for it (design D11); the plan names it beside its reason.
 //!
-//! In how many channels its operator is applied [`ChannelPicker`] says, as what shines and what it shines on ask for it; with how many reflections [`BouncePicker`], as what surfaces return asks for it.
+//! In how many channels its operator is applied [`ColorModeSelector`] says, as what shines and what it shines on ask for it; with how many reflections [`BounceSelector`], as what surfaces return asks for it.
 //!
 //! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line in the log a [`DecisionLog`] knows.
 //!
@@ -50,23 +50,25 @@ mod state;
 mod survey;
 mod transport;
 
-pub use bounces::{BouncePicker, LEFT, MAX, PickedBounces, bounces_at};
-pub use channels::{ChannelPicker, ChannelRequest, PickedChannels, STEADY, SceneColors};
-pub use cost::{Cost, CostModel, Timed, Work};
+pub use bounces::{BounceSelection, BounceSelector, LEFT, MAX, bounces_at};
+pub use channels::{
+    ColorModeRequest, ColorModeSelection, ColorModeSelector, STEADY, SceneChromaticity,
+};
+pub use cost::{Cost, CostModel, TimingScope, Work};
 pub use decision::{Decision, DecisionLog, NameOf, Subject};
 pub use effect::{EFFECTS, Effect};
-pub use inventory::{Cameras, Census, Colors, Inventory, LightSort, Skies};
+pub use inventory::{Cameras, ChangeCounts, Colors, Inventory, LightSort, SkyKind};
 pub use lights::{
     SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
 };
 pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
-pub use octree::{NoOctree, falls_back, octree_fits};
+pub use octree::{FmmLimit, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use passes::Plan;
-pub use picked::Picked;
-pub use quality::{Picker, Quality, TierChoice};
+pub use picked::TierSelection;
+pub use quality::{Quality, TierCandidate, TierController};
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
     SlotChange, SoftState, ViewId, ViewState, VolumeState,
 };
-pub use survey::{Found, FoundScene, Surveyor};
+pub use survey::{Found, InventoryTracker, SceneSnapshot};

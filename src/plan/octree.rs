@@ -7,7 +7,7 @@ use std::fmt;
 
 /// Why a device does not hold an octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum NoOctree {
+pub enum FmmLimit {
     /// Its expansions have more terms than a workgroup's memory.
     Order {
         /// The highest order that kernels take.
@@ -26,7 +26,7 @@ pub enum NoOctree {
     },
 }
 
-impl fmt::Display for NoOctree {
+impl fmt::Display for FmmLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Order { have, need } => {
@@ -43,9 +43,9 @@ impl fmt::Display for NoOctree {
 ///
 /// # Errors
 /// The limit that it does not keep.
-pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), NoOctree> {
+pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
     if octree.order as usize > MAX_FMM_ORDER {
-        return Err(NoOctree::Order {
+        return Err(FmmLimit::Order {
             have: MAX_FMM_ORDER as u64,
             need: octree.order.into(),
         });
@@ -57,7 +57,7 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), NoOctree> {
         ("fmm expansions", octree.expansion_bytes()),
     ];
     match arrays.into_iter().find(|(_, bytes)| *bytes > largest) {
-        Some((what, needs)) => Err(NoOctree::TooLarge {
+        Some((what, needs)) => Err(FmmLimit::TooLarge {
             what,
             needs,
             has: largest,
@@ -69,7 +69,7 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), NoOctree> {
 /// Why frames of `scene` go through its links and not through its octree on a device that binds `largest` bytes; nothing where the octree runs, where there is none, and where
 /// there are no links in its place.
 #[must_use]
-pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<NoOctree> {
+pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
     let why = octree_fits(scene.fmm.as_ref()?, largest).err();
     why.filter(|_| scene.link_tiers() > 0)
 }

@@ -1,9 +1,9 @@
 //! [`Plan`]: the passes of one frame, why they run and why others do not, what they cost, and what the world has. [`EFFECTS`] make it.
 
-use super::cost::{self, Cost, Timed};
+use super::cost::{self, Cost, TimingScope};
 use super::{
-    DisplayUse, EFFECTS, FrameState, Inventory, LightId, NoOctree, Pass, Picked, PickedBounces,
-    PickedChannels, Reason, SceneId, Skip, SkyUse, Stage, ViewId,
+    BounceSelection, ColorModeSelection, DisplayUse, EFFECTS, FmmLimit, FrameState, Inventory,
+    LightId, Pass, Reason, SceneId, Skip, SkyUse, Stage, TierSelection, ViewId,
 };
 use std::fmt;
 
@@ -19,13 +19,13 @@ pub struct Plan {
     /// Lights whose virtual lights the device holds from an earlier frame: nothing of them moved.
     pub resting: Vec<LightId>,
     /// The tiers of the operators that run, and why.
-    pub tiers: Vec<(SceneId, Picked)>,
+    pub tiers: Vec<(SceneId, TierSelection)>,
     /// In how many channels links are applied, and why.
-    pub channels: Vec<(SceneId, PickedChannels)>,
+    pub channels: Vec<(SceneId, ColorModeSelection)>,
     /// With how many reflections scenes are solved, and why; none for bakes that hold them.
-    pub reflections: Vec<(SceneId, PickedBounces)>,
+    pub reflections: Vec<(SceneId, BounceSelection)>,
     /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
-    pub linked: Vec<(SceneId, NoOctree)>,
+    pub linked: Vec<(SceneId, FmmLimit)>,
     /// Scenes whose sky varies, and what becomes of it.
     pub skies: Vec<(SceneId, SkyUse)>,
     /// At which pixels the views that show indirect light evaluate it.
@@ -33,7 +33,7 @@ pub struct Plan {
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
     /// What the passes cost, as far as is known: one entry for all that the device's clock times as one, in the order of the passes.
-    pub costs: Vec<(Timed, Cost)>,
+    pub costs: Vec<(TimingScope, Cost)>,
     /// What the world has.
     pub inventory: Inventory,
 }
@@ -70,7 +70,7 @@ impl Plan {
     /// What this pass costs, with all that is timed as one with it; none where no clock times it.
     #[must_use]
     pub fn cost_of(&self, pass: &Pass) -> Option<&Cost> {
-        let timed = Timed::of(pass)?;
+        let timed = TimingScope::of(pass)?;
         self.costs.iter().find(|(t, _)| *t == timed).map(|(_, c)| c)
     }
 
@@ -136,8 +136,8 @@ impl fmt::Display for Plan {
         self.inventory.fmt(f)?;
         for (i, pass) in self.passes.iter().enumerate() {
             write!(f, "run  {pass}")?;
-            let timed = Timed::of(pass);
-            let with = |p: &Pass| timed.is_some() && Timed::of(p) == timed;
+            let timed = TimingScope::of(pass);
+            let with = |p: &Pass| timed.is_some() && TimingScope::of(p) == timed;
             match (
                 self.cost_of(pass),
                 self.passes[..i].iter().find(|p| with(p)),

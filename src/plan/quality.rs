@@ -7,7 +7,7 @@
 //!
 //! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake measures.
 
-use super::Picked;
+use super::TierSelection;
 use meshless_gi::asset::BakedScene;
 
 /// Solves in a row over the budget before the picker goes down.
@@ -39,7 +39,7 @@ pub enum Quality {
 
 /// What is known of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TierChoice {
+pub struct TierCandidate {
     /// Links that a solve reads, those of the sweeps counted as often as they run; for the octree of rule `fmm` as many as take as long, about.
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
@@ -48,7 +48,7 @@ pub struct TierChoice {
     pub octree: bool,
 }
 
-impl TierChoice {
+impl TierCandidate {
     /// The tiers of a bake, tier 1 first, for solves with so many sweeps. The octree of rule `fmm` stands above all links.
     #[must_use]
     pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
@@ -87,9 +87,9 @@ impl TierChoice {
 
 /// Picks the tier of one scene, frame by frame.
 #[derive(Clone, Debug)]
-pub struct Picker {
+pub struct TierController {
     asked: Quality,
-    tiers: Vec<TierChoice>,
+    tiers: Vec<TierCandidate>,
     tier: u32,
     /// Running mean of what a solve of this tier costs, milliseconds.
     cost: Option<f32>,
@@ -108,10 +108,10 @@ pub struct Picker {
     changes: u64,
 }
 
-impl Picker {
+impl TierController {
     /// A picker for a bake's tiers, tier 1 first. A budget starts from all links.
     #[must_use]
-    pub fn new(asked: Quality, tiers: Vec<TierChoice>) -> Self {
+    pub fn new(asked: Quality, tiers: Vec<TierCandidate>) -> Self {
         let top = tiers.len().max(1) as u32;
         let tier = match asked {
             Quality::Tier(n) => n.clamp(1, top),
@@ -144,7 +144,7 @@ impl Picker {
 
     /// The tiers that there are.
     #[must_use]
-    pub fn tiers(&self) -> &[TierChoice] {
+    pub fn tiers(&self) -> &[TierCandidate] {
         &self.tiers
     }
 
@@ -198,7 +198,7 @@ impl Picker {
 
     /// The tier and why.
     #[must_use]
-    pub fn picked(&self) -> Picked {
+    pub fn picked(&self) -> TierSelection {
         let top = self.tiers.len().max(1) as u32;
         let percent = |error: f32| 100.0 * error;
         let here = self.tiers.get(self.tier as usize - 1);
@@ -234,7 +234,7 @@ impl Picker {
                 format!("{cost:.2} ms a solve, {held} {budget} ms; {change}")
             }
         };
-        Picked {
+        TierSelection {
             tier: self.tier,
             tiers: top,
             octree: here.is_some_and(|t| t.octree),
@@ -287,9 +287,9 @@ impl Picker {
 mod tests {
     use super::*;
 
-    fn tiers() -> Vec<TierChoice> {
+    fn tiers() -> Vec<TierCandidate> {
         [(1, 0.08), (2, 0.05), (4, 0.045), (8, 0.04)]
-            .map(|(work, error)| TierChoice {
+            .map(|(work, error)| TierCandidate {
                 work: 1000 * work,
                 error,
                 octree: false,
@@ -305,7 +305,7 @@ mod tests {
     }
 
     /// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier after each.
-    fn run(picker: &mut Picker, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
+    fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
         (0..count)
             .map(|i| {
                 let work = picker.tiers()[picker.tier() as usize - 1].work as f32 / 8000.0;
@@ -315,13 +315,13 @@ mod tests {
             .collect()
     }
 
-    fn budget(ms: f32) -> Picker {
-        Picker::new(Quality::FrameBudget(ms), tiers())
+    fn budget(ms: f32) -> TierController {
+        TierController::new(Quality::FrameBudget(ms), tiers())
     }
 
     #[test]
     fn a_tier_is_picked_by_number_and_by_error() {
-        let of = |asked| Picker::new(asked, tiers()).picked();
+        let of = |asked| TierController::new(asked, tiers()).picked();
         assert_eq!(of(Quality::All).tier, 4);
         for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
             let picked = of(Quality::Tier(n));
@@ -342,7 +342,7 @@ mod tests {
             assert!(picked.why.starts_with("none") != met, "{picked}");
         }
         // What costs what matters to a budget alone.
-        let mut picker = Picker::new(Quality::Tier(4), tiers());
+        let mut picker = TierController::new(Quality::Tier(4), tiers());
         run(&mut picker, 500, |_, _| 1e6);
         assert_eq!((picker.tier(), picker.changes()), (4, 0));
     }
@@ -466,9 +466,9 @@ mod tests {
     fn an_octree_above_the_links_is_named() {
         let mut all = tiers();
         all[3].octree = true;
-        let picked = Picker::new(Quality::All, all.clone()).picked();
+        let picked = TierController::new(Quality::All, all.clone()).picked();
         assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
-        let mut picker = Picker::new(Quality::FrameBudget(5.0), all);
+        let mut picker = TierController::new(Quality::FrameBudget(5.0), all);
         run(&mut picker, 20, |_, work| 8.0 * work);
         let said = picker.picked().to_string();
         assert!(said.starts_with("tier 3 of 4: "), "{said}");
@@ -480,15 +480,15 @@ mod tests {
 
     #[test]
     fn a_bake_without_tiers_has_one() {
-        let mut picker = Picker::new(Quality::FrameBudget(1.0), Vec::new());
+        let mut picker = TierController::new(Quality::FrameBudget(1.0), Vec::new());
         picker.measured(f32::NAN);
         assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
-        let one = vec![TierChoice {
+        let one = vec![TierCandidate {
             work: 0,
             error: 0.1,
             octree: false,
         }];
-        let mut picker = Picker::new(Quality::FrameBudget(1.0), one);
+        let mut picker = TierController::new(Quality::FrameBudget(1.0), one);
         (0..100).for_each(|_| picker.measured(5.0));
         assert_eq!((picker.tier(), picker.changes()), (1, 0));
     }

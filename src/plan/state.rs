@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{Inventory, NoOctree, Picked, PickedBounces, PickedChannels, Skip};
+use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, Skip, TierSelection};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
@@ -115,15 +115,15 @@ pub struct SceneState {
     /// What lamps with soft shadows ask of it.
     pub soft: SoftState,
     /// The tier of the operator that its frames use, and why; none where the bake is not known yet.
-    pub tier: Option<Picked>,
+    pub tier: Option<TierSelection>,
     /// In how many channels links are applied, and why; none where the bake is not known yet.
-    pub channels: Option<PickedChannels>,
+    pub channels: Option<ColorModeSelection>,
     /// With how many reflections, and why; none where the bake is not known yet, or holds them.
-    pub bounces: Option<PickedBounces>,
+    pub bounces: Option<BounceSelection>,
     /// Shadow rays that a light slot takes when it is projected.
     pub rays: u64,
     /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
-    pub no_octree: Option<NoOctree>,
+    pub no_octree: Option<FmmLimit>,
 }
 
 impl SceneState {

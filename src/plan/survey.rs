@@ -2,7 +2,7 @@
 //!
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
-use super::{Cameras, Colors, Inventory, LightSort, SceneColors, SceneId, Skies};
+use super::{Cameras, Colors, Inventory, LightSort, SceneChromaticity, SceneId, SkyKind};
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, DynamicMaterials};
 use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
@@ -11,7 +11,7 @@ use std::sync::{Arc, Weak};
 
 /// A baked scene as the survey sees it.
 #[derive(Clone, Debug)]
-pub struct FoundScene<'a> {
+pub struct SceneSnapshot<'a> {
     /// Which one.
     pub id: SceneId,
     /// Its bake, once it is there.
@@ -36,7 +36,7 @@ pub struct Found<'a, K> {
     /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no light here.
     pub lights: Vec<(K, &'a Light)>,
     /// Roots of baked scenes.
-    pub scenes: Vec<FoundScene<'a>>,
+    pub scenes: Vec<SceneSnapshot<'a>>,
     /// The cameras.
     pub cameras: Cameras,
     /// What moves and is marked to reflect light.
@@ -104,7 +104,7 @@ impl Hues {
     }
 
     /// Of light of these chromaticities on surfaces that are all gray, or not.
-    fn on(self, gray: bool) -> SceneColors {
+    fn on(self, gray: bool) -> SceneChromaticity {
         let (colors, hue) = match (self, gray) {
             (Self::None, _) => (Colors::Dark, Vec3::ONE),
             (_, false) => (Colors::Surfaces, Vec3::ONE),
@@ -114,7 +114,7 @@ impl Hues {
             (Self::One(hue), true) if hue.max_element() <= 0.0 => (Colors::One, -hue),
             (Self::One(_), true) => (Colors::Lights, Vec3::ONE),
         };
-        SceneColors { colors, hue }
+        SceneChromaticity { colors, hue }
     }
 }
 
@@ -193,13 +193,13 @@ struct Before {
 
 /// Takes inventories, frame after frame. `K` is what the caller knows a light by.
 #[derive(Clone, Debug)]
-pub struct Surveyor<K> {
+pub struct InventoryTracker<K> {
     lights: BTreeMap<K, Light>,
     scenes: BTreeMap<SceneId, Before>,
-    colors: BTreeMap<SceneId, SceneColors>,
+    colors: BTreeMap<SceneId, SceneChromaticity>,
 }
 
-impl<K> Default for Surveyor<K> {
+impl<K> Default for InventoryTracker<K> {
     fn default() -> Self {
         Self {
             lights: BTreeMap::new(),
@@ -259,7 +259,7 @@ fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
     Some((sort, color, place))
 }
 
-impl<K: Copy + Ord> Surveyor<K> {
+impl<K: Copy + Ord> InventoryTracker<K> {
     /// A surveyor who has seen nothing: to its first inventory everything is new.
     #[must_use]
     pub fn new() -> Self {
@@ -304,7 +304,7 @@ impl<K: Copy + Ord> Surveyor<K> {
 
     /// What colors the light of a scene of the last inventory has: its sky, what glows in it, and the lights that light it.
     #[must_use]
-    pub fn colors_of(&self, scene: SceneId) -> SceneColors {
+    pub fn colors_of(&self, scene: SceneId) -> SceneChromaticity {
         self.colors.get(&scene).copied().unwrap_or_default()
     }
 
@@ -338,7 +338,7 @@ impl<K: Copy + Ord> Surveyor<K> {
 
 /// Counts a scene; answers how it stands, what colors shine in it, and whether all that it reflects is gray.
 fn count_scene(
-    scene: &FoundScene<'_>,
+    scene: &SceneSnapshot<'_>,
     was: Option<Before>,
     out: &mut Inventory,
 ) -> (Before, Hues, bool) {
@@ -348,9 +348,9 @@ fn count_scene(
     };
     let sky = Hues::all(scene.sky.terms).with(Hues::of(scene.sky.mean));
     let skies = match (sky, scene.sky.is_uniform()) {
-        (Hues::None, _) => Skies::None,
-        (_, true) => Skies::Uniform,
-        (_, false) => Skies::Varied,
+        (Hues::None, _) => SkyKind::None,
+        (_, true) => SkyKind::Uniform,
+        (_, false) => SkyKind::Varied,
     };
     out.skies = out.skies.max(skies);
     out.live_materials += scene.materials.len() as u32;
@@ -383,7 +383,7 @@ fn count_scene(
             out.bakes_moved += 1;
             out.doors_moved += scene.gains.len() as u32;
             out.materials_changed += scene.materials.len() as u32;
-            out.skies_changed += u32::from(skies != Skies::None);
+            out.skies_changed += u32::from(skies != SkyKind::None);
             out.glow_changed += u32::from(glow != Hues::None);
         }
     }
@@ -406,7 +406,7 @@ fn count_scene(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Census;
+    use crate::plan::ChangeCounts;
     use meshless_gi::asset::MaterialCoverage;
     use meshless_gi::bake::{Progress, Recipe, bake_scene};
     use meshless_gi::scene::{Material, cornell_box, mesh_of_quads};
@@ -419,7 +419,7 @@ mod tests {
         }
     }
 
-    fn look(surveyor: &mut Surveyor<u32>, lights: &[(u32, Light)]) -> Inventory {
+    fn look(surveyor: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Inventory {
         surveyor.survey(&Found {
             lights: lights.iter().map(|(k, l)| (*k, l)).collect(),
             ..Found::default()
@@ -445,8 +445,8 @@ mod tests {
         Arc::new(made.expect("a small bake").scene)
     }
 
-    fn scene<'a>(bake: &'a Arc<BakedScene>) -> FoundScene<'a> {
-        FoundScene {
+    fn scene<'a>(bake: &'a Arc<BakedScene>) -> SceneSnapshot<'a> {
+        SceneSnapshot {
             id: SceneId(1),
             bake: Some(bake),
             transform: [0.0; 12],
@@ -460,7 +460,7 @@ mod tests {
 
     #[test]
     fn lights_that_move_change_color_come_and_go_are_counted() {
-        let mut surveyor = Surveyor::new();
+        let mut surveyor = InventoryTracker::new();
         let mut lights: Vec<(u32, Light)> = (0..8)
             .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
             .collect();
@@ -480,7 +480,7 @@ mod tests {
         let found = look(&mut surveyor, &lights);
         assert_eq!(
             found.lights_of(LightSort::Point),
-            Census {
+            ChangeCounts {
                 all: 7,
                 on: 6,
                 moved: 2,
@@ -488,7 +488,7 @@ mod tests {
             }
         );
         assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
-        assert_eq!(found.lights_of(LightSort::Spot), Census::default());
+        assert_eq!(found.lights_of(LightSort::Spot), ChangeCounts::default());
         assert_eq!(found.colors, Colors::Lights);
         assert!(!found.at_rest());
         assert!(look(&mut surveyor, &lights).at_rest());
@@ -506,13 +506,13 @@ mod tests {
             let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
             let found = Found {
                 lights: (0u32..).zip(&lamps).collect(),
-                scenes: vec![FoundScene {
+                scenes: vec![SceneSnapshot {
                     sky: sky.into(),
                     ..scene(bake)
                 }],
                 ..Found::default()
             };
-            let mut surveyor = Surveyor::new();
+            let mut surveyor = InventoryTracker::new();
             let all = surveyor.survey(&found).colors;
             let own = surveyor.colors_of(SceneId(1));
             assert_eq!(own.colors, all);
@@ -581,14 +581,14 @@ mod tests {
             let materials = [factors(wall, Vec3::ZERO), factors(0.7, sign)];
             let found = Found {
                 lights: (0u32..).zip(&white).collect(),
-                scenes: vec![FoundScene {
+                scenes: vec![SceneSnapshot {
                     emission: 1.0,
                     materials: &materials,
                     ..scene(&baked)
                 }],
                 ..Found::default()
             };
-            Surveyor::new().survey(&found).colors
+            InventoryTracker::new().survey(&found).colors
         };
         assert_eq!(colors(0.0, Vec3::ZERO), Colors::One);
         assert_eq!(colors(1.0, Vec3::ZERO), Colors::Surfaces);
@@ -601,8 +601,8 @@ mod tests {
     #[test]
     fn a_scene_says_what_changed_about_it() {
         let gray = bake(true);
-        let mut surveyor = Surveyor::<u32>::new();
-        let mut look = |scenes: Vec<FoundScene<'_>>| {
+        let mut surveyor = InventoryTracker::<u32>::new();
+        let mut look = |scenes: Vec<SceneSnapshot<'_>>| {
             surveyor.survey(&Found {
                 scenes,
                 ..Found::default()
@@ -614,7 +614,7 @@ mod tests {
             base_color: [0.8, 0.1, 0.1],
             emissive: [1.0; 3],
         }];
-        let changed = FoundScene {
+        let changed = SceneSnapshot {
             transform: [1.0; 12],
             sky: Vec3::ONE.into(),
             emission: 2.0,
@@ -623,7 +623,7 @@ mod tests {
             ..scene(&gray)
         };
         let found = look(vec![changed.clone()]);
-        assert_eq!((found.skies, found.skies_changed), (Skies::Uniform, 1));
+        assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
         assert_eq!((found.live_materials, found.materials_changed), (1, 1));
         assert_eq!((found.doors, found.doors_moved), (2, 2));
         assert_eq!((found.glowing, found.glow_changed), (1, 1));
@@ -631,7 +631,7 @@ mod tests {
         // A material that is painted makes a gray bake colored.
         assert_eq!(found.colors, Colors::Surfaces);
         assert!(look(vec![changed.clone()]).at_rest());
-        let shut = FoundScene {
+        let shut = SceneSnapshot {
             gains: &[0.5, 0.0],
             ..changed
         };

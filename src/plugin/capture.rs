@@ -11,7 +11,7 @@ use super::compute::GiRender;
 use super::extract::{ExtractedGi, LightKey, LightKind};
 use super::reflective::{AskingLight, AskingLights};
 use crate::gpu::{
-    DrawnMap, GpuCounters, GpuError, Kernels, ReflectiveMaps, SceneBuffers, SplatTargets,
+    GpuCounters, GpuError, KernelPipelines, RsmBuffers, RsmCapture, SceneBuffers, SplatTargets,
     VplShadows,
 };
 use crate::plan::{BounceState, FrameState, LightId, Plan, SceneId, ViewId};
@@ -149,7 +149,7 @@ fn draw(
 
 /// What the device holds of the bounce from what moves.
 pub(crate) struct Reflections {
-    maps: ReflectiveMaps,
+    maps: RsmBuffers,
     /// Origin of the space in which all maps and views are.
     origin: Vec3,
     /// The light whose maps are being read.
@@ -188,7 +188,7 @@ impl Reflections {
     /// Makes room for a frame, or nothing where the plan draws no map.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`], see [`ReflectiveMaps::begin`].
+    /// [`GpuError::TooLarge`], see [`RsmBuffers::begin`].
     pub fn begin(
         before: Option<Self>,
         lights: &LightMaps,
@@ -221,7 +221,7 @@ impl Reflections {
                 maps.begin(device, texels, vpls)?;
                 maps
             }
-            None => ReflectiveMaps::new(device, texels, vpls)?,
+            None => RsmBuffers::new(device, texels, vpls)?,
         };
         Ok(Some(Self {
             maps,
@@ -266,7 +266,7 @@ impl Reflections {
     /// Adds the irradiance of the pixels of a view, see [`on_view`](Self::on_view).
     pub fn light_view(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         lights: &(VplViewParams, Option<VplShadows<'_>>),
@@ -278,7 +278,7 @@ impl Reflections {
     }
 
     /// The virtual lights.
-    pub fn maps(&self) -> &ReflectiveMaps {
+    pub fn maps(&self) -> &RsmBuffers {
         &self.maps
     }
 
@@ -376,7 +376,7 @@ fn read(
     let world_from_view = extracted.world_from_view.to_matrix();
     let matrix = space_from_clip(&world_from_view, &extracted.clip_from_view, origin);
     let side = extracted.viewport.z;
-    let map = DrawnMap {
+    let map = RsmCapture {
         depth: depth.view(),
         gbuffer,
         params: RsmParams::new(matrix, &in_space, side, 0),

@@ -6,7 +6,7 @@
 use super::asset::GiBakedScene;
 use super::display::GiSplatting;
 use super::quality::{GiActiveTier, GiQuality};
-use crate::plan::ChannelRequest;
+use crate::plan::ColorModeRequest;
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};
 use bevy::color::LinearRgba;
@@ -59,7 +59,7 @@ pub enum GiColorMode {
     Monochrome,
 }
 
-impl From<GiColorMode> for ChannelRequest {
+impl From<GiColorMode> for ColorModeRequest {
     fn from(asked: GiColorMode) -> Self {
         match asked {
             GiColorMode::Auto => Self::Auto,

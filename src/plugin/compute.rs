@@ -16,7 +16,7 @@ use super::readback::{CoefficientReadback, SharedCoefficients};
 use super::soft::{ExtractedSoft, SceneSoft};
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
-use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, Kernels, Pass};
+use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, KernelPipelines, Pass};
 use crate::plan::{
     DisplayUse, FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId,
     ViewState, falls_back,
@@ -56,7 +56,7 @@ pub(crate) struct SceneRuntime {
 /// The plugin's state in the render world.
 #[derive(Resource, Default)]
 pub(crate) struct GiRender {
-    pub kernels: Option<Kernels>,
+    pub kernels: Option<KernelPipelines>,
     pub scenes: BTreeMap<SceneId, SceneRuntime>,
     pub views: BTreeMap<ViewId, ViewRuntime>,
     pub reflections: Option<Reflections>,
@@ -74,7 +74,7 @@ pub(crate) struct GiRender {
 
 /// Whether the device has what the kernels need.
 pub(crate) fn device_able(device: &RenderDevice) -> Result<(), GpuError> {
-    Kernels::new(device.wgpu_device()).map(drop)
+    KernelPipelines::new(device.wgpu_device()).map(drop)
 }
 
 /// The settings of a solve.
@@ -332,7 +332,7 @@ impl GiRender {
         let mut total = self.retired;
         let mut counters = FrameStats {
             frame: self.frame,
-            pipelines: self.kernels.as_ref().map_or(0, Kernels::created),
+            pipelines: self.kernels.as_ref().map_or(0, KernelPipelines::created),
             active_scenes: self.plan.active_scenes().len() as u32,
             plan: self.plan.clone(),
             solved: self.solved(),
@@ -462,7 +462,7 @@ pub(crate) fn compute(
         return;
     }
     if render.kernels.is_none() {
-        match Kernels::new(device.wgpu_device()) {
+        match KernelPipelines::new(device.wgpu_device()) {
             Ok(kernels) => render.kernels = Some(kernels),
             Err(why) => {
                 // `finish` has checked this device; a new one after a loss may differ.
@@ -566,7 +566,7 @@ impl SceneRuntime {
         plan: &Plan,
         settings: &FrameSettings,
         scene: &ExtractedScene,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &RenderQueue,
         recorder: &impl RecordDiagnostics,
         encoder: &mut bevy::render::render_resource::CommandEncoder,

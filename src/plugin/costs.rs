@@ -4,7 +4,7 @@
 
 use super::diagnostics::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, Plan, SceneId, Stage, Timed, ViewId, Work};
+use crate::plan::{CostModel, Plan, SceneId, Stage, TimingScope, ViewId, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ impl DeviceCosts {
 
 /// Name of the span of what all views share.
 pub(crate) fn span(stage: Stage, scene: SceneId) -> String {
-    Timed {
+    TimingScope {
         stage,
         scene,
         view: None,
@@ -43,7 +43,7 @@ pub(crate) fn span(stage: Stage, scene: SceneId) -> String {
 
 /// Name of the span of what a view takes.
 pub(crate) fn view_span(stage: Stage, view: ViewId) -> String {
-    Timed {
+    TimingScope {
         stage,
         scene: SceneId::WORLD,
         view: Some(view),
@@ -52,7 +52,7 @@ pub(crate) fn view_span(stage: Stage, view: ViewId) -> String {
 }
 
 /// Where Bevy keeps what a group took.
-fn path(timed: &Timed) -> DiagnosticPath {
+fn path(timed: &TimingScope) -> DiagnosticPath {
     let (name, solve) = (timed.span(), span_name(timed.scene.0));
     let mut parts = vec!["render"];
     match (timed.view, timed.stage) {
@@ -71,7 +71,7 @@ pub(crate) fn learn(
     costs: Res<DeviceCosts>,
     given: Res<SolveCostSource>,
     store: Option<Res<DiagnosticsStore>>,
-    mut seen: Local<BTreeMap<Timed, (Instant, u64)>>,
+    mut seen: Local<BTreeMap<TimingScope, (Instant, u64)>>,
     mut last: Local<u64>,
 ) {
     let counters = status.get();

@@ -3,7 +3,7 @@
 //! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many subsplats there were, is here too.
 
 use crate::gpu::{
-    GpuCounters, GpuError, Kernels, NodeLights, ReflectiveMaps, SceneBuffers, SubsplatBuffers,
+    GpuCounters, GpuError, KernelPipelines, NodeLights, RsmBuffers, SceneBuffers, SubsplatBuffers,
     SubsplatTargets, ViewBuffers, VplShadows,
 };
 use bevy::ecs::prelude::*;
@@ -128,7 +128,7 @@ impl From<GiSubsplatSettings> for SubsplatSettings {
 
 /// Virtual lights of the frame, as a view needs them.
 pub(crate) struct ViewLights<'a> {
-    pub maps: &'a ReflectiveMaps,
+    pub maps: &'a RsmBuffers,
     pub view: VplViewParams,
     pub lit: VplParams,
     pub shadows: Option<VplShadows<'a>>,
@@ -183,7 +183,7 @@ impl ViewSubsplats {
     )]
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         params: &SubsplatParams,

@@ -16,9 +16,9 @@ use super::occluders::{GiOccluder, gains};
 use super::quality::GiActiveTier;
 use super::reflective::GiRsmCamera;
 use super::sky::GiSky;
-use super::transform::Placement;
+use super::transform::SimilarityTransform;
 use super::volume::GiIrradianceVolume;
-use crate::plan::{Inventory, Picked, PickedBounces, PickedChannels, SceneId, ViewId};
+use crate::plan::{BounceSelection, ColorModeSelection, Inventory, SceneId, TierSelection, ViewId};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::camera::{Camera, Hdr, primitives::Aabb, primitives::Frustum};
@@ -45,7 +45,7 @@ pub(crate) struct ExtractedScene {
     pub id: SceneId,
     /// The bake; `None` while it loads.
     pub bake: Option<Arc<BakedScene>>,
-    pub placement: Option<Placement>,
+    pub placement: Option<SimilarityTransform>,
     pub shown: bool,
     pub layers: RenderLayers,
     pub lighting: GiLighting,
@@ -56,11 +56,11 @@ pub(crate) struct ExtractedScene {
     /// What passes its occluders, where it knows any.
     pub gains: Vec<f32>,
     /// The tier and why; none while the bake loads.
-    pub tier: Option<Picked>,
+    pub tier: Option<TierSelection>,
     /// In how many channels links are applied, and why; the inventory says so, none while the bake loads.
-    pub channels: Option<PickedChannels>,
+    pub channels: Option<ColorModeSelection>,
     /// With how many reflections, and why; the inventory says so, none while the bake loads or where it holds them.
-    pub bounces: Option<PickedBounces>,
+    pub bounces: Option<BounceSelection>,
 }
 
 /// A camera with display settings.
@@ -266,7 +266,7 @@ pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &Render
 fn sky_of(
     lighting: &GiLighting,
     sky: Option<&GiSky>,
-    placement: Option<&Placement>,
+    placement: Option<&SimilarityTransform>,
 ) -> SkyRadiance {
     let LinearRgba {
         red, green, blue, ..
@@ -345,7 +345,7 @@ pub(crate) fn extract(
     out.views.clear();
     out.lights.clear();
     for (entity, gi, lighting, tier, transform, visibility, layers, sky, materials) in &scenes {
-        let placement = Placement::new(transform);
+        let placement = SimilarityTransform::new(transform);
         if placement.is_some_and(|p| p.distorted) && told.distorted.insert(entity) {
             warn!(
                 "The root {entity} of a baked scene is scaled differently along its axes (or sheared). Indirect light follows \

@@ -6,7 +6,7 @@
 
 use super::components::GiScene;
 use super::readback::SharedCoefficients;
-use super::transform::Placement;
+use super::transform::SimilarityTransform;
 use super::{asset::GiBakedScene, sets::GiSystems};
 use bevy::app::{App, Last, Plugin};
 use bevy::asset::Assets;
@@ -98,7 +98,8 @@ fn draw(
     }
     let group = gizmos.config_ext.clone();
     for (entity, gi, transform, visibility) in &scenes {
-        let (Some(asset), Some(place)) = (assets.get(&gi.0), Placement::new(transform)) else {
+        let (Some(asset), Some(place)) = (assets.get(&gi.0), SimilarityTransform::new(transform))
+        else {
             continue;
         };
         if !visibility.get() {

@@ -1,7 +1,9 @@
 //! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
 
 use super::display::ViewLights;
-use crate::gpu::{GlossBuffers, GpuCounters, GpuError, Kernels, NodeLights, SubsplatTargets};
+use crate::gpu::{
+    GlossBuffers, GpuCounters, GpuError, KernelPipelines, NodeLights, SubsplatTargets,
+};
 use bevy::ecs::prelude::*;
 use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
@@ -75,7 +77,7 @@ impl ViewGloss {
     /// [`GpuError::TooLarge`], see [`GlossBuffers::new`].
     pub fn record(
         held: &mut Option<Self>,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         on: &GlossView<'_>,

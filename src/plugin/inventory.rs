@@ -8,7 +8,8 @@ use super::extract::{
 };
 use super::reflective::{AskingLights, GiReflector, GiRsmCamera};
 use crate::plan::{
-    BouncePicker, Cameras, ChannelPicker, Found, FoundScene, SceneId, Surveyor, reaches,
+    BounceSelector, Cameras, ColorModeSelector, Found, InventoryTracker, SceneId, SceneSnapshot,
+    reaches,
 };
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
@@ -68,8 +69,8 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
 /// What picks for one scene.
 #[derive(Default)]
 pub(crate) struct Pickers {
-    channels: ChannelPicker,
-    bounces: BouncePicker,
+    channels: ColorModeSelector,
+    bounces: BounceSelector,
     /// The bake that reflections are picked for.
     bake: usize,
 }
@@ -82,7 +83,7 @@ pub(crate) struct Pickers {
 )]
 pub(crate) fn take_inventory(
     mut world: ResMut<ExtractedGi>,
-    mut surveyor: Local<Surveyor<LightKey>>,
+    mut surveyor: Local<InventoryTracker<LightKey>>,
     mut pickers: Local<BTreeMap<SceneId, Pickers>>,
     cameras: Extract<Query<AnyCamera, (With<Camera3d>, Without<GiRsmCamera>)>>,
     bouncers: Extract<Query<(), With<GiReflector>>>,
@@ -114,7 +115,7 @@ pub(crate) fn take_inventory(
     let found = Found {
         lights: world.lights.iter().map(|l| (l.key, &l.light)).collect(),
         scenes: (world.scenes.iter())
-            .map(|scene| FoundScene {
+            .map(|scene| SceneSnapshot {
                 id: scene.id,
                 bake: scene.bake.as_ref(),
                 transform: (scene.placement.as_ref())
@@ -145,7 +146,7 @@ pub(crate) fn take_inventory(
         scene.channels = Some(pickers.channels.pick(asked, colors));
         let which = Arc::as_ptr(bake) as usize;
         if pickers.bake != which {
-            (pickers.bake, pickers.bounces) = (which, BouncePicker::new());
+            (pickers.bake, pickers.bounces) = (which, BounceSelector::new());
         }
         let asked = scene.lighting.bounces;
         scene.bounces = pickers.bounces.pick(asked, bake, &scene.materials);

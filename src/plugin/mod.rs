@@ -167,7 +167,7 @@ pub use reflective::{
 pub use sets::GiSystems;
 pub use sky::{GiSky, GiSkyError};
 pub use soft::GiSoftShadow;
-pub use transform::Placement;
+pub use transform::SimilarityTransform;
 pub use volume::GiIrradianceVolume;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};

@@ -10,7 +10,9 @@ use super::asset::GiBakedScene;
 use super::components::{GiLighting, GiScene};
 use super::compute::largest_binding;
 use super::diagnostics::GiFrameStats;
-use crate::plan::{BouncePicker, Picked, Picker, Quality, TierChoice, falls_back};
+use crate::plan::{
+    BounceSelector, Quality, TierCandidate, TierController, TierSelection, falls_back,
+};
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::entity::EntityHashMap;
@@ -71,8 +73,8 @@ pub struct GiActiveTier {
 impl GiActiveTier {
     /// The tier of the next frames and the reason; `None` while the bake is not loaded.
     #[must_use]
-    pub fn picked(&self) -> Option<Picked> {
-        (self.tier > 0).then(|| Picked {
+    pub fn picked(&self) -> Option<TierSelection> {
+        (self.tier > 0).then(|| TierSelection {
             tier: self.tier,
             tiers: self.tiers,
             octree: self.octree,
@@ -89,8 +91,8 @@ impl GiActiveTier {
     }
 }
 
-impl From<&Picker> for GiActiveTier {
-    fn from(picker: &Picker) -> Self {
+impl From<&TierController> for GiActiveTier {
+    fn from(picker: &TierController) -> Self {
         let picked = picker.picked();
         Self {
             tier: picked.tier,
@@ -106,7 +108,7 @@ impl From<&Picker> for GiActiveTier {
 
 /// The picker of one scene.
 pub(crate) struct Picking {
-    picker: Picker,
+    picker: TierController,
     /// Bake, quality, sweeps and transport that the picker was made for.
     made_for: (usize, [u32; 2], u32, bool),
     /// Time of the last cost that was measured.
@@ -177,7 +179,7 @@ pub(crate) fn pick(
             Some(_) => 0,
             // Live materials may ask for more: what a solve takes says so.
             None => {
-                let picked = BouncePicker::new().pick(lighting.bounces, bake, &[]);
+                let picked = BounceSelector::new().pick(lighting.bounces, bake, &[]);
                 picked.map_or(0, |picked| picked.bounces - 1)
             }
         };
@@ -186,10 +188,10 @@ pub(crate) fn pick(
         let linked = falls_back(bake, room).is_some();
         let made_for = (Arc::as_ptr(bake) as usize, bits(*quality), sweeps, linked);
         if pickings.get(&root).map(|picking| picking.made_for) != Some(made_for) {
-            let mut choices = TierChoice::of(bake, sweeps);
+            let mut choices = TierCandidate::of(bake, sweeps);
             choices.retain(|choice| !(linked && choice.octree));
             let picking = Picking {
-                picker: Picker::new((*quality).into(), choices),
+                picker: TierController::new((*quality).into(), choices),
                 made_for,
                 seen: None,
             };

@@ -8,9 +8,9 @@ use super::check::{GiWarning, GiWarnings, tell};
 use super::components::{GiScene, GiSettings};
 use super::composite::screen_texture;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
-use super::transform::Placement;
+use super::transform::SimilarityTransform;
 use crate::gpu::{
-    GpuCounters, GpuError, Kernels, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
+    GpuCounters, GpuError, KernelPipelines, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
     ViewBuffers,
 };
 use crate::plan::{SceneId, SoftState, reaches_softly, softly_alike};
@@ -149,7 +149,7 @@ impl SceneSoft {
         bake: &BakedScene,
         bounds: Bounds,
         layers: &RenderLayers,
-        placement: &Placement,
+        placement: &SimilarityTransform,
     ) -> SoftState {
         let local_from_world = placement.matrix();
         self.wanted.clear();
@@ -182,7 +182,7 @@ impl SceneSoft {
     /// [`GpuError::TooLarge`], see [`SoftBuffers::new`]: the plan knows of it from then on.
     pub fn record(
         &mut self,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         scene: &SceneBuffers,
@@ -255,7 +255,7 @@ impl ViewShade {
     )]
     pub fn record(
         held: &mut Option<Self>,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         (depth, gbuffer): (&wgpu::TextureView, &wgpu::TextureView),

@@ -8,7 +8,7 @@ use bevy::transform::components::GlobalTransform;
 
 /// Placement of a bake: translation, rotation (perhaps with a reflection) and one scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
+pub struct SimilarityTransform {
     /// Local to world, meters; its linear part is `scale` times an orthogonal matrix.
     pub world_from_local: Affine3A,
     /// World meters per local meter.
@@ -17,7 +17,7 @@ pub struct Placement {
     pub distorted: bool,
 }
 
-impl Placement {
+impl SimilarityTransform {
     /// The placement nearest to a transform; `None` for one that has no volume or is not finite.
     #[must_use]
     pub fn new(transform: &GlobalTransform) -> Option<Self> {
@@ -93,8 +93,8 @@ mod tests {
     use bevy::transform::components::Transform;
     use meshless_gi::frame::{FrameLight, project::unshadowed};
 
-    fn placement(transform: Transform) -> Placement {
-        Placement::new(&GlobalTransform::from(transform)).unwrap()
+    fn placement(transform: Transform) -> SimilarityTransform {
+        SimilarityTransform::new(&GlobalTransform::from(transform)).unwrap()
     }
 
     #[test]
@@ -127,13 +127,13 @@ mod tests {
         let mirror = placement(Transform::from_scale(Vec3::new(-2.0, 2.0, 2.0)));
         assert!(!mirror.distorted, "a reflection is no distortion");
         assert!(
-            Placement::new(&GlobalTransform::from(Transform::from_scale(Vec3::new(
+            SimilarityTransform::new(&GlobalTransform::from(Transform::from_scale(Vec3::new(
                 1.0, 0.0, 1.0
             ))))
             .is_none()
         );
         assert!(
-            Placement::new(&GlobalTransform::from(Transform::from_xyz(
+            SimilarityTransform::new(&GlobalTransform::from(Transform::from_xyz(
                 f32::NAN,
                 0.0,
                 0.0

@@ -9,7 +9,7 @@ use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
 use super::reflective::GiRsmCamera;
-use crate::gpu::{GpuFrame, Kernels, VolumeBuffers};
+use crate::gpu::{GpuFrame, KernelPipelines, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};
 use bevy::camera::primitives::Frustum;
@@ -373,7 +373,7 @@ impl SceneVolume {
         bake: &BakedScene,
         local_from_world: &Mat4,
         frame: &mut GpuFrame,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
     ) {
@@ -403,7 +403,7 @@ impl SceneVolume {
         &mut self,
         shape: VoxelGrid,
         bake: &BakedScene,
-        kernels: &Kernels,
+        kernels: &KernelPipelines,
         queue: &wgpu::Queue,
     ) {
         if self.buffers.as_ref().is_some_and(|b| *b.shape() == shape) {

@@ -19,7 +19,7 @@ use bevy::render::view::screenshot::{Screenshot, save_to_disk};
 use meshless_gi_lab::accuracy::{Image as LinearImage, flip};
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use bevy_meshless_gi::plan::BouncePicker;
+use bevy_meshless_gi::plan::BounceSelector;
 use bevy_meshless_gi::plugin::{GiFrameStats, GiDebugView};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::scene::Light;
@@ -258,7 +258,7 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let local_from_world = root.to_matrix().inverse();
     let assets = world.resource::<Assets<GiBakedScene>>();
     let scene: &BakedScene = &assets.get(&gi.0).expect("the bake is loaded").scene;
-    let picked = BouncePicker::new().pick(lighting.bounces, scene, &[]);
+    let picked = BounceSelector::new().pick(lighting.bounces, scene, &[]);
     let settings = FrameSettings {
         emission: lighting.emission,
         ..FrameSettings::bounces(picked.map_or(1, |picked| picked.bounces))

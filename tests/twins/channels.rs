@@ -3,7 +3,7 @@
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};
 use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
-use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass};
+use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::{Channels, CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
@@ -76,7 +76,7 @@ fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -
 #[test]
 fn where_all_is_gray_one_channel_says_as_much_as_three() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     for form in FORMS {
         let (scene, mut lights) = gray(form);
         let right = cpu(&scene, &lights, &at(Channels::Three));
@@ -106,7 +106,7 @@ fn where_all_is_gray_one_channel_says_as_much_as_three() {
 fn light_in_free_space_takes_one_channel_too() {
     use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = bake_box(&Recipe {
         probes: Some(ProbeSettings {
             spacing: Some(0.8),

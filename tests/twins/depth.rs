@@ -1,16 +1,16 @@
 //! A depth texture from numbers, for tests and measurements.
 
-use bevy_meshless_gi::gpu::Harness;
+use bevy_meshless_gi::gpu::HeadlessDevice;
 use wgpu::{TextureFormat, TextureUsages};
 
 /// A depth texture with these texels.
-pub fn depth_texture(harness: &Harness, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
+pub fn depth_texture(harness: &HeadlessDevice, size: [u32; 2], depth: &[f32]) -> wgpu::Texture {
     depth_samples(harness, size, depth, 1)
 }
 
 /// The same with so many samples a pixel, all alike. They are drawn: WebGPU copies none into a 32-bit depth texture.
 pub fn depth_samples(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     size: [u32; 2],
     depth: &[f32],
     samples: u32,

@@ -4,7 +4,7 @@ use meshless_gi_lab::fixtures::fmm as room;
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, Harness, Kernels, Pass};
+use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, HeadlessDevice, KernelPipelines, Pass};
 use glam::Vec3;
 use meshless_gi::frame::VectorIrradiance;
 use meshless_gi::frame::fmm_down::fmm_down;
@@ -31,7 +31,7 @@ fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
 }
 
 /// A storage buffer with this in it.
-fn storage<T: bytemuck::NoUninit>(harness: &Harness, data: &[T]) -> wgpu::Buffer {
+fn storage<T: bytemuck::NoUninit>(harness: &HeadlessDevice, data: &[T]) -> wgpu::Buffer {
     let buffer = harness.device.create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: size_of_val(data) as u64,
@@ -47,8 +47,8 @@ fn storage<T: bytemuck::NoUninit>(harness: &Harness, data: &[T]) -> wgpu::Buffer
 
 /// The same on the device, and how often each pass was recorded.
 fn device(
-    harness: &Harness,
-    kernels: &Kernels,
+    harness: &HeadlessDevice,
+    kernels: &KernelPipelines,
     operator: &FmmOperator,
     radiosity: &[[f32; 4]],
 ) -> ([Vec<f32>; 3], GpuCounters) {
@@ -121,7 +121,7 @@ fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
 #[test]
 fn fmm_up_and_down() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     for (order, disks) in [(0, true), (3, false), (4, true), (6, true)] {
         let (fmm, radiosity) = scene(order, disks);
         let mut operator = fmm.operator(|at| at);
@@ -190,7 +190,7 @@ fn fmm_up_and_down() {
 #[test]
 fn an_order_too_high_and_nothing_at_all() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let empty = |order| {
         let settings = FmmSettings {
             order,

@@ -6,7 +6,9 @@ use super::harness;
 use super::picture::wide;
 use super::synthetic::Dice;
 use super::volume_read::{linear, space_of, with_walls};
-use bevy_meshless_gi::gpu::{FogBuffers, FogTextures, Harness, Kernels, Pass, draw_fog};
+use bevy_meshless_gi::gpu::{
+    FogBuffers, FogTextures, HeadlessDevice, KernelPipelines, Pass, draw_fog,
+};
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
 use meshless_gi::frame::fog_voxels::fog_voxels;
@@ -146,9 +148,9 @@ fn trilinear(texels: &[[f32; 4]], at: Vec3) -> f32 {
 }
 
 /// What the device makes of it.
-fn on_gpu(harness: &Harness, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
+fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -> Vec<[f32; 4]> {
     let (device, queue) = (&harness.device, &harness.queue);
-    let kernels = Kernels::new(device).unwrap();
+    let kernels = KernelPipelines::new(device).unwrap();
     let mut buffers = FogBuffers::default();
     buffers.write(device, queue, &[drawn.light], &drawn.params);
     let bytes = 3 * 560 + 192 + 8 * drawn.light.size.iter().product::<u32>() as u64;

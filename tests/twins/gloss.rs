@@ -6,7 +6,7 @@ use super::gloss_support::{Scene, room, virtual_lights};
 use super::picture::wide;
 use super::{harness, synthetic};
 use bevy_meshless_gi::gpu::{
-    Draw, GlossBuffers, GpuFrame, Harness, Kernels, NodeLights, Pass, ReflectiveMaps,
+    Draw, GlossBuffers, GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers,
     SubsplatTargets, ViewBuffers, VplShadows, draw_gloss,
 };
 use glam::{Mat4, Vec3};
@@ -40,13 +40,13 @@ fn params() -> CompositeParams {
 const GRAY: f32 = 0.25;
 
 fn on_gpu(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     of: &Scene,
     settings: &GlossSettings,
     passes: &[u8],
     by: Option<&BakedScene>,
 ) -> OnGpu {
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let frame = by.map(|scene| GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap());
     let read = TextureUsages::TEXTURE_BINDING;
     let look = |t: &wgpu::Texture| t.create_view(&TextureViewDescriptor::default());
@@ -57,7 +57,7 @@ fn on_gpu(
     let usage = read | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
     let output = harness.texture::<[f16; 4]>(SIZE, half4, usage, None);
     let target = look(&output);
-    let maps = ReflectiveMaps::new(&harness.device, 1, of.vpls.len() as u32).unwrap();
+    let maps = RsmBuffers::new(&harness.device, 1, of.vpls.len() as u32).unwrap();
     let queue = &harness.queue;
     queue.write_buffer(maps.vpls(), 0, bytemuck::cast_slice(&of.vpls));
     let uniform = |bytes: &[u8]| {

@@ -3,7 +3,7 @@
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};
 use crate::{harness, output, projection_problems};
-use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, SceneBuffers};
+use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass, SceneBuffers};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{
@@ -80,7 +80,7 @@ fn vectors(links: &[Link]) -> Vec<[f32; 3]> {
 #[test]
 fn occluders_shut_and_open() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = scene();
     let lights = lights();
     let slots: Vec<u32> = (0..lights.len() as u32).collect();
@@ -139,7 +139,7 @@ fn occluders_shut_and_open() {
 #[test]
 fn operators_in_parts_are_occluded_too() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = scene();
     let (device, queue) = (&harness.device, &harness.queue);
     // The least that all other arrays fit.
@@ -168,7 +168,7 @@ fn operators_in_parts_are_occluded_too() {
 #[test]
 fn a_scene_without_occluders_has_nothing_of_them() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let plain = bake_box(&recipe(TransportMethod::Bounded, BounceMode::Live));
     let mut frame = GpuFrame::new(&kernels, &harness.queue, &plain, 1).unwrap();
     let (count, bytes) = (frame.buffers().count(), frame.buffers().bytes());

@@ -3,7 +3,9 @@
 use super::compare::{HALF, Scale, differing};
 use super::screen::{self, SIZE, Screen};
 use super::{cpu, depth, harness, settings, synthetic};
-use bevy_meshless_gi::gpu::{GpuFrame, Harness, Kernels, Pass, SplatTargets, ViewBuffers};
+use bevy_meshless_gi::gpu::{
+    GpuFrame, HeadlessDevice, KernelPipelines, Pass, SplatTargets, ViewBuffers,
+};
 use half::f16;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::{
@@ -21,14 +23,14 @@ struct Pictures {
 }
 
 fn draw(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     scene: &BakedScene,
     twin: &CpuFrame,
     screen: &Screen,
     params: &SplatParams,
     (composite, replace): (&CompositeParams, bool),
 ) -> Pictures {
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut frame = GpuFrame::new(&kernels, &harness.queue, scene, 1).unwrap();
     let values = frame.buffers().output(Pass::Averages).unwrap();
     harness

@@ -7,7 +7,8 @@ use super::screen::{Screen, local_from_world};
 use super::synthetic::{self, Dice};
 use super::{cpu, harness, settings};
 use bevy_meshless_gi::gpu::{
-    DrawnMap, GpuFrame, Harness, Kernels, Pass, ReflectiveMaps, SplatTargets, VplShadows,
+    GpuFrame, HeadlessDevice, KernelPipelines, Pass, RsmBuffers, RsmCapture, SplatTargets,
+    VplShadows,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -72,7 +73,7 @@ impl Map {
         rsm::texels(&self.params(light, 0), &self.depth, &self.gbuffer)
     }
 
-    fn views(&self, harness: &Harness) -> [TextureView; 2] {
+    fn views(&self, harness: &HeadlessDevice) -> [TextureView; 2] {
         let read = TextureUsages::TEXTURE_BINDING;
         let depth = depth_texture(harness, [SIDE; 2], &self.depth);
         let format = TextureFormat::Rgba32Uint;
@@ -170,13 +171,13 @@ fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
 #[test]
 fn rsm() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let frame = GpuFrame::new(&kernels, &harness.queue, &scene, 1).unwrap();
     let lamps = lamps();
     let all = VPLS * lamps.len() as u32;
     let room = 2 * SIDE * SIDE;
-    let mut maps = ReflectiveMaps::new(&harness.device, 1, 1).unwrap();
+    let mut maps = RsmBuffers::new(&harness.device, 1, 1).unwrap();
     let local = local_from_space(&local_from_world(), ORIGIN);
     // Each light once without a baked scene and once with one.
     for shadows in [false, true] {
@@ -187,7 +188,7 @@ fn rsm() {
             let drawn: Vec<_> = own
                 .iter()
                 .zip(&views)
-                .map(|(map, [depth, gbuffer])| DrawnMap {
+                .map(|(map, [depth, gbuffer])| RsmCapture {
                     depth,
                     gbuffer,
                     params: map.params(light, 0),
@@ -258,7 +259,7 @@ fn rsm() {
     maps.begin(&harness.device, room, all).unwrap();
     let dark = FrameLight::default();
     let views = lamps[0].1[0].views(&harness);
-    let drawn = DrawnMap {
+    let drawn = RsmCapture {
         depth: &views[0],
         gbuffer: &views[1],
         params: lamps[0].1[0].params(&dark, 0),
@@ -273,8 +274,8 @@ fn rsm() {
 #[test]
 fn what_asks_for_no_map_makes_none() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
-    let mut maps = ReflectiveMaps::new(&harness.device, 64, 16).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
+    let mut maps = RsmBuffers::new(&harness.device, 64, 16).unwrap();
     let light = FrameLight::point(Vec3::ZERO, Vec3::ONE, 9.0);
     harness
         .run(|e| maps.light(&kernels, &harness.queue, e, &light, &[], &[], 16))
@@ -287,7 +288,7 @@ fn what_asks_for_no_map_makes_none() {
 #[test]
 fn vpl() {
     let Some(harness) = harness() else { return };
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
     let twin = cpu(&scene, &synthetic::lights(), &settings(0, false));
     assert!(!twin.values().is_empty());
@@ -303,9 +304,9 @@ fn vpl() {
     lights[3].normal = [0.0; 3];
     lights[4].square = 0.0;
     lights[5] = Vpl::default();
-    let mut maps = ReflectiveMaps::new(&harness.device, SIDE * SIDE, VPLS).unwrap();
+    let mut maps = RsmBuffers::new(&harness.device, SIDE * SIDE, VPLS).unwrap();
     let views = own[0].views(&harness);
-    let drawn = DrawnMap {
+    let drawn = RsmCapture {
         depth: &views[0],
         gbuffer: &views[1],
         params: own[0].params(light, 0),

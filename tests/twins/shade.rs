@@ -6,8 +6,8 @@ use super::picture::{pixels_differing, wide};
 use super::screen::SIZE;
 use super::soft::{baked, lights};
 use bevy_meshless_gi::gpu::{
-    Harness, Kernels, Pass, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets, ViewBuffers,
-    draw_shade,
+    HeadlessDevice, KernelPipelines, Pass, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
+    ViewBuffers, draw_shade,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -122,10 +122,15 @@ fn earlier(i: usize) -> [f32; 4] {
 }
 
 /// What the device makes of it: `shade`, `shade_over`, and the picture after the draw of the first.
-fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Vec<[f32; 4]>; 3] {
+fn on_gpu(
+    harness: &HeadlessDevice,
+    shaded: &Shaded,
+    passes: &[u8],
+    gloss: bool,
+) -> [Vec<[f32; 4]>; 3] {
     let Shaded { scene, drawn, .. } = shaded;
     let (device, queue) = (&harness.device, &harness.queue);
-    let kernels = Kernels::new(device).unwrap();
+    let kernels = KernelPipelines::new(device).unwrap();
     let scene_buffers = SceneBuffers::new(device, queue, scene, 1).unwrap();
     let visibility = scene.visibility.as_ref().unwrap();
     let soft_buffers = SoftBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
@@ -206,7 +211,7 @@ fn on_gpu(harness: &Harness, shaded: &Shaded, passes: &[u8], gloss: bool) -> [Ve
 }
 
 /// Tables on the device.
-fn layers_of(harness: &Harness, tables: &Tables) -> wgpu::TextureView {
+fn layers_of(harness: &HeadlessDevice, tables: &Tables) -> wgpu::TextureView {
     let size = wgpu::Extent3d {
         width: tables.size,
         height: tables.size,

@@ -2,7 +2,7 @@
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::gpu::{Kernels, Pass, SceneBuffers, SoftBuffers};
+use bevy_meshless_gi::gpu::{KernelPipelines, Pass, SceneBuffers, SoftBuffers};
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
@@ -54,7 +54,7 @@ fn soft() {
     let scene = baked();
     let visibility = scene.visibility.as_ref().unwrap();
     let lights = lights();
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let buffers = SceneBuffers::new(&harness.device, &harness.queue, &scene, 1).unwrap();
     let mut soft_buffers =
         SoftBuffers::new(&harness.device, &harness.queue, &buffers, visibility, 1).unwrap();

@@ -8,7 +8,8 @@ use super::depth::depth_texture;
 use super::picture::wide;
 use super::{baked, cpu, harness, settings, solved};
 use bevy_meshless_gi::gpu::{
-    GpuFrame, Harness, Kernels, Pass, SplatTargets, SubsplatBuffers, SubsplatTargets, ViewBuffers,
+    GpuFrame, HeadlessDevice, KernelPipelines, Pass, SplatTargets, SubsplatBuffers,
+    SubsplatTargets, ViewBuffers,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
@@ -175,8 +176,8 @@ struct OnGpu {
     texels: Vec<[f32; 4]>,
 }
 
-fn on_gpu(harness: &Harness, of: &Scene, settings: &SubsplatSettings) -> OnGpu {
-    let kernels = Kernels::new(&harness.device).unwrap();
+fn on_gpu(harness: &HeadlessDevice, of: &Scene, settings: &SubsplatSettings) -> OnGpu {
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let frame = GpuFrame::new(
         &kernels,
         &harness.queue,
@@ -428,7 +429,7 @@ type Spoil = fn(&mut meshless_gi::asset::Probes);
 fn probe() {
     let Some(harness) = harness() else { return };
     let of = Scene::with_ball();
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let lights = of.twin.lights().len() as u32;
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
     let mut frame = solved(

@@ -4,7 +4,7 @@ use super::Scene;
 use crate::compare::{HALF, Scale, differing};
 use crate::picture::wide;
 use crate::{harness, settings, solved};
-use bevy_meshless_gi::gpu::{GpuFrame, Kernels, Pass, VolumeBuffers};
+use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
 use meshless_gi::frame::volume::{AHEAD, volume_texels};
@@ -15,7 +15,7 @@ use wgpu::{TextureUsages, TextureViewDescriptor};
 fn volumes() {
     let Some(harness) = harness() else { return };
     let of = Scene::with_ball();
-    let kernels = Kernels::new(&harness.device).unwrap();
+    let kernels = KernelPipelines::new(&harness.device).unwrap();
     let lights = of.twin.lights().len() as u32;
     let frame = GpuFrame::new(&kernels, &harness.queue, &of.scene, lights).unwrap();
     let mut frame = solved(&harness, &kernels, frame, &of.twin, &settings(2, false));

@@ -4,7 +4,7 @@ use crate::compare::{HALF, Scale, differing};
 use crate::harness;
 use crate::picture::wide;
 use crate::synthetic::Dice;
-use bevy_meshless_gi::gpu::Harness;
+use bevy_meshless_gi::gpu::HeadlessDevice;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
@@ -126,7 +126,7 @@ pub fn with_walls(dice: &mut Dice, size: UVec3) -> Vec<[f16; 4]> {
 }
 
 /// A texture in three dimensions.
-pub fn space_of(harness: &Harness, size: UVec3, texels: &[[f16; 4]]) -> wgpu::TextureView {
+pub fn space_of(harness: &HeadlessDevice, size: UVec3, texels: &[[f16; 4]]) -> wgpu::TextureView {
     let texture = harness.device.create_texture_with_data(
         &harness.queue,
         &wgpu::TextureDescriptor {
@@ -150,7 +150,7 @@ pub fn space_of(harness: &Harness, size: UVec3, texels: &[[f16; 4]]) -> wgpu::Te
 }
 
 /// What reads between texels.
-pub fn linear(harness: &Harness) -> wgpu::Sampler {
+pub fn linear(harness: &HeadlessDevice) -> wgpu::Sampler {
     harness.device.create_sampler(&wgpu::SamplerDescriptor {
         mag_filter: wgpu::FilterMode::Linear,
         min_filter: wgpu::FilterMode::Linear,
@@ -160,7 +160,7 @@ pub fn linear(harness: &Harness) -> wgpu::Sampler {
 
 /// A texture of the screen.
 fn screen_of(
-    harness: &Harness,
+    harness: &HeadlessDevice,
     [width, height]: [u32; 2],
     texels: &[[f16; 4]],
 ) -> wgpu::TextureView {

@@ -1,4 +1,4 @@
-//! In how many channels a frame applies the operator: a choice of [`FrameSettings`](super::FrameSettings), which the plan makes ([`crate::plan::ChannelPicker`]).
+//! In how many channels a frame applies the operator: a choice of [`FrameSettings`](super::FrameSettings), which the plan makes ([`crate::plan::ColorModeSelector`]).
 
 use glam::Vec3;
 

@@ -22,7 +22,7 @@ const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Which texture coordinates a texture reads, and how it moves them (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Placement {
+pub(super) struct SimilarityTransform {
     /// Number of the coordinate set; none where the material has no such texture.
     pub(super) set: Option<u32>,
     offset: Vec2,
@@ -30,7 +30,7 @@ pub(super) struct Placement {
     scale: Vec2,
 }
 
-impl Placement {
+impl SimilarityTransform {
     fn of(info: Option<&Info>) -> Self {
         let Some(info) = info else {
             return Self::default();
@@ -62,7 +62,7 @@ impl Placement {
 /// A material with the placements of its base color, metallic and emissive texture.
 pub(super) struct Placed {
     pub(super) material: Material,
-    pub(super) placements: [Placement; 3],
+    pub(super) placements: [SimilarityTransform; 3],
 }
 
 /// What a primitive without a material has: white, fully metallic says the format, which reflects nothing diffusely;
@@ -73,7 +73,7 @@ pub(super) fn plain() -> Placed {
             double_sided: false,
             ..Material::diffuse(Vec3::ONE)
         },
-        placements: [Placement::default(); 3],
+        placements: [SimilarityTransform::default(); 3],
     }
 }
 
@@ -124,9 +124,9 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
             name: m.name.clone().unwrap_or_default(),
         },
         placements: [
-            Placement::of(base_info.as_ref()),
-            Placement::of(metallic_info.as_ref()),
-            Placement::of(m.emissive_texture.as_ref()),
+            SimilarityTransform::of(base_info.as_ref()),
+            SimilarityTransform::of(metallic_info.as_ref()),
+            SimilarityTransform::of(m.emissive_texture.as_ref()),
         ],
     })
 }
