@@ -41,9 +41,9 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 }
 
 /// Two references whose noise is independent.
-type Truth = [Vec<Irradiance>; 2];
+type GroundTruth = [Vec<Irradiance>; 2];
 
-fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> Truth {
+fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> GroundTruth {
     [1, 2].map(|seed| {
         let settings = ReferenceSettings {
             paths: 64,
@@ -79,7 +79,7 @@ fn indirect(scene: &BakedScene, level: &TriangleMesh, places: &[(Vec3, Vec3)]) -
 }
 
 /// ‖values − truth‖ / ‖truth‖; in products of the one reference with the other their noise cancels.
-fn nrmse(values: &[Vec3], truth: &Truth) -> f64 {
+fn nrmse(values: &[Vec3], truth: &GroundTruth) -> f64 {
     let (mut square, mut power) = (0.0f64, 0.0f64);
     for (i, x) in values.iter().enumerate() {
         let [a, b] = [0, 1].map(|k| truth[k][i].indirect);

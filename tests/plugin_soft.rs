@@ -13,7 +13,7 @@ use meshless_gi::frame::shade::{self, ShadeParams, Shading};
 use meshless_gi::frame::soft::{self, Rays};
 use meshless_gi::frame::{SoftLight, SplatParams, gbuffer, splat};
 use meshless_gi::scene::Geometry;
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::bounce::Things;
 use plugin_support::flip::Picture;
@@ -120,7 +120,7 @@ fn expected(
         quads: room.0.clone(),
         ..Things::default()
     };
-    let drawn = DrawnView::new(&things, clip_from_local, size);
+    let drawn = RaycastView::new(&things, clip_from_local, size);
     let view = SplatParams::new(
         clip_from_local.inverse(),
         Mat4::IDENTITY,

@@ -15,7 +15,7 @@ use meshless_gi::frame::{
     VplViewParams, gbuffer, pyramid, rsm, vpl,
 };
 use meshless_gi::scene::{Bounds, Bvh, Geometry, Hit, Light, Ray, Surface};
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 use std::f32::consts::{FRAC_PI_4, PI};
 
 /// A matte ball.
@@ -134,7 +134,7 @@ pub fn cpu_vpls(
         };
         let world_from_view = Mat4::from_rotation_translation(view.rotation, view.position);
         let clip_from_world = clip_from_view * world_from_view.inverse();
-        let drawn = DrawnView::new(moving, clip_from_world, [side, side]);
+        let drawn = RaycastView::new(moving, clip_from_world, [side, side]);
         let matrix = space_from_clip(&world_from_view, &clip_from_view, Vec3::ZERO);
         let light = light_in_space(&light, Vec3::ZERO);
         let params = RsmParams::new(matrix, &light, side, 0);
@@ -205,7 +205,7 @@ pub fn cpu_gloss(
     let world_from_view = Mat4::from_rotation_translation(camera.rotation, camera.translation);
     let clip_from_view =
         Mat4::perspective_infinite_reverse_rh(FRAC_PI_4, WIDTH as f32 / HEIGHT as f32, 0.1);
-    let drawn = DrawnView::new(seen, clip_from_view * world_from_view.inverse(), size);
+    let drawn = RaycastView::new(seen, clip_from_view * world_from_view.inverse(), size);
     let gbuffer: Vec<_> = (drawn.gbuffer.iter())
         .map(|texel| gbuffer::glossy(*texel, roughness, reflectance))
         .collect();

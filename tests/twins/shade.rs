@@ -17,7 +17,7 @@ use meshless_gi::frame::{
     CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
 };
 use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// What an earlier scene left in every third pixel, and what the picture was.
@@ -27,7 +27,7 @@ const GRAY: f32 = 0.5;
 /// A box, a picture of it, what its points miss, and lamps.
 struct Shaded {
     scene: BakedScene,
-    drawn: DrawnView,
+    drawn: RaycastView,
     view: SplatParams,
     deficits: Vec<VectorIrradiance>,
     lights: Vec<SoftLight>,
@@ -64,7 +64,7 @@ impl Shaded {
         let look = Mat4::look_at_rh(Vec3::new(0.3, 1.2, 3.4), Vec3::new(0.0, 0.9, 0.0), Vec3::Y);
         let clip = Mat4::perspective_infinite_reverse_rh(0.75, width / height, 0.1);
         let clip_from_local = clip * look;
-        let mut drawn = DrawnView::new(&mesh, clip_from_local, SIZE);
+        let mut drawn = RaycastView::new(&mesh, clip_from_local, SIZE);
         let (_, turned, _) = root.to_scale_rotation_translation();
         for (i, texel) in drawn.gbuffer.iter_mut().enumerate() {
             // The G-buffer holds the world's normals.

@@ -21,7 +21,7 @@ use meshless_gi::frame::{
     SubsplatSettings, Subsplats, VectorIrradiance, probe, splat, subsplats,
 };
 use meshless_gi::scene::{Material, TriangleMesh, load_gltf};
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 use std::collections::BTreeSet;
 use std::f32::consts::{PI, TAU};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
@@ -32,7 +32,7 @@ const SCALE: f32 = 0.3;
 
 /// A view of the box that is turned and moved in the world, as its bake is.
 struct Scene {
-    view: DrawnView,
+    view: RaycastView,
     scene: BakedScene,
     twin: CpuFrame,
     view_from_world: Mat4,
@@ -101,7 +101,7 @@ impl Scene {
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(0.9, aspect, 0.1);
         let view_from_world =
             Mat4::look_at_rh(Vec3::new(3.4, 2.9, -6.5), Vec3::new(2.6, 2.4, 2.8), Vec3::Y);
-        let mut view = DrawnView::new(drawn, clip_from_view * view_from_world, SIZE);
+        let mut view = RaycastView::new(drawn, clip_from_view * view_from_world, SIZE);
         // A hole in the picture, and a patch that no light applies to.
         for y in 50..60 {
             for x in 40..70 {

@@ -3,8 +3,8 @@
 use meshless_gi::bake::{Preset, Progress, Recipe, Settings, TransportMethod};
 use meshless_gi::scene::{Material, TriangleMesh, cornell_box, mesh_of_quads};
 use meshless_gi_lab::report::{
-    ExamSize, Factor, Ratio, Report, Run, Sweep, Variant, baseline, choice, compare, figures, full,
-    quick, sweep, text,
+    Factor, Ratio, Report, Run, Sweep, TestSetSize, Variant, baseline, choice, compare, figures,
+    full, quick, sweep, text,
 };
 use serde_json::Value;
 use std::fs;
@@ -246,7 +246,7 @@ fn tiny_variants(base: &Settings) -> Vec<Variant> {
 
 fn tiny_sweep() -> Sweep {
     Sweep {
-        exam: ExamSize {
+        exam: TestSetSize {
             lamps: 2,
             places: 100,
             paths: 2048,
@@ -336,7 +336,7 @@ fn a_level_without_light_or_without_anything_is_an_error() {
 /// A report of made-up rows: rule, links, error, seconds.
 fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
     let one = Sweep {
-        exam: ExamSize {
+        exam: TestSetSize {
             lamps: 1,
             places: 20,
             paths: 64,

@@ -9,7 +9,7 @@
 use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Settings, bake_scene, cast_gather_rays};
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
-use meshless_gi_lab::accuracy::{BOUNCES, Truth};
+use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -74,7 +74,7 @@ fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<
             made = Some((baked, mesh));
         }
         let Some((baked, mesh)) = &made else { continue };
-        let truth = Truth::read(path.with_extension("csv"))?;
+        let truth = GroundTruth::read(path.with_extension("csv"))?;
         for (k, bounces) in BOUNCES.iter().enumerate() {
             let count = bounces.map_or(Bounces::All, Bounces::Count);
             let meshes = std::slice::from_ref(mesh);
@@ -123,7 +123,7 @@ fn compare_tiers(
     baked: &Baked,
     mesh: &TriangleMesh,
     description: &SceneDescription,
-    truth: &Truth,
+    truth: &GroundTruth,
     name: &str,
 ) -> String {
     let scene = &baked.scene;

@@ -10,7 +10,7 @@
 use meshless_gi::asset::write_file;
 use meshless_gi::bake::Progress;
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
-use meshless_gi_lab::accuracy::Truth;
+use meshless_gi_lab::accuracy::GroundTruth;
 use meshless_gi_lab::report::{Known, Part, Sweep, document, figures, sweep};
 use std::error::Error;
 use std::fmt::Write;
@@ -114,7 +114,7 @@ fn level(path: &Path) -> Result<(TriangleMesh, Vec<Known>), Box<dyn Error>> {
         known.push(Known {
             name: format!("L{i}"),
             lights: description.lights,
-            truth: Truth::read(file.with_extension("csv"))?,
+            truth: GroundTruth::read(file.with_extension("csv"))?,
         });
     }
     let mesh = mesh.ok_or_else(|| format!("{}: no L0.json", path.display()))?;

@@ -5,14 +5,14 @@ use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{ErrorEstimate, Preset, Progress, Recipe, bake_scene, estimate_errors};
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
-use meshless_gi_lab::accuracy::{BOUNCES, Truth};
+use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
 use std::path::Path;
 
 struct Level {
     name: &'static str,
     mesh: TriangleMesh,
     description: SceneDescription,
-    truth: Truth,
+    truth: GroundTruth,
 }
 
 fn level(name: &'static str) -> Level {
@@ -23,7 +23,7 @@ fn level(name: &'static str) -> Level {
     Level {
         name,
         mesh: load_gltf(&description.geometry[0]).unwrap().mesh,
-        truth: Truth::read(folder.join("L0.csv")).unwrap(),
+        truth: GroundTruth::read(folder.join("L0.csv")).unwrap(),
         description,
     }
 }

@@ -7,7 +7,7 @@ use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
 use meshless_gi::frame::soft::{self, SoftLight};
 use meshless_gi::scene::{Light, TriangleMesh, load_gltf};
 use meshless_gi::transport::pca::Visibility;
-use meshless_gi_lab::accuracy::{ShadowPlace, deficits_by_rays, shadow_errors, shadow_places};
+use meshless_gi_lab::accuracy::{PenumbraSample, deficits_by_rays, shadow_errors, shadow_places};
 
 /// The bound.
 const BOUND: f64 = 0.10;
@@ -48,9 +48,9 @@ fn baked(name: &str) -> (TriangleMesh, BakedScene) {
 /// Errors from memory, by rays at the same points, and from five coefficients a point.
 fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Light) -> [f64; 3] {
     let visibility = scene.visibility.as_ref().expect("visibility");
-    let places: Vec<ShadowPlace> = shadow_places(scene, mesh, light, PATHS)
+    let places: Vec<PenumbraSample> = shadow_places(scene, mesh, light, PATHS)
         .into_iter()
-        .filter(ShadowPlace::in_penumbra)
+        .filter(PenumbraSample::in_penumbra)
         .collect();
     assert!(places.len() > 100, "{} places", places.len());
     let lamp = SoftLight::of(light, 25).expect("a rectangle");

@@ -7,7 +7,9 @@ use meshless_gi::scene::{
     ImplicitObject, ImplicitScene, Light, Material, SceneDescription, Shape, TriangleMesh,
     load_gltf,
 };
-use meshless_gi_lab::accuracy::{Agreement, BOUNCES, Estimates, Truth, agreement, errors};
+use meshless_gi_lab::accuracy::{
+    BOUNCES, Estimates, GroundTruth, TestStatistics, agreement, errors,
+};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 
@@ -155,11 +157,11 @@ fn sky_is_what_rays_find_where_there_is_nothing() {
 }
 
 /// Every twentieth row of a table of ground truth.
-fn some(truth: &Truth) -> Truth {
+fn some(truth: &GroundTruth) -> GroundTruth {
     fn thin<T: Copy>(all: &[T]) -> Vec<T> {
         all.iter().copied().step_by(20).collect()
     }
-    Truth {
+    GroundTruth {
         places: thin(&truth.places),
         direct: thin(&truth.direct),
         indirect: truth.indirect.each_ref().map(|(v, e)| (thin(v), thin(e))),
@@ -167,7 +169,7 @@ fn some(truth: &Truth) -> Truth {
 }
 
 /// Our estimates of indirect light against the table's, each with its noise. What is known on top of it: single precision and its textures' eight bits.
-fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> Agreement {
+fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> TestStatistics {
     let (found, noise): (Vec<Vec3>, Vec<Vec3>) =
         ours.iter().map(|e| (e.indirect, e.indirect_error)).unzip();
     let ours = Estimates {
@@ -200,7 +202,7 @@ fn agrees(folder: &Path) {
         let name = light.display();
         let scene = SceneDescription::read(&light).unwrap();
         let level = load_gltf(&scene.geometry[0]).unwrap();
-        let truth = some(&Truth::read(light.with_extension("csv")).unwrap());
+        let truth = some(&GroundTruth::read(light.with_extension("csv")).unwrap());
         let run = |lights: &[Light], bounces| {
             irradiance_at_all(&level.mesh, lights, &truth.places, &settings(2000, bounces))
         };

@@ -8,21 +8,26 @@ use meshless_gi::basis::weight;
 use meshless_gi::eval::{Bounces, Evaluator};
 use meshless_gi::samples::trace_particles;
 use meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
-use meshless_gi_lab::accuracy::{BOUNCES, Comparison, Truth};
+use meshless_gi_lab::accuracy::{BOUNCES, Comparison, GroundTruth};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-fn measure(scene: &BakedScene, mesh: &TriangleMesh, lights: &[Light], truth: &Truth) -> Comparison {
+fn measure(
+    scene: &BakedScene,
+    mesh: &TriangleMesh,
+    lights: &[Light],
+    truth: &GroundTruth,
+) -> Comparison {
     let k = BOUNCES.iter().position(|&b| b == Some(4)).unwrap();
     let meshes = std::slice::from_ref(mesh);
     let evaluator = Evaluator::new(scene, meshes, lights, Bounces::Count(4));
     truth.compare(&evaluator, k)
 }
 
-fn load(folder: &Path) -> (SceneDescription, TriangleMesh, Truth) {
+fn load(folder: &Path) -> (SceneDescription, TriangleMesh, GroundTruth) {
     let scene = SceneDescription::read(folder.join("L0.json")).unwrap();
     let mesh = load_gltf(&scene.geometry[0]).unwrap().mesh;
-    let truth = Truth::read(folder.join("L0.csv")).unwrap();
+    let truth = GroundTruth::read(folder.join("L0.csv")).unwrap();
     (scene, mesh, truth)
 }
 

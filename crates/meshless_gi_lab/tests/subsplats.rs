@@ -12,7 +12,7 @@ use meshless_gi::frame::{
     subsplats,
 };
 use meshless_gi::scene::{Material, Quad, TriangleMesh, mesh_of_quads};
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use subsplat_support::{Level, Source, Stage, View, clutter, from};
@@ -206,7 +206,7 @@ fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
         let mut view = View::new(stage, eye, target, size);
         view.expose(first.splat.scale);
         let now = errors(&view);
-        let clip = DrawnView::perspective(eye, target, Vec3::Y, 1.0, size, 0.1);
+        let clip = RaycastView::perspective(eye, target, Vec3::Y, 1.0, size, 0.1);
         if let Some((before, then, _)) = &last {
             for (p, error) in then.iter().enumerate() {
                 if before.drawn.depth[p] <= 0.0 {

@@ -8,7 +8,7 @@ use meshless_gi::scene::{
     Geometry, ImplicitObject, ImplicitScene, Light, Material, Quad, Shape, TriangleMesh,
     mesh_of_quads,
 };
-use meshless_gi_lab::accuracy::{Agreement, Estimates, agreement, closed_form};
+use meshless_gi_lab::accuracy::{Estimates, TestStatistics, agreement, closed_form};
 use std::f32::consts::PI;
 
 /// Least probability that passes. There are some forty comparisons here, all with fixed random numbers.
@@ -28,7 +28,7 @@ fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {
 fn check(what: &str, found: &[(Vec3, Vec3)], right: &[Vec3], wrong: f32) {
     let (values, errors): (Vec<Vec3>, Vec<Vec3>) = found.iter().copied().unzip();
     let none = vec![Vec3::ZERO; right.len()];
-    let against = |right: &[Vec3]| -> Agreement {
+    let against = |right: &[Vec3]| -> TestStatistics {
         let ours = Estimates {
             values: &values,
             errors: &errors,

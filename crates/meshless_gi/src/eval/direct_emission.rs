@@ -25,7 +25,7 @@ struct Emitter {
 }
 
 /// Emissive surfaces of some meshes and the sky around them.
-pub struct GlowLight<'a> {
+pub struct EmissionIntegrator<'a> {
     meshes: &'a [TriangleMesh],
     /// π times the sky's radiance, W/m².
     sky: SkyRadiance,
@@ -34,7 +34,7 @@ pub struct GlowLight<'a> {
     emitter_of: HashMap<(usize, u32), usize>,
 }
 
-impl<'a> GlowLight<'a> {
+impl<'a> EmissionIntegrator<'a> {
     /// What `meshes` emit, under a sky of radiance `sky`, W/(m² sr).
     #[must_use]
     pub fn new(meshes: &'a [TriangleMesh], sky: SkyRadiance) -> Self {
@@ -204,7 +204,7 @@ mod tests {
     fn a_panel_lights_what_is_below_it_as_the_form_factor_says() {
         for h in [0.02, 0.3, 1.0, 5.0, 40.0] {
             let mesh = [panel(h)];
-            let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
+            let light = EmissionIntegrator::new(&mesh, SkyRadiance::BLACK);
             let e = light.irradiance(Vec3::ZERO, Vec3::Y, 7);
             let right = 3.0 * PI * below_the_center(h);
             assert!((e.x / right - 1.0).abs() < 4e-3, "{h}: {e} {right}");
@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn a_panel_lights_what_is_beside_it_as_the_sum_of_its_parts_does() {
         let mesh = [panel(1.0)];
-        let light = GlowLight::new(&mesh, SkyRadiance::BLACK);
+        let light = EmissionIntegrator::new(&mesh, SkyRadiance::BLACK);
         let parts = 200;
         let center = |i: i32| (2 * i + 1) as f32 / parts as f32 - 1.0;
         for (x, n) in [
@@ -238,10 +238,10 @@ mod tests {
     #[test]
     fn the_sky_fills_what_the_panel_leaves() {
         let mesh = [panel(1.0)];
-        let light = GlowLight::new(&mesh, Vec3::ONE.into());
+        let light = EmissionIntegrator::new(&mesh, Vec3::ONE.into());
         let e = light.irradiance(Vec3::ZERO, Vec3::Y, 1);
         let share = below_the_center(1.0);
         assert!((e.z / (PI * (1.0 - share)) - 1.0).abs() < 5e-3, "{e}");
-        assert!(!light.is_dark() && GlowLight::new(&[], SkyRadiance::BLACK).is_dark());
+        assert!(!light.is_dark() && EmissionIntegrator::new(&[], SkyRadiance::BLACK).is_dark());
     }
 }

@@ -5,7 +5,7 @@
 //! place the direct light is integrated as it is. Emission takes its first step through a link where the light of lamps takes it by projection, so
 //! that it needs one sweep more for as many reflections: it is solved on its own.
 
-use super::GlowLight;
+use super::EmissionIntegrator;
 use crate::asset::BakedScene;
 use crate::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance, probe, project, splat};
 use crate::scene::{Light, SkyRadiance, TriangleMesh};
@@ -64,7 +64,7 @@ pub struct Evaluator<'a> {
     /// Reflected light only.
     solved: Solved,
     lamps: Vec<FrameLight>,
-    glow: GlowLight<'a>,
+    glow: EmissionIntegrator<'a>,
     /// Reflections that were simulated one by one; none where the bake's own were used, or all at once.
     bounces: Option<u32>,
 }
@@ -130,12 +130,12 @@ impl<'a> Evaluator<'a> {
             scene,
             solved,
             lamps: expand(FINE_PATCHES),
-            glow: GlowLight::new(meshes, sky),
+            glow: EmissionIntegrator::new(meshes, sky),
             bounces: used,
         }
     }
 
-    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see [`GlowLight::irradiance`].
+    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see [`EmissionIntegrator::irradiance`].
     #[must_use]
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene;

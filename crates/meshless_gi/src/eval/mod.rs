@@ -6,7 +6,7 @@ mod evaluate;
 mod reference;
 mod test_lights;
 
-pub use direct_emission::GlowLight;
+pub use direct_emission::EmissionIntegrator;
 pub use evaluate::{Bounces, Evaluated, Evaluator};
 pub(crate) use evaluate::{PATCHES, solve};
 pub use reference::{

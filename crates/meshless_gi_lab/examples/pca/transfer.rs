@@ -5,7 +5,7 @@ use meshless_gi::bake::{Baked, Preset, Progress, Recipe, TransportMethod, bake_s
 use meshless_gi::frame::FrameSettings;
 use meshless_gi::scene::TriangleMesh;
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
-use meshless_gi_lab::report::{BOUNCES, Exam, ExamSize};
+use meshless_gi_lab::report::{BOUNCES, TestSet, TestSetSize};
 use std::error::Error;
 
 /// Vectors of a basis.
@@ -13,7 +13,7 @@ const COEFFICIENTS: [u32; 7] = [1, 3, 10, 20, 30, 50, 100];
 /// Senders of a cluster.
 const CLUSTERS: [u32; 3] = [50, 120, 400];
 /// The reference: lamps that no bake has seen, and places that they light.
-const EXAM: ExamSize = ExamSize {
+const EXAM: TestSetSize = TestSetSize {
     lamps: 4,
     places: 150,
     paths: 4096,
@@ -49,7 +49,7 @@ pub struct Transfer {
 }
 
 fn made(
-    exam: &Exam,
+    exam: &TestSet,
     preset: Preset,
     coefficients: Option<u32>,
     scene: &BakedScene,
@@ -82,7 +82,7 @@ pub fn measure(
     medium: &BakedScene,
     seconds: Option<f64>,
 ) -> Result<Transfer, Box<dyn Error>> {
-    let exam = Exam::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
+    let exam = TestSet::new(level, &[], &EXAM, BOUNCES).ok_or("no light falls on anything")?;
     let bake = |recipe: Recipe| -> Result<Made, Box<dyn Error>> {
         let baked = bake_scene(level, &recipe, 0, &Progress::default())?;
         let coefficients =

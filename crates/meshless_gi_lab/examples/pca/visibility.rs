@@ -11,7 +11,7 @@ use meshless_gi::transport::pca::{
     HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
 use meshless_gi_lab::accuracy::{
-    Camera, Errors, Image, ShadowPlace, deficits_by_rays, errors, render, shadow_errors,
+    Camera, Errors, Image, PenumbraSample, deficits_by_rays, errors, render, shadow_errors,
     shadow_places, shadowed_irradiance,
 };
 use rayon::prelude::*;
@@ -71,7 +71,7 @@ fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &SoftLight,
-    places: &[ShadowPlace],
+    places: &[PenumbraSample],
 ) -> [Errors; 3] {
     let extent = extent(scene);
     let params = SoftParams::new(visibility, extent, 1);
@@ -110,7 +110,7 @@ fn memory(
     scene: &BakedScene,
     visibility: &Visibility,
     light: &SoftLight,
-    places: &[ShadowPlace],
+    places: &[PenumbraSample],
 ) -> Errors {
     let deficits = soft::deficits_of(scene, visibility, &[*light]);
     shadow_errors(scene, &deficits, places)
@@ -292,11 +292,11 @@ pub fn race(
 }
 
 /// Those of `places` that the lamp lights in part.
-fn penumbra_of(places: &[ShadowPlace]) -> Vec<ShadowPlace> {
+fn penumbra_of(places: &[PenumbraSample]) -> Vec<PenumbraSample> {
     places
         .iter()
         .copied()
-        .filter(ShadowPlace::in_penumbra)
+        .filter(PenumbraSample::in_penumbra)
         .collect()
 }
 
@@ -377,7 +377,7 @@ pub fn measure(
         ("the first 50 of these, as [P14]", fifty, None),
         (BAKES[2], fine, Some(fine_seconds)),
     ] {
-        let error = |places: &[ShadowPlace]| compare(scene, &visibility, &lamp, places);
+        let error = |places: &[PenumbraSample]| compare(scene, &visibility, &lamp, places);
         let (penumbra, all) = (error(&shade), error(&lit));
         let with = BakedScene {
             visibility: Some(visibility),

@@ -24,7 +24,7 @@ pub struct Estimates<'a> {
 
 /// What [`agreement`] found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agreement {
+pub struct TestStatistics {
     /// How probable differences like these or larger ones are if both estimate the same. 0 where a value is not finite.
     pub p: f64,
     /// Places and sums of places compared, for each channel.
@@ -45,12 +45,12 @@ pub struct Agreement {
 /// # Panics
 /// Where lists differ in length.
 #[must_use]
-pub fn agreement(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> Agreement {
+pub fn agreement(a: Estimates<'_>, b: Estimates<'_>, known: f64) -> TestStatistics {
     assert!(
         [a.errors.len(), b.values.len(), b.errors.len()] == [a.values.len(); 3],
         "lists of one length"
     );
-    let mut out = Agreement {
+    let mut out = TestStatistics {
         p: 1.0,
         count: [0; 3],
         mean_z: [0.0; 3],

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// A drawn view.
 #[derive(Clone, Debug, PartialEq)]
-pub struct DrawnView {
+pub struct RaycastView {
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// From clip space (reversed depth, y up) to the world.
@@ -19,7 +19,7 @@ pub struct DrawnView {
     pub gbuffer: Vec<[u32; 4]>,
 }
 
-impl DrawnView {
+impl RaycastView {
     /// Draws `geometry` as the camera with these matrices sees it. Surfaces that reflect on both sides face the camera.
     #[must_use]
     pub fn new(geometry: &dyn Geometry, clip_from_world: Mat4, size: [u32; 2]) -> Self {
@@ -91,9 +91,9 @@ mod tests {
         let eye = Vec3::new(0.0, 1.0, 0.0);
         let ortho = Mat4::orthographic_rh(-2.0, 2.0, -1.5, 1.5, 10.0, 0.1)
             * Mat4::look_at_rh(eye, center, Vec3::Y);
-        let perspective = DrawnView::perspective(eye, center, Vec3::Y, 1.0, size, 0.1);
+        let perspective = RaycastView::perspective(eye, center, Vec3::Y, 1.0, size, 0.1);
         for clip_from_world in [perspective, ortho] {
-            let view = DrawnView::new(&scene, clip_from_world, size);
+            let view = RaycastView::new(&scene, clip_from_world, size);
             let params = SplatParams::new(
                 view.world_from_clip,
                 Mat4::IDENTITY,

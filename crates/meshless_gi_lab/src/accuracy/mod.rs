@@ -18,7 +18,7 @@ mod render;
 mod sphere_over_disk;
 mod truth;
 
-pub use agreement::{Agreement, Estimates, agreement};
+pub use agreement::{Estimates, TestStatistics, agreement};
 pub use alternative_bases::{
     GaussianBasis, MultilevelBasis, PointBasis, PointBasisError, PointSample, ShepardBasis,
     SurfaceField, check_samples, site_distance,
@@ -27,14 +27,14 @@ pub use basis_comparison::{
     ComparisonRow, Quantity, SurfaceErrors, compare_bases, exact_samples, solve_in,
 };
 pub use chart::{Axis, Chart, Format, Mark, Scale, Series, Style};
-pub use drawn::DrawnView;
+pub use drawn::RaycastView;
 pub use flip::{flip, flip_map};
 pub use metrics::{Errors, errors, leak_ratio};
 pub use pareto::{interpolate_log, pareto_front};
 pub use penumbra::{
-    PENUMBRA, ShadowPlace, deficits_by_rays, shadow_errors, shadow_places, shadowed_irradiance,
+    PENUMBRA, PenumbraSample, deficits_by_rays, shadow_errors, shadow_places, shadowed_irradiance,
 };
 pub use point_set::{Basis, PointSet};
 pub use render::{Camera, Image, render};
 pub use sphere_over_disk::{Site, Solution, SphereOverDisk, SphereOverDiskError};
-pub use truth::{BOUNCES, Comparison, Truth, TruthError};
+pub use truth::{BOUNCES, Comparison, GroundTruth, GroundTruthError};

@@ -21,7 +21,7 @@ const MIN: f32 = 1e-4;
 
 /// A place that a lamp would light, in the bake's local space.
 #[derive(Clone, Copy, Debug)]
-pub struct ShadowPlace {
+pub struct PenumbraSample {
     /// Meters.
     pub x: Vec3,
     /// Unit normal.
@@ -32,7 +32,7 @@ pub struct ShadowPlace {
     pub unshadowed: f32,
 }
 
-impl ShadowPlace {
+impl PenumbraSample {
     /// True where the lamp is seen in part.
     #[must_use]
     pub fn in_penumbra(&self) -> bool {
@@ -82,7 +82,7 @@ pub fn shadow_places(
     mesh: &TriangleMesh,
     light: &Light,
     paths: u64,
-) -> Vec<ShadowPlace> {
+) -> Vec<PenumbraSample> {
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();
     let landed = trace_particles(mesh, &viewpoints, 0..paths, 0xfeed, false).candidates;
     let lamp = SoftLight::of(light, 1).unwrap_or_default();
@@ -93,7 +93,7 @@ pub fn shadow_places(
         .filter_map(|(i, c)| {
             let (x, n) = (c.surface.position, c.surface.normal);
             let unshadowed = unshadowed(&lamp, x, n, extent);
-            (unshadowed > MIN).then(|| ShadowPlace {
+            (unshadowed > MIN).then(|| PenumbraSample {
                 x,
                 n,
                 reference: shadowed_irradiance(mesh, light, x, n, i as u64),
@@ -140,7 +140,7 @@ pub fn deficits_by_rays(
 pub fn shadow_errors(
     scene: &BakedScene,
     deficits: &[VectorIrradiance],
-    places: &[ShadowPlace],
+    places: &[PenumbraSample],
 ) -> Errors {
     let got: Vec<Vec3> = places
         .par_iter()

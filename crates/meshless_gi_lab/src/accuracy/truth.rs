@@ -13,7 +13,7 @@ pub const BOUNCES: [Option<u32>; 4] = [Some(1), Some(2), Some(4), None];
 
 /// A table of ground truth. All lists are of equal length.
 #[derive(Clone, Debug, Default)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Places and their unit normals.
     pub places: Vec<(Vec3, Vec3)>,
     /// Irradiance straight from the lights, W/m² on the side of the normal.
@@ -25,7 +25,7 @@ pub struct Truth {
 /// A table that cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum TruthError {
+pub enum GroundTruthError {
     /// The operating system could not.
     #[error("{}: {source}", path.display())]
     Io {
@@ -57,7 +57,7 @@ pub struct Comparison {
     pub uncovered: usize,
 }
 
-impl Truth {
+impl GroundTruth {
     /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must have been made for.
     #[must_use]
     pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
@@ -83,17 +83,17 @@ impl Truth {
     /// Reads a table of comma-separated numbers under a header with `p`, `n`, `direct`, `ind1`, `ind1_se` and so on, three columns each.
     ///
     /// # Errors
-    /// [`TruthError`], with the line.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self, TruthError> {
+    /// [`GroundTruthError`], with the line.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, GroundTruthError> {
         let path = path.as_ref();
-        let failed = |source| TruthError::Io {
+        let failed = |source| GroundTruthError::Io {
             path: path.into(),
             source,
         };
         let bytes = read_file(path, InputBudget::DEFAULT)
             .map_err(|error| failed(io::Error::other(error)))?;
         let text = String::from_utf8(bytes).map_err(|error| failed(io::Error::other(error)))?;
-        Self::parse(&text).map_err(|(line, what)| TruthError::Content {
+        Self::parse(&text).map_err(|(line, what)| GroundTruthError::Content {
             path: path.into(),
             line,
             what,
@@ -178,7 +178,7 @@ mod tests {
             header += &format!(",{name}_r,{name}_g,{name}_b");
             row += &format!(",{i},{i}.5,0");
         }
-        let truth = Truth::parse(&format!("{header}\n{row}\n\n")).unwrap();
+        let truth = GroundTruth::parse(&format!("{header}\n{row}\n\n")).unwrap();
         assert_eq!(truth.places, [(Vec3::new(1.0, 2.0, 3.0), Vec3::Z)]);
         assert_eq!(truth.indirect[2].1, [Vec3::new(6.0, 6.5, 0.0)]);
         for (wrong, line, word) in [
@@ -196,7 +196,7 @@ mod tests {
             ),
             (format!("{header}\n1,2"), 2, "nz"),
         ] {
-            let (at, what) = Truth::parse(&wrong).unwrap_err();
+            let (at, what) = GroundTruth::parse(&wrong).unwrap_err();
             assert!(at == line && what.contains(word), "{at}: {what}");
         }
     }

@@ -21,7 +21,7 @@ const PILOT: u32 = 256;
 
 /// How much work the reference takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ExamSize {
+pub struct TestSetSize {
     /// Lamps, one shining at a time.
     pub lamps: usize,
     /// Surface places for each lamp.
@@ -34,17 +34,17 @@ pub struct ExamSize {
 struct Question {
     lamp: Light,
     places: Vec<(Vec3, Vec3)>,
-    /// After as many reflections as [`Exam::bounces`].
-    truth: Truth,
+    /// After as many reflections as [`TestSet::bounces`].
+    truth: GroundTruth,
     /// After all reflections.
-    all: Truth,
+    all: GroundTruth,
 }
 
 /// Irradiances and their standard errors, W/m².
 #[derive(Default)]
-struct Truth(Vec<Vec3>, Vec<Vec3>);
+struct GroundTruth(Vec<Vec3>, Vec<Vec3>);
 
-impl Truth {
+impl GroundTruth {
     fn new(found: &[Irradiance], scale: f32) -> Self {
         Self(
             found.iter().map(|e| e.indirect * scale).collect(),
@@ -68,14 +68,14 @@ impl Truth {
 }
 
 /// Places, lamps and what is true there.
-pub struct Exam {
+pub struct TestSet {
     questions: Vec<Question>,
     bounces: u32,
 }
 
 /// How a bake did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Grade {
+pub struct TestScore {
     /// Against the reference with as many reflections as the exam has.
     pub errors: Errors,
     /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other places.
@@ -86,14 +86,14 @@ pub struct Grade {
     pub uncovered: f64,
 }
 
-impl Exam {
+impl TestSet {
     /// Computes the truth for `bounces` reflections and for all of them. Lamps are white points in free space; each is as strong as makes the root mean
     /// square of its direct light 1 W/m², so that they count alike. Emissive surfaces are taken as dark. None where no lamp lights anything.
     #[must_use]
     pub fn new(
         geometry: &dyn Geometry,
         viewpoints: &[[f32; 3]],
-        size: &ExamSize,
+        size: &TestSetSize,
         bounces: u32,
     ) -> Option<Self> {
         let viewpoints = match viewpoints {
@@ -133,8 +133,8 @@ impl Exam {
                 strength.is_finite().then(|| Question {
                     lamp: lamp(strength),
                     places,
-                    truth: Truth::new(&some, strength),
-                    all: Truth::new(&all, strength),
+                    truth: GroundTruth::new(&some, strength),
+                    all: GroundTruth::new(&all, strength),
                 })
             })
             .collect();
@@ -158,19 +158,19 @@ impl Exam {
         self.questions.iter().flat_map(|q| q.places.iter().copied())
     }
 
-    /// Standard error of the reference over its values, both as root mean squares: with as many reflections as [`Exam::bounces`], and with all.
+    /// Standard error of the reference over its values, both as root mean squares: with as many reflections as [`TestSet::bounces`], and with all.
     #[must_use]
     pub fn noise(&self) -> (f64, f64) {
-        let of = |truth: fn(&Question) -> &Truth| {
-            let all: Vec<&Truth> = self.questions.iter().map(truth).collect();
-            Truth::noise(&all)
+        let of = |truth: fn(&Question) -> &GroundTruth| {
+            let all: Vec<&GroundTruth> = self.questions.iter().map(truth).collect();
+            GroundTruth::noise(&all)
         };
         (of(|q| &q.truth), of(|q| &q.all))
     }
 
     /// Examines a bake whose frame runs with `settings`.
     #[must_use]
-    pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> Grade {
+    pub fn grade(&self, scene: &BakedScene, settings: &FrameSettings) -> TestScore {
         let settings = FrameSettings {
             emission: 0.0,
             sky: SkyRadiance::BLACK,
@@ -187,8 +187,8 @@ impl Exam {
                 values.push(found.unwrap_or_default());
             }
         }
-        let of = |truth: fn(&Question) -> &Truth| -> Truth {
-            let mut all = Truth::default();
+        let of = |truth: fn(&Question) -> &GroundTruth| -> GroundTruth {
+            let mut all = GroundTruth::default();
             for q in &self.questions {
                 all.0.extend(&truth(q).0);
                 all.1.extend(&truth(q).1);
@@ -196,9 +196,9 @@ impl Exam {
             all
         };
         let (truth, all) = (of(|q| &q.truth), of(|q| &q.all));
-        let errors_of = |t: &Truth| errors(&values, &t.0, &t.1);
+        let errors_of = |t: &GroundTruth| errors(&values, &t.0, &t.1);
         let found = errors_of(&truth);
-        Grade {
+        TestScore {
             errors: found,
             interval: interval(&values, &truth, found.nrmse),
             all: errors_of(&all),
@@ -257,7 +257,7 @@ fn reference(
 }
 
 /// Half width of the 95 % confidence interval of an NRMSE over places drawn at random.
-fn interval(values: &[Vec3], truth: &Truth, nrmse: f64) -> f64 {
+fn interval(values: &[Vec3], truth: &GroundTruth, nrmse: f64) -> f64 {
     let square = |v: Vec3| f64::from(v.length_squared());
     let count = values.len().max(2) as f64;
     let power = truth.0.iter().map(|t| square(*t)).sum::<f64>() / count;

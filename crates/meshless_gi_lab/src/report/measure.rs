@@ -1,6 +1,6 @@
 //! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
 
-use super::exam::{Exam, Grade};
+use super::exam::{TestScore, TestSet};
 use super::sweep::Known;
 use super::variant::{BOUNCES, Factor, Run, Variant};
 use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
@@ -113,7 +113,7 @@ impl<'a> Measured<'a> {
         stats: &'a BakeStats,
         settings: &'a Settings,
         bytes: u64,
-        exam: &Exam,
+        exam: &TestSet,
     ) -> Self {
         Self {
             scene,
@@ -126,9 +126,9 @@ impl<'a> Measured<'a> {
 
     /// Measures one run.
     #[must_use]
-    pub fn row(&self, variant: &Variant, exam: &Exam) -> Row {
+    pub fn row(&self, variant: &Variant, exam: &TestSet) -> Row {
         let settings = frame_settings(self.scene, variant.run);
-        let Grade {
+        let TestScore {
             errors,
             interval,
             all,
@@ -230,7 +230,7 @@ fn frame_settings(scene: &BakedScene, run: Run) -> FrameSettings {
 }
 
 /// Milliseconds of a frame in which one lamp has moved.
-fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &Exam) -> f64 {
+fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &TestSet) -> f64 {
     let Some(&Light::Point {
         position,
         intensity,
@@ -262,7 +262,7 @@ fn frame_ms(scene: &BakedScene, settings: &FrameSettings, exam: &Exam) -> f64 {
 }
 
 /// Milliseconds for the display of a thousand places.
-fn splat_ms_per_1000(scene: &BakedScene, exam: &Exam) -> f64 {
+fn splat_ms_per_1000(scene: &BakedScene, exam: &TestSet) -> f64 {
     let places: Vec<_> = exam.places().collect();
     let frame = CpuFrame::new(scene);
     let rounds = DISPLAYED.div_ceil(places.len().max(1));

@@ -17,7 +17,7 @@ mod words;
 
 pub use charts::{Figure, figures};
 pub use document::{Part, document};
-pub use exam::{Exam, ExamSize, Grade};
+pub use exam::{TestScore, TestSet, TestSetSize};
 pub use measure::{Beside, Row, RowSettings};
 pub use octree::beside_octree;
 pub use rules::{Compared, Ratio, compare};

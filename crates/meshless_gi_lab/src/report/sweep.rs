@@ -1,9 +1,9 @@
 //! The sweep: the reference once, then bake after bake, each measured, within a limit of time.
 
-use super::exam::{Exam, ExamSize};
+use super::exam::{TestSet, TestSetSize};
 use super::measure::{Measured, Row};
 use super::variant::{self, BOUNCES, Factor, Variant};
-use crate::accuracy::Truth;
+use crate::accuracy::GroundTruth;
 use meshless_gi::asset::AssetError;
 use meshless_gi::bake::{BakeSceneError, BakeStats, Baked, Progress, Recipe, Settings, bake_scene};
 use meshless_gi::scene::{Light, TriangleMesh};
@@ -16,7 +16,7 @@ pub type Choose = fn(&Settings) -> Vec<Variant>;
 #[derive(Clone, Debug)]
 pub struct Sweep {
     /// The reference.
-    pub exam: ExamSize,
+    pub exam: TestSetSize,
     /// What is baked first, and all others are variants of.
     pub baseline: Variant,
     /// What else, most important first.
@@ -36,7 +36,7 @@ impl Sweep {
     #[must_use]
     pub fn quick() -> Self {
         Self {
-            exam: ExamSize {
+            exam: TestSetSize {
                 lamps: 4,
                 places: 150,
                 paths: 4096,
@@ -54,7 +54,7 @@ impl Sweep {
     #[must_use]
     pub fn full() -> Self {
         Self {
-            exam: ExamSize {
+            exam: TestSetSize {
                 lamps: 6,
                 places: 250,
                 paths: 16_384,
@@ -74,7 +74,7 @@ pub struct Known {
     /// What shines.
     pub lights: Vec<Light>,
     /// What is true then.
-    pub truth: Truth,
+    pub truth: GroundTruth,
 }
 
 /// Why there is no report.
@@ -201,7 +201,7 @@ fn run(
     };
     tell(0, 2, "reference".into());
     let exam =
-        Exam::new(level, &sweep.viewpoints, &sweep.exam, BOUNCES).ok_or(ReportError::Dark)?;
+        TestSet::new(level, &sweep.viewpoints, &sweep.exam, BOUNCES).ok_or(ReportError::Dark)?;
     let mut report = Report {
         bounces: exam.bounces(),
         noise: exam.noise(),
@@ -269,7 +269,7 @@ fn measure(
     report: &mut Report,
     last: &Last,
     variant: &Variant,
-    exam: &Exam,
+    exam: &TestSet,
     (level, known): (&TriangleMesh, &[Known]),
 ) -> Result<(), ReportError> {
     let measured = Measured::new(

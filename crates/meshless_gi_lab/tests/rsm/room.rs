@@ -9,7 +9,7 @@ use meshless_gi::frame::{
 };
 use meshless_gi::samples::Random;
 use meshless_gi::scene::{Bvh, Light, Material, TriangleMesh};
-use meshless_gi_lab::accuracy::DrawnView;
+use meshless_gi_lab::accuracy::RaycastView;
 
 pub type Triangles = Vec<[Vec3; 3]>;
 
@@ -98,9 +98,9 @@ impl Aim {
         }
     }
 
-    pub fn draw(&self, object: &TriangleMesh, side: u32) -> DrawnView {
+    pub fn draw(&self, object: &TriangleMesh, side: u32) -> RaycastView {
         let clip_from_world = self.clip_from_view * self.world_from_view.inverse();
-        DrawnView::new(object, clip_from_world, [side; 2])
+        RaycastView::new(object, clip_from_world, [side; 2])
     }
 
     pub fn params(&self, light: &FrameLight, side: u32) -> RsmParams {
