@@ -1,4 +1,4 @@
-// Structs of reflective shadow maps, byte for byte as in crates/meshless_gi/src/frame/reflective.rs; `tests/shader_layout.rs` compares them. All in one space: the world's axes
+// Structs of reflective shadow maps, byte for byte as in crates/meshless_gi/src/frame/rsm_layout.rs; `tests/shader_layout.rs` compares them. All in one space: the world's axes
 // and meters, the origin near by.
 
 struct RsmParams {

@@ -8,7 +8,7 @@ use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};
 use bytemuck::Pod;
 use glam::Mat4;
-use meshless_gi::frame::reflective::MAX_VPLS;
+use meshless_gi::frame::rsm_layout::MAX_VPLS;
 use meshless_gi::frame::{
     FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
     VplViewParams,
@@ -35,7 +35,7 @@ pub struct RsmCapture<'a> {
 /// The baked scene that shadows the virtual point lights.
 #[derive(Clone, Copy, Debug)]
 pub struct VplShadows<'a> {
-    /// From the space of the lights to the scene's ([`local_from_space`](meshless_gi::frame::reflective::local_from_space)).
+    /// From the space of the lights to the scene's ([`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)).
     pub local_from_space: Mat4,
     /// The scene.
     pub scene: &'a SceneBuffers,
@@ -109,7 +109,7 @@ impl RsmBuffers {
         (self.filled, self.taken) = (0, 0);
     }
 
-    /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](meshless_gi::frame::reflective::local_from_space)), and the choice of `vpls`
+    /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)), and the choice of `vpls`
     /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`RsmBuffers::begin`].
     #[expect(
         clippy::too_many_arguments,

@@ -68,12 +68,12 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "soft_shadows",
         summary: "finds what lamps with soft shadows do not reach, where one of them changed",
-        schedule: super::soft::soft_shadows,
+        schedule: super::soft_shadows::soft_shadows,
     },
     Effect {
         name: "bounce_from_dynamic",
         summary: "draws what moves from the lights that ask for it, and makes virtual point lights of it",
-        schedule: super::dynamic::bounce_from_dynamic,
+        schedule: super::dynamic_objects::bounce_from_dynamic,
     },
     Effect {
         name: "display",
@@ -83,12 +83,12 @@ pub const EFFECTS: &[Effect] = &[
     Effect {
         name: "gloss_from_dynamic",
         summary: "shows what moves in glossy surfaces, in the views that ask for it",
-        schedule: super::dynamic::gloss_from_dynamic,
+        schedule: super::dynamic_objects::gloss_from_dynamic,
     },
     Effect {
         name: "penumbrae",
         summary: "takes the light that does not get there from the picture of each view",
-        schedule: super::soft::penumbrae,
+        schedule: super::soft_shadows::penumbrae,
     },
     Effect {
         name: "fog",

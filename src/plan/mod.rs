@@ -29,28 +29,28 @@
 //!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 
-mod bounces;
+mod bounce_count;
 mod channels;
 mod cost;
 mod decision;
-mod dynamic;
+mod dynamic_objects;
 mod effect;
 mod fog;
 mod inventory;
+mod inventory_tracker;
 mod lights;
-mod maps;
 mod octree;
 mod pass;
 mod passes;
 mod picked;
-mod quality;
-mod soft;
+mod rsm_views;
+mod soft_shadows;
 mod space;
 mod state;
-mod survey;
+mod tier_controller;
 mod transport;
 
-pub use bounces::{BounceSelection, BounceSelector, LEFT, MAX, bounces_at};
+pub use bounce_count::{BounceSelection, BounceSelector, LEFT, MAX, bounces_at};
 pub use channels::{
     ColorModeRequest, ColorModeSelection, ColorModeSelector, STEADY, SceneChromaticity,
 };
@@ -58,17 +58,17 @@ pub use cost::{Cost, CostModel, TimingScope, Work};
 pub use decision::{Decision, DecisionLog, NameOf, Subject};
 pub use effect::{EFFECTS, Effect};
 pub use inventory::{Cameras, ChangeCounts, Colors, Inventory, LightSort, SkyKind};
+pub use inventory_tracker::{Found, InventoryTracker, SceneSnapshot};
 pub use lights::{
     SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
 };
-pub use maps::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
 pub use octree::{FmmLimit, falls_back, octree_fits};
 pub use pass::{Pass, Reason, Skip, Stage};
 pub use passes::Plan;
 pub use picked::TierSelection;
-pub use quality::{Quality, TierCandidate, TierController};
+pub use rsm_views::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
     SlotChange, SoftState, ViewId, ViewState, VolumeState,
 };
-pub use survey::{Found, InventoryTracker, SceneSnapshot};
+pub use tier_controller::{Quality, TierCandidate, TierController};

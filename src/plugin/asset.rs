@@ -51,7 +51,7 @@ impl Plugin for BakedAssetPlugin {
 /// Registers all that bakes recipes.
 #[cfg(feature = "gltf")]
 fn build_recipes(app: &mut App, checker: &LevelChecker) {
-    use super::level::{RECIPE_EXTENSION, RecipeInputLoader, RecipeInputs};
+    use super::recipe_loader::{RECIPE_EXTENSION, RecipeInputLoader, RecipeInputs};
     use super::recipe_progress::{RecipeBakes, send_progress};
     use super::{GiBakeProcessor, GiRecipeLoader, GiRecipeProgress};
 

@@ -1,8 +1,8 @@
 //! Bevy's asset processor for recipes: bakes ahead of time, in an app that processes its assets.
 
 use super::asset_folders::AssetFolders;
-use super::level::{GiBakeSettings, RecipeInputLoader, RecipeInputs};
 use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
+use super::recipe_loader::{GiBakeSettings, RecipeInputLoader, RecipeInputs};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::io::Writer;
 use bevy::asset::processor::{Process, ProcessContext, ProcessError};

@@ -5,7 +5,7 @@
 //! put beside the source is copied where it names a loader. The output of an app's own asset
 //! processor stays as it is while it is not older than its source.
 
-use super::build_step::ProcessAssetsError;
+use super::process_assets::ProcessAssetsError;
 use bevy::asset::meta::{AssetActionMinimal, AssetMetaMinimal, ProcessedInfoMinimal};
 use bevy::log::warn;
 use std::collections::BTreeSet;

@@ -1,9 +1,9 @@
 //! Warns of a bake that no camera displays: no camera has [`GiCamera`], and no root has [`GiIrradianceVolume`].
 
 use super::asset::GiBakedScene;
-use super::check::{GiWarning, GiWarnings, tell};
 use super::components::{GiCamera, GiScene, GiSettings};
-use super::reflective::GiRsmCamera;
+use super::rsm::GiRsmCamera;
+use super::validation::{GiWarning, GiWarnings, tell};
 use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::camera::visibility::RenderLayers;

@@ -4,8 +4,8 @@
 //! (lux, cd/m²); the core's W stand for lumens one to one.
 
 use super::asset::GiBakedScene;
-use super::display::GiSplatting;
 use super::quality::{GiActiveTier, GiQuality};
+use super::splatting::GiSplatting;
 use crate::plan::ColorModeRequest;
 use bevy::asset::Handle;
 use bevy::camera::{Hdr, visibility::Visibility};

@@ -2,12 +2,12 @@
 
 use super::components::GiDebugView;
 use super::compute::GiRender;
-use super::costs::view_span;
-use super::display::ViewSubsplats;
 use super::evaluate::{Evaluated, Surfaces, evaluate, is_planned};
 use super::extract::ExtractedGi;
 use super::gloss::ViewGloss;
+use super::gpu_timings::view_span;
 use super::soft::{ExtractedSoft, Shaded, ViewShade};
+use super::splatting::ViewSubsplats;
 use crate::gpu::{ViewBuffers, draw_composite, draw_gloss, draw_shade};
 use crate::plan::{Pass, SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;

@@ -3,17 +3,17 @@
 //! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
 //! scene comes into view. When the last scene's buffers go, the pipelines go too.
 
-use super::capture::{LightMaps, Reflections};
 use super::components::{GiColorMode, GiDebugView};
 use super::composite::ViewRuntime;
-use super::costs::{DeviceCosts, span};
 use super::diagnostics::{FrameStats, GiFrameStats};
-use super::display::GiSplatting;
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
 use super::fog::ExtractedFogs;
+use super::gpu_timings::{DeviceCosts, span};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, SharedCoefficients};
+use super::rsm_render::{LightMaps, Reflections};
 use super::soft::{ExtractedSoft, SceneSoft};
+use super::splatting::GiSplatting;
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, KernelPipelines, Pass};

@@ -2,14 +2,14 @@
 //!
 //! [`super::composite`] adds it to the picture of a deferred camera; [`super::forward_display`] hands it to the surfaces of a forward one.
 
-use super::capture::{bakes, lights_view};
 use super::components::GiDebugView;
 use super::composite::ViewRuntime;
 use super::compute::GiRender;
-use super::costs::view_span;
-use super::display::{GiSplatting, ViewLights, ViewSubsplats};
 use super::extract::{ExtractedGi, ExtractedGiView};
 use super::gloss::{GlossView, ViewGloss};
+use super::gpu_timings::view_span;
+use super::rsm_render::{bakes, lights_view};
+use super::splatting::{GiSplatting, ViewLights, ViewSubsplats};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::log::warn_once;

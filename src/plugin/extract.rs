@@ -7,15 +7,15 @@
 
 use super::asset::GiBakedScene;
 use super::components::{GiCamera, GiLight, GiLighting, GiScene, GiSettings};
-use super::display::GiSplatting;
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, wants_coefficients};
 use super::gloss::GiSpecular;
 use super::materials::{GiDynamicMaterials, PixelResolve};
 use super::occluders::{GiOccluder, gains};
 use super::quality::GiActiveTier;
-use super::reflective::GiRsmCamera;
+use super::rsm::GiRsmCamera;
 use super::sky::GiSky;
+use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
 use super::volume::GiIrradianceVolume;
 use crate::plan::{BounceSelection, ColorModeSelection, Inventory, SceneId, TierSelection, ViewId};

@@ -3,12 +3,12 @@
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and [`VolumetricFog`] on the camera.
 
-use super::check::{GiWarning, GiWarnings, tell};
 use super::components::{GiDebugView, GiSettings};
 use super::compute::GiRender;
-use super::costs::view_span;
 use super::extract::{ExtractedGi, in_view};
-use super::reflective::GiRsmCamera;
+use super::gpu_timings::view_span;
+use super::rsm::GiRsmCamera;
+use super::validation::{GiWarning, GiWarnings, tell};
 use super::volume::{
     DisplayParts, ExtractedVolumes, FoundParts, GiIrradianceVolume, Voxels, displays,
 };

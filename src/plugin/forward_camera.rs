@@ -1,9 +1,9 @@
 //! [`GiForwardCamera`]: the display of a camera that is not deferred.
 
 use super::components::GiCamera;
-use super::display::GiSplatting;
 use super::extract::{ExtractedGiView, ExtractedScene, in_view};
-use super::reflective::GiRsmCamera;
+use super::rsm::GiRsmCamera;
+use super::splatting::GiSplatting;
 use crate::plan::ViewId;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Camera, primitives::Frustum};

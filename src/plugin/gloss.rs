@@ -1,6 +1,6 @@
 //! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
 
-use super::display::ViewLights;
+use super::splatting::ViewLights;
 use crate::gpu::{
     GlossBuffers, GpuCounters, GpuError, KernelPipelines, NodeLights, SubsplatTargets,
 };

@@ -6,7 +6,7 @@ use super::compute::bounds;
 use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
 };
-use super::reflective::{AskingLights, GiReflector, GiRsmCamera};
+use super::rsm::{AskingLights, GiReflector, GiRsmCamera};
 use crate::plan::{
     BounceSelector, Cameras, ColorModeSelector, Found, InventoryTracker, SceneId, SceneSnapshot,
     reaches,

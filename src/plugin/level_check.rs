@@ -5,8 +5,8 @@
 //! content hash compared: an edited animation makes no bake stale. The level is read through the
 //! load context, so that a change of it loads and compares the bake again where Bevy watches files.
 
-use super::check::{GiWarning, GiWarnings};
 use super::components::GiScene;
+use super::validation::{GiWarning, GiWarnings};
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
@@ -107,8 +107,8 @@ impl LevelChecker {
         mut report: LevelReport,
         context: &mut LoadContext<'_>,
     ) {
-        use super::level::ContextReader;
         use super::level_files::LevelFiles;
+        use super::recipe_loader::ContextReader;
         use bevy::log::debug;
         use meshless_gi::bake::Recipe;
 

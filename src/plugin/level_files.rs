@@ -1,7 +1,7 @@
 //! A level's file and the files that it names, read in an asset loader, in the build step or from
 //! the folder of the sources.
 
-use super::level::RecipeLoadError;
+use super::recipe_loader::RecipeLoadError;
 use bevy::asset::AssetPath;
 use bevy::log::warn;
 use bevy::math::Vec3;

@@ -1,6 +1,6 @@
 //! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
 
-use super::check::{GiWarning, GiWarnings, tell};
+use super::validation::{GiWarning, GiWarnings, tell};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
 use bevy::color::{ColorToComponents, LinearRgba};
 use bevy::ecs::prelude::*;

@@ -75,19 +75,12 @@ mod bake_summary;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_copy;
-#[cfg(feature = "gltf")]
-mod build_step;
-mod capture;
-mod check;
 mod check_display;
 mod components;
 mod composite;
 mod compute;
-mod costs;
-mod decisions;
 mod deferred;
 mod diagnostics;
-mod display;
 mod entity_bake;
 mod evaluate;
 mod extract;
@@ -98,28 +91,35 @@ mod forward_display;
 mod forward_views;
 mod gizmos;
 mod gloss;
+mod gpu_timings;
 mod inventory;
-#[cfg(feature = "gltf")]
-mod level;
 mod level_check;
 #[cfg(feature = "gltf")]
 mod level_files;
 mod loader;
 mod materials;
 mod occluders;
-mod points;
+mod plan_log;
+mod point_cloud;
 pub mod prelude;
+#[cfg(feature = "gltf")]
+mod process_assets;
 mod quality;
 mod readback;
 #[cfg(feature = "gltf")]
+mod recipe_loader;
+#[cfg(feature = "gltf")]
 mod recipe_progress;
-mod reflective;
+mod rsm;
+mod rsm_render;
 mod scene_log;
 mod sets;
 mod sky;
 mod soft;
+mod splatting;
 mod stages;
 mod transform;
+mod validation;
 mod volume;
 mod volume_shader;
 
@@ -131,43 +131,43 @@ pub use bake_processor::GiBakeProcessor;
 pub use bake_progress::{GiBakeProgress, GiBakeStage};
 pub use bake_summary::GiBakeSummary;
 pub use bake_task::GiBakeTask;
-#[cfg(feature = "gltf")]
-pub use build_step::{
-    ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
-    process_assets,
-};
-pub use capture::RsmSchedule;
-pub use check::{GiWarning, GiWarnings};
 pub use components::{
     GiCamera, GiColorMode, GiDebugView, GiLight, GiLighting, GiScene, GiSettings,
 };
 pub use diagnostics::{FrameStats, GiFrameStats, MeshlessGiDiagnosticsPlugin, dispatch_path};
-pub use display::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
 pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
 pub use forward_camera::GiForwardCamera;
 pub use gizmos::GiGizmos;
 pub use gloss::GiSpecular;
-#[cfg(feature = "gltf")]
-pub use level::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
 pub use level_check::{GiSceneCheck, GiStaleBakes};
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 pub use materials::GiDynamicMaterials;
 pub use occluders::GiOccluder;
-pub use points::{
+pub use point_cloud::{
     GiPointCloud, GiPointCloudAsset, GiPointCloudLoadError, GiPointCloudLoader,
     GiPointCloudLoaderSettings, GiPointCloudPart,
+};
+#[cfg(feature = "gltf")]
+pub use process_assets::{
+    ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
+    process_assets,
 };
 pub use quality::{GiActiveTier, GiQuality, SolveCostFn, SolveCostSource};
 pub use readback::SharedCoefficients;
 #[cfg(feature = "gltf")]
+pub use recipe_loader::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
+#[cfg(feature = "gltf")]
 pub use recipe_progress::GiRecipeProgress;
-pub use reflective::{
+pub use rsm::{
     GiReflectiveShadowMap, GiReflector, GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
 };
+pub use rsm_render::RsmSchedule;
 pub use sets::GiSystems;
 pub use sky::{GiSky, GiSkyError};
 pub use soft::GiSoftShadow;
+pub use splatting::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
 pub use transform::SimilarityTransform;
+pub use validation::{GiWarning, GiWarnings};
 pub use volume::GiIrradianceVolume;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
@@ -239,9 +239,9 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<SolveCostSource>()
             .init_resource::<deferred::ReadyDisplays>()
             .init_resource::<SharedCoefficients>()
-            .init_resource::<reflective::AskingLights>()
+            .init_resource::<rsm::AskingLights>()
             .init_resource::<inventory::NormalMaps>()
-            .init_resource::<costs::DeviceCosts>()
+            .init_resource::<gpu_timings::DeviceCosts>()
             .init_asset::<GiPointCloudAsset>()
             .register_asset_loader(GiPointCloudLoader)
             .add_plugins((
@@ -253,8 +253,8 @@ impl Plugin for MeshlessGiPlugin {
                 PreUpdate,
                 (
                     bake_task::collect_bakes,
-                    costs::learn,
-                    decisions::log_decisions,
+                    gpu_timings::learn,
+                    plan_log::log_decisions,
                     scene_log::log_scenes,
                 )
                     .in_set(GiSystems::Collect),
@@ -263,13 +263,13 @@ impl Plugin for MeshlessGiPlugin {
             // After assets have come, and before transforms and bounds of new meshes are made.
             .add_systems(
                 Update,
-                (points::draw, points::follow)
+                (point_cloud::draw, point_cloud::follow)
                     .chain()
                     .in_set(GiSystems::Points),
             )
             .add_systems(
                 PostUpdate,
-                (reflective::mark, reflective::aim)
+                (rsm::mark, rsm::aim)
                     .chain()
                     .in_set(GiSystems::Aim)
                     .after(TransformSystems::Propagate)
@@ -280,8 +280,8 @@ impl Plugin for MeshlessGiPlugin {
             )
             .add_systems(
                 PostUpdate,
-                reflective::settle
-                    .after(reflective::aim)
+                rsm::settle
+                    .after(rsm::aim)
                     .after(AssetEventSystems)
                     // An app that draws nothing has none of these.
                     .run_if(resource_exists::<Assets<Mesh>>)
@@ -313,7 +313,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 Last,
                 (
-                    check::check,
+                    validation::check,
                     check_display::check_display,
                     soft::check_soft,
                     volume::check_volumes,
@@ -346,7 +346,7 @@ impl Plugin for MeshlessGiPlugin {
 
     fn finish(&self, app: &mut App) {
         let status = app.world().resource::<GiFrameStats>().clone();
-        let costs = app.world().resource::<costs::DeviceCosts>().clone();
+        let costs = app.world().resource::<gpu_timings::DeviceCosts>().clone();
         let coefficients = app.world().resource::<SharedCoefficients>().clone();
         let ready = app.world().resource::<deferred::ReadyDisplays>().clone();
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
@@ -374,13 +374,13 @@ impl Plugin for MeshlessGiPlugin {
             .init_resource::<volume::ExtractedVolumes>()
             .init_resource::<fog::ExtractedFogs>()
             .init_resource::<compute::GiRender>()
-            .init_resource::<capture::LightMaps>()
-            .add_schedule(capture::schedule())
+            .init_resource::<rsm_render::LightMaps>()
+            .add_schedule(rsm_render::schedule())
             .add_systems(
                 ExtractSchedule,
                 (
                     extract::extract,
-                    capture::extract_maps,
+                    rsm_render::extract_maps,
                     soft::extract_soft,
                     (fog::extract_fogs, volume::extract_volumes)
                         .chain()

@@ -1,7 +1,7 @@
 //! A sky that is not the same in all directions: nine colors beside a baked scene, from a gradient or from a cubemap.
 //!
 //! It lights the level through the bake, and is not drawn: what a camera shows behind the level (`Skybox`, a clear color) stays its own affair. Bevy's own
-//! environment light adds its diffuse part on top of it, which [`check`](super::check) tells.
+//! environment light adds its diffuse part on top of it, which [`check`](super::validation) tells.
 
 use bevy::asset::{Assets, RenderAssetUsages};
 use bevy::color::{ColorToComponents, LinearRgba};

@@ -4,11 +4,11 @@
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
 use super::asset::GiBakedScene;
-use super::check::{GiWarning, GiWarnings, tell};
 use super::components::{GiScene, GiSettings};
 use super::composite::screen_texture;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use super::transform::SimilarityTransform;
+use super::validation::{GiWarning, GiWarnings, tell};
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
     ViewBuffers,

@@ -3,12 +3,12 @@
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
 use super::asset::GiBakedScene;
-use super::check::{GiWarning, GiWarnings, tell};
 use super::components::{GiCamera, GiScene, GiSettings};
 use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
-use super::reflective::GiRsmCamera;
+use super::rsm::GiRsmCamera;
+use super::validation::{GiWarning, GiWarnings, tell};
 use crate::gpu::{GpuFrame, KernelPipelines, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
 use bevy::asset::{AssetId, Assets, RenderAssetUsages};

@@ -4,8 +4,8 @@
 //! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and pipelines that import it are made anew. A module that does not look as it does in the release that this was
 //! written for stays as it is, and that is told: walls then let light of the next room through.
 
-use super::check::{GiWarning, GiWarnings, tell};
 use super::forward_camera::GiForwardCamera;
+use super::validation::{GiWarning, GiWarnings, tell};
 use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
 use bevy::ecs::prelude::*;

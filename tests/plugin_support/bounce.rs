@@ -9,7 +9,7 @@ use bevy_meshless_gi::plugin::GiReflectiveShadowMap;
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::gloss::{GlossView, Lights};
 use meshless_gi::frame::project::extent;
-use meshless_gi::frame::reflective::{MAX_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::frame::{
     FrameLight, GlossSettings, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams,
     VplViewParams, gbuffer, pyramid, rsm, vpl,

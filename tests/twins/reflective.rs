@@ -13,7 +13,7 @@ use bevy_meshless_gi::gpu::{
 use glam::{Mat4, Vec3};
 use half::f16;
 use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::reflective::{light_in_space, local_from_space, space_from_clip};
+use meshless_gi::frame::rsm_layout::{light_in_space, local_from_space, space_from_clip};
 use meshless_gi::frame::{
     FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
     VplViewParams, gbuffer, project, rsm, vpl,

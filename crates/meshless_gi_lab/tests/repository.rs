@@ -634,7 +634,7 @@ fn the_guide_lists_every_field_of_a_recipe() {
 
 #[test]
 fn the_guide_has_the_numbers_of_the_presets() {
-    let source = read("crates/meshless_gi/src/bake/care.rs");
+    let source = read("crates/meshless_gi/src/bake/quality_level.rs");
     let guide = read("docs/GUIDE.md");
     for name in ["Draft", "Medium", "High"] {
         let numbers = preset(&source, name);

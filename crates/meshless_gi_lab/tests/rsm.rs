@@ -5,7 +5,7 @@
 mod room;
 
 use glam::{Mat4, Vec3};
-use meshless_gi::frame::reflective::{light_in_space, space_from_clip};
+use meshless_gi::frame::rsm_layout::{light_in_space, space_from_clip};
 use meshless_gi::frame::splat::LARGEST_HALF;
 use meshless_gi::frame::{
     FrameLight, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer, rsm,

@@ -4,40 +4,40 @@
 //! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
 //! counted. Threads are those of the rayon pool that the call runs in.
 
-mod care;
+mod bake_scene;
+mod basis_training;
 mod energy;
 mod energy_components;
 mod energy_octree;
 mod estimate;
-mod examples;
-mod level;
 mod materials;
 mod occluders;
 mod octree;
+mod precision_check;
 mod probes;
 mod progress;
+mod quality_level;
 mod recipe;
-mod remote;
-mod signals;
 mod sky;
-mod soft_shadows;
 mod stale;
 mod stats;
+mod training_lights;
+mod visibility;
 
-use care::QualityParameters;
+pub use bake_scene::{BakeSceneError, bake_scene};
 pub use estimate::{ErrorEstimate, estimate_errors};
-pub use level::{BakeSceneError, bake_scene};
 pub use occluders::{OccluderBox, OccluderDesc};
 pub use octree::OctreeSettings;
 pub use probes::ProbeSettings;
 pub use progress::{Progress, Stage};
+use quality_level::QualityParameters;
 pub use recipe::{
     BounceMode, Preset, Recipe, RecipeError, Settings, TransportMethod, reached_area,
 };
 pub use sky::Sky;
-pub use soft_shadows::VisibilityRecipe;
 pub use stale::{BAKE_VERSION, BakeInputs, Staleness, canonical_recipe, is_stale};
 pub use stats::{BakeStats, StageSeconds};
+pub use visibility::VisibilityRecipe;
 
 use crate::asset::{
     BakeInfo, BakedScene, Display, EnergyInfo, Places, PointSurface, SkyVisibility, TierInfo,
@@ -216,7 +216,7 @@ fn bake_once(
 
     stats
         .warnings
-        .extend(remote::remoteness(&geometry.bounds())?);
+        .extend(precision_check::remoteness(&geometry.bounds())?);
 
     // Viewpoints and the size of things.
     go_on(Stage::Points, 0.0)?;
@@ -308,7 +308,7 @@ fn bake_once(
         ),
         TransportMethod::Bounded | TransportMethod::Pca | TransportMethod::Fmm => {
             let tree = SenderTree::new(&tree, &hierarchy.level_starts[..=sender_levels]);
-            let (training, rays) = signals::train(
+            let (training, rays) = training_lights::train(
                 &gathering,
                 &hierarchy,
                 &viewpoints,
@@ -319,13 +319,13 @@ fn bake_once(
             );
             stats.rays += rays;
             let basis = (settings.rule == TransportMethod::Pca).then(|| {
-                let (basis, rays) = examples::light_basis(
+                let (basis, rays) = basis_training::light_basis(
                     &gathering,
                     &hierarchy,
                     &viewpoints,
                     &places,
                     &pull,
-                    &examples::BasisSettings {
+                    &basis_training::BasisSettings {
                         coefficients: settings.coefficients,
                         cluster_points: settings.cluster_points,
                         lamps: settings.lamps,
@@ -424,7 +424,7 @@ fn bake_once(
         progress,
     )?;
     let baked = octree::grow(geometry, &settings, cells, baked, progress)?;
-    let mut baked = soft_shadows::see(source, &settings, baked, progress)?;
+    let mut baked = visibility::see(source, &settings, baked, progress)?;
     baked.scene.probes = free_space;
     baked.scene.occluders = occluders::known(&source.occluders, &passing, &space_passing)?;
     finish(source, recipe, baked, began, progress)

@@ -1,12 +1,12 @@
 //! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
 //! scene's size.
 
-use super::care::QualityParameters;
 use super::occluders::{OccluderDesc, check_shapes};
 use super::octree::OctreeSettings;
 use super::probes::ProbeSettings;
+use super::quality_level::QualityParameters;
 use super::sky::Sky;
-use super::soft_shadows::VisibilityRecipe;
+use super::visibility::VisibilityRecipe;
 use crate::asset::Places;
 use crate::scene::{Geometry, SkyRadiance};
 use crate::transport::Link;

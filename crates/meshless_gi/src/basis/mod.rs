@@ -1,22 +1,22 @@
 //! How light is written down: the multilevel Shepard basis of \[L08\] §2.
 
-mod cells;
 mod clip;
 mod flat;
 mod hierarchy;
 mod kernel;
-mod places;
+mod light_samples;
 mod probes;
 mod shepard;
+mod voronoi_cells;
 mod weights;
 
-pub use cells::{CellPart, find_cells};
 pub use clip::clip_planes;
 pub use hierarchy::{Hierarchy, HierarchySettings};
 pub use kernel::{LEAN_FROM, kernel, weight};
-pub use places::find_places;
+pub use light_samples::find_places;
 pub use probes::{PROBE_OVERLAP, probe_basis, weight_in_space};
 pub use shepard::{LevelBasis, support_bounds};
+pub use voronoi_cells::{CellPart, find_cells};
 pub use weights::{WeightEntry, Weights};
 
 /// Sum of weights below which a place counts as not covered: a Shepard quotient of less would be 0/0 or noise.

@@ -19,7 +19,7 @@ use super::brdf::{self, Gloss, ShadingPoint};
 use super::gbuffer;
 use super::pyramid::{Picture, Seen, seen};
 use super::refine::FLOOR;
-use super::reflective::{Vpl, VplParams, VplViewParams};
+use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{COARSEST, LUMINANCE, Levels, SubsplatParams, SubsplatSettings};
 use super::upsample::PLANE;

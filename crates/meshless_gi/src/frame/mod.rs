@@ -59,15 +59,15 @@ pub mod push;
 pub mod pyramid;
 pub mod radiosity;
 pub mod refine;
-pub mod reflective;
 pub mod rsm;
+pub mod rsm_layout;
 mod settings;
 pub mod shade;
 pub mod soft;
 pub mod splat;
 pub mod subsplat;
+mod subsplat_view;
 pub mod upsample;
-mod view;
 pub mod volume;
 pub mod volume_faces;
 pub mod volume_places;
@@ -83,14 +83,14 @@ pub use gloss::{GlossNode, GlossParams, GlossSettings};
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
 pub use probe::ProbeIrradiance;
-pub use reflective::{
+pub use rsm_layout::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
 pub use settings::{FrameSettings, SceneDimensions, Steps};
 pub use shade::ShadeParams;
 pub use soft::{SoftLight, SoftParams};
 pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
-pub use view::{SubsplatCounts, Subsplats, subsplats};
+pub use subsplat_view::{SubsplatCounts, Subsplats, subsplats};
 pub use volume::{VolumeParams, VolumeValues};
 pub use volume_faces::{Face, Faces, WallWeight};
 pub use volume_places::{VoxelGrid, VoxelWeights, voxels_of};

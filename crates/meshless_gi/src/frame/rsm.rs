@@ -13,7 +13,7 @@
 
 use super::gbuffer;
 use super::project::shadow_ray;
-use super::reflective::{RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl};
+use super::rsm_layout::{RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl};
 use super::{FrameLight, vpl};
 use crate::scene::Bvh;
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -282,7 +282,7 @@ mod tests {
         let clip = Mat4::perspective_infinite_reverse_rh(std::f32::consts::FRAC_PI_2, 1.0, 0.1);
         for side in [1, 4, 64] {
             let view = Mat4::look_at_rh(eye, eye + Vec3::X, Vec3::Y);
-            let m = super::super::reflective::space_from_clip(&view.inverse(), &clip, Vec3::ZERO);
+            let m = super::super::rsm_layout::space_from_clip(&view.inverse(), &clip, Vec3::ZERO);
             let params = RsmParams::new(m, &light, side, 0);
             let all: f64 = (0..side * side)
                 .map(|i| f64::from(texel_angle(&params, [i % side, i / side])))

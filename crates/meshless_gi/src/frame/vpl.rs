@@ -12,7 +12,7 @@
 use super::gbuffer;
 use super::layout::VectorIrradiance;
 use super::project::lift;
-use super::reflective::{Vpl, VplParams, VplViewParams};
+use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
 use super::subsplat::{Node, state};
 use crate::samples::tangents;

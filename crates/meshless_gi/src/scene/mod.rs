@@ -14,9 +14,9 @@ mod geometry;
 mod gltf;
 mod implicit;
 mod join;
-#[cfg(feature = "gltf")]
-mod level;
 mod light;
+#[cfg(feature = "gltf")]
+mod load;
 mod material;
 mod mesh;
 mod mesh_problems;
@@ -24,7 +24,7 @@ mod occluder;
 mod ply;
 mod points;
 mod read;
-mod ringing;
+mod sh_deringing;
 mod sky;
 mod statue;
 mod watertight;
@@ -40,9 +40,9 @@ pub use gltf::{
     LoadedScene, Resolver, external_files, load_gltf, load_gltf_bytes, load_gltf_within,
 };
 pub use implicit::{ImplicitObject, ImplicitScene, Shape};
-#[cfg(feature = "gltf")]
-pub use level::{LoadedGeometry, load_geometry, load_geometry_within};
 pub use light::Light;
+#[cfg(feature = "gltf")]
+pub use load::{LoadedGeometry, load_geometry, load_geometry_within};
 pub use material::{Material, MaterialFactors, Texture, Wrap};
 pub use mesh::{TriangleMesh, TriangleUvs};
 pub use mesh_problems::MeshProblems;

@@ -6,7 +6,7 @@
 //! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map and no allocation per ray
 //! (design D4). Two half sums, of even and of odd rays, tell real variation from noise.
 
-use super::passage::Part;
+use super::occluded_links::Part;
 use crate::basis::{Hierarchy, WeightEntry};
 use crate::samples::{Random, gather_direction, tangents};
 use crate::scene::{Geometry, Ray, Site, SkyRadiance};

@@ -3,33 +3,33 @@
 pub mod bounded;
 pub mod fmm;
 mod gather;
-mod handed;
 pub mod l08;
-mod leaves;
 mod neumann;
+mod occluded_links;
 mod operator;
 mod pack;
-mod passage;
 pub mod pca;
 mod probes;
+mod quantized_row;
 mod refine;
 mod tiers;
 mod training;
+mod truncation_mass;
 
 pub use bounded::SenderTree;
 pub use gather::{
     Deposit, GatherScene, GatherSettings, Gathered, cast_only, gather, look_out, look_up,
 };
-pub use handed::TruncationMass;
 pub use neumann::{BounceScene, bounce_operator};
+pub use occluded_links::{
+    PackedLinkTerm, Part, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
+};
 pub use operator::{
     BounceLink, BounceOperator, Link, Operator, Row, SenderForm, place_links, row_order,
 };
 pub use pack::{Packed, pack};
-pub use passage::{
-    PackedLinkTerm, Part, UnindexedLinkTerm, link_of_parts, merge_parts, number_sets,
-};
 pub use probes::{PROBE_ROWS, ProbeGather, probe_rows};
 pub use refine::{BoundedSettings, RawRow, Receivers, RefinedOperator, refine_bounded};
 pub use tiers::{TIERS, assign_tiers};
 pub use training::{TRAINING_LIGHTS, Training, TrainingRadiosity, coarse_rows, mean_squares};
+pub use truncation_mass::TruncationMass;

@@ -1,6 +1,6 @@
 //! From rows in full precision to the operator's eight bytes a link, with the error that it costs.
 
-use super::passage::{Part, UnindexedLinkTerm, link_of_parts, pack_parts};
+use super::occluded_links::{Part, UnindexedLinkTerm, link_of_parts, pack_parts};
 use super::refine::RawRow;
 use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;

@@ -13,7 +13,7 @@
 
 use super::bounded::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
-use super::passage::{Part, merge_parts};
+use super::occluded_links::{Part, merge_parts};
 use super::{RawRow, SenderTree, Training};
 use crate::basis::WeightEntry;
 use crate::samples::{Random, lattice, uniform_sphere};

@@ -12,11 +12,11 @@
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, GatherSettings, Gathered, gather};
-use super::handed::TruncationMass;
-use super::leaves::QuantizedRow;
-use super::passage::{Part, cut_parts};
+use super::occluded_links::{Part, cut_parts};
 use super::pca::{CompressScratch, LightBasis};
+use super::quantized_row::QuantizedRow;
 use super::training::{TRAINING_LIGHTS, Training, TrainingRadiosity};
+use super::truncation_mass::TruncationMass;
 use crate::basis::{Hierarchy, HierarchySettings, WeightEntry, Weights};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;

@@ -1,12 +1,12 @@
 //! Reports on several levels as one document, with what holds on all of them first.
 
 use super::charts::Figure;
+use super::format::{cell, error, how, megabytes, short, whole};
+use super::markdown::{WANTED, cheapest, section};
 use super::measure::Row;
 use super::rules::{Ratio, comparable, compare};
 use super::sweep::Report;
-use super::text::{WANTED, cheapest, section};
 use super::variant::Factor;
-use super::words::{cell, error, how, megabytes, short, whole};
 use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 

@@ -1,7 +1,7 @@
 //! One bake, measured: what it cost to make, what it costs to keep and to run, and how wrong it is.
 
-use super::exam::{TestScore, TestSet};
 use super::sweep::Known;
+use super::test_set::{TestScore, TestSet};
 use super::variant::{BOUNCES, Factor, Run, Variant};
 use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
 use glam::Vec3;

@@ -1,8 +1,8 @@
 //! The octree of rule `fmm` beside links: what each of its bakes costs, and what the default rule takes for as little an error.
 
+use super::format::{cell, count, megabytes, percent, short};
 use super::measure::Row;
 use super::rules::comparable;
-use super::words::{cell, count, megabytes, percent, short};
 use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 

@@ -1,7 +1,7 @@
 //! The sweep: the reference once, then bake after bake, each measured, within a limit of time.
 
-use super::exam::{TestSet, TestSetSize};
 use super::measure::{Measured, Row};
+use super::test_set::{TestSet, TestSetSize};
 use super::variant::{self, BOUNCES, Factor, Variant};
 use crate::accuracy::GroundTruth;
 use meshless_gi::asset::AssetError;

@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::reflective::space_from_clip;
+use meshless_gi::frame::rsm_layout::space_from_clip;
 use meshless_gi::frame::{
     FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, project,
     rsm, vpl,

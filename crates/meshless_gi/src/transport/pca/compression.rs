@@ -4,7 +4,7 @@
 //! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14] §4.4), relative to the column's scale. All columns of a
 //! cluster share its senders. The last column is the sky alone.
 
-use super::light::LightBasis;
+use super::light_basis::LightBasis;
 use bytemuck::{Pod, Zeroable};
 use half::f16;
 

@@ -4,10 +4,10 @@
 //! Principal components are nested: of the same clusters, the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
 //! over its points, is added to the square of the error that stands there, and each point's share of the error follows what it loses itself.
 
-use super::remember::weights;
 use super::visibility::{
     Visibility, VisibilityCluster, VisiblePoint, from_short, from_snorm, pack, to_snorm,
 };
+use super::visibility_bake::weights;
 
 impl Visibility {
     /// The first `most` components of each cluster, with the error of these.

@@ -9,7 +9,7 @@
 
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, LightKey, LightKind};
-use super::reflective::{AskingLight, AskingLights};
+use super::rsm::{AskingLight, AskingLights};
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, RsmBuffers, RsmCapture, SceneBuffers, SplatTargets,
     VplShadows,
@@ -28,7 +28,7 @@ use bevy::render::render_phase::ViewBinnedRenderPhases;
 use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
-use meshless_gi::frame::reflective::{MAX_VPLS, light_in_space, space_from_clip};
+use meshless_gi::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
 use meshless_gi::frame::{RsmParams, VplViewParams};
 
 /// What a camera of a map runs instead of `Core3d`.

@@ -21,9 +21,9 @@ use super::asset_folders::{base_folder, source_file};
 use super::bake_processor::GiBakeProcessor;
 use super::bake_store::BakeStore;
 use super::build_copy::{Action, Meta, copy_asset, meta_path, remove_asset, remove_orphans};
-use super::level::{GiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
 use super::level_files::ReadFile;
 use super::loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings};
+use super::recipe_loader::{GiBakeSettings, RECIPE_EXTENSION, RecipeInputs, RecipeLoadError};
 use super::recipe_progress::RecipeBakes;
 use bevy::asset::AssetPath;
 use bevy::asset::meta::{

@@ -1,12 +1,12 @@
 //! A report in words: what to choose and why, first; then charts, the two rules, and every row.
 
 use super::charts::Figure;
+use super::format::{cell, count, error, how, megabytes, percent, short, whole};
 use super::measure::Row;
 use super::octree::beside_octree;
 use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
-use super::words::{cell, count, error, how, megabytes, percent, short, whole};
 use meshless_gi::bake::TransportMethod;
 use std::fmt::Write;
 

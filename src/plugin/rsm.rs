@@ -35,7 +35,7 @@ use bevy::render::render_resource::TextureUsages;
 use bevy::render::view::{Msaa, NoIndirectDrawing};
 use bevy::transform::components::{GlobalTransform, Transform};
 use meshless_gi::frame::FrameLight;
-use meshless_gi::frame::reflective::side;
+use meshless_gi::frame::rsm_layout::side;
 use meshless_gi::scene::Bounds;
 
 /// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
@@ -464,7 +464,7 @@ fn camera_bundle(view: &MapView, texels: u32, order: isize) -> impl Bundle {
         RenderTarget::None {
             size: UVec2::splat(texels),
         },
-        CameraRenderGraph::new(super::capture::RsmSchedule),
+        CameraRenderGraph::new(super::rsm_render::RsmSchedule),
         projection(view.lens),
         (at, GlobalTransform::from(at)),
         RenderLayers::layer(RSM_RENDER_LAYER),

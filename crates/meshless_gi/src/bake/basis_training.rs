@@ -4,7 +4,7 @@
 //! is a sun. A sender of several places is lit at one of them, another one under each lamp: shadows' edges then lie as a frame finds them in the mean, at the
 //! price of a single place. Each lamp counts by what comes back of it: relative to the root mean square of its irradiance over the coarsest points.
 
-use super::signals::free_places;
+use super::training_lights::free_places;
 use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
 use crate::samples::{Random, mix, uniform_sphere};

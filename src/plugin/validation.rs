@@ -5,7 +5,7 @@
 
 use super::components::{GiCamera, GiScene, GiSettings};
 use super::extract::{Brought, draws_gbuffer};
-use super::reflective::{GiReflector, GiRsmCamera};
+use super::rsm::{GiReflector, GiRsmCamera};
 use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::Camera;
