@@ -202,7 +202,7 @@ fn meshes_that_cannot_be_used_are_named_and_left_out() {
     let expected = [
         (dark, ["`vase`", "MAIN_WORLD"]),
         (wire, ["LineList", "no surface"]),
-        (broken, ["1 triangles", "not finite"]),
+        (broken, ["left out of the bake: 1", "not finite"]),
         (far, ["1 triangles", "not finite"]),
         (bare, ["no positions", "not in the bake"]),
     ];

@@ -41,8 +41,8 @@ pub enum GiBakeWarning {
     },
     /// Some triangles of the mesh can't be used.
     #[error(
-        "{entity}: triangles are not in the bake, since their positions are not finite or their \
-         indices out of range: {count}"
+        "{entity}: triangles left out of the bake: {count}. Their positions are not finite or their \
+         indices out of range"
     )]
     BadTriangles {
         /// Entity with the mesh.
