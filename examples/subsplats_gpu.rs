@@ -1,4 +1,4 @@
-//! What subsplats cost on the device beside every pixel, in one run: 1920 × 1080, the views of docs/SUBSPLATS.md, the device's own counts. Then [N09] Fig. 14: virtual point lights
+//! What subsplats cost on the device beside every pixel, in one run: 1920 × 1080, the views of docs/reports/SUBSPLATS.md, the device's own counts. Then [N09] Fig. 14: virtual point lights
 //! at several resolutions of indirect light. Prints tables with the name of the adapter.
 //!
 //! ```text

@@ -55,7 +55,7 @@ fn subsplats_show_what_every_pixel_does() {
     let (by, full, share) = both(&mut app, eye, &image);
     assert_alike("subsplats", &full, &by);
     println!("{:.1} % of the pixels", 100.0 * share);
-    // Few pixels, so that edges weigh much: docs/SUBSPLATS.md has a full screen's.
+    // Few pixels, so that edges weigh much: docs/reports/SUBSPLATS.md has a full screen's.
     assert!(share < 0.35, "{share}");
     // Other tests, [N09]'s own, and coarser ones.
     let settings = GiSubsplatSettings::default();

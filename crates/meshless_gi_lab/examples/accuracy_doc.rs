@@ -1,4 +1,4 @@
-//! Writes docs/ACCURACY.md and its charts: a report on each of several levels, and what holds on all of them.
+//! Writes docs/reports/ACCURACY.md and its charts: a report on each of several levels, and what holds on all of them.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb

@@ -2,7 +2,7 @@
 //! points in a room of triangles. Writes `FMM_RULE.md` and its charts.
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs
+//! cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs/reports
 //! ```
 
 use glam::Vec3;
@@ -260,7 +260,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let threads = rayon::current_num_threads();
     let mut out = format!(
         "# TransportMethod `fmm` beside links\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs` on {threads} threads. Do not edit. What the method itself does to error \
+         Made by `cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs/reports` on {threads} threads. Do not edit. What the method itself does to error \
          and time: [FMM.md](FMM.md).\n"
     );
     let charts = folder.join("fmm");

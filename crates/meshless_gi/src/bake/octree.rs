@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far more than what an expansion leaves out behind it (docs/FMM_RULE.md).
+/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far more than what an expansion leaves out behind it (docs/reports/FMM_RULE.md).
 const ORDER: u32 = 2;
 
 /// The octree of a bake by rule `fmm`, everything filled in.

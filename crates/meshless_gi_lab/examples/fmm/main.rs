@@ -2,7 +2,7 @@
 //! visibility against the reference integrator. Writes `FMM.md` and its charts.
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example fmm -- -o docs [--most POINTS]
+//! cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports [--most POINTS]
 //! ```
 //!
 //! `--most` leaves larger scenes out (1,024,000 points by default).

@@ -52,7 +52,7 @@ pub fn text(found: &[Found], races: &[Race], level: &str, cuts: &[Cut]) -> Strin
     let mut out = format!(
         "# Principal components\n\n\
         Visibility after [P14] §4.2 and transfer after its §4.3, measured. Printed by\n\n\
-        ```text\ncargo run --release -p meshless_gi_lab --example pca -- -o docs path/to/level\n```\n\nor with `--part` one of its three parts: `visibility`, `transfer`, `level`.\n\n\
+        ```text\ncargo run --release -p meshless_gi_lab --example pca -- -o docs/reports path/to/level\n```\n\nor with `--part` one of its three parts: `visibility`, `transfer`, `level`.\n\n\
         Soft shadows of one panel below the ceiling, {SAMPLES} samples, medium preset. The senders and the points of one level behind them remember what they see; all others take the mean of their\n\
         parents. The penumbra is where the reference integrator (256 stratified rays a place) says that between {} % and {} % of the panel's light arrive.\n\n",
         100.0 * PENUMBRA[0],

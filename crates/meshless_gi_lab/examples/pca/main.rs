@@ -2,10 +2,10 @@
 //! reference integrator. Writes the document, its charts and pictures:
 //!
 //! ```text
-//! cargo run --release -p meshless_gi_lab --example pca -- -o docs [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
+//! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
 //! ```
 //!
-//! makes `docs/PCA.md` and `docs/pca/`, or one part of three anew and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both
+//! makes `docs/reports/PCA.md` and `docs/reports/pca/`, or one part of three anew and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both
 //! kinds of operator are compared; the Cornell box where none is given.
 
 mod beside;

@@ -149,7 +149,7 @@ fn first(found: &Found, out: &mut String) -> Result<(), Error> {
     writeln!(
         out,
         "# Subsplats: light on the screen at a fraction of the pixels\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example subsplats -- -o docs LEVEL_FOLDER...` on the CPU's twins of the kernels; the cluttered\n\
+         Made by `cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports LEVEL_FOLDER...` on the CPU's twins of the kernels; the cluttered\n\
          room is always there, further levels ({}) are folders that the command names. Do not edit.\n\n\
          **Take the defaults**: coarsest level {}, finest {}, depth {} {}, normals {} {}, light {}, alike {}. Over all {} views here they evaluate at most\n\
          1/{:.1} of the pixels, with FLIP at most {flip:.4}; {holds} of {} views hold 1/8 of the pixels with FLIP 0.01.\n\n\

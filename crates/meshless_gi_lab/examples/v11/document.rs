@@ -92,7 +92,7 @@ fn found(made: &Experiment, out: &mut String) -> Result<(), Box<dyn Error>> {
     writeln!(
         out,
         "# Bases for light: [V11]'s experiment, with its table\n\n\
-         Made by `cargo run --release -p meshless_gi_lab --example v11 -- -o docs --short`; without `--short` it also writes the curves of\n\
+         Made by `cargo run --release -p meshless_gi_lab --example v11 -- -o docs/reports --short`; without `--short` it also writes the curves of\n\
          every basis at every density. Do not edit.\n\n\
          ## What was found\n\n\
          With the same samples at the same points, **the plugin's basis has the least root mean square error in {won} of {} comparisons** with the bases that\n\

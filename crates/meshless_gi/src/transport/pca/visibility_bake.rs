@@ -76,7 +76,7 @@ pub struct VisibilitySettings {
 
 impl Default for VisibilitySettings {
     /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000 points a cluster; here twice the directions in half the bits, and clusters of 400 points, or of fewer where
-    /// these see much: docs/PCA.md says why.
+    /// these see much: docs/reports/PCA.md says why.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::of(DIRECTIONS),
