@@ -325,7 +325,7 @@ fn fields(source: &str, name: &str) -> Vec<String> {
 
 /// The numbers of one preset, in the order of the struct's fields.
 fn preset(source: &str, name: &str) -> Vec<f64> {
-    let head = format!("Self::{name} => Care {{");
+    let head = format!("Self::{name} => QualityParameters {{");
     let body = source
         .split_once(&head)
         .map_or("", |(_, rest)| rest.split('}').next().unwrap_or(""));
@@ -648,7 +648,7 @@ fn the_guide_has_the_numbers_of_the_presets() {
             "docs/GUIDE.md, row `{name}`: the source says the second"
         );
     }
-    let source = "Self::A => Care {\n points: 1_000.0,\n rays: 2,\n },";
+    let source = "Self::A => QualityParameters {\n points: 1_000.0,\n rays: 2,\n },";
     assert_eq!(preset(source, "A"), [1000.0, 2.0]);
     assert_eq!(row("| `a` | 1 000 | 2 |", "a"), [1000.0, 2.0]);
 }
