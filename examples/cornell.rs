@@ -1,4 +1,5 @@
-//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball rolls through it, which no bake knows: it colors the floor and the blocks beside it.
+//! A Cornell box whose lamp moves, with the indirect light following in the same frame. A blue ball
+//! rolls through it, which no bake knows: it colors the floor and the blocks beside it.
 //!
 //! ```text
 //! cargo run --release --example cornell
@@ -21,9 +22,11 @@
 //! | F1 | the tuning panel |
 //! | H | the lines of help on and off |
 //!
-//! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow map; the ball, which no bake knows, casts none and reflects none of its light.
+//! With `-- --soft` the lamp is a panel that shines down, and casts soft shadows without a shadow
+//! map; the ball, which no bake knows, casts none and reflects none of its light.
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture without a window and ends (with M first, the ball stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,G]` writes a picture without a window and
+//! ends (with M first, the ball stays where it starts).
 
 mod common;
 
@@ -148,7 +151,8 @@ fn setup(
 /// Radius of the ball, meters.
 const BALL: f32 = 0.18;
 
-/// Ends of the ball's way on the floor: along the front of the small block, which it passes 4 cm away from.
+/// Ends of the ball's way on the floor: along the front of the small block, which it passes 4 cm
+/// away from.
 const WAY: (Vec3, Vec3) = (Vec3::new(-0.7, BALL, 0.57), Vec3::new(0.6, BALL, 0.98));
 
 /// Where the ball is: to and fro, from the middle of its way.

@@ -39,7 +39,7 @@ const LIGHT: (Vec3, f32) = (Vec3::new(0.0, 1.7, 0.2), 4800.0);
 
 /// Brightness of the irradiance volume while it is on.
 #[derive(Resource)]
-struct SimilarityTransform(VolumePlacement);
+struct Placement(VolumePlacement);
 
 fn main() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
         ..default()
     }))
     .insert_resource(GlobalAmbientLight::NONE)
-    .insert_resource(SimilarityTransform(placement))
+    .insert_resource(Placement(placement))
     .add_systems(Startup, setup)
     .add_systems(Update, switch);
     if let Some(capture) = capture {
@@ -127,7 +127,7 @@ fn export(texture: &Path) -> Result<(), Box<dyn Error>> {
 
 fn setup(
     mut commands: Commands,
-    placement: Res<SimilarityTransform>,
+    placement: Res<Placement>,
     assets: Res<AssetServer>,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
@@ -168,7 +168,7 @@ fn setup(
 /// Space switches the volume.
 fn switch(
     keys: Res<ButtonInput<KeyCode>>,
-    placement: Res<SimilarityTransform>,
+    placement: Res<Placement>,
     mut volume: Single<&mut IrradianceVolume>,
 ) {
     if keys.just_pressed(KeyCode::Space) {

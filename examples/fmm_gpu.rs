@@ -1,10 +1,12 @@
-//! The fast multipole method on the device beside the CPU: upward and downward pass, as [G08] Figs. 10 and 11. Prints a table with the name of the adapter.
+//! The fast multipole method on the device beside the CPU: upward and downward pass, as [G08] Figs.
+//! 10 and 11. Prints a table with the name of the adapter.
 //!
 //! ```text
 //! cargo run --release --example fmm_gpu
 //! ```
 //!
-//! Each time is the least of three, that of the device from submission until it is done. The CPU's are in single precision too.
+//! Each time is the least of three, that of the device from submission until it is done. The CPU's
+//! are in single precision too.
 
 use meshless_gi_lab::fixtures::fmm as room;
 

@@ -1,11 +1,14 @@
-//! Renders one picture with indirect light, without a window: for servers, tests and machines without a GPU (software Vulkan does).
+//! Renders one picture with indirect light, without a window: for servers, tests and machines
+//! without a GPU (software Vulkan does).
 //!
 //! ```text
 //! cargo run --release --example headless -- cornell.png [--direct] [--budget MS]
 //! ```
 //!
-//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to compare. `--budget` moves lamp and camera along a path before the
-//! picture, lets indirect light take so many milliseconds a frame, and prints what frames and solves took and which tier of the bake was used.
+//! The Cornell box is made in code and baked first. `--direct` leaves indirect light off, to
+//! compare. `--budget` moves lamp and camera along a path before the picture, lets indirect light
+//! take so many milliseconds a frame, and prints what frames and solves took and which tier of the
+//! bake was used.
 
 mod common;
 

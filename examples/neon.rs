@@ -1,11 +1,13 @@
-//! A street at night whose signs blink, chase and change their color: but for a faint sky they are all the light that there is, and what they shed on the street and the walls follows in
-//! the frame in which they change. Bevy itself shows a glowing surface and lets it light nothing.
+//! A street at night whose signs blink, chase and change their color: but for a faint sky they are
+//! all the light that there is, and what they shed on the street and the walls follows in the frame
+//! in which they change. Bevy itself shows a glowing surface and lets it light nothing.
 //!
 //! ```text
 //! cargo run --release --example neon
 //! ```
 //!
-//! The street is made in code and baked, with materials that may change, while the window is already open.
+//! The street is made in code and baked, with materials that may change, while the window is
+//! already open.
 //!
 //! | key | does |
 //! |---|---|

@@ -1,12 +1,14 @@
-//! A statue of points in a room of triangles, under a lamp that circles it: points and triangles light and shade each other.
+//! A statue of points in a room of triangles, under a lamp that circles it: points and triangles
+//! light and shade each other.
 //!
 //! ```text
 //! cargo run --release --example points
 //! cargo run --release --example points -- path/to/scan.ply [draft|medium|high]
 //! ```
 //!
-//! Without a file the points are scattered over the statue that the project makes itself. A `.ply` of yours is stood in the room in its place, Y up, scaled until it
-//! fits. The room is baked while the window is already open.
+//! Without a file the points are scattered over the statue that the project makes itself. A `.ply`
+//! of yours is stood in the room in its place, Y up, scaled until it fits. The room is baked while
+//! the window is already open.
 //!
 //! | key | does |
 //! |---|---|
@@ -20,7 +22,8 @@
 //! | P | the plan of the frame: what runs, why, and how long it takes |
 //! | H | the lines of help on and off |
 //!
-//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture without a window and ends (with M first, the lamp stays where it starts).
+//! `-- --screenshot FILE.png [--frames N] [--press Tab,M]` writes a picture without a window and
+//! ends (with M first, the lamp stays where it starts).
 
 mod common;
 

@@ -1,5 +1,9 @@
-//! What would fewer numbers a point bring? Beside vector irradiance in three channels (48 bytes a point): irradiance at the point's own normal in three channels, and vector irradiance in one channel
-//! (16 bytes each). And what does kernel `apply_one` bring, which computes in one channel and writes three? Prints, for a box of flat walls and for the same with a ball, what display and operator read, what that takes on the CPU and (the operator) on the device, and how far the pictures are apart.
+//! What would fewer numbers a point bring? Beside vector irradiance in three channels (48 bytes a
+//! point): irradiance at the point's own normal in three channels, and vector irradiance in one
+//! channel (16 bytes each). And what does kernel `apply_one` bring, which computes in one channel
+//! and writes three? Prints, for a box of flat walls and for the same with a ball, what display and
+//! operator read, what that takes on the CPU and (the operator) on the device, and how far the
+//! pictures are apart.
 //!
 //! ```text
 //! cargo run --example precision -- draft|medium
@@ -151,7 +155,8 @@ fn on_ball() -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// The display at a place: the sum of its functions times what `add` adds up, over the sum of their weights.
+/// The display at a place: the sum of its functions times what `add` adds up, over the sum of their
+/// weights.
 fn gather<T>(
     scene: &BakedScene,
     x: Vec3,

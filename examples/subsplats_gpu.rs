@@ -1,11 +1,13 @@
-//! What subsplats cost on the device beside every pixel, in one run: 1920 × 1080, the views of docs/reports/SUBSPLATS.md, the device's own counts. Then [N09] Fig. 14: virtual point lights
-//! at several resolutions of indirect light. Prints tables with the name of the adapter.
+//! What subsplats cost on the device beside every pixel, in one run: 1920 × 1080, the views of
+//! docs/reports/SUBSPLATS.md, the device's own counts. Then [N09] Fig. 14: virtual point lights at
+//! several resolutions of indirect light. Prints tables with the name of the adapter.
 //!
 //! ```text
 //! cargo run --release --example subsplats_gpu -- [--bakes FOLDER] [LEVEL_FOLDER...]
 //! ```
 //!
-//! Without a folder the cluttered room alone, by a draft bake. `FOLDER/NAME.mgi` spares a bake. Each time is the least of several submissions, waited for.
+//! Without a folder the cluttered room alone, by a draft bake. `FOLDER/NAME.mgi` spares a bake.
+//! Each time is the least of several submissions, waited for.
 
 #[path = "../tests/twins/depth.rs"]
 mod depth;

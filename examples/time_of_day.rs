@@ -1,5 +1,6 @@
-//! A day in an atrium: a sun that goes its way, and a sky that is blue by day, warm round a low sun and dark at night. Both light the court, and what reaches the
-//! arcades behind the columns follows the hour in the frame in which it changes.
+//! A day in an atrium: a sun that goes its way, and a sky that is blue by day, warm round a low sun
+//! and dark at night. Both light the court, and what reaches the arcades behind the columns follows
+//! the hour in the frame in which it changes.
 //!
 //! ```text
 //! cargo run --release --example time_of_day
@@ -20,7 +21,8 @@
 //! | F1 | the tuning panel |
 //! | H | the lines of help on and off |
 //!
-//! `-- --screenshot FILE.png --at 16.5` writes a picture of half past four in the afternoon without a window.
+//! `-- --screenshot FILE.png --at 16.5` writes a picture of half past four in the afternoon without
+//! a window.
 
 mod common;
 
@@ -59,7 +61,8 @@ fn main() -> ExitCode {
     common::run(app)
 }
 
-/// From the middle of the court to its edge, where columns stand, and to the walls behind the arcades, meters.
+/// From the middle of the court to its edge, where columns stand, and to the walls behind the
+/// arcades, meters.
 const COURT: f32 = 5.0;
 const WALLS: f32 = 8.0;
 /// The arcades' ceiling, and the top of the storey above it.
@@ -79,7 +82,8 @@ fn atrium() -> Vec<Quad> {
     };
     let (c, w) = (COURT, WALLS);
     solid([-w, -0.2, -w], [w, 0.0, w], &paint(0.45, 0.42, 0.38));
-    // Round the court: walls behind the arcades, their ceilings, and the storey above. The sides along x go round the corners.
+    // Round the court: walls behind the arcades, their ceilings, and the storey above. The sides
+    // along x go round the corners.
     for s in [-1.0f32, 1.0] {
         let along = |from: f32, to: f32| ((s * from).min(s * to), (s * from).max(s * to));
         let (outer, slab, upper) = (
@@ -159,7 +163,8 @@ fn set_up(
     ));
 }
 
-/// Mist: Bevy's volumetric fog, which the sun shines through and the level's light fills. Where there is none, nothing of it is anywhere.
+/// Mist: Bevy's volumetric fog, which the sun shines through and the level's light fills. Where
+/// there is none, nothing of it is anywhere.
 fn mist(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
@@ -202,13 +207,15 @@ fn mist(
     }
 }
 
-/// Where the sun is at an hour, of unit length: it rises in the east (+X) at six, and stands highest at noon, in the south (+Z).
+/// Where the sun is at an hour, of unit length: it rises in the east (+X) at six, and stands
+/// highest at noon, in the south (+Z).
 fn sun_at(hour: f32) -> Vec3 {
     let (high, east) = (PI * (hour - 6.0) / 12.0).sin_cos();
     Vec3::new(east, 0.83 * high, 0.56 * high).normalize()
 }
 
-/// What part of the sun's light comes through the air, linear RGB: less and redder the lower it stands, none below the horizon.
+/// What part of the sun's light comes through the air, linear RGB: less and redder the lower it
+/// stands, none below the horizon.
 fn through_air(sun: Vec3) -> Vec3 {
     let rises = ((sun.y + 0.02) / 0.06).clamp(0.0, 1.0);
     let way = 1.0 / (sun.y.max(0.0) + 0.06);
@@ -218,7 +225,8 @@ fn through_air(sun: Vec3) -> Vec3 {
 /// Illuminance of the sun above the air, lux.
 const SUN: f32 = 120_000.0;
 
-/// Luminance of the sky in a direction, cd/m²: blue where the sun's light is scattered all day, warm round a low sun, and a last glimmer at night.
+/// Luminance of the sky in a direction, cd/m²: blue where the sun's light is scattered all day,
+/// warm round a low sun, and a last glimmer at night.
 fn sky(sun: Vec3, way: Vec3) -> Vec3 {
     let day = ((sun.y + 0.1) / 0.5).clamp(0.0, 1.0).powi(2);
     let up = way.y.max(0.0);

@@ -1,11 +1,13 @@
-//! A visitor walks through a door, which shuts: the room behind it, which had its light through the door alone, goes dark. The bake knows the door; of the visitor it
-//! knows nothing, and yet light in free space falls on it, and its coat colors the floor.
+//! A visitor walks through a door, which shuts: the room behind it, which had its light through the
+//! door alone, goes dark. The bake knows the door; of the visitor it knows nothing, and yet light
+//! in free space falls on it, and its coat colors the floor.
 //!
 //! ```text
 //! cargo run --release --example visitor
 //! ```
 //!
-//! Two rooms, made in code and baked while the window is already open; their ceiling and the wall before them are drawn from inside only.
+//! Two rooms, made in code and baked while the window is already open; their ceiling and the wall
+//! before them are drawn from inside only.
 //!
 //! | key | does |
 //! |---|---|
@@ -20,7 +22,8 @@
 //! | F1 | the tuning panel |
 //! | H | the lines of help on and off |
 //!
-//! `-- --screenshot FILE.png --at 6.5` writes a picture of second 6.5, when the door is shut, without a window; `--at 2.2` one through the open door.
+//! `-- --screenshot FILE.png --at 6.5` writes a picture of second 6.5, when the door is shut,
+//! without a window; `--at 2.2` one through the open door.
 
 mod common;
 
@@ -197,7 +200,8 @@ fn set_up(
 /// Seconds until all begins again.
 const ROUND: f32 = 17.0;
 
-/// Where the visitor is on its way through the door, to the left and back, meters; and how far it has turned round, radians.
+/// Where the visitor is on its way through the door, to the left and back, meters; and how far it
+/// has turned round, radians.
 fn way(seconds: f32) -> (f32, f32) {
     let t = seconds.rem_euclid(ROUND);
     let there = (t / 6.0).clamp(0.0, 1.0);

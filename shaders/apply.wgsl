@@ -1,5 +1,6 @@
-// apply: the operator times the senders' coefficients. Twin: crates/meshless_gi/src/frame/apply.rs. Sixteen threads share a row, so that they read its links side by
-// side; their sums meet in workgroup memory.
+// apply: the operator times the senders' coefficients. Twin: crates/meshless_gi/src/frame/apply.rs.
+// Sixteen threads share a row, so that they read its links side by side; their sums meet in
+// workgroup memory.
 
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var<storage, read> rows: array<Row>;

@@ -1,4 +1,5 @@
-// apply_one: the operator times one channel of the senders' coefficients, where the others follow from it. Twin: crates/meshless_gi/src/frame/apply_one.rs. Threads share rows as in `apply`.
+// apply_one: the operator times one channel of the senders' coefficients, where the others follow
+// from it. Twin: crates/meshless_gi/src/frame/apply_one.rs. Threads share rows as in `apply`.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;

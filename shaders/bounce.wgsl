@@ -1,5 +1,6 @@
-// bounce: the senders' radiosity after further reflections. Twin: crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one live Jacobi step; `gather`, `spread`
-// (a dispatch a level, coarse to fine) and `add` put the baked bounces on top.
+// bounce: the senders' radiosity after further reflections. Twin:
+// crates/meshless_gi/src/frame/bounce.rs. Entry points: `sweep` is one live Jacobi step; `gather`,
+// `spread` (a dispatch a level, coarse to fine) and `add` put the baked bounces on top.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(1) var<uniform> span: Span;

@@ -1,4 +1,5 @@
-// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended additively; and what soft shadows take from it. Twin: crates/meshless_gi/src/frame/composite.rs.
+// composite: what a pixel's indirect irradiance adds to the picture; drawn as one triangle, blended
+// additively; and what soft shadows take from it. Twin: crates/meshless_gi/src/frame/composite.rs.
 
 @group(0) @binding(0) var<uniform> params: CompositeParams;
 @group(0) @binding(1) var irradiance: texture_2d<f32>;
@@ -29,7 +30,8 @@ fn composite_gloss(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(params.scale * gbuffer_occlusion(texel) * radiance.rgb, 0.0);
 }
 
-// Blended by subtraction: what is bound as `irradiance` is the radiance that `shade` made, of light that does not get there. No occlusion: the light that it is taken from has none.
+// Blended by subtraction: what is bound as `irradiance` is the radiance that `shade` made, of light
+// that does not get there. No occlusion: the light that it is taken from has none.
 @fragment
 fn composite_shade(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);

@@ -1,4 +1,5 @@
-// fmm_down: R-expansions of a level's nodes, and the irradiance at the points of the leaves. Twin: crates/meshless_gi/src/frame/fmm_down.rs, which says what each entry does.
+// fmm_down: R-expansions of a level's nodes, and the irradiance at the points of the leaves. Twin:
+// crates/meshless_gi/src/frame/fmm_down.rs, which says what each entry does.
 
 struct FmmEntry {
     source: u32,
@@ -19,7 +20,8 @@ struct FmmEntry {
 const MAX_FMM_TERMS: u32 = 84u;
 const NO_TERM: u32 = 4294967295u;
 
-// Taylor coefficients of 1/r⁴ at the unit vector of a pair, and the derivatives of the kernel: xx, xy, xz and yy, yz, zz.
+// Taylor coefficients of 1/r⁴ at the unit vector of a pair, and the derivatives of the kernel: xx,
+// xy, xz and yy, yz, zz.
 var<workgroup> scalar: array<f32, MAX_FMM_TERMS>;
 var<workgroup> tensor: array<vec3f, 2u * MAX_FMM_TERMS>;
 // The source's expansion, term n times (its size over the distance)ⁿ.
@@ -81,7 +83,8 @@ fn product(t: u32, m: Spectrum) -> Spectrum {
     );
 }
 
-// Puts a node's expansion into `scaled`, once all threads are done with the last one; the barrier after it is that of `derive`.
+// Puts a node's expansion into `scaled`, once all threads are done with the last one; the barrier
+// after it is that of `derive`.
 fn load(node: u32, ratio: f32, local: u32) {
     workgroupBarrier();
     for (var t = local; t < params.terms; t += 64u) {

@@ -1,4 +1,5 @@
-// fmm_up: S-expansions of a level's nodes, from their points or their children. Twin: crates/meshless_gi/src/frame/fmm_up.rs.
+// fmm_up: S-expansions of a level's nodes, from their points or their children. Twin:
+// crates/meshless_gi/src/frame/fmm_up.rs.
 
 @group(0) @binding(0) var<uniform> params: FmmParams;
 // Nodes of a level.

@@ -1,4 +1,6 @@
-// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle, blended additively, behind the engine's own fog. Twin: crates/meshless_gi/src/frame/fog.rs, which says what is computed.
+// fog: what a fog volume sends to the eye of a level's indirect light; drawn as one triangle,
+// blended additively, behind the engine's own fog. Twin: crates/meshless_gi/src/frame/fog.rs, which
+// says what is computed.
 
 struct FogParams {
     view_from_clip: mat4x4f,
@@ -65,7 +67,8 @@ fn fog(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(light_of(position.xy, textureLoad(depth, vec2u(position.xy), 0)), 0.0);
 }
 
-// The same where the view takes several samples a pixel: by the first one, as the engine's fog does.
+// The same where the view takes several samples a pixel: by the first one, as the engine's fog
+// does.
 @fragment
 fn fog_sampled(@builtin(position) position: vec4f) -> @location(0) vec4f {
     return vec4f(light_of(position.xy, textureLoad(depth_samples, vec2u(position.xy), 0)), 0.0);
@@ -180,7 +183,8 @@ fn ray_to(pixel: vec2f, seen: f32) -> Ray {
     return Ray(near, direction, length);
 }
 
-// From where to where a ray is inside of a box of another space; the second is the smaller one where it is not.
+// From where to where a ray is inside of a box of another space; the second is the smaller one
+// where it is not.
 fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     let o = (space * vec4f(ray.origin, 1.0)).xyz;
     let toward = (space * vec4f(ray.direction, 0.0)).xyz;

@@ -1,4 +1,5 @@
-// fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free space. Twin: crates/meshless_gi/src/frame/fog_voxels.rs, which says what is computed.
+// fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free
+// space. Twin: crates/meshless_gi/src/frame/fog_voxels.rs, which says what is computed.
 
 struct FogVoxelsParams {
     world_from_voxels: mat4x4f,
@@ -31,7 +32,8 @@ fn free(voxel: vec3u, way: vec3i) -> bool {
     return true;
 }
 
-// The light of a voxel for a side: that of the voxel behind it, which has it, where the way there is free.
+// The light of a voxel for a side: that of the voxel behind it, which has it, where the way there
+// is free.
 fn own(voxel: vec3u, side: u32) -> vec3f {
     let step = params.steps[side].xyz;
     // Below zero it is large as well.

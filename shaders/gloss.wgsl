@@ -1,5 +1,6 @@
-// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light alone. Twin: crates/meshless_gi/src/frame/gloss.rs. `gloss` fills the nodes of a level from the next coarser one,
-// `gloss_pixels` shows every pixel.
+// gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light
+// alone. Twin: crates/meshless_gi/src/frame/gloss.rs. `gloss` fills the nodes of a level from the
+// next coarser one, `gloss_pixels` shows every pixel.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -166,7 +167,8 @@ fn whole(pixel: vec2u, here: Glossy) -> SpecularRadiance {
     return sum;
 }
 
-// What the nodes of level `k` + 1 foretell at a cell of level `k`, of which one coordinate at least is odd.
+// What the nodes of level `k` + 1 foretell at a cell of level `k`, of which one coordinate at least
+// is odd.
 fn foretold(k: u32, cell: vec2u, here: Glossy) -> Foretold {
     let grid = level_grid(k + 1u);
     let odd = cell & vec2u(1u);

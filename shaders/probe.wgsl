@@ -1,4 +1,5 @@
-// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a node's light. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
+// probe: light in free space, for what moves: what functions on surfaces leave of a pixel's or a
+// node's light. Twin: crates/meshless_gi/src/frame/probe.rs. `params` has the probes' grid.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;

@@ -1,5 +1,6 @@
-// project: the scalar irradiance of each sender from one light of color one, shadows included: the mean over its places. Twin: crates/meshless_gi/src/frame/project.rs.
-// A row of workgroups a light that changed.
+// project: the scalar irradiance of each sender from one light of color one, shadows included: the
+// mean over its places. Twin: crates/meshless_gi/src/frame/project.rs. A row of workgroups a light
+// that changed.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(2) var<storage, read> lights: array<FrameLight>;

@@ -1,4 +1,5 @@
-// radiosity: b = ρE + M of every sender, its first coefficient. Twin: crates/meshless_gi/src/frame/radiosity.rs.
+// radiosity: b = ρE + M of every sender, its first coefficient. Twin:
+// crates/meshless_gi/src/frame/radiosity.rs.
 
 @group(0) @binding(0) var<uniform> params: SolveParams;
 @group(0) @binding(2) var<storage, read> lights: array<FrameLight>;

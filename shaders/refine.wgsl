@@ -1,4 +1,5 @@
-// refine: which cells are divided. Twin: crates/meshless_gi/src/frame/refine.rs. `start` lists the cells of the coarsest level, `refine` the children of those that are divided.
+// refine: which cells are divided. Twin: crates/meshless_gi/src/frame/refine.rs. `start` lists the
+// cells of the coarsest level, `refine` the children of those that are divided.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;

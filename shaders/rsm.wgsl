@@ -1,4 +1,5 @@
-// rsm: a reflective shadow map becomes virtual point lights. Twin: crates/meshless_gi/src/frame/rsm.rs, which says what each entry does and why.
+// rsm: a reflective shadow map becomes virtual point lights. Twin:
+// crates/meshless_gi/src/frame/rsm.rs, which says what each entry does and why.
 
 @group(0) @binding(0) var<uniform> params: RsmParams;
 @group(0) @binding(1) var depths: texture_depth_2d;

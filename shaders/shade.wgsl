@@ -1,5 +1,6 @@
-// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not get there. Twin: crates/meshless_gi/src/frame/shade.rs. `shade` starts a view;
-// `shade_over` goes on with another baked scene where an earlier one left pixels uncovered.
+// shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not
+// get there. Twin: crates/meshless_gi/src/frame/shade.rs. `shade` starts a view; `shade_over` goes
+// on with another baked scene where an earlier one left pixels uncovered.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -84,7 +85,8 @@ struct Surface {
     roughness: f32,
 }
 
-// How a surface mirrors: what turns its lobe into a cosine, and what it mirrors of what comes from there.
+// How a surface mirrors: what turns its lobe into a cosine, and what it mirrors of what comes from
+// there.
 struct Lobe {
     rows: mat3x3f,
     weight: vec3f,

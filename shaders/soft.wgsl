@@ -1,4 +1,5 @@
-// soft: what lamps with soft shadows do not reach, at the points that remember what they see. Twin: crates/meshless_gi/src/frame/soft.rs. A thread a point.
+// soft: what lamps with soft shadows do not reach, at the points that remember what they see. Twin:
+// crates/meshless_gi/src/frame/soft.rs. A thread a point.
 
 @group(0) @binding(0) var<uniform> params: SoftParams;
 @group(0) @binding(1) var<storage, read> lights: array<SoftLight>;

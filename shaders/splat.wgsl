@@ -1,5 +1,7 @@
-// splat: the irradiance of each pixel from the flat display basis. Twin: crates/meshless_gi/src/frame/splat.rs. `splat` starts a view's picture; `splat_over` goes on with
-// another baked scene where an earlier one left pixels uncovered. `nodes` does both for the subsplats of a list.
+// splat: the irradiance of each pixel from the flat display basis. Twin:
+// crates/meshless_gi/src/frame/splat.rs. `splat` starts a view's picture; `splat_over` goes on with
+// another baked scene where an earlier one left pixels uncovered. `nodes` does both for the
+// subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -25,7 +27,8 @@ struct Covered {
     covered: bool,
 }
 
-// Cosines to a function's normal from where on it counts as a surface's cover, and from where on wholly.
+// Cosines to a function's normal from where on it counts as a surface's cover, and from where on
+// wholly.
 const MIN_COVER_COSINE: f32 = 0.7;
 const FULL_COVER_COSINE: f32 = 0.9;
 
@@ -71,7 +74,8 @@ fn vector_at(x: vec3f, n: vec3f) -> Covered {
     return Covered(e, share_of(cover), sum > NO_COVER);
 }
 
-// Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the place.
+// Irradiance and, in alpha, the share of the light that it has: 0 where no function covers the
+// place.
 fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     let found = vector_at(x, n);
     return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));

@@ -1,5 +1,6 @@
-// upsample: light between nodes, from coarse to fine. Twin: crates/meshless_gi/src/frame/upsample.rs. `upsample` fills a level from the next coarser one, `resolve` pixels from level 1 and lists those that it
-// cannot, `fill` puts these in.
+// upsample: light between nodes, from coarse to fine. Twin:
+// crates/meshless_gi/src/frame/upsample.rs. `upsample` fills a level from the next coarser one,
+// `resolve` pixels from level 1 and lists those that it cannot, `fill` puts these in.
 
 @group(0) @binding(0) var<uniform> screen: SubsplatParams;
 @group(0) @binding(1) var<uniform> span: Span;

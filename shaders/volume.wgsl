@@ -1,6 +1,8 @@
-// volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward. Twin: crates/meshless_gi/src/frame/volume.rs. The twin asks from each side of a voxel which other voxel's light it
-// reads; here the thread of that one, which sums its light once, writes it to all the sides that read it. A side that faces as a wall beside its voxel does has the wall's light, which the voxel's
-// own thread writes. Every texel has one writer.
+// volume: light in free space as Bevy's irradiance volumes hold it, for what is drawn forward.
+// Twin: crates/meshless_gi/src/frame/volume.rs. The twin asks from each side of a voxel which other
+// voxel's light it reads; here the thread of that one, which sums its light once, writes it to all
+// the sides that read it. A side that faces as a wall beside its voxel does has the wall's light,
+// which the voxel's own thread writes. Every texel has one writer.
 
 struct VolumeParams {
     size: vec3u,
@@ -28,7 +30,8 @@ const AHEAD: u32 = 4u;
 const FREE: u32 = 255u;
 const WHOLE: f32 = 254.0;
 const ALL_FREE: u32 = 0xffffffffu;
-// A side reads a face where the cosine between them is more; in a voxel in the ground that does not matter.
+// A side reads a face where the cosine between them is more; in a voxel in the ground that does not
+// matter.
 const FACING: f32 = 0.5;
 // Cosines that differ by less are the same.
 const SAME: f32 = 1e-4;
@@ -47,7 +50,8 @@ const SHARE_BITS: u32 = 12u;
 @group(0) @binding(6) var<storage, read> face_shares: array<WallWeight>;
 // One a point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;
-// How far the ways from each voxel to the next ones are free, a byte each: along the edges and against them. Then one that is 0 between the sides of a wall.
+// How far the ways from each voxel to the next ones are free, a byte each: along the edges and
+// against them. Then one that is 0 between the sides of a wall.
 @group(0) @binding(8) var<storage, read> ways: array<vec2u>;
 @group(0) @binding(9) var voxels: texture_storage_3d<rgba16float, write>;
 
@@ -95,7 +99,8 @@ fn light_of(voxel: vec3u) -> ProbeIrradiance {
     return ProbeIrradiance(scaled(scale, linear), scaled(scale, even), scaled(scale, mixed), all_parts > 0.0);
 }
 
-// The face of a voxel of the volume that `n` faces most, the first of those; one behind the voxel's last where none faces as it does.
+// The face of a voxel of the volume that `n` faces most, the first of those; one behind the voxel's
+// last where none faces as it does.
 fn face_of(voxel: vec3u, n: vec3f) -> u32 {
     let i = index_of(voxel);
     let end = face_starts[i + 1u];
@@ -171,7 +176,8 @@ fn stored_way(voxel: vec3u, side: u32) -> f32 {
 }
 
 fn store(voxel: vec3u, side: u32, light: vec3f) {
-    // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
+    // Surfaces that face an axis have the lower half, those that face away from it the upper one;
+    // axes lie behind one another.
     let texel = voxel + params.size * vec3u(0u, side % 2u, side / 2u);
     textureStore(voxels, texel, vec4f(min(light * params.scale, vec3f(LARGEST_HALF)), stored_way(voxel, side)));
 }

@@ -1,5 +1,6 @@
-// vpl: the irradiance of each pixel from virtual point lights. Twin: crates/meshless_gi/src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked scenes gave; `vpl_nodes`
-// adds to the subsplats of a list.
+// vpl: the irradiance of each pixel from virtual point lights. Twin:
+// crates/meshless_gi/src/frame/vpl.rs. `vpl` starts a view's picture; `vpl_over` adds to what baked
+// scenes gave; `vpl_nodes` adds to the subsplats of a list.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;

@@ -1,5 +1,7 @@
-//! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on both in one room, beside rule `bounded`; tiers with links below the octree, energy,
-//! threads, the file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail there.
+//! Rule `fmm` from recipe to frame: against the reference integrator on triangles, on points and on
+//! both in one room, beside rule `bounded`; tiers with links below the octree, energy, threads, the
+//! file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail
+//! there.
 
 use bevy_meshless_gi::plan::{Quality, TierCandidate, TierController};
 use glam::{Vec2, Vec3};
@@ -41,9 +43,9 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 }
 
 /// Two references whose noise is independent.
-type GroundTruth = [Vec<Irradiance>; 2];
+type ReferencePair = [Vec<Irradiance>; 2];
 
-fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> GroundTruth {
+fn reference(mesh: &TriangleMesh, places: &[(Vec3, Vec3)]) -> ReferencePair {
     [1, 2].map(|seed| {
         let settings = ReferenceSettings {
             paths: 64,
@@ -79,7 +81,7 @@ fn indirect(scene: &BakedScene, level: &TriangleMesh, places: &[(Vec3, Vec3)]) -
 }
 
 /// ‖values − truth‖ / ‖truth‖; in products of the one reference with the other their noise cancels.
-fn nrmse(values: &[Vec3], truth: &GroundTruth) -> f64 {
+fn nrmse(values: &[Vec3], truth: &ReferencePair) -> f64 {
     let (mut square, mut power) = (0.0f64, 0.0f64);
     for (i, x) in values.iter().enumerate() {
         let [a, b] = [0, 1].map(|k| truth[k][i].indirect);
@@ -167,7 +169,8 @@ fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
                 tints[0], tints[1]
             );
             assert!(floor.len() > 5 && tints[0] > 1.2 * tints[1]);
-            // And the walls of triangles color the points of the ball: red on one side, green on the other.
+            // And the walls of triangles color the points of the ball: red on one side, green on
+            // the other.
             let side = |left: bool| {
                 let center = Vec3::new(0.1, 0.6, 0.1);
                 let facing = |(x, n): &&(Vec3, Vec3)| {
@@ -262,7 +265,8 @@ fn any_number_of_threads_bakes_the_same_bytes() {
     assert!(bytes(1) == bytes(3));
 }
 
-/// Inside of a closed box of radiosity one all around, E = 1; with all reflections 1 / (1 − ρ) of what walls emit.
+/// Inside of a closed box of radiosity one all around, E = 1; with all reflections 1 / (1 − ρ) of
+/// what walls emit.
 #[test]
 fn a_closed_room_keeps_its_energy() {
     let furnace = |albedo: f32| {

@@ -1,5 +1,5 @@
-//! Baked assets in Bevy: loading, hot reload, baking in the background, and a plugin that stays inert where there is nothing to
-//! draw with.
+//! Baked assets in Bevy: loading, hot reload, baking in the background, and a plugin that stays
+//! inert where there is nothing to draw with.
 
 mod plugin_support;
 

@@ -1,5 +1,6 @@
-//! Cameras that are not ours beside one that displays indirect light: they draw what they draw without the plugin, also where cameras, meshes
-//! and materials come, change and go; and the warning where no camera displays a bake.
+//! Cameras that are not ours beside one that displays indirect light: they draw what they draw
+//! without the plugin, also where cameras, meshes and materials come, change and go; and the
+//! warning where no camera displays a bake.
 
 mod plugin_support;
 
@@ -27,10 +28,12 @@ use plugin_support::stage::{bevy_lamp, keep, spawn_baked, spawn_lamp, spawn_room
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 /// The layer of what the preview camera shows.
 const PREVIEW: usize = 5;
-/// The largest difference of a pixel's channel between the pictures of two apps. They are the same draws by the same shaders.
+/// The largest difference of a pixel's channel between the pictures of two apps. They are the same
+/// draws by the same shaders.
 const MAX_DIFFERENCE: f32 = 1e-4;
 
-/// The room with a lamp that casts shadows, a grid with holes, and a ball on a layer of its own; with the plugin a bake lights it.
+/// The room with a lamp that casts shadows, a grid with holes, and a ball on a layer of its own;
+/// with the plugin a bake lights it.
 struct Stage {
     app: App,
     images: Vec<Handle<Image>>,
@@ -515,7 +518,8 @@ fn bake_that_no_camera_displays_is_told_once() {
     assert_eq!(told((), nothing), [GiWarning::NoDisplay]);
     let deferred = (DepthPrepass, NormalPrepass, DeferredPrepass, Msaa::Off);
     assert_eq!(told(deferred, nothing), [GiWarning::NoDeferredDisplay]);
-    // Both cures; a camera that is turned off; one that does not see the bake; and a display that is turned off.
+    // Both cures; a camera that is turned off; one that does not see the bake; and a display that
+    // is turned off.
     assert_eq!(told(GiCamera::default(), nothing), []);
     let volume = |app: &mut App, root: Entity| {
         app.world_mut()
@@ -563,7 +567,8 @@ fn display_that_comes_late_is_not_missed() {
     assert_eq!(app.world().resource::<GiWarnings>().0, []);
 }
 
-/// The largest jump between neighbors on the back wall, relative to their mean: light there changes slowly.
+/// The largest jump between neighbors on the back wall, relative to their mean: light there changes
+/// slowly.
 fn roughness(picture: &Picture) -> f32 {
     let (left, right, top, bottom) = (45, 58, 29, 46);
     let at = |x: usize, y: usize| picture.pixels[y * picture.width + x][1];

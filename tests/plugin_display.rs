@@ -1,4 +1,5 @@
-//! Subsplats in the running plugin, beside every pixel: equal pictures, fewer evaluations, nothing that pops, and buffers that come and go.
+//! Subsplats in the running plugin, beside every pixel: equal pictures, fewer evaluations, nothing
+//! that pops, and buffers that come and go.
 
 mod plugin_support;
 
@@ -30,7 +31,8 @@ fn eye(app: &mut App, at: Transform, display: GiSplatting) -> (Entity, Handle<Im
     (eye, image)
 }
 
-/// The picture by the display that is set, and at every pixel; and how many evaluations the first took, in parts of the pixels.
+/// The picture by the display that is set, and at every pixel; and how many evaluations the first
+/// took, in parts of the pixels.
 fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture, f32) {
     let display = *app.world().get::<GiSplatting>(eye).unwrap();
     let by = picture(app, image);
@@ -137,7 +139,8 @@ fn nothing_pops_along_a_path() {
     let mean = full[0].mean();
     let mut most = 0.0f32;
     for (frames, reference) in by.windows(2).zip(full.windows(2)) {
-        // How what subsplats get wrong changes from a frame to the next, where nothing but the camera moves.
+        // How what subsplats get wrong changes from a frame to the next, where nothing but the
+        // camera moves.
         let change = |i: usize, c: usize| {
             let wrong = |f: usize| frames[f].pixels[i][c] - reference[f].pixels[i][c];
             (wrong(1) - wrong(0)).abs()

@@ -1,4 +1,5 @@
-//! A screen across a room that opens and shuts, in the running plugin: pictures are those of the CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+//! A screen across a room that opens and shuts, in the running plugin: pictures are those of the
+//! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
 
 mod plugin_support;
 
@@ -147,7 +148,8 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
     assert_alike("gone", &open, &picture(&mut app, &image));
 }
 
-/// The lamp stands before a screen that is drawn in the farther half of an occluder three times as thick.
+/// The lamp stands before a screen that is drawn in the farther half of an occluder three times as
+/// thick.
 #[test]
 fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
     let (mut room, bake) = cornell_with(0.06, Some(ProbeSettings::default()));

@@ -1,4 +1,6 @@
-//! Scenes get what they call for and nothing else: the thirteen scenes of the example `effects` in the running plugin, each with the stages that it names, and with no pipeline or buffer of any other.
+//! Scenes get what they call for and nothing else: the thirteen scenes of the example `effects` in
+//! the running plugin, each with the stages that it names, and with no pipeline or buffer of any
+//! other.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
@@ -61,7 +63,8 @@ fn every_scene_runs_what_it_calls_for_and_nothing_else() {
         assert_eq!(one(&channels[0].1), scene.gray, "{}", found.plan);
         seen.push(found);
     }
-    // A lamp at rest: no more on the device whether or not anything changes; what moves costs no buffer, and a bake that could do more only what is shown of it.
+    // A lamp at rest: no more on the device whether or not anything changes; what moves costs no
+    // buffer, and a bake that could do more only what is shown of it.
     let of = |k: usize| (seen[k].pipelines, seen[k].buffers, seen[k].bytes);
     assert_eq!(of(0), of(2));
     assert_eq!(of(0), of(3));

@@ -1,4 +1,6 @@
-//! The examples that a reader starts first, as programs: each bakes its level, runs, draws a picture with the table of its plan over it, and ends. What is right about the light other tests say.
+//! The examples that a reader starts first, as programs: each bakes its level, runs, draws a
+//! picture with the table of its plan over it, and ends. What is right about the light other tests
+//! say.
 
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -40,7 +42,8 @@ fn drawn(example: &str, options: &[&str]) -> RgbImage {
     image::open(&file).unwrap().into_rgb8()
 }
 
-/// The part of the pixels from `low` to `high` (0 to 1 along each edge) that are nearly white, as letters are.
+/// The part of the pixels from `low` to `high` (0 to 1 along each edge) that are nearly white, as
+/// letters are.
 fn letters(picture: &RgbImage, low: [f32; 2], high: [f32; 2]) -> f32 {
     let at = |part: f32, edge: u32| (part * edge as f32) as u32;
     let (w, h) = picture.dimensions();

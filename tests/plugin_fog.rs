@@ -1,4 +1,5 @@
-//! Bevy's volumetric fog in a baked room, in the running plugin: what the level's light adds to the picture, beside the twin, for all kinds of cameras; and nothing where it is not called for.
+//! Bevy's volumetric fog in a baked room, in the running plugin: what the level's light adds to the
+//! picture, beside the twin, for all kinds of cameras; and nothing where it is not called for.
 
 mod plugin_support;
 
@@ -33,7 +34,8 @@ const STEPS: u32 = 48;
 const VOXEL: f32 = 0.15;
 /// Texels of a density along each edge.
 const EDGE: u32 = 4;
-/// The largest NRMSE between what fog adds and what the twin says. Pictures are halves, and what is compared is a difference of two.
+/// The largest NRMSE between what fog adds and what the twin says. Pictures are halves, and what is
+/// compared is a difference of two.
 const MAX: f32 = 0.01;
 
 fn bake() -> Arc<BakedScene> {
@@ -73,7 +75,8 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// Where the fog is, in the room's space: it reaches out of the room at one side, and does not fill it.
+/// Where the fog is, in the room's space: it reaches out of the room at one side, and does not fill
+/// it.
 fn fog_place() -> Transform {
     Transform::from_xyz(0.3, 0.9, 0.4)
         .with_rotation(Quat::from_rotation_y(0.4))
@@ -97,7 +100,8 @@ fn with_fog(fog: f32) -> GiIrradianceVolume {
     }
 }
 
-/// The room with a lamp and fog in it, and a sun without light for whose sake Bevy draws fog at all.
+/// The room with a lamp and fog in it, and a sun without light for whose sake Bevy draws fog at
+/// all.
 fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     let mut app = app();
     if kind != Kind::Deferred {
@@ -171,7 +175,8 @@ impl Shown {
         counters(&self.app).dispatches_of(Stage::Fog)
     }
 
-    /// What the twin says that is added, with a lamp at `place` in the room's space and, where `texture` says so, a density.
+    /// What the twin says that is added, with a lamp at `place` in the room's space and, where
+    /// `texture` says so, a density.
     fn twin(&self, place: Vec3, of: &FogVolume, texture: Option<&dyn Fn(Vec3) -> f32>) -> Picture {
         let bake = bake();
         let local_from_world = self.placed.to_matrix().inverse();

@@ -1,4 +1,5 @@
-//! The display of cameras that are not deferred: the same light as a deferred camera shows, also without HDR, in a viewport, and beside what is transparent or transmissive.
+//! The display of cameras that are not deferred: the same light as a deferred camera shows, also
+//! without HDR, in a viewport, and beside what is transparent or transmissive.
 
 mod plugin_support;
 
@@ -17,11 +18,12 @@ use plugin_support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
 use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);
-/// The largest NRMSE between the indirect light of a forward display and of the deferred one: ten bits of normals instead of twelve, and
-/// halves.
+/// The largest NRMSE between the indirect light of a forward display and of the deferred one: ten
+/// bits of normals instead of twelve, and halves.
 const MAX_ERROR: f32 = 0.012;
 
-/// The room's bake with light in free space, whose voxels are coarse: the display and the volume look different.
+/// The room's bake with light in free space, whose voxels are coarse: the display and the volume
+/// look different.
 fn bake() -> Arc<BakedScene> {
     static MADE: OnceLock<Arc<BakedScene>> = OnceLock::new();
     let make = || {
@@ -245,7 +247,8 @@ fn transparent_and_transmissive_surfaces_stay_what_they_are() {
         without.pane(material);
         let (expected, shown) = (without.picture(), with.picture());
         keep(&format!("forward_{name}"), &expected.beside(&shown));
-        // The surface itself is lit by the volume in both; what is behind it is the display in both.
+        // The surface itself is lit by the volume in both; what is behind it is the display in
+        // both.
         let d = shown.nrmse(&expected);
         println!("{name}: NRMSE {d:.5}");
         assert!(d < 2.0 * MAX_ERROR, "{name}: {d}");

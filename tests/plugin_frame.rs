@@ -1,4 +1,5 @@
-//! The running plugin, headless: its pictures are those of the CPU's frame, and it does no work that a frame does not call for.
+//! The running plugin, headless: its pictures are those of the CPU's frame, and it does no work
+//! that a frame does not call for.
 
 mod plugin_support;
 
@@ -246,7 +247,8 @@ fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
     );
     assert!(moved.dispatches_of(Stage::Apply) > 0);
 
-    // A color projects nothing; a light that is hidden goes dark, and comes back without being projected.
+    // A color projects nothing; a light that is hidden goes dark, and comes back without being
+    // projected.
     app.world_mut()
         .get_mut::<PointLight>(lamps[0])
         .unwrap()
@@ -398,7 +400,8 @@ fn a_new_bake_replaces_the_old_one_in_the_next_frame() {
     run(&mut app, 3);
     let old = picture(&mut app, &image);
 
-    // The same room with walls that reflect less, under the same handle: the surfaces on the screen stay.
+    // The same room with walls that reflect less, under the same handle: the surfaces on the screen
+    // stay.
     let darker = room.recolored(|c| 0.5 * c).bake(2);
     let handle = app.world().get::<GiScene>(root).unwrap().0.clone();
     let asset = GiBakedScene {
@@ -463,7 +466,8 @@ fn middle(p: &Picture) -> [f32; 3] {
 fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
     let mut app = app();
     let room = Room::wall(0.8);
-    // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the normal does.
+    // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the
+    // normal does.
     let radiance = 700.0;
     let bake = meshless_gi::bake::Recipe {
         viewpoints: vec![[0.0, 0.0, 1.0]],

@@ -1,5 +1,6 @@
-//! The running plugin and what nobody should do to it: numbers that make no sense, scenes that come and go in one frame, a thousand
-//! lamps, settings that change under way. It may be dark meanwhile; it must not fail, and must be right again afterwards.
+//! The running plugin and what nobody should do to it: numbers that make no sense, scenes that come
+//! and go in one frame, a thousand lamps, settings that change under way. It may be dark meanwhile;
+//! it must not fail, and must be right again afterwards.
 
 mod plugin_support;
 

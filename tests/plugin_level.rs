@@ -1,4 +1,5 @@
-//! Example `level`: a level that is dropped on the window, one that is none, the camera after a bake, the bar, and saving.
+//! Example `level`: a level that is dropped on the window, one that is none, the camera after a
+//! bake, the bar, and saving.
 
 #[path = "../examples/level/main.rs"]
 #[allow(dead_code, reason = "the example's own `main` and command line")]

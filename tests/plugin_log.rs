@@ -1,4 +1,5 @@
-//! Log lines of the plugin over a run. One test alone in its file: systems log from many threads, so the subscriber is the process's.
+//! Log lines of the plugin over a run. One test alone in its file: systems log from many threads,
+//! so the subscriber is the process's.
 
 mod plugin_support;
 

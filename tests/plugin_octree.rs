@@ -1,5 +1,7 @@
-//! A bake by rule `fmm` with links on the same points, in the running plugin under a lamp that moves: the octree solves while the plan says that it fits, the links do where a budget or the
-//! device says that it does not, and the plan names the reason. Costs are given by the test, for no test is decided by a clock.
+//! A bake by rule `fmm` with links on the same points, in the running plugin under a lamp that
+//! moves: the octree solves while the plan says that it fits, the links do where a budget or the
+//! device says that it does not, and the plan names the reason. Costs are given by the test, for no
+//! test is decided by a clock.
 
 mod plugin_support;
 
@@ -75,7 +77,8 @@ impl Stand {
         }
     }
 
-    /// The last frame's plan, and how often what carries light from senders to receivers was dispatched in it.
+    /// The last frame's plan, and how often what carries light from senders to receivers was
+    /// dispatched in it.
     fn solved(&self) -> (String, u32) {
         let c = counters(&self.app);
         assert_eq!(c.solved.len(), 1, "the lamp moved: {}", c.plan);
@@ -103,7 +106,8 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
         )
     };
     let [by_octree, by_links] = [tiers, links].map(cpu);
-    // For each reflection up and down all levels of the octree, and the places; links take one dispatch for each.
+    // For each reflection up and down all levels of the octree, and the places; links take one
+    // dispatch for each.
     let levels = bake.fmm.as_ref().expect("an octree").levels() as u32;
     let reflections = settings().sweeps + 1;
     let walked = reflections * (2 * levels + 1);
@@ -118,7 +122,8 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
     let own = found.nrmse(&by_octree);
     assert!(found.nrmse(&by_links) > 2.0 * own, "{own}");
 
-    // It takes too long: the links on the same points, and the plan says what the octree would take. A solve by all links takes 2 ms, by the octree ten times as long.
+    // It takes too long: the links on the same points, and the plan says what the octree would
+    // take. A solve by all links takes 2 ms, by the octree ten times as long.
     let choices = TierCandidate::of(&bake, settings().sweeps);
     let work = choices[links as usize - 1].work;
     stand
@@ -182,7 +187,8 @@ fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
     );
     assert_alike("no octree", &cpu, &picture(&mut stand.app, &stand.image));
 
-    // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to spend, all links stay.
+    // A budget chooses among what runs: with 2 ms for all links, half of them below, and 3 ms to
+    // spend, all links stay.
     let choices = TierCandidate::of(&bake, settings.sweeps);
     let work = choices[links as usize - 1].work;
     assert!(choices.len() as u32 == links + 1 && choices[links as usize].octree);

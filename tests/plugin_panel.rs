@@ -1,4 +1,5 @@
-//! The tuning panel of the examples: its controls change the components, show what is set, and follow lights and tiers.
+//! The tuning panel of the examples: its controls change the components, show what is set, and
+//! follow lights and tiers.
 
 #[path = "../examples/common/mod.rs"]
 mod common;

@@ -1,4 +1,5 @@
-//! The plan as the running plugin shows it: what the world has, what was decided and by which setting, and what passes cost as far as the device or the test says.
+//! The plan as the running plugin shows it: what the world has, what was decided and by which
+//! setting, and what passes cost as far as the device or the test says.
 
 mod plugin_support;
 
@@ -214,7 +215,8 @@ fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
     );
 }
 
-/// Where the device has a clock, its milliseconds come to the plan; how many they are decides nothing.
+/// Where the device has a clock, its milliseconds come to the plan; how many they are decides
+/// nothing.
 #[test]
 fn the_devices_clock_comes_to_the_plan() {
     let mut app = App::new();
@@ -250,7 +252,8 @@ fn the_devices_clock_comes_to_the_plan() {
     assert!(cost(&found, Stage::Splat).work == Work::Pixels(128 * 96));
 }
 
-/// A room is solved with as many reflections as its surfaces call for, and with another number where a setting says so.
+/// A room is solved with as many reflections as its surfaces call for, and with another number
+/// where a setting says so.
 #[test]
 fn reflections_are_as_many_as_surfaces_call_for() {
     let mut app = app();

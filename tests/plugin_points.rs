@@ -1,4 +1,5 @@
-//! Point clouds in the running plugin: a room as points, from a `.ply` file, beside the same room as meshes, lit directly and indirectly; and what broken files do.
+//! Point clouds in the running plugin: a room as points, from a `.ply` file, beside the same room
+//! as meshes, lit directly and indirectly; and what broken files do.
 
 mod plugin_support;
 
@@ -132,7 +133,8 @@ fn a_room_of_points_looks_like_the_room() {
     assert!(dimmer.nrmse(&expected) > 0.06);
 }
 
-/// More points than one mesh should hold: the cloud's entity draws the first part and children the others, with its material, and they go when the cloud is another.
+/// More points than one mesh should hold: the cloud's entity draws the first part and children the
+/// others, with its material, and they go when the cloud is another.
 #[test]
 fn large_clouds_are_drawn_in_parts() {
     let folder = tempfile::tempdir().unwrap();

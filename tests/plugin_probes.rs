@@ -1,4 +1,5 @@
-//! Light in free space in the running plugin: a panel that the bake knows nothing of hangs in the room, at every pixel and by subsplats, beside the CPU's picture of it.
+//! Light in free space in the running plugin: a panel that the bake knows nothing of hangs in the
+//! room, at every pixel and by subsplats, beside the CPU's picture of it.
 
 mod plugin_support;
 
@@ -166,7 +167,8 @@ fn a_bake_without_probes_runs_nothing_of_them() {
     assert!(alike * 2 > all && alike + 200 < all, "{alike} of {all}");
 }
 
-/// The panel as a mesh that a joint moves: its vertices stand behind the room, and only the joint's pose brings them into it. The light is that of where it is drawn, in each pose.
+/// The panel as a mesh that a joint moves: its vertices stand behind the room, and only the joint's
+/// pose brings them into it. The light is that of where it is drawn, in each pose.
 #[test]
 fn skinned_meshes_get_the_light_of_where_their_joints_put_them() {
     let bake = bake(true);

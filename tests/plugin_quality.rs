@@ -1,5 +1,6 @@
-//! The tier of the operator that the running plugin uses: by number, by error, and within a time that holds while camera and lamp move. The time is given by the test, for
-//! no test is decided by a clock.
+//! The tier of the operator that the running plugin uses: by number, by error, and within a time
+//! that holds while camera and lamp move. The time is given by the test, for no test is decided by
+//! a clock.
 
 mod plugin_support;
 
@@ -115,7 +116,8 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
     }
 }
 
-/// A budget holds while lamp and camera move and the load changes under it, and the tier does not flip.
+/// A budget holds while lamp and camera move and the load changes under it, and the tier does not
+/// flip.
 #[test]
 fn a_budget_holds_on_a_moving_camera_and_lamp() {
     let mut app = app();
@@ -191,7 +193,8 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
     assert_eq!(count.load(Ordering::Relaxed), before);
 }
 
-/// Bevy's timestamps reach the picker where the device has them. How long anything takes is not looked at, but that no time at all is too little.
+/// Bevy's timestamps reach the picker where the device has them. How long anything takes is not
+/// looked at, but that no time at all is too little.
 #[test]
 fn the_devices_clock_is_heard() {
     let mut app = App::new();

@@ -1,4 +1,5 @@
-//! Inspectors: every component, settings resource and loader setting of the plugin is in the type registry, with all its fields.
+//! Inspectors: every component, settings resource and loader setting of the plugin is in the type
+//! registry, with all its fields.
 
 mod plugin_support;
 
@@ -70,7 +71,8 @@ fn deriving(of: &str) -> BTreeSet<String> {
     found
 }
 
-/// An app without renderer. Its registry holds what plugins registered by name, and nothing that the compiler collected.
+/// An app without renderer. Its registry holds what plugins registered by name, and nothing that
+/// the compiler collected.
 fn app_of_registrations() -> App {
     let mut app = App::new();
     app.insert_resource(AppTypeRegistry::default())

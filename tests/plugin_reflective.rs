@@ -1,4 +1,5 @@
-//! One bounce from what moves, in the running plugin: which cameras draw it, what they see, and what it adds to the picture.
+//! One bounce from what moves, in the running plugin: which cameras draw it, what they see, and
+//! what it adds to the picture.
 
 mod plugin_support;
 
@@ -106,7 +107,8 @@ fn cameras_come_with_what_moves_and_go_with_it() {
     assert_eq!(ran(&c), 1, "{}", c.plan);
     assert_eq!(work(&c), [0; 4], "the bake rests: {}", c.plan);
 
-    // A game that dresses all cameras alike dresses those of maps too: no view of its own, and no further cameras.
+    // A game that dresses all cameras alike dresses those of maps too: no view of its own, and no
+    // further cameras.
     let all: Vec<Entity> = app
         .world_mut()
         .query_filtered::<Entity, (With<Camera3d>, Without<GiCamera>)>()
@@ -231,7 +233,8 @@ fn unbaked_room(app: &mut App) -> (Entity, Handle<Image>, Entity) {
     (root, image, ball)
 }
 
-/// Compares what a ball's bounce adds, which is dim, as a lamp so bright would show it that its mean is a twentieth of white.
+/// Compares what a ball's bounce adds, which is dim, as a lamp so bright would show it that its
+/// mean is a twentieth of white.
 #[track_caller]
 fn assert_bounce_alike(name: &str, expected: &Picture, drawn: &Picture) {
     let brighter = 0.05 / expected.mean();

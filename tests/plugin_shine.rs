@@ -1,4 +1,5 @@
-//! Skies that vary and materials that change, in the running plugin: pictures are those of the CPU's frame, in the frame of the change, and nothing runs in a frame without one.
+//! Skies that vary and materials that change, in the running plugin: pictures are those of the
+//! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
 
 mod plugin_support;
 
@@ -186,7 +187,8 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
         assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
     }
 
-    // As many reflections as surfaces call for: more where a wall is painted white, and no fewer when it is dark again.
+    // As many reflections as surfaces call for: more where a wall is painted white, and no fewer
+    // when it is dark again.
     let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
     let asked = std::mem::take(&mut lighting.bounces);
     let reflections = |app: &mut App, gray: f32| {
@@ -209,7 +211,8 @@ fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_chan
     lighting.bounces = asked;
     run(&mut app, 2);
 
-    // A name that comes again, one that is unknown, a material that is gone: the rest follows. Another texture is said to do nothing.
+    // A name that comes again, one that is unknown, a material that is gone: the rest follows.
+    // Another texture is said to do nothing.
     let findings = |app: &App| app.world().resource::<GiWarnings>().0.clone();
     let before = findings(&app);
     let mut more = named.to_vec();

@@ -1,4 +1,5 @@
-//! Soft shadows in the running plugin: what is taken from Bevy's picture, where, and when; against shadow rays at every pixel.
+//! Soft shadows in the running plugin: what is taken from Bevy's picture, where, and when; against
+//! shadow rays at every pixel.
 
 mod plugin_support;
 
@@ -93,15 +94,17 @@ fn direct_room(
     (eye, image)
 }
 
-/// What the CPU says of the room as `look` sees it, in the light of a lamp: the picture without shadows (diffuse light alone), the share of it that the twins take at every pixel, and the part of the lamp that
-/// rays see from there; 0 and 1 where nothing is.
+/// What the CPU says of the room as `look` sees it, in the light of a lamp: the picture without
+/// shadows (diffuse light alone), the share of it that the twins take at every pixel, and the part
+/// of the lamp that rays see from there; 0 and 1 where nothing is.
 struct Expected {
     bright: Picture,
     taken: Vec<Vec3>,
     seen: Vec<f32>,
 }
 
-/// The lamp with `few` samples as the plugin has it, and with `many` for the rays, in the world; `root` places the room.
+/// The lamp with `few` samples as the plugin has it, and with `many` for the rays, in the world;
+/// `root` places the room.
 fn expected(
     bake: &BakedScene,
     root: Transform,
@@ -223,8 +226,9 @@ fn soft_work(c: &FrameStats) -> [u32; 2] {
     [Stage::Soft, Stage::Shade].map(|s| c.dispatches_of(s))
 }
 
-/// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly
-/// as the bake remembers.
+/// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen
+/// whole, dark where it is not seen, the twins' everywhere, and that of rays as nearly as the bake
+/// remembers.
 #[track_caller]
 fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expected) {
     let (by_twins, by_rays) = (expected.by_twins(plain), expected.by_rays(plain));
@@ -248,7 +252,8 @@ fn assert_shadows(name: &str, plain: &Picture, shaded: &Picture, expected: &Expe
     );
     assert!(in_shadow < 0.05, "{name}: in full shadow {in_shadow}");
     assert!(twins < 0.002, "{name}: not what the twins say, {twins}");
-    // The room is bright, shadows are small: what is left of the error that a picture without them has.
+    // The room is bright, shadows are small: what is left of the error that a picture without them
+    // has.
     let most = 0.3 * without;
     assert!(
         without > 0.02,

@@ -1,4 +1,5 @@
-//! Light in free space for forward cameras in the running plugin: the same room through a deferred camera with our display and through a forward one with a volume.
+//! Light in free space for forward cameras in the running plugin: the same room through a deferred
+//! camera with our display and through a forward one with a volume.
 
 mod plugin_support;
 
@@ -68,7 +69,8 @@ struct Shown {
     image: Handle<Image>,
 }
 
-/// An app with the room below a root that stands so in the world, a lamp, and a camera: deferred with our display (none), or forward with so many samples a pixel.
+/// An app with the room below a root that stands so in the world, a lamp, and a camera: deferred
+/// with our display (none), or forward with so many samples a pixel.
 fn stage(bake: &Arc<BakedScene>, placed: Transform, forward: Option<Msaa>) -> Shown {
     let mut app = app();
     if forward.is_some() {
@@ -107,7 +109,8 @@ impl Shown {
         run(&mut self.app, 4);
     }
 
-    /// Waits until the deferred camera sees the volume: what lights its G-buffer without it is compiled meanwhile.
+    /// Waits until the deferred camera sees the volume: what lights its G-buffer without it is
+    /// compiled meanwhile.
     fn wait(&mut self) {
         let sees = |app: &mut App| {
             let mut cameras = app
@@ -150,7 +153,8 @@ fn both_kinds_of_cameras_show_the_same_light() {
         run(&mut deferred.app, 4);
         run(&mut forward.app, 4);
         let expected = deferred.picture();
-        // Not asked for: the forward camera shows direct light alone, and nothing of a volume is there.
+        // Not asked for: the forward camera shows direct light alone, and nothing of a volume is
+        // there.
         let dark = forward.picture();
         let none = counters(&forward.app);
         assert_eq!((none.buffers, none.bytes, none.pipelines), (0, 0, 0));
@@ -177,7 +181,8 @@ fn both_kinds_of_cameras_show_the_same_light() {
         let d = flip(&expected, &single);
         println!("{name}, lamp moved: FLIP {d:.4}");
         assert!(d <= MAX, "{name}, lamp moved: {d}");
-        // Four samples a pixel: softer edges, which differ without indirect light too, and the same light.
+        // Four samples a pixel: softer edges, which differ without indirect light too, and the same
+        // light.
         let mut sampled = stage(&bake(true), placed, Some(Msaa::Sample4));
         run(&mut sampled.app, 4);
         let edges = flip(&dark, &sampled.picture());
@@ -231,7 +236,8 @@ fn rough(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
     MeshMaterial3d(world.resource_mut::<Assets<_>>().add(material))
 }
 
-/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a forward one show the same light of it, by the eye's measure (FLIP) and by the light (NRMSE).
+/// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a
+/// forward one show the same light of it, by the eye's measure (FLIP) and by the light (NRMSE).
 #[test]
 fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
     let file = concat!(
@@ -334,7 +340,8 @@ fn a_volume_lights_no_g_buffer() {
     s.ask(GiIrradianceVolume::default());
     s.wait();
     assert_eq!(s.picture().pixels, before.pixels);
-    // Parameters, starts and shares of the places; the same of the walls' faces, and the faces; the ways.
+    // Parameters, starts and shares of the places; the same of the walls' faces, and the faces; the
+    // ways.
     assert_eq!(counters(&s.app).buffers, buffers + 7);
     s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
     assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
@@ -343,7 +350,8 @@ fn a_volume_lights_no_g_buffer() {
 /// What is made of a material.
 type Change = fn(&mut StandardMaterial);
 
-/// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display lights the same panel, and nothing else of the picture changes.
+/// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display
+/// lights the same panel, and nothing else of the picture changes.
 #[test]
 fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
     let shown = |change: Change| {
@@ -448,7 +456,8 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
     let d = flip(&lit, &blurred);
     println!("64 voxels: FLIP {d:.4} to the usual number");
     assert!(d > 0.0 && d < 0.2, "{d}");
-    // No more: the picture of before, and nothing on the device once nobody has seen the scene for long.
+    // No more: the picture of before, and nothing on the device once nobody has seen the scene for
+    // long.
     s.app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
     s.app
         .world_mut()

@@ -1,4 +1,5 @@
-//! How many reflections a level's surfaces call for, beside all of them at once: what the picked number leaves out, on the two rooms that have references, and what it costs.
+//! How many reflections a level's surfaces call for, beside all of them at once: what the picked
+//! number leaves out, on the two rooms that have references, and what it costs.
 
 use bevy_meshless_gi::plan::{BounceSelector, LEFT, bounces_at};
 use glam::Vec3;
@@ -64,7 +65,8 @@ fn what_the_picked_number_leaves_out_is_little() {
     }
 }
 
-/// A box whose walls return a tenth of the light takes two; a setting takes what it says, within what a frame ends with.
+/// A box whose walls return a tenth of the light takes two; a setting takes what it says, within
+/// what a frame ends with.
 #[test]
 fn dark_levels_take_few_and_settings_take_theirs() {
     let wall = |origin: Vec3, [u, v]: [Vec3; 2]| Quad {

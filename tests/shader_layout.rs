@@ -1,6 +1,7 @@
-//! The shaders against the Rust side, read from the WGSL by naga; needs no GPU. Structs, constants, bindings, entry points and workgroup sizes must be what the
-//! kernel table and the shared types say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run on a shader
-//! that was spoiled, and must object.
+//! The shaders against the Rust side, read from the WGSL by naga; needs no GPU. Structs, constants,
+//! bindings, entry points and workgroup sizes must be what the kernel table and the shared types
+//! say, and every kernel must have a shader and a CPU twin of its name. Each comparison is also run
+//! on a shader that was spoiled, and must object.
 
 use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
 use meshless_gi::asset::PointSurface;
@@ -345,7 +346,8 @@ const SHADER_ONLY: [&str; 21] = [
     "Outgoing",
 ];
 
-/// Every constant that a shader may declare, and its value in Rust; None for one that only tidies the shader.
+/// Every constant that a shader may declare, and its value in Rust; None for one that only tidies
+/// the shader.
 fn constants() -> BTreeMap<&'static str, Option<f64>> {
     BTreeMap::from([
         ("LIGHT_NONE", Some(f64::from(FrameLight::NONE))),

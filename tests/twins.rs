@@ -1,5 +1,6 @@
-//! Every kernel against its CPU twin, on whatever adapter there is (a software one will do). Without one the tests fail, unless `MGI_ALLOW_NO_GPU=1`
-//! says that nothing is to be compared. Each comparison is also run on a twin with one spoiled input, and must object.
+//! Every kernel against its CPU twin, on whatever adapter there is (a software one will do).
+//! Without one the tests fail, unless `MGI_ALLOW_NO_GPU=1` says that nothing is to be compared.
+//! Each comparison is also run on a twin with one spoiled input, and must object.
 
 #[path = "twins/baked.rs"]
 mod baked;
@@ -80,7 +81,8 @@ fn cpu(scene: &BakedScene, lights: &[FrameLight], settings: &FrameSettings) -> C
     frame
 }
 
-/// A frame on the device that starts from the CPU's projection, so that a shadow ray that grazes an edge does not reach the kernels after `project`.
+/// A frame on the device that starts from the CPU's projection, so that a shadow ray that grazes an
+/// edge does not reach the kernels after `project`.
 fn solved(
     harness: &HeadlessDevice,
     kernels: &KernelPipelines,
@@ -115,7 +117,8 @@ fn output<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         .unwrap()
 }
 
-/// Items of the projection that differ, and how many of those are shadow rays that fell on the other side of an edge.
+/// Items of the projection that differ, and how many of those are shadow rays that fell on the
+/// other side of an edge.
 fn projection_problems(
     scene: &BakedScene,
     lights: &[FrameLight],
@@ -184,7 +187,8 @@ fn project() {
 
     let count = lights.len() * scene.senders();
     let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-    // The only freedom: a ray that passes an edge within rounding may be seen on either side of it. Of 2970 rays at most two do.
+    // The only freedom: a ray that passes an edge within rounding may be seen on either side of it.
+    // Of 2970 rays at most two do.
     let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
     assert!(
         differing == flips && flips <= 2,
@@ -632,7 +636,8 @@ fn bakes_of_the_cornell_box() {
             .unwrap();
         let count = lights.len() * scene.senders();
         let gpu: Vec<f32> = output(&harness, &frame, Pass::Project, count);
-        // As in `project`: a ray within rounding of an edge may fall on either side of it. At most one in 10 000.
+        // As in `project`: a ray within rounding of an edge may fall on either side of it. At most
+        // one in 10 000.
         let (differing, flips) = projection_problems(&scene, &lights, &gpu, &twin);
         assert!(
             differing == flips && flips <= count / 10_000,
@@ -661,7 +666,8 @@ fn bakes_of_the_cornell_box() {
     }
 }
 
-/// An octree carries the light alone, and where the device does not hold it the links on the same points do, if there are any.
+/// An octree carries the light alone, and where the device does not hold it the links on the same
+/// points do, if there are any.
 #[test]
 fn an_octree_that_does_not_fit_leaves_the_links() {
     use bevy_meshless_gi::plan::{FmmLimit, falls_back};

@@ -8,7 +8,8 @@
 //! --press KEY,KEY          presses keys first, one every second frame: Tab, Space, G, V, L, B, D, F, H, M, P, S, Ctrl, F1, Up, Down, Left, Right, as far as the example knows them; Ctrl+S presses both
 //! ```
 //!
-//! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself is at the same place on any machine.
+//! Every frame lasts a sixtieth of a second for the app, however long it took: what moves by itself
+//! is at the same place on any machine.
 
 use bevy::app::{PluginGroupBuilder, ScheduleRunnerPlugin};
 use bevy::camera::{RenderTarget, ShadowLodOrigin};
@@ -66,7 +67,8 @@ pub fn windowless() -> PluginGroupBuilder {
 }
 
 impl Capture {
-    /// What the command line says of a picture, where an example knows no other options; after a message, the exit code of one who asked for more.
+    /// What the command line says of a picture, where an example knows no other options; after a
+    /// message, the exit code of one who asked for more.
     pub fn from_command_line(example: &str) -> Result<Option<Self>, ExitCode> {
         let mut arguments: Vec<String> = std::env::args().skip(1).collect();
         let why = match Self::take_from(&mut arguments) {

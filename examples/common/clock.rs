@@ -1,9 +1,11 @@
-//! The clock of an example: what moves by itself is where its time says, so that a picture of a time is the same on any machine.
+//! The clock of an example: what moves by itself is where its time says, so that a picture of a
+//! time is the same on any machine.
 
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 
-/// The time of an example. It waits for its light, and stands where a picture of a time is asked for; M stops it and lets it go on.
+/// The time of an example. It waits for its light, and stands where a picture of a time is asked
+/// for; M stops it and lets it go on.
 #[derive(Resource, Clone)]
 pub struct Clock {
     /// Now, in the example's own unit.

@@ -1,4 +1,5 @@
-//! Parts that the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
+//! Parts that the examples share: levels of flat surfaces as Bevy's meshes, what the gizmos' key
+//! does, a room to look into, a clock, the tuning panel, the plan on the screen, pictures.
 #![allow(dead_code, reason = "each example uses its part")]
 
 pub mod capture;
@@ -16,7 +17,8 @@ use capture::{Capture, default_plugins};
 use meshless_gi::scene::{Material, Quad};
 use std::process::ExitCode;
 
-/// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it makes a picture where one is asked for.
+/// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it
+/// makes a picture where one is asked for.
 pub fn app(capture: Option<&Capture>) -> App {
     let mut app = App::new();
     app.add_plugins((default_plugins(capture), MeshlessGiPlugin::default()))
@@ -85,8 +87,9 @@ pub fn room(min: Vec3, max: Vec3, material: &Material) -> Vec<Quad> {
     quads
 }
 
-/// Spawns the surfaces as children of `root`, a mesh for all of one material, rough and without reflections; emission is shown as the bake has it. The materials that
-/// have a name come back with it.
+/// Spawns the surfaces as children of `root`, a mesh for all of one material, rough and without
+/// reflections; emission is shown as the bake has it. The materials that have a name come back with
+/// it.
 pub fn spawn_quads(
     quads: &[Quad],
     root: &mut EntityCommands,

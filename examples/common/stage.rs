@@ -1,4 +1,5 @@
-//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves of which the left has direct light alone, a line of help, and the plan.
+//! A room to look into, for the examples: a lamp that keys and mouse move, one view or two halves
+//! of which the left has direct light alone, a line of help, and the plan.
 
 use super::panel::TuningPanel;
 use bevy::camera::Viewport;
@@ -6,7 +7,8 @@ use bevy::gizmos::config::GizmoConfigStore;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 
-/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`]; Space, Tab, V, G, P and H switch what is shown.
+/// Cameras, help and what keys do: arrows, Page Up, Page Down and the mouse move the [`Lamp`];
+/// Space, Tab, V, G, P and H switch what is shown.
 #[derive(Resource, Clone)]
 pub struct Stage {
     /// The eye.

@@ -1,4 +1,5 @@
-//! The plan of the frame on the screen: which effects run and why, which do not, and the milliseconds that the device's clock says of them.
+//! The plan of the frame on the screen: which effects run and why, which do not, and the
+//! milliseconds that the device's clock says of them.
 
 use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;

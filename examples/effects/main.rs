@@ -1,5 +1,7 @@
-//! What scenes call for, and what that costs: thirteen scenes, from one lamp at rest to everything at once, in the running plugin without a window. For each the stages that ran in a frame with their
-//! dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into FOLDER/EFFECTS.md.
+//! What scenes call for, and what that costs: thirteen scenes, from one lamp at rest to everything
+//! at once, in the running plugin without a window. For each the stages that ran in a frame with
+//! their dispatches, pipelines, buffers, bytes and milliseconds. Prints a table, or writes it into
+//! FOLDER/EFFECTS.md.
 //!
 //! ```text
 //! cargo run --example effects -- [-o FOLDER]

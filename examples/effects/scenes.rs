@@ -1,4 +1,5 @@
-//! Thirteen scenes, from one lamp at rest to everything at once, and what each of them calls for: stages that run in every frame, and none but these.
+//! Thirteen scenes, from one lamp at rest to everything at once, and what each of them calls for:
+//! stages that run in every frame, and none but these.
 
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::light::{FogVolume, RectLight, VolumetricFog, VolumetricLight};
@@ -34,7 +35,8 @@ pub struct Scene {
     panel: bool,
     /// A screen in the room comes and goes.
     screen: bool,
-    /// A forward camera beside the deferred one, where it draws what is not deferred, or in its place.
+    /// A forward camera beside the deferred one, where it draws what is not deferred, or in its
+    /// place.
     forward: bool,
     /// No deferred camera.
     no_deferred: bool,
@@ -212,7 +214,8 @@ pub struct Bakes {
     gray: Arc<BakedScene>,
 }
 
-/// The box baked as `recipe` says, without its light in free space and its visibility, and with them; of each without a screen in the room, and with one. And in gray, without all that.
+/// The box baked as `recipe` says, without its light in free space and its visibility, and with
+/// them; of each without a screen in the room, and with one. And in gray, without all that.
 ///
 /// # Errors
 /// In words.

@@ -102,7 +102,8 @@ struct Outlook {
 }
 
 impl Outlook {
-    /// All directions of the viewpoints that have half of the largest clearance or more. A direction out of the level is none.
+    /// All directions of the viewpoints that have half of the largest clearance or more. A
+    /// direction out of the level is none.
     fn all(scene: &BakedScene) -> Vec<Self> {
         let far = diagonal(scene);
         let viewpoints = scene.info.viewpoints.iter().take(64);
@@ -149,7 +150,8 @@ fn clearance(bvh: &Bvh, from: Vec3, far: f32) -> f32 {
     (0..RAYS).map(ray).fold(far, f32::min)
 }
 
-/// Distance from a place to the first surface in a direction, to a thousandth of `far`; `far` where there is none.
+/// Distance from a place to the first surface in a direction, to a thousandth of `far`; `far` where
+/// there is none.
 fn free_way(bvh: &Bvh, from: Vec3, toward: Vec3, far: f32) -> f32 {
     let meets = |distance| bvh.occluded(&Ray::segment(from, toward, distance));
     if !meets(far) {
@@ -201,7 +203,8 @@ impl Lit {
         let visible = |(x, n, luminance): &(Vec3, Vec3, f32)| {
             let distance = x.distance(from);
             let toward = (x - from) / distance.max(1e-6);
-            // The front side, with nothing between but for the surface itself in the last hundredth.
+            // The front side, with nothing between but for the surface itself in the last
+            // hundredth.
             let clear = || {
                 let ray = Ray::segment(from, toward, 0.99 * distance);
                 !scene.bvh.occluded(&ray)
@@ -212,7 +215,8 @@ impl Lit {
     }
 
     /// The outlook with the most points of the bake in view. Points are dense where a level has
-    /// detail. Of two such outlooks the brighter one is better; luminance counts by its fourth root.
+    /// detail. Of two such outlooks the brighter one is better; luminance counts by its fourth
+    /// root.
     fn best(&self, scene: &BakedScene, outlooks: &[Outlook]) -> Option<Outlook> {
         let mut best: Option<(f32, Outlook)> = None;
         for same in outlooks.chunk_by(|a, b| a.from == b.from) {

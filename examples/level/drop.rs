@@ -1,4 +1,5 @@
-//! Levels: reading one, showing it in place of the level before, and files that are dropped on the window.
+//! Levels: reading one, showing it in place of the level before, and files that are dropped on the
+//! window.
 
 use super::camera::Eye;
 use super::common::panel::{BakeAgain, PanelPreset};
@@ -117,7 +118,8 @@ fn spawn_lights(world: &mut World, bounds: &Bounds, size: f32) {
             shadow_maps_enabled: true,
             ..default()
         },
-        // The cascades are for the level, not for Bevy's 150 m: else sunlight shows at the foot of the walls.
+        // The cascades are for the level, not for Bevy's 150 m: else sunlight shows at the foot of
+        // the walls.
         CascadeShadowConfigBuilder {
             minimum_distance: 1e-3 * size,
             first_cascade_far_bound: 0.15 * size,

@@ -4,7 +4,8 @@
 //! cargo run --release --example level -- path/to/level.glb [draft|medium|high]
 //! ```
 //!
-//! A `.glb` or `.gltf` that is dropped on the window takes the level's place. A file without lights gets a lamp and a sun.
+//! A `.glb` or `.gltf` that is dropped on the window takes the level's place. A file without lights
+//! gets a lamp and a sun.
 //!
 //! | key | does |
 //! |---|---|
@@ -19,8 +20,8 @@
 //! | F1 | the tuning panel, with a button that bakes again |
 //! | P | the plan of the frame: what runs, why, and how long it takes |
 //!
-//! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture without a window when the bake is done (with `--while-baking`:
-//! before), and ends.
+//! `--screenshot FILE.png [--frames N] [--press L,Space]` writes a picture without a window when
+//! the bake is done (with `--while-baking`: before), and ends.
 
 mod camera;
 #[path = "../common/mod.rs"]

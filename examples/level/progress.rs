@@ -53,7 +53,8 @@ pub fn set_up(mut commands: Commands) {
     ));
 }
 
-/// The part of a whole bake that is done, 0 to 1, of a stage and the part of it. Stages that a recipe leaves out are passed over.
+/// The part of a whole bake that is done, 0 to 1, of a stage and the part of it. Stages that a
+/// recipe leaves out are passed over.
 pub fn overall(stage: Stage, done: f32) -> f32 {
     let [from, to] = match stage {
         Stage::Bvh => [0.0, 0.02],

@@ -11,7 +11,8 @@ use std::path::PathBuf;
 #[derive(Resource)]
 pub struct Saving(Task<String>);
 
-/// Ctrl+S: starts to write `level.mgi` beside `level.glb`. The file is replaced as a whole or not at all.
+/// Ctrl+S: starts to write `level.mgi` beside `level.glb`. The file is replaced as a whole or not
+/// at all.
 pub fn start(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,

@@ -1,4 +1,5 @@
-// The display of a view that is not deferred (src/plugin/forward_display.rs): its prepasses as a G-buffer, and what its surfaces read.
+// The display of a view that is not deferred (src/plugin/forward_display.rs): its prepasses as a
+// G-buffer, and what its surfaces read.
 
 struct ForwardParams {
     view_from_clip: mat4x4f,
@@ -49,7 +50,8 @@ fn gbuffer_of_one(@builtin(position) position: vec4f) -> Texel {
     return texel(textureLoad(depths, pixel, 0), textureLoad(normals, pixel, 0));
 }
 
-// The mean depth of a pixel's samples: that of its middle where one flat surface has them all, and that of no surface where several share it.
+// The mean depth of a pixel's samples: that of its middle where one flat surface has them all, and
+// that of no surface where several share it.
 @fragment
 fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
     let pixel = vec2u(position.xy);
@@ -61,7 +63,8 @@ fn gbuffer_of_samples(@builtin(position) position: vec4f) -> Texel {
     return texel(sum / f32(count), textureLoad(normals_sampled, pixel, 0));
 }
 
-// The light of a white surface in rgb, exposed, and in a how far it is from the eye, negative: nothing else that is bound in this place is.
+// The light of a white surface in rgb, exposed, and in a how far it is from the eye, negative:
+// nothing else that is bound in this place is.
 @fragment
 fn shown(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);

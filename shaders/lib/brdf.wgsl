@@ -1,4 +1,5 @@
-// The specular part of Bevy's standard material, for lights that are disks. Twin: crates/meshless_gi/src/frame/brdf.rs. Needs lib/vpl for π.
+// The specular part of Bevy's standard material, for lights that are disks. Twin:
+// crates/meshless_gi/src/frame/brdf.rs. Needs lib/vpl for π.
 
 const SMOOTHEST: f32 = 0.089;
 const SLANTED: f32 = 1e-4;
@@ -21,7 +22,8 @@ fn f90(straight: vec3f) -> f32 {
     return min(50.0 * 0.33 * (straight.r + straight.g + straight.b), 1.0);
 }
 
-// D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its angle squared `spread`.
+// D V (1 − p) and D V p for light from `l` that is spread over a disk with the sine of half its
+// angle squared `spread`.
 fn facet_gloss(facet: ShadingPoint, l: vec3f, spread: f32) -> vec2f {
     let sum = l + facet.v;
     let len = length(sum);

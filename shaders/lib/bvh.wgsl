@@ -1,5 +1,6 @@
-// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013. Twin: crates/meshless_gi/src/scene/bvh.rs. Needs `nodes`,
-// `triangles` and `bvh_nodes()`, how many nodes there are.
+// Shadow rays through the flat BVH, with the watertight triangle test of Woop, Benthin & Wald 2013.
+// Twin: crates/meshless_gi/src/scene/bvh.rs. Needs `nodes`, `triangles` and `bvh_nodes()`, how many
+// nodes there are.
 
 const STACK: u32 = 64u;
 const SMALLEST: f32 = 1e-18;
@@ -48,8 +49,8 @@ fn meets(shear: Shear, origin: vec3f, max_t: f32, triangle: BvhTriangle) -> bool
     return t > 0.0 && t < max_t;
 }
 
-// Which part of the light passes along the ray with t in (0, max_t): 0 behind any triangle that stays, else the product of the gains of the occluders in
-// between, each once.
+// Which part of the light passes along the ray with t in (0, max_t): 0 behind any triangle that
+// stays, else the product of the gains of the occluders in between, each once.
 fn passes(origin: vec3f, direction: vec3f, max_t: f32) -> f32 {
     if bvh_nodes() == 0u {
         return 1.0;

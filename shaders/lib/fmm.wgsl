@@ -1,4 +1,5 @@
-// What the kernels of the fast multipole method share. Expansions are three vec4f a term: x, y and z, each in red, green and blue.
+// What the kernels of the fast multipole method share. Expansions are three vec4f a term: x, y and
+// z, each in red, green and blue.
 
 struct FmmNode {
     center: vec3f,

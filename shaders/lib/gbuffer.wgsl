@@ -1,4 +1,5 @@
-// Bevy's deferred G-buffer texel. Twin: crates/meshless_gi/src/frame/gbuffer.rs, which says what is in which bits.
+// Bevy's deferred G-buffer texel. Twin: crates/meshless_gi/src/frame/gbuffer.rs, which says what is
+// in which bits.
 
 const UNLIT: u32 = 1u;
 const GAMMA: f32 = 2.2;

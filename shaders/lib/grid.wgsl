@@ -1,4 +1,5 @@
-// The hashed grid: which functions may cover a place. Twin: crates/meshless_gi/src/samples/grid.rs. Needs `grid_slots` and `grid_entries`.
+// The hashed grid: which functions may cover a place. Twin: crates/meshless_gi/src/samples/grid.rs.
+// Needs `grid_slots` and `grid_entries`.
 
 const EMPTY_SLOT: u32 = 0xffffffffu;
 const CELL_LIMIT: f32 = 1073741824.0;

@@ -1,4 +1,5 @@
-// Luminance that a node gives a surface. Twin: crates/meshless_gi/src/frame/refine.rs. Needs lib/node.
+// Luminance that a node gives a surface. Twin: crates/meshless_gi/src/frame/refine.rs. Needs
+// lib/node.
 
 const RED: f32 = 0.2126;
 const GREEN: f32 = 0.7152;

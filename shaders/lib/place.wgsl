@@ -1,4 +1,5 @@
-// Where a pixel is in a bake's local space, and how vectors come back from there. Twin: `place` and `to_world` of crates/meshless_gi/src/frame/splat.rs. Needs `params`: SplatParams.
+// Where a pixel is in a bake's local space, and how vectors come back from there. Twin: `place` and
+// `to_world` of crates/meshless_gi/src/frame/splat.rs. Needs `params`: SplatParams.
 
 // Place and normal of a pixel in the bake's local space.
 struct Place {

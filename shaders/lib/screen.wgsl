@@ -1,5 +1,6 @@
-// The levels of a view's subsplats and what its pixels show. Twins: crates/meshless_gi/src/frame/subsplat.rs and crates/meshless_gi/src/frame/pyramid.rs. Needs `screen` (a SubsplatParams), `depths`,
-// `gbuffer`, and lib/gbuffer.
+// The levels of a view's subsplats and what its pixels show. Twins:
+// crates/meshless_gi/src/frame/subsplat.rs and crates/meshless_gi/src/frame/pyramid.rs. Needs
+// `screen` (a SubsplatParams), `depths`, `gbuffer`, and lib/gbuffer.
 
 fn level_grid(k: u32) -> vec2u {
     return (screen.size + (1u << k) - 1u) >> vec2u(k);

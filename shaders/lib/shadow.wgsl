@@ -1,4 +1,5 @@
-// Shadow rays from a surface to a light, through a baked scene. Twin: crates/meshless_gi/src/frame/project.rs. Needs lib/bvh.
+// Shadow rays from a surface to a light, through a baked scene. Twin:
+// crates/meshless_gi/src/frame/project.rs. Needs lib/bvh.
 
 const FAR: f32 = 1e30;
 const EPSILON: f32 = 1.1920929e-7;

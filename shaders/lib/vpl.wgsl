@@ -1,5 +1,7 @@
-// Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs, which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`,
-// `triangles`, and lib/bvh and lib/shadow. Places and normals in the space of the lights: the world's axes, the origin near by.
+// Irradiance from virtual point lights, [N09] Eq. (2). Twin: crates/meshless_gi/src/frame/vpl.rs,
+// which says how this differs. Needs `vpls`, `lit` (a VplParams), `nodes`, `triangles`, and lib/bvh
+// and lib/shadow. Places and normals in the space of the lights: the world's axes, the origin near
+// by.
 
 const FRAC_1_PI: f32 = 0.318309886;
 const PI: f32 = 3.14159265;
@@ -85,7 +87,8 @@ fn vpl_near(toward: vec3f, normal: vec3f, disk: f32, n: vec3f) -> vec3f {
     return (to + n * (clipped - cosine)) * (fade * whole * FRAC_1_PI / disk);
 }
 
-// What light `i` gives at `x` to surfaces that face `n`, unshadowed: the vector irradiance over the flux.
+// What light `i` gives at `x` to surfaces that face `n`, unshadowed: the vector irradiance over the
+// flux.
 fn vpl_share(i: u32, x: vec3f, n: vec3f) -> vec3f {
     let toward = vpls[i].position - x;
     let square = dot(toward, toward);

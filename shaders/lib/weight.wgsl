@@ -1,4 +1,5 @@
-// The weight function of the basis, [L08] Eqs. (8)-(10). Twin: crates/meshless_gi/src/basis/kernel.rs. Needs `planes`.
+// The weight function of the basis, [L08] Eqs. (8)-(10). Twin:
+// crates/meshless_gi/src/basis/kernel.rs. Needs `planes`.
 
 const F_SQUASH: f32 = 2.0;
 const NO_COVER: f32 = 1e-6;
@@ -16,7 +17,8 @@ fn dist(v: vec3f, n_j: vec3f) -> f32 {
 // The squared length of the normal of a clip plane from where on it has a lean.
 const LEAN_FROM: f32 = 1.001;
 
-// Whether the place is on the function's side of clip plane `i`; that of an occluder moves with the normal.
+// Whether the place is on the function's side of clip plane `i`; that of an occluder moves with the
+// normal.
 fn is_before(i: u32, x: vec3f, n: vec3f, radius: f32) -> bool {
     let plane = planes[i];
     let lean = max(dot(plane.xyz, plane.xyz) - LEAN_FROM, 0.0) * radius;

@@ -1,11 +1,14 @@
-//! What is drawn onto a view's picture: irradiance, gloss, and the light that does not get there, each over the whole screen by the kernel `composite`.
+//! What is drawn onto a view's picture: irradiance, gloss, and the light that does not get there,
+//! each over the whole screen by the kernel `composite`.
 
 use super::frame::entry;
 use super::kernels::{COMPOSITE, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::ViewBuffers;
 
-/// Draws a view's irradiance onto its picture, as [`GpuFrame::composite`](super::GpuFrame::composite) does, for views without a baked scene. `textures`: irradiance, G-buffer and lighting passes.
+/// Draws a view's irradiance onto its picture, as
+/// [`GpuFrame::composite`](super::GpuFrame::composite) does, for views without a baked scene.
+/// `textures`: irradiance, G-buffer and lighting passes.
 pub fn draw_composite(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
@@ -18,8 +21,9 @@ pub fn draw_composite(
     draw(kernels, pass, format, how, view, textures);
 }
 
-/// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance. `textures`: what
-/// [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and lighting passes.
+/// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance.
+/// `textures`: what [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and
+/// lighting passes.
 pub fn draw_gloss(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
@@ -30,8 +34,9 @@ pub fn draw_gloss(
     draw(kernels, pass, format, Draw::Gloss, view, textures);
 }
 
-/// Takes from a view's picture the light of lamps with soft shadows that does not get there. `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote,
-/// G-buffer and lighting passes.
+/// Takes from a view's picture the light of lamps with soft shadows that does not get there.
+/// `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote, G-buffer and
+/// lighting passes.
 pub fn draw_shade(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,

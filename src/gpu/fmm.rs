@@ -1,4 +1,5 @@
-//! The fast multipole method on a device: `fmm_up` and `fmm_down` over the buffers of one octree. Tree and lists come from the CPU, as in \[G08\] §3.
+//! The fast multipole method on a device: `fmm_up` and `fmm_down` over the buffers of one octree.
+//! Tree and lists come from the CPU, as in \[G08\] §3.
 
 use super::Pass;
 use super::frame::MAX_GROUPS;
@@ -28,10 +29,12 @@ pub struct GpuFmm {
 }
 
 impl GpuFmm {
-    /// Uploads an octree over points of which `senders` have a radiosity; behind theirs stands the sky's coefficient.
+    /// Uploads an octree over points of which `senders` have a radiosity; behind theirs stands the
+    /// sky's coefficient.
     ///
     /// # Errors
-    /// Where the device does not hold it, see [`octree_fits`]: [`GpuError::TooLarge`], or [`GpuError::Limit`] for the order.
+    /// Where the device does not hold it, see [`octree_fits`]: [`GpuError::TooLarge`], or
+    /// [`GpuError::Limit`] for the order.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
@@ -133,7 +136,8 @@ impl GpuFmm {
         }
     }
 
-    /// Records the downward pass and the evaluation, to the vector irradiance of the points that receive.
+    /// Records the downward pass and the evaluation, to the vector irradiance of the points that
+    /// receive.
     pub fn down(
         &self,
         kernels: &KernelPipelines,

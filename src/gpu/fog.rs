@@ -1,4 +1,5 @@
-//! Fog that a level lights, on the device: parameters of what a view draws, and the recording of kernels `fog_voxels` and `fog`. A view without such fog has none.
+//! Fog that a level lights, on the device: parameters of what a view draws, and the recording of
+//! kernels `fog_voxels` and `fog`. A view without such fog has none.
 
 use super::frame::{compute, entry};
 use super::kernels::{FOG, KERNELS};
@@ -40,7 +41,8 @@ impl FogLight {
     }
 }
 
-/// What one view needs on the device: the light of each level for fog of each asymmetry, and parameters of the draws, one for each fog volume before each level.
+/// What one view needs on the device: the light of each level for fog of each asymmetry, and
+/// parameters of the draws, one for each fog volume before each level.
 #[derive(Debug, Default)]
 pub struct FogBuffers {
     lights: Vec<FogLight>,
@@ -73,7 +75,8 @@ impl FogBuffers {
         }
     }
 
-    /// Records kernel `fog_voxels` for each of the lights from the volumes of their levels, which kernel `volume` wrote.
+    /// Records kernel `fog_voxels` for each of the lights from the volumes of their levels, which
+    /// kernel `volume` wrote.
     #[must_use]
     pub fn record(
         &self,
@@ -132,7 +135,8 @@ pub struct FogTextures<'a> {
     pub density: (&'a wgpu::TextureView, &'a wgpu::Sampler),
 }
 
-/// Adds the light of the draw `which` of a view to its picture, a target of `format` with one sample a pixel. Its level's light is `light`; both count as [`FogBuffers::write`] had them.
+/// Adds the light of the draw `which` of a view to its picture, a target of `format` with one
+/// sample a pixel. Its level's light is `light`; both count as [`FogBuffers::write`] had them.
 ///
 /// # Panics
 /// Where one of them was not written.

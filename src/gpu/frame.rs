@@ -1,4 +1,5 @@
-//! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as dispatches.
+//! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as
+//! dispatches.
 
 use super::draw::draw_composite;
 use super::pipelines::KernelPipelines;
@@ -11,8 +12,8 @@ use meshless_gi::frame::splat::SEAM;
 use meshless_gi::frame::{FrameLight, FrameSettings, SplatParams, Steps};
 use meshless_gi::scene::MaterialFactors;
 
-/// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of slots is bound at a multiple of
-/// 256 bytes, the largest alignment of WebGPU.
+/// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of
+/// slots is bound at a multiple of 256 bytes, the largest alignment of WebGPU.
 const SLOTS_PER_DISPATCH: usize = 65_535 / 64 * 64;
 
 /// The textures that `splat` reads and writes. All have the size of the view's target.
@@ -33,7 +34,8 @@ pub struct SplatTargets<'a> {
 pub struct GpuFrame {
     buffers: SceneBuffers,
     lights: usize,
-    /// What the device's surfaces are of: factors of the materials, and what passes each set of occluders; empty as baked.
+    /// What the device's surfaces are of: factors of the materials, and what passes each set of
+    /// occluders; empty as baked.
     factors: Vec<MaterialFactors>,
     passing: Vec<f32>,
     counters: GpuCounters,
@@ -81,8 +83,9 @@ impl GpuFrame {
         self.counters
     }
 
-    /// Sets the lights, slot by slot, in the bake's local space, for the frame that is submitted next; makes room where there is too little. What was
-    /// projected stays: say which slots are to be projected by [`GpuFrame::project`].
+    /// Sets the lights, slot by slot, in the bake's local space, for the frame that is submitted
+    /// next; makes room where there is too little. What was projected stays: say which slots are to
+    /// be projected by [`GpuFrame::project`].
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where so many slots do not fit a binding.
@@ -101,8 +104,9 @@ impl GpuFrame {
         Ok(())
     }
 
-    /// Sets the factors of the materials of `scene`, which the frame was made of, for the frame that is submitted next: one each, those that are missing are as baked. Sends
-    /// the senders' surfaces to the device; says how many bytes those are, 0 where the bake knows no materials.
+    /// Sets the factors of the materials of `scene`, which the frame was made of, for the frame
+    /// that is submitted next: one each, those that are missing are as baked. Sends the senders'
+    /// surfaces to the device; says how many bytes those are, 0 where the bake knows no materials.
     pub fn set_materials(
         &mut self,
         queue: &wgpu::Queue,
@@ -116,7 +120,8 @@ impl GpuFrame {
         self.paint(queue, scene)
     }
 
-    /// Notes what passes each set of occluders, and sends what that changes of the senders' surfaces.
+    /// Notes what passes each set of occluders, and sends what that changes of the senders'
+    /// surfaces.
     pub(super) fn occluded(&mut self, queue: &wgpu::Queue, scene: &BakedScene, passing: Vec<f32>) {
         self.passing = passing;
         self.paint(queue, scene);
@@ -135,7 +140,8 @@ impl GpuFrame {
         bytes.len() as u64
     }
 
-    /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most once a submission. Slots without a light are left out.
+    /// Projects the lights of `slots`, one dispatch for all (several for more than 65 472). At most
+    /// once a submission. Slots without a light are left out.
     pub fn project(
         &mut self,
         kernels: &KernelPipelines,
@@ -297,7 +303,8 @@ impl GpuFrame {
         self.counters.dispatches[pass as usize] += 1;
     }
 
-    /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass` has one target, of `format`. Once a view, after the `splat` of its last scene.
+    /// Draws a view's irradiance onto its picture, added to it or (`replace`) in its place: `pass`
+    /// has one target, of `format`. Once a view, after the `splat` of its last scene.
     #[expect(
         clippy::too_many_arguments,
         reason = "three textures and what they are drawn with"
@@ -385,7 +392,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// Push or compress, apply and flatten, or up and down the octree: for the senders in a sweep, for all points at the end.
+    /// Push or compress, apply and flatten, or up and down the octree: for the senders in a sweep,
+    /// for all points at the end.
     fn transport(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -460,7 +468,8 @@ impl Recorder<'_> {
         );
     }
 
-    /// The operator in all channels or in `one`: `rows` and their order, links part by part with the span of each, from the first to the second of `values`.
+    /// The operator in all channels or in `one`: `rows` and their order, links part by part with
+    /// the span of each, from the first to the second of `values`.
     fn apply(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,

@@ -1,5 +1,7 @@
-//! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by level, and its pixels, in the order of
-//! [`GlossView::run`](meshless_gi::frame::gloss::GlossView::run). Which lights are evaluated where is decided on the device; nothing is read back.
+//! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by
+//! level, and its pixels, in the order of
+//! [`GlossView::run`](meshless_gi::frame::gloss::GlossView::run). Which lights are evaluated where
+//! is decided on the device; nothing is read back.
 
 use super::Pass;
 use super::frame::compute;
@@ -10,7 +12,8 @@ use super::{GpuCounters, GpuError};
 use meshless_gi::frame::subsplat::LEVELS;
 use meshless_gi::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
 
-/// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many of those from 2: about 6.6 bytes a pixel.
+/// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many
+/// of those from 2: about 6.6 bytes a pixel.
 #[derive(Debug)]
 pub struct GlossBuffers {
     levels: Levels,
@@ -25,7 +28,8 @@ pub struct GlossBuffers {
 }
 
 impl GlossBuffers {
-    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what [`GlossSettings::params`](meshless_gi::frame::GlossSettings::params) gives).
+    /// Buffers for views of these levels ([`SubsplatParams::levels`] of what
+    /// [`GlossSettings::params`](meshless_gi::frame::GlossSettings::params) gives).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.
@@ -113,15 +117,17 @@ impl GlossBuffers {
         &self.surprises
     }
 
-    /// Sets the parameters for the frame that is submitted next; their levels are [`GlossBuffers::levels`].
+    /// Sets the parameters for the frame that is submitted next; their levels are
+    /// [`GlossBuffers::levels`].
     pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &GlossParams) {
         debug_assert_eq!(screen.levels(), self.levels);
         queue.write_buffer(&self.screen, 0, bytemuck::bytes_of(screen));
         queue.write_buffer(&self.wanted, 0, bytemuck::bytes_of(wanted));
     }
 
-    /// Records everything between the G-buffer and the radiance of every pixel, for [`draw_gloss`](super::draw_gloss): `targets.output` is written whole. The lights are those that
-    /// [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
+    /// Records everything between the G-buffer and the radiance of every pixel, for
+    /// [`draw_gloss`](super::draw_gloss): `targets.output` is written whole. The lights are those
+    /// that [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,4 +1,5 @@
-//! A device without a window, for tests and tools: asks for WebGPU's default limits and no feature, so that what runs here runs anywhere.
+//! A device without a window, for tests and tools: asks for WebGPU's default limits and no feature,
+//! so that what runs here runs anywhere.
 
 use super::GpuError;
 use bytemuck::{AnyBitPattern, NoUninit};
@@ -179,7 +180,8 @@ impl HeadlessDevice {
     }
 }
 
-/// Waits for a future that needs no other thread of ours; those of a native device are ready at once.
+/// Waits for a future that needs no other thread of ours; those of a native device are ready at
+/// once.
 fn wait<F: Future>(future: F) -> F::Output {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());

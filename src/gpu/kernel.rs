@@ -1,4 +1,5 @@
-//! What a row of the [table of kernels](super::KERNELS) is made of: bindings, entry points, and how they are written down.
+//! What a row of the [table of kernels](super::KERNELS) is made of: bindings, entry points, and how
+//! they are written down.
 
 use super::Pass;
 
@@ -84,7 +85,8 @@ impl Kernel {
     }
 }
 
-/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft shadows.
+/// Entry points of `composite`: vertex, and the fragments of irradiance, of gloss and of soft
+/// shadows.
 pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "whole_screen",
     "composite",
@@ -92,7 +94,8 @@ pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "composite_shade",
 ];
 
-/// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with several.
+/// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with
+/// several.
 pub const FOG_ENTRIES: [&str; 3] = ["fog_screen", "fog", "fog_sampled"];
 
 pub(super) const fn bind(index: u32, name: &'static str, kind: Kind) -> Binding {

@@ -1,5 +1,6 @@
-//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is `crates/meshless_gi/src/frame/<name>.rs`. `tests/shader_layout.rs` compares the
-//! table with what the shaders declare.
+//! The one table of kernels: name, shader, entry points, bindings. The CPU twin of `name` is
+//! `crates/meshless_gi/src/frame/<name>.rs`. `tests/shader_layout.rs` compares the table with what
+//! the shaders declare.
 
 use super::Pass;
 use super::kernel::Kind::{

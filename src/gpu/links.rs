@@ -13,7 +13,8 @@ pub struct LinkChunk {
     pub links: Range<u32>,
 }
 
-/// Cuts the rows, which are in the order of their links, into parts of at most `most` bytes of links.
+/// Cuts the rows, which are in the order of their links, into parts of at most `most` bytes of
+/// links.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] where one row alone has more.

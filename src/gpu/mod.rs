@@ -1,5 +1,6 @@
-//! The frame's kernels on any wgpu device: the same steps as [`CpuFrame`](meshless_gi::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or
-//! a [`HeadlessDevice`] without a window, brings device, queue and encoder.
+//! The frame's kernels on any wgpu device: the same steps as
+//! [`CpuFrame`](meshless_gi::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or a
+//! [`HeadlessDevice`] without a window, brings device, queue and encoder.
 //!
 //! | type | does |
 //! |---|---|
@@ -16,8 +17,10 @@
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`HeadlessDevice`] | a device without a window |
 //!
-//! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two baked scenes in
-//! one view: the second `splat` gets the first one's output as `earlier`, and the last output is composited.
+//! One frame: `set_materials` and `set_occluders` where those changed, `set_lights`, `project` the
+//! slots that moved, `solve` where anything changed, `splat` and `composite` for each view. Two
+//! baked scenes in one view: the second `splat` gets the first one's output as `earlier`, and the
+//! last output is composited.
 
 mod counters;
 mod draw;

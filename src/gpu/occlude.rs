@@ -1,4 +1,5 @@
-//! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene without occluders makes no such buffers.
+//! Occluders on the device: the parts of links that pass them, and `occlude` over those. A scene
+//! without occluders makes no such buffers.
 
 use super::frame::{MAX_GROUPS, compute};
 use super::links::cut;
@@ -81,9 +82,11 @@ impl OccluderBuffers {
 }
 
 impl GpuFrame {
-    /// Sets what passes the occluders of `scene`, which the frame was made of: one each in [0, 1], those that are missing are open. Rewrites their links, what the senders
-    /// have from the sky and what shadow rays see of them, for the frame that is submitted next; at most once a submission. Says how many dispatches that took, 0 where the bake knows no
-    /// occluders. The lights' shadows change: [`project`](Self::project) all slots after it.
+    /// Sets what passes the occluders of `scene`, which the frame was made of: one each in [0, 1],
+    /// those that are missing are open. Rewrites their links, what the senders have from the sky
+    /// and what shadow rays see of them, for the frame that is submitted next; at most once a
+    /// submission. Says how many dispatches that took, 0 where the bake knows no occluders. The
+    /// lights' shadows change: [`project`](Self::project) all slots after it.
     pub fn set_occluders(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,4 +1,5 @@
-//! Pipelines, made when they are first asked for: an effect that no scene calls for has none (design D9).
+//! Pipelines, made when they are first asked for: an effect that no scene calls for has none
+//! (design D9).
 
 use super::GpuError;
 use super::Pass;
@@ -45,7 +46,8 @@ pub enum Draw {
     FogSampled,
 }
 
-/// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled expansion and the threads' sums.
+/// Workgroup memory of `fmm_down`, which uses most: bytes of scalars, derivatives, a scaled
+/// expansion and the threads' sums.
 const FMM_MEMORY: usize = MAX_FMM_TERMS * (4 + 2 * 16 + 3 * 16) + 64 * 48;
 
 /// All pipelines of one device.

@@ -1,4 +1,5 @@
-//! Light in free space on the device: the probes of a baked scene, `apply` over their rows, and `probe` over what a view shows. A scene without probes makes no such buffers.
+//! Light in free space on the device: the probes of a baked scene, `apply` over their rows, and
+//! `probe` over what a view shows. A scene without probes makes no such buffers.
 
 use super::frame::{SplatTargets, compute};
 use super::links::cut;
@@ -69,7 +70,8 @@ impl ProbeBuffers {
         .chain(self.links.iter().map(|b| ("probe links", b)))
     }
 
-    /// What both entry points of `probe` bind, with the view's parameters for the probes' grid and its depths and G-buffer.
+    /// What both entry points of `probe` bind, with the view's parameters for the probes' grid and
+    /// its depths and G-buffer.
     pub fn resources<'a>(
         &'a self,
         params: &'a wgpu::Buffer,
@@ -104,8 +106,9 @@ impl GpuFrame {
         Some(view.with_grid(probes.grid))
     }
 
-    /// Writes the irradiance of the pixels that no function on a surface covers: after the `splat` of the view's last scene, whose output is `earlier`. Nothing
-    /// for a scene without probes, or a view whose parameters for them were not set ([`ViewBuffers::write_probes`]).
+    /// Writes the irradiance of the pixels that no function on a surface covers: after the `splat`
+    /// of the view's last scene, whose output is `earlier`. Nothing for a scene without probes, or
+    /// a view whose parameters for them were not set ([`ViewBuffers::write_probes`]).
     pub fn probe(
         &mut self,
         kernels: &KernelPipelines,

@@ -1,5 +1,6 @@
-//! Records what moving objects reflect: the maps of a light become virtual point lights (`rsm`), and those light a view (`vpl`). There is one of these for all
-//! lights that ask for it, and none where no light does.
+//! Records what moving objects reflect: the maps of a light become virtual point lights (`rsm`),
+//! and those light a view (`vpl`). There is one of these for all lights that ask for it, and none
+//! where no light does.
 
 use super::Pass;
 use super::frame::{MAX_GROUPS, SplatTargets, compute};
@@ -21,7 +22,8 @@ const _: () = assert!(
     size_of::<RsmParams>() <= UNIFORM as usize && size_of::<RsmShadowParams>() <= UNIFORM as usize
 );
 
-/// A map that was drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred G-buffer (`Rgba32Uint`), of what moves alone.
+/// A map that was drawn from a light: a square of depth (reversed, one sample) and Bevy's deferred
+/// G-buffer (`Rgba32Uint`), of what moves alone.
 #[derive(Clone, Copy, Debug)]
 pub struct RsmCapture<'a> {
     /// Depth.
@@ -35,7 +37,8 @@ pub struct RsmCapture<'a> {
 /// The baked scene that shadows the virtual point lights.
 #[derive(Clone, Copy, Debug)]
 pub struct VplShadows<'a> {
-    /// From the space of the lights to the scene's ([`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)).
+    /// From the space of the lights to the scene's
+    /// ([`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)).
     pub local_from_space: Mat4,
     /// The scene.
     pub scene: &'a SceneBuffers,
@@ -64,7 +67,8 @@ pub struct RsmBuffers {
 }
 
 impl RsmBuffers {
-    /// Buffers for `vpls` virtual point lights in all, and for lights of `texels` texels at most, over all maps of the light. `begin` makes more room.
+    /// Buffers for `vpls` virtual point lights in all, and for lights of `texels` texels at most,
+    /// over all maps of the light. `begin` makes more room.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer.
@@ -86,8 +90,9 @@ impl RsmBuffers {
         })
     }
 
-    /// Begins a frame: no light, all uniform buffers free again, and room for so many texels of a light and virtual point lights of all lights. Not between
-    /// recording a frame and its submission.
+    /// Begins a frame: no light, all uniform buffers free again, and room for so many texels of a
+    /// light and virtual point lights of all lights. Not between recording a frame and its
+    /// submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer.
@@ -104,13 +109,16 @@ impl RsmBuffers {
         Ok(())
     }
 
-    /// Begins a frame with the virtual lights of the one before: nothing but views may be recorded. Not between recording a frame and its submission.
+    /// Begins a frame with the virtual lights of the one before: nothing but views may be recorded.
+    /// Not between recording a frame and its submission.
     pub fn rest(&mut self) {
         (self.filled, self.taken) = (0, 0);
     }
 
-    /// Records one light: its maps, the shadows of the baked scenes on them (each with its [`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)), and the choice of `vpls`
-    /// virtual point lights. Maps for which there is no room are left out, and so are lights; see [`RsmBuffers::begin`].
+    /// Records one light: its maps, the shadows of the baked scenes on them (each with its
+    /// [`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)), and the choice of
+    /// `vpls` virtual point lights. Maps for which there is no room are left out, and so are
+    /// lights; see [`RsmBuffers::begin`].
     #[expect(
         clippy::too_many_arguments,
         reason = "a light's maps and what shadows them"
@@ -131,8 +139,8 @@ impl RsmBuffers {
         self.choose(kernels, queue, encoder, light, scenes, vpls);
     }
 
-    /// Records what one map of a light shows; after its last map comes [`RsmBuffers::choose`]. Apart from [`RsmBuffers::light`] for maps that take
-    /// turns in the same textures.
+    /// Records what one map of a light shows; after its last map comes [`RsmBuffers::choose`].
+    /// Apart from [`RsmBuffers::light`] for maps that take turns in the same textures.
     pub fn map(
         &mut self,
         kernels: &KernelPipelines,
@@ -169,7 +177,8 @@ impl RsmBuffers {
         self.filled = 0;
     }
 
-    /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls` virtual point lights.
+    /// Records the shadows of the baked scenes on the maps of a light, and the choice of its `vpls`
+    /// virtual point lights.
     pub fn choose(
         &mut self,
         kernels: &KernelPipelines,
@@ -229,7 +238,8 @@ impl RsmBuffers {
         self.used += vpls;
     }
 
-    /// Records the irradiance of each pixel of a view from the lights recorded so far, added to `targets.earlier`.
+    /// Records the irradiance of each pixel of a view from the lights recorded so far, added to
+    /// `targets.earlier`.
     pub fn splat(
         &mut self,
         kernels: &KernelPipelines,

@@ -50,7 +50,8 @@ pub struct SceneBuffers {
     pub(super) levels: SpanList,
     /// All points; the senders.
     pub(super) whole: SpanList,
-    /// For each tier, for each part of the links: the rows that it uses, as a range of `order` (a count of 0 where there are none).
+    /// For each tier, for each part of the links: the rows that it uses, as a range of `order` (a
+    /// count of 0 where there are none).
     pub(super) tier_parts: Vec<SpanList>,
     /// The same of the senders' rows alone.
     pub(super) sender_parts: Vec<SpanList>,
@@ -79,7 +80,8 @@ pub struct SceneBuffers {
     pub(super) sky: Option<wgpu::Buffer>,
     /// Direct coefficients, kept while further bounces are added; made when a solve first has them.
     pub(super) direct: Option<wgpu::Buffer>,
-    /// Differences of the senders and what the operator makes of them, where the operator is in that form.
+    /// Differences of the senders and what the operator makes of them, where the operator is in
+    /// that form.
     pub(super) differences: Option<[wgpu::Buffer; 2]>,
     /// Where the operator is in the form of components.
     pub(super) components: Option<ComponentBuffers>,
@@ -163,7 +165,8 @@ impl SceneBuffers {
         Self::with_limit(device, queue, scene, slots, binding_limit(device))
     }
 
-    /// As [`SceneBuffers::new`], for a device that binds at most `limit` bytes. For tests of the cuts.
+    /// As [`SceneBuffers::new`], for a device that binds at most `limit` bytes. For tests of the
+    /// cuts.
     ///
     /// # Errors
     /// As [`SceneBuffers::new`].
@@ -309,7 +312,8 @@ impl SceneBuffers {
         })
     }
 
-    /// What stands in where kernels read the sky's terms: a buffer that is there anyway where the bake knows none.
+    /// What stands in where kernels read the sky's terms: a buffer that is there anyway where the
+    /// bake knows none.
     pub(super) fn seen(&self) -> &wgpu::Buffer {
         self.sky.as_ref().unwrap_or(&self.surfaces)
     }
@@ -326,7 +330,8 @@ impl SceneBuffers {
         &self.shape
     }
 
-    /// Makes room for `slots` light slots; what is projected stays. Not between recording a frame and its submission.
+    /// Makes room for `slots` light slots; what is projected stays. Not between recording a frame
+    /// and its submission.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the projections of so many lights do not fit a binding.
@@ -340,7 +345,8 @@ impl SceneBuffers {
             return Ok(());
         }
         let make = Maker::new(device, queue);
-        // Half as much again, so that lamps that come one by one do not each copy everything; what is needed where that is too much.
+        // Half as much again, so that lamps that come one by one do not each copy everything; what
+        // is needed where that is too much.
         let senders = self.shape.senders() as u64;
         let roomy = slots.max(self.slots + self.slots / 2);
         let projected = |slots: u32| {
@@ -497,7 +503,8 @@ impl ViewBuffers {
         self.size = splat.size;
     }
 
-    /// Sets the parameters of `probe` ([`GpuFrame::probe_params`](super::GpuFrame::probe_params)) for the frame that is submitted next; none for a scene without probes.
+    /// Sets the parameters of `probe` ([`GpuFrame::probe_params`](super::GpuFrame::probe_params))
+    /// for the frame that is submitted next; none for a scene without probes.
     pub fn write_probes(
         &mut self,
         device: &wgpu::Device,

@@ -1,4 +1,5 @@
-//! Records what soft shadows take from a view: the kernel `shade`, for one baked scene in one view. A view whose lamps cast none makes no such buffers.
+//! Records what soft shadows take from a view: the kernel `shade`, for one baked scene in one view.
+//! A view whose lamps cast none makes no such buffers.
 
 use super::error::GpuError;
 use super::frame::{SplatTargets, compute};
@@ -75,8 +76,9 @@ impl ShadeBuffers {
         })
     }
 
-    /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that is submitted next. What is missing of them comes from
-    /// [`SoftBuffers::record`]. `gloss` where rectangles were drawn with it: [`ShadeBuffers::record`] gets the tables then.
+    /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that
+    /// is submitted next. What is missing of them comes from [`SoftBuffers::record`]. `gloss` where
+    /// rectangles were drawn with it: [`ShadeBuffers::record`] gets the tables then.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
@@ -105,7 +107,8 @@ impl ShadeBuffers {
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade). `tables` are two layers, see [`Tables`](meshless_gi::frame::shade::Tables).
+    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade).
+    /// `tables` are two layers, see [`Tables`](meshless_gi::frame::shade::Tables).
     #[expect(
         clippy::too_many_arguments,
         reason = "a scene in a view, and what it is recorded with"

@@ -1,5 +1,6 @@
-//! Soft shadows on the device: what the kernel `soft` reads of a baked scene, and the recording of it and of `flatten` behind it. A scene without visibility, and
-//! one whose lights all cast hard shadows or none, makes no such buffers.
+//! Soft shadows on the device: what the kernel `soft` reads of a baked scene, and the recording of
+//! it and of `flatten` behind it. A scene without visibility, and one whose lights all cast hard
+//! shadows or none, makes no such buffers.
 
 use super::error::GpuError;
 use super::frame::{MAX_GROUPS, compute};
@@ -10,7 +11,8 @@ use bytemuck::Pod;
 use meshless_gi::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
 use meshless_gi::transport::pca::Visibility;
 
-/// The visibility of a baked scene on the device, its soft lights, and what is missing of their light.
+/// The visibility of a baked scene on the device, its soft lights, and what is missing of their
+/// light.
 #[derive(Debug)]
 pub struct SoftBuffers {
     params: wgpu::Buffer,
@@ -140,7 +142,8 @@ impl SoftBuffers {
         })
     }
 
-    /// Records what is missing of the light of `lights` at all points of `scene`, which the buffers were made for. Only when a light changed.
+    /// Records what is missing of the light of `lights` at all points of `scene`, which the buffers
+    /// were made for. Only when a light changed.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more lights than the device binds.

@@ -1,5 +1,7 @@
-//! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl` (nodes) and `upsample`, in the order of [`meshless_gi::frame::subsplats`]. Which cells are
-//! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing is read back.
+//! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl`
+//! (nodes) and `upsample`, in the order of [`meshless_gi::frame::subsplats`]. Which cells are
+//! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing
+//! is read back.
 
 use super::Pass;
 use super::frame::{MAX_GROUPS, compute};
@@ -11,7 +13,8 @@ use meshless_gi::frame::pyramid::CellRange;
 use meshless_gi::frame::subsplat::LEVELS;
 use meshless_gi::frame::{Levels, Node, Span, SubsplatParams};
 
-/// Words of a count: an indirect dispatch, how many items, how many cells were divided for them, the rest not used.
+/// Words of a count: an indirect dispatch, how many items, how many cells were divided for them,
+/// the rest not used.
 const COUNT: u64 = 8;
 
 /// The textures that a view's subsplats read and write. All have the size of the view's target.
@@ -170,20 +173,23 @@ impl SubsplatBuffers {
         &self.lists
     }
 
-    /// The count of level `k`: words 3 and 4 are its items, and how many cells were divided for them.
+    /// The count of level `k`: words 3 and 4 are its items, and how many cells were divided for
+    /// them.
     #[must_use]
     pub fn count_of(&self, k: u32) -> &wgpu::Buffer {
         &self.counts[k as usize]
     }
 
-    /// Sets the parameters for the frame that is submitted next; their levels are [`SubsplatBuffers::levels`].
+    /// Sets the parameters for the frame that is submitted next; their levels are
+    /// [`SubsplatBuffers::levels`].
     pub fn write(&mut self, queue: &wgpu::Queue, params: &SubsplatParams) {
         debug_assert_eq!(params.levels(), self.levels);
         self.finest = params.finest;
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(params));
     }
 
-    /// Records everything between the G-buffer and the irradiance of every pixel. `scenes` are asked in their order; `lights` are added.
+    /// Records everything between the G-buffer and the irradiance of every pixel. `scenes` are
+    /// asked in their order; `lights` are added.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,

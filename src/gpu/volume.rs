@@ -1,5 +1,6 @@
-//! Light in free space for what is drawn forward, on the device: the recording of kernel `volume` over a texture that an engine reads. A scene whose volume nobody asks for has neither
-//! parameters nor places nor a texture.
+//! Light in free space for what is drawn forward, on the device: the recording of kernel `volume`
+//! over a texture that an engine reads. A scene whose volume nobody asks for has neither parameters
+//! nor places nor a texture.
 
 use super::frame::compute;
 use super::pipelines::KernelPipelines;
@@ -8,7 +9,8 @@ use super::{GpuError, GpuFrame, Pass};
 use meshless_gi::frame::volume_places::{VoxelGrid, VoxelWeights};
 use meshless_gi::frame::{Face, VolumeParams};
 
-/// What a volume of a scene needs on the device beside its texture: what each of its places takes from which probes, and of which walls, and how far it sees.
+/// What a volume of a scene needs on the device beside its texture: what each of its places takes
+/// from which probes, and of which walls, and how far it sees.
 #[derive(Debug)]
 pub struct VolumeBuffers {
     shape: VoxelGrid,
@@ -88,8 +90,10 @@ impl VolumeBuffers {
 }
 
 impl GpuFrame {
-    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of [`VoxelGrid::texels`] that may be stored to, from the values of probes and points as the last
-    /// [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places were found in this scene. Nothing for a scene without probes.
+    /// Writes every texel of `voxels`, a view of an `Rgba16Float` texture in three dimensions of
+    /// [`VoxelGrid::texels`] that may be stored to, from the values of probes and points as the
+    /// last [`solve`](Self::solve) left them. `params` are of the shape of `buffers`, whose places
+    /// were found in this scene. Nothing for a scene without probes.
     pub fn volume(
         &mut self,
         kernels: &KernelPipelines,

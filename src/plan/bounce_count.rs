@@ -1,5 +1,8 @@
-//! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake has proved what a reflection leaves of the light at most
-//! ([`EnergyInfo::gain`](meshless_gi::asset::EnergyInfo::gain), design D12), so after n of them no more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white rooms ten.
+//! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake
+//! has proved what a reflection leaves of the light at most
+//! ([`EnergyInfo::gain`](meshless_gi::asset::EnergyInfo::gain), design D12), so after n of them no
+//! more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white
+//! rooms ten.
 
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::FrameSettings;
@@ -9,7 +12,8 @@ use std::fmt;
 
 /// What the reflections that are left out may be of all light, by the gain.
 pub const LEFT: f32 = 0.03;
-/// Most reflections, where no setting asks for more: each takes its time in every frame in which the light changes.
+/// Most reflections, where no setting asks for more: each takes its time in every frame in which
+/// the light changes.
 pub const MAX: u32 = 16;
 /// Where a bake does not say what a reflection leaves.
 const UNKNOWN: u32 = 4;
@@ -46,7 +50,8 @@ impl fmt::Display for BounceSelection {
     }
 }
 
-/// How many reflections a frame takes at a gain: the fewest that leave [`LEFT`] at most, and [`MAX`] where that is more.
+/// How many reflections a frame takes at a gain: the fewest that leave [`LEFT`] at most, and
+/// [`MAX`] where that is more.
 #[must_use]
 pub fn bounces_at(gain: f32) -> u32 {
     match gain {
@@ -57,7 +62,8 @@ pub fn bounces_at(gain: f32) -> u32 {
     }
 }
 
-/// Picks, frame by frame, for one scene with one bake. What live materials ask for goes up at once and never down: there is nothing to see when they go dark, and nothing flickers.
+/// Picks, frame by frame, for one scene with one bake. What live materials ask for goes up at once
+/// and never down: there is nothing to see when they go dark, and nothing flickers.
 #[derive(Clone, Debug, Default)]
 pub struct BounceSelector {
     /// The largest gain that was asked for so far.
@@ -73,8 +79,9 @@ impl BounceSelector {
         Self::default()
     }
 
-    /// What this frame's solve takes: `asked`, or as many as the bake's surfaces call for with these factors of its materials (as they were baked where there are none). None for a bake that holds its
-    /// bounces.
+    /// What this frame's solve takes: `asked`, or as many as the bake's surfaces call for with
+    /// these factors of its materials (as they were baked where there are none). None for a bake
+    /// that holds its bounces.
     pub fn pick(
         &mut self,
         asked: Option<u32>,
@@ -104,8 +111,9 @@ impl BounceSelector {
     }
 }
 
-/// A bound on what a reflection leaves of the light with these factors of the materials: the bake's, times the largest factor by which a base color is above the baked one; and never more than the
-/// brightest surface, for a row of the operator holds no more than the hemisphere.
+/// A bound on what a reflection leaves of the light with these factors of the materials: the
+/// bake's, times the largest factor by which a base color is above the baked one; and never more
+/// than the brightest surface, for a row of the operator holds no more than the hemisphere.
 fn live_gain(bake: &BakedScene, factors: &[MaterialFactors]) -> f32 {
     let baked = bake.info.energy.gain;
     let Some(live) = &bake.materials else {

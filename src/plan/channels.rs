@@ -1,5 +1,7 @@
-//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that shines has one chromaticity, three else. [`InventoryTracker`](super::Surveyor) knows what there is;
-//! [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a lamp that blinks in another color.
+//! In how many channels a scene's operator is applied: one where its surfaces are gray and all that
+//! shines has one chromaticity, three else. [`InventoryTracker`](super::Surveyor) knows what there
+//! is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a
+//! lamp that blinks in another color.
 
 use super::Colors;
 use glam::Vec3;
@@ -74,8 +76,9 @@ impl ColorModeSelector {
         Self::default()
     }
 
-    /// What this frame's solve takes. Three channels come with the frame that needs them, one channel only after [`STEADY`] frames that do with it; what shines first is taken as it is, and darkness
-    /// changes nothing.
+    /// What this frame's solve takes. Three channels come with the frame that needs them, one
+    /// channel only after [`STEADY`] frames that do with it; what shines first is taken as it is,
+    /// and darkness changes nothing.
     pub fn pick(
         &mut self,
         asked: ColorModeRequest,

@@ -1,8 +1,11 @@
-//! What passes cost: their work, the milliseconds that it is expected to take on this device, and those that the device's clock said.
+//! What passes cost: their work, the milliseconds that it is expected to take on this device, and
+//! those that the device's clock said.
 //!
-//! Passes that are recorded into one another are timed as one ([`TimingScope`]). A group's milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by which a group that
-//! nobody has timed yet is foretold. Before any measurement nothing is known, and the plan says so. Means run over milliseconds and work apart: a clock that answers some frames late still
-//! gives the right rate.
+//! Passes that are recorded into one another are timed as one ([`TimingScope`]). A group's
+//! milliseconds over its work is its rate; the mean over the groups of a stage is the stage's, by
+//! which a group that nobody has timed yet is foretold. Before any measurement nothing is known,
+//! and the plan says so. Means run over milliseconds and work apart: a clock that answers some
+//! frames late still gives the right rate.
 
 use super::{FogState, FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
 use meshless_gi::frame::Channels;
@@ -11,7 +14,8 @@ use std::fmt;
 
 /// Weight of a new measurement in the running means.
 const SMOOTH: f64 = 0.2;
-/// Answers of the clock that are not looked at after work came to be counted in another unit: they are some frames late.
+/// Answers of the clock that are not looked at after work came to be counted in another unit: they
+/// are some frames late.
 const LATE: u32 = 4;
 /// A group that no plan of so many had is forgotten.
 const KEPT: u64 = 1000;
@@ -19,7 +23,9 @@ const KEPT: u64 = 1000;
 /// Passes that the device's clock times as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TimingScope {
-    /// The one of them that stands for all: [`Stage::Apply`] for what carries light on (pull, push, apply, flatten, the probes' rows), [`Stage::Splat`] for all that lays light over a view's pixels.
+    /// The one of them that stands for all: [`Stage::Apply`] for what carries light on (pull, push,
+    /// apply, flatten, the probes' rows), [`Stage::Splat`] for all that lays light over a view's
+    /// pixels.
     pub stage: Stage,
     /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
     pub scene: SceneId,
@@ -28,7 +34,8 @@ pub struct TimingScope {
 }
 
 impl TimingScope {
-    /// What the pass is timed with; none where no clock times it (copies, and maps, which Bevy draws).
+    /// What the pass is timed with; none where no clock times it (copies, and maps, which Bevy
+    /// draws).
     #[must_use]
     pub fn of(pass: &Pass) -> Option<Self> {
         let stage = match pass.stage {
@@ -74,7 +81,8 @@ pub enum Work {
     Sights(u64),
     /// Voxels of a volume.
     Voxels(u64),
-    /// Pixels, once for each scene (or list of virtual lights, or fog volume before a scene) that is laid over them.
+    /// Pixels, once for each scene (or list of virtual lights, or fog volume before a scene) that
+    /// is laid over them.
     Pixels(u64),
 }
 
@@ -155,7 +163,8 @@ pub struct Cost {
     pub work: Work,
     /// Milliseconds that it is expected to take; none before any measurement of the stage.
     pub predicted: Option<f32>,
-    /// Milliseconds that the device's clock said of it, a mean over its last frames; none where it has no clock, or did not answer yet.
+    /// Milliseconds that the device's clock said of it, a mean over its last frames; none where it
+    /// has no clock, or did not answer yet.
     pub measured: Option<f32>,
 }
 
@@ -299,7 +308,8 @@ impl CostModel {
         self.groups.retain(|_, (_, seen)| *seen > oldest);
     }
 
-    /// The device's clock said so of one of the last frames. What no plan had, and what is no time, is left out.
+    /// The device's clock said so of one of the last frames. What no plan had, and what is no time,
+    /// is left out.
     pub fn measured(&mut self, timed: TimingScope, ms: f32) {
         let Some((means, _)) = self.groups.get_mut(&timed) else {
             return;

@@ -1,15 +1,17 @@
 //! Decisions of a plan, one per subject, and a log that reports each change once.
 //!
-//! Passes start and stop with every light that moves and stops. [`DecisionLog`] reports that an effect runs when it first runs, and that it
-//! stopped when it has not run for [`PATIENCE`] frames. After a report about a subject follows a silence, which doubles with each report and
-//! returns to [`PATIENCE`] frames when nothing changed for as long. The number of reports of a subject that alternates grows with the
-//! logarithm of the time.
+//! Passes start and stop with every light that moves and stops. [`DecisionLog`] reports that an
+//! effect runs when it first runs, and that it stopped when it has not run for [`PATIENCE`] frames.
+//! After a report about a subject follows a silence, which doubles with each report and returns to
+//! [`PATIENCE`] frames when nothing changed for as long. The number of reports of a subject that
+//! alternates grows with the logarithm of the time.
 
 use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, TimingScope, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Frames without a pass after which an effect counts as stopped, and length of the first silence about a subject.
+/// Frames without a pass after which an effect counts as stopped, and length of the first silence
+/// about a subject.
 pub const PATIENCE: u64 = 120;
 
 /// Looks up the name of a scene or a view by its number; `None` prints the number.
@@ -79,12 +81,14 @@ pub struct Decision {
     pub why: String,
     /// The setting that decided alone; `None` if the plan decided.
     pub forced: Option<&'static str>,
-    /// Cost of the passes that this decision causes, with all passes in the same timing scope. Empty if none of them ran or none is timed.
+    /// Cost of the passes that this decision causes, with all passes in the same timing scope.
+    /// Empty if none of them ran or none is timed.
     pub costs: Vec<(TimingScope, Cost)>,
 }
 
 impl Decision {
-    /// The decision in one line, with names of scenes and views. Costs that are neither predicted nor measured are left out.
+    /// The decision in one line, with names of scenes and views. Costs that are neither predicted
+    /// nor measured are left out.
     #[must_use]
     pub fn words(&self, name: NameOf<'_>) -> String {
         let mut out = format!(
@@ -110,7 +114,8 @@ impl fmt::Display for Decision {
 }
 
 impl Skip {
-    /// The setting that alone keeps this from running; `None` if the reason is in the world or the device.
+    /// The setting that alone keeps this from running; `None` if the reason is in the world or the
+    /// device.
     #[must_use]
     pub fn forced(self) -> Option<&'static str> {
         match self {
@@ -243,7 +248,8 @@ impl DecisionLog {
         Self::default()
     }
 
-    /// Adds one frame's decisions. Returns one line per change, with names of scenes and views; most frames return none.
+    /// Adds one frame's decisions. Returns one line per change, with names of scenes and views;
+    /// most frames return none.
     pub fn observe(&mut self, decisions: Vec<Decision>, name: NameOf<'_>) -> Vec<String> {
         self.frame += 1;
         let now = self.frame;

@@ -1,4 +1,5 @@
-//! The effects of what moves: the maps of the lights that ask for its bounce, and its gloss. Rows of the table in [`effect`](super::effect).
+//! The effects of what moves: the maps of the lights that ask for its bounce, and its gloss. Rows
+//! of the table in [`effect`](super::effect).
 
 use super::{FrameState, Pass, Plan, Reason, SceneId, Stage};
 

@@ -1,9 +1,10 @@
 //! The table of effects, which make the [plan](Plan) together.
 //!
-//! An effect is a part of the simulation that a scene may or may not call for. It looks at the frame's state and appends
-//! the passes that it needs, each with a reason. Effects run in the order of [`EFFECTS`], so a later one may look at what
-//! the earlier ones decided. To add one (multiresolution splatting, shadows of area lights, point models, dynamic
-//! objects): write a `fn(&FrameState, &mut Plan)` and add a row.
+//! An effect is a part of the simulation that a scene may or may not call for. It looks at the
+//! frame's state and appends the passes that it needs, each with a reason. Effects run in the order
+//! of [`EFFECTS`], so a later one may look at what the earlier ones decided. To add one
+//! (multiresolution splatting, shadows of area lights, point models, dynamic objects): write a
+//! `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
     BounceState, FrameState, Plan, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewState,
@@ -124,7 +125,8 @@ fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
     }
 }
 
-/// Whether a view shows the scene over its G-buffer, or a camera without one, or with fog, by its volume.
+/// Whether a view shows the scene over its G-buffer, or a camera without one, or with fog, by its
+/// volume.
 fn displayed(state: &FrameState, scene: &SceneState) -> bool {
     let shows = |v: &ViewState| v.enabled && v.has_gbuffer && v.sees.contains(&scene.id);
     scene.volume.asked && scene.volume.seen || state.views.iter().any(shows)
@@ -332,7 +334,8 @@ mod tests {
             ),
         ];
         for (change, why) in cases {
-            // Neither for a scene on the device with a light that moved, nor for one that was never uploaded.
+            // Neither for a scene on the device with a light that moved, nor for one that was never
+            // uploaded.
             for resident in [true, false] {
                 let mut state = at_rest();
                 state.scenes[0].resident = resident;

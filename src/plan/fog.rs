@@ -1,9 +1,11 @@
-//! The effect `fog`: light in free space that fog sends to the eye. A world without fog, or whose fog lies in no scene with a volume, has no pass of it.
+//! The effect `fog`: light in free space that fog sends to the eye. A world without fog, or whose
+//! fog lies in no scene with a volume, has no pass of it.
 
 use super::effect::active_scenes;
 use super::{FrameState, Plan, Reason, Stage};
 
-/// Adds the light of the fog in each view, scene by scene. A scene whose bake knows no light in free space has none: `volume` says so.
+/// Adds the light of the fog in each view, scene by scene. A scene whose bake knows no light in
+/// free space has none: `volume` says so.
 pub(super) fn fog(state: &FrameState, plan: &mut Plan) {
     for fog in state.fogs.iter().filter(|f| f.volumes > 0) {
         let scene = active_scenes(state).find(|s| s.id == fog.scene);
@@ -23,7 +25,8 @@ mod tests {
 
     const A: SceneId = SceneId(1);
 
-    /// A scene on the device with a volume that is written, and fog in it that a camera without display settings sees.
+    /// A scene on the device with a volume that is written, and fog in it that a camera without
+    /// display settings sees.
     fn at_rest() -> FrameState {
         FrameState {
             scenes: vec![SceneState {

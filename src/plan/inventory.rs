@@ -1,10 +1,13 @@
-//! What the world has that indirect light may have to follow, in counts: the plan's first words. [`InventoryTracker`](super::Surveyor) makes it, frame by frame.
+//! What the world has that indirect light may have to follow, in counts: the plan's first words.
+//! [`InventoryTracker`](super::Surveyor) makes it, frame by frame.
 //!
-//! It says what is there, not what runs: a lamp that moves out of view is in the inventory, and no pass is in the plan.
+//! It says what is there, not what runs: a lamp that moves out of view is in the inventory, and no
+//! pass is in the plan.
 
 use std::fmt;
 
-/// How many of a kind, and what became of them since the frame before. What is new or gone counts as moved.
+/// How many of a kind, and what became of them since the frame before. What is new or gone counts
+/// as moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ChangeCounts {
     /// There are so many.

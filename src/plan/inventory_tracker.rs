@@ -1,6 +1,8 @@
-//! Takes the [inventory](Inventory) of a frame: compares what the world has with what it had a frame before.
+//! Takes the [inventory](Inventory) of a frame: compares what the world has with what it had a
+//! frame before.
 //!
-//! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
+//! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up
+//! once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
 use super::{Cameras, Colors, Inventory, LightSort, SceneChromaticity, SceneId, SkyKind};
 use glam::Vec3;
@@ -26,14 +28,16 @@ pub struct SceneSnapshot<'a> {
     pub materials: &'a [MaterialFactors],
     /// What passes its occluders.
     pub gains: &'a [f32],
-    /// Which of [`Found::lights`] do not light it, as indices in ascending order: they are of other layers, or end before it.
+    /// Which of [`Found::lights`] do not light it, as indices in ascending order: they are of other
+    /// layers, or end before it.
     pub unlit_by: Vec<usize>,
 }
 
 /// What is in the world.
 #[derive(Clone, Debug, Default)]
 pub struct Found<'a, K> {
-    /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no light here.
+    /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no
+    /// light here.
     pub lights: Vec<(K, &'a Light)>,
     /// Roots of baked scenes.
     pub scenes: Vec<SceneSnapshot<'a>>,
@@ -62,7 +66,8 @@ enum Hues {
 }
 
 impl Hues {
-    /// Parts of a chromaticity that differ by less are alike: an eighth of a step of eight bits and the rounding of textures.
+    /// Parts of a chromaticity that differ by less are alike: an eighth of a step of eight bits and
+    /// the rounding of textures.
     const ALIKE: f32 = 2e-3;
     const GRAY: Self = Self::One(Vec3::ONE);
 
@@ -127,7 +132,8 @@ struct Facts {
     all: [Hues; 2],
     /// The same of those that no live material covers.
     rest: [Hues; 2],
-    /// What the shares of each live material reflect and emit for factors of one: its textures are in them.
+    /// What the shares of each live material reflect and emit for factors of one: its textures are
+    /// in them.
     shares: Vec<[Hues; 2]>,
 }
 
@@ -163,7 +169,8 @@ impl Facts {
         facts
     }
 
-    /// What surfaces reflect and emit with these factors of its materials; all as baked where there are none.
+    /// What surfaces reflect and emit with these factors of its materials; all as baked where there
+    /// are none.
     fn now(&self, materials: &[MaterialFactors]) -> [Hues; 2] {
         if materials.is_empty() {
             return self.all;
@@ -302,7 +309,8 @@ impl<K: Copy + Ord> InventoryTracker<K> {
         out
     }
 
-    /// What colors the light of a scene of the last inventory has: its sky, what glows in it, and the lights that light it.
+    /// What colors the light of a scene of the last inventory has: its sky, what glows in it, and
+    /// the lights that light it.
     #[must_use]
     pub fn colors_of(&self, scene: SceneId) -> SceneChromaticity {
         self.colors.get(&scene).copied().unwrap_or_default()
@@ -336,7 +344,8 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 }
 
-/// Counts a scene; answers how it stands, what colors shine in it, and whether all that it reflects is gray.
+/// Counts a scene; answers how it stands, what colors shine in it, and whether all that it reflects
+/// is gray.
 fn count_scene(
     scene: &SceneSnapshot<'_>,
     was: Option<Before>,
@@ -543,7 +552,8 @@ mod tests {
         assert_eq!(colors(&colored, &one, Vec3::ZERO), Colors::Surfaces);
     }
 
-    /// A sign with a colored texture that was dark when it was baked, and a wall that was black: their factors are white now, and what they shine in is not.
+    /// A sign with a colored texture that was dark when it was baked, and a wall that was black:
+    /// their factors are white now, and what they shine in is not.
     #[test]
     fn textures_of_live_materials_count_with_their_factors() {
         let mut baked = (*bake(true)).clone();

@@ -1,9 +1,10 @@
 //! Which light sits in which slot, and what changed about it since the device last computed it.
 //!
-//! A slot is one column of the projection g[slot][point]: a light of unit color. A rectangle takes several slots, one a
-//! patch. A light keeps its slots as long as it lives, so that a light that moves costs its own slots and no others.
-//! Changes are measured against what was last *projected*, never against the last frame: a slow drift adds up until it
-//! counts, and frames in which the scene was out of view are caught up by themselves.
+//! A slot is one column of the projection g[slot][point]: a light of unit color. A rectangle takes
+//! several slots, one a patch. A light keeps its slots as long as it lives, so that a light that
+//! moves costs its own slots and no others. Changes are measured against what was last *projected*,
+//! never against the last frame: a slow drift adds up until it counts, and frames in which the
+//! scene was out of view are caught up by themselves.
 
 use super::SlotChange;
 use glam::Vec3;
@@ -11,8 +12,8 @@ use meshless_gi::frame::{FrameLight, SoftLight};
 use meshless_gi::scene::Bounds;
 use std::collections::BTreeMap;
 
-/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters, directions and the numbers of a cone
-/// within 1e-5 of their size. Colors do not matter.
+/// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters,
+/// directions and the numbers of a cone within 1e-5 of their size. Colors do not matter.
 #[must_use]
 pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3], t: f32| {
@@ -32,8 +33,9 @@ pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
         && like(a.spot_offset, b.spot_offset)
 }
 
-/// True when a transport computed with color `a` serves color `b`: alike within 1e-5 of the larger one, channel by channel. A scene
-/// root that turns together with its lights gives that much rounding.
+/// True when a transport computed with color `a` serves color `b`: alike within 1e-5 of the larger
+/// one, channel by channel. A scene root that turns together with its lights gives that much
+/// rounding.
 #[must_use]
 pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter()
@@ -41,7 +43,8 @@ pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
 }
 
-/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same order, lengths alike within `tolerance` meters, colors as in [`shines_alike`].
+/// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same
+/// order, lengths alike within `tolerance` meters, colors as in [`shines_alike`].
 #[must_use]
 pub fn softly_alike(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3]| {
@@ -148,10 +151,11 @@ impl<K: Copy + Ord> SlotTable<K> {
         self.slots.is_empty()
     }
 
-    /// Takes the frame's lights, in the bake's local space, and says what changed. Lights are known by their key, each of which
-    /// comes once; a key that is missing has gone. A light that is black or does not reach `bounds` keeps its slots and its projection.
-    /// Moves by less than 1e-5 of the box's diagonal do not count (a scene root that moves together with its lights
-    /// gives that much rounding).
+    /// Takes the frame's lights, in the bake's local space, and says what changed. Lights are known
+    /// by their key, each of which comes once; a key that is missing has gone. A light that is
+    /// black or does not reach `bounds` keeps its slots and its projection. Moves by less than 1e-5
+    /// of the box's diagonal do not count (a scene root that moves together with its lights gives
+    /// that much rounding).
     pub fn update(&mut self, lights: &[(K, Vec<FrameLight>)], bounds: Bounds) -> Slots {
         let tolerance = 1e-5 * bounds.size().length();
         let here: BTreeMap<K, usize> = lights.iter().map(|(k, s)| (*k, s.len())).collect();
@@ -221,8 +225,9 @@ impl<K: Copy + Ord> SlotTable<K> {
         Slots { changes, stale }
     }
 
-    /// The light of every slot, for the device: one that is to be projected as it is now, one that is not with the geometry that
-    /// its projection was made for and its color of now. [`FrameLight::NONE`] where there is nothing to multiply.
+    /// The light of every slot, for the device: one that is to be projected as it is now, one that
+    /// is not with the geometry that its projection was made for and its color of now.
+    /// [`FrameLight::NONE`] where there is nothing to multiply.
     #[must_use]
     pub fn lights(&self) -> Vec<FrameLight> {
         let light = |slot: &Slot| match (slot.change, slot.projected) {
@@ -239,8 +244,8 @@ impl<K: Copy + Ord> SlotTable<K> {
             .collect()
     }
 
-    /// The device has projected these slots from [`lights`](Self::lights). One that did not ask for it was not given its
-    /// geometry, so nothing is known about its projection.
+    /// The device has projected these slots from [`lights`](Self::lights). One that did not ask for
+    /// it was not given its geometry, so nothing is known about its projection.
     pub fn mark_projected(&mut self, slots: &[u32]) {
         for &i in slots {
             if let Some(slot) = self.slots.get_mut(i as usize).and_then(Option::as_mut)

@@ -1,7 +1,9 @@
-//! What this frame's scene calls for: which passes run, for which scene and view, and why (design D9).
+//! What this frame's scene calls for: which passes run, for which scene and view, and why (design
+//! D9).
 //!
-//! Where it stands: after `bake`, before `gpu` and `plugin`. It knows neither an engine nor a device: a caller describes
-//! the frame in plain words ([`FrameState`]), gets a [`Plan`], and records exactly the passes that the plan lists.
+//! Where it stands: after `bake`, before `gpu` and `plugin`. It knows neither an engine nor a
+//! device: a caller describes the frame in plain words ([`FrameState`]), gets a [`Plan`], and
+//! records exactly the passes that the plan lists.
 //!
 //! Rules, and each has a test:
 //!
@@ -21,11 +23,16 @@
 //! | no fog is there, or it lies elsewhere | nothing: no pass, no buffer |
 //! | nothing moves, or not in its reach, or the light is off | no map, no camera that draws it, no buffer |
 //!
-//! With which tier of the operator a scene is solved [`TierController`] says, as the game asks for it (design D11); the plan names it beside its reason.
+//! With which tier of the operator a scene is solved [`TierController`] says, as the game asks for
+//! it (design D11); the plan names it beside its reason.
 //!
-//! In how many channels its operator is applied [`ColorModeSelector`] says, as what shines and what it shines on ask for it; with how many reflections [`BounceSelector`], as what surfaces return asks for it.
+//! In how many channels its operator is applied [`ColorModeSelector`] says, as what shines and what
+//! it shines on ask for it; with how many reflections [`BounceSelector`], as what surfaces return
+//! asks for it.
 //!
-//! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line in the log a [`DecisionLog`] knows.
+//! What the world has is counted in an [`Inventory`], frame by frame; what passes cost a
+//! [`CostModel`] learns from the device's clock; which changes of a [`Decision`] are worth a line
+//! in the log a [`DecisionLog`] knows.
 //!
 //! A new effect registers in one place: the table [`EFFECTS`] in `effect.rs`.
 

@@ -1,4 +1,5 @@
-//! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links on the same points, if the bake has any.
+//! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links
+//! on the same points, if the bake has any.
 
 use meshless_gi::asset::BakedScene;
 use meshless_gi::frame::fmm_layout::MAX_FMM_ORDER;
@@ -39,7 +40,8 @@ impl fmt::Display for FmmLimit {
     }
 }
 
-/// Whether a device that binds `largest` bytes at most runs the octree. Its expansions are most often what does not fit: larger leaves or a lower order make them smaller.
+/// Whether a device that binds `largest` bytes at most runs the octree. Its expansions are most
+/// often what does not fit: larger leaves or a lower order make them smaller.
 ///
 /// # Errors
 /// The limit that it does not keep.
@@ -66,8 +68,9 @@ pub fn octree_fits(octree: &FmmOperator, largest: u64) -> Result<(), FmmLimit> {
     }
 }
 
-/// Why frames of `scene` go through its links and not through its octree on a device that binds `largest` bytes; nothing where the octree runs, where there is none, and where
-/// there are no links in its place.
+/// Why frames of `scene` go through its links and not through its octree on a device that binds
+/// `largest` bytes; nothing where the octree runs, where there is none, and where there are no
+/// links in its place.
 #[must_use]
 pub fn falls_back(scene: &BakedScene, largest: u64) -> Option<FmmLimit> {
     let why = octree_fits(scene.fmm.as_ref()?, largest).err();

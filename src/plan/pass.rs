@@ -20,7 +20,8 @@ pub enum Stage {
     Apply,
     /// Every point gets its value: inactive ones from their parents.
     Flatten,
-    /// Light in free space: the operator's rows of the probes, and the probes over what a view shows off the surfaces.
+    /// Light in free space: the operator's rows of the probes, and the probes over what a view
+    /// shows off the surfaces.
     Probe,
     /// Light in free space as a volume, for cameras without a G-buffer.
     Volume,

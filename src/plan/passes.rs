@@ -24,7 +24,8 @@ pub struct Plan {
     pub channels: Vec<(SceneId, ColorModeSelection)>,
     /// With how many reflections scenes are solved, and why; none for bakes that hold them.
     pub reflections: Vec<(SceneId, BounceSelection)>,
-    /// Scenes whose light goes through links because the device does not hold their octree, and what it lacks.
+    /// Scenes whose light goes through links because the device does not hold their octree, and
+    /// what it lacks.
     pub linked: Vec<(SceneId, FmmLimit)>,
     /// Scenes whose sky varies, and what becomes of it.
     pub skies: Vec<(SceneId, SkyUse)>,
@@ -32,7 +33,8 @@ pub struct Plan {
     pub displays: Vec<(ViewId, DisplayUse)>,
     /// Scenes whose buffers go, because no view has seen them for long or their bake is gone.
     pub release: Vec<SceneId>,
-    /// What the passes cost, as far as is known: one entry for all that the device's clock times as one, in the order of the passes.
+    /// What the passes cost, as far as is known: one entry for all that the device's clock times as
+    /// one, in the order of the passes.
     pub costs: Vec<(TimingScope, Cost)>,
     /// What the world has.
     pub inventory: Inventory,

@@ -1,14 +1,17 @@
-//! Where a light's reflective shadow maps stand: which views from it show what moves, and no more of them than that takes.
+//! Where a light's reflective shadow maps stand: which views from it show what moves, and no more
+//! of them than that takes.
 //!
-//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome to the [plan](super). \[N09\] §3 draws one
-//! map a light with the light's own lens; ours is aimed at what moves, for nothing else is drawn into it: the same texels hold more of the object.
+//! In the flow: the plugin asks for the views of each light, draws them, and describes the outcome
+//! to the [plan](super). \[N09\] §3 draws one map a light with the light's own lens; ours is aimed
+//! at what moves, for nothing else is drawn into it: the same texels hold more of the object.
 //!
 //! | light | maps |
 //! |---|---|
 //! | directional | one, orthographic, around the boxes of all that moves; it moves by whole texels, so that nothing that stands still flickers |
 //! | point, spot | one, perspective, where all that moves fits a cone of [`WIDEST`]; else those faces of a cube that show some of it |
 //!
-//! Sizes and angles change in steps of [`STEP`], so that a map keeps its scale while things move a little.
+//! Sizes and angles change in steps of [`STEP`], so that a map keeps its scale while things move a
+//! little.
 
 use super::Skip;
 use super::lights::reaches;
@@ -17,7 +20,8 @@ use meshless_gi::frame::FrameLight;
 use meshless_gi::scene::Bounds;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most texels at their rims.
+/// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most
+/// texels at their rims.
 pub const WIDEST: f32 = 50.0 * PI / 180.0;
 
 /// Sizes and angles are powers of this.
@@ -58,11 +62,13 @@ pub struct MapView {
     pub lens: Lens,
 }
 
-/// The views that show all that moves (`bouncers`: boxes in world space) as far as `light`, in world space, can reach it; `resolution` is the edge of a map in
-/// texels. Boxes that are empty or not finite are left out.
+/// The views that show all that moves (`bouncers`: boxes in world space) as far as `light`, in
+/// world space, can reach it; `resolution` is the edge of a map in texels. Boxes that are empty or
+/// not finite are left out.
 ///
 /// # Errors
-/// Why there is none: [`Skip::LightDark`], [`Skip::NothingMoves`], [`Skip::OutOfReach`], [`Skip::NoMaps`].
+/// Why there is none: [`Skip::LightDark`], [`Skip::NothingMoves`], [`Skip::OutOfReach`],
+/// [`Skip::NoMaps`].
 pub fn map_views(
     light: &FrameLight,
     bouncers: &[Bounds],
@@ -275,7 +281,8 @@ mod tests {
         })
     }
 
-    /// Where a point of the world is in a map: picture from −1 to 1, and whether it is between the planes.
+    /// Where a point of the world is in a map: picture from −1 to 1, and whether it is between the
+    /// planes.
     fn project(view: &MapView, p: Vec3) -> (Vec3, bool) {
         let at = Mat4::from_rotation_translation(view.rotation, view.position)
             .inverse()
@@ -353,7 +360,8 @@ mod tests {
                 );
             }
         }
-        // The light within the thing that moves: all faces, and nothing is cut off but what touches it.
+        // The light within the thing that moves: all faces, and nothing is cut off but what touches
+        // it.
         let views = map_views(&light, &[cube(Vec3::ZERO, 1.0)], 64).unwrap();
         assert_eq!(views.len(), 6);
         for corner in corners(&cube(Vec3::ZERO, 1.0)) {

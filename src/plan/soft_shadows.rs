@@ -1,4 +1,5 @@
-//! The effects `soft_shadows` and `penumbrae`: lamps with soft shadows, on bakes whose points remember what they see. Without such a lamp, or such a bake, neither does anything.
+//! The effects `soft_shadows` and `penumbrae`: lamps with soft shadows, on bakes whose points
+//! remember what they see. Without such a lamp, or such a bake, neither does anything.
 
 use super::effect::active_scenes;
 use super::{FrameState, Plan, Reason, SceneState, Skip, Stage, ViewState};

@@ -1,5 +1,7 @@
-//! The effects `free_space` and `volume`: light off the surfaces, for what moves, and the same in a texture that the engine reads, for cameras without a G-buffer and for fog. Bakes that know no light in free space have the one as little
-//! as scenes without a volume, or without such a camera and without fog, have the other.
+//! The effects `free_space` and `volume`: light off the surfaces, for what moves, and the same in a
+//! texture that the engine reads, for cameras without a G-buffer and for fog. Bakes that know no
+//! light in free space have the one as little as scenes without a volume, or without such a camera
+//! and without fog, have the other.
 
 use super::effect::active_scenes;
 use super::{FrameState, Plan, Reason, Skip, Stage};
@@ -13,7 +15,8 @@ pub(super) fn free_space(state: &FrameState, plan: &mut Plan) {
     }
 }
 
-/// Puts the light in free space into a scene's volume, where it changed and a camera without a G-buffer, or one with fog, sees it.
+/// Puts the light in free space into a scene's volume, where it changed and a camera without a
+/// G-buffer, or one with fog, sees it.
 pub(super) fn volume(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.volume.asked && s.volume.seen) {
         let solved = plan.find(Stage::Apply, scene.id).map(|p| p.reason.clone());

@@ -3,12 +3,14 @@
 use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, Skip, TierSelection};
 use std::fmt;
 
-/// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's bits).
+/// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's
+/// bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SceneId(pub u64);
 
 impl SceneId {
-    /// No baked scene: passes of what moves, and of views that show no bake, belong to the world as it is.
+    /// No baked scene: passes of what moves, and of views that show no bake, belong to the world as
+    /// it is.
     pub const WORLD: Self = Self(u64::MAX);
 }
 
@@ -21,7 +23,8 @@ impl fmt::Display for SceneId {
     }
 }
 
-/// Names a light that asks for the bounce of what moves: the caller's number for it, and which of its lights where it has several.
+/// Names a light that asks for the bounce of what moves: the caller's number for it, and which of
+/// its lights where it has several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct LightId(pub u64, pub u8);
 
@@ -43,7 +46,8 @@ pub enum SlotChange {
     None,
     /// Its color or strength: its projection stays valid.
     Color,
-    /// Where it is, where it points or how far it reaches, or it is new: it must be projected again.
+    /// Where it is, where it points or how far it reaches, or it is new: it must be projected
+    /// again.
     Geometry,
 }
 
@@ -86,11 +90,14 @@ pub struct SceneState {
     pub resident: bool,
     /// The world shows the scene (it is not hidden).
     pub shown: bool,
-    /// Bytes of the largest buffer that the scene needs on the device; the largest number where it is another limit that refuses the scene.
+    /// Bytes of the largest buffer that the scene needs on the device; the largest number where it
+    /// is another limit that refuses the scene.
     pub largest_buffer: u64,
-    /// One entry a light slot. Where the device does not hold the bake, every slot that shines is [`SlotChange::Geometry`].
+    /// One entry a light slot. Where the device does not hold the bake, every slot that shines is
+    /// [`SlotChange::Geometry`].
     pub slots: Vec<SlotChange>,
-    /// The sky's radiance, the emission, the number of bounces or the tier differ from what the device last computed.
+    /// The sky's radiance, the emission, the number of bounces or the tier differ from what the
+    /// device last computed.
     pub settings_changed: bool,
     /// The scene's transport is not what the lights say for another reason (a slot was freed).
     pub stale: bool,
@@ -122,7 +129,8 @@ pub struct SceneState {
     pub bounces: Option<BounceSelection>,
     /// Shadow rays that a light slot takes when it is projected.
     pub rays: u64,
-    /// Why its frames go through links and not through its octree ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
+    /// Why its frames go through links and not through its octree
+    /// ([`falls_back`](super::falls_back)); none where they do not, or there is no octree.
     pub no_octree: Option<FmmLimit>,
 }
 
@@ -239,7 +247,8 @@ pub struct ViewState {
 pub struct BounceState {
     /// Which one.
     pub id: LightId,
-    /// How many reflective shadow maps show what moves in its light; or why none does ([`map_views`](super::map_views)).
+    /// How many reflective shadow maps show what moves in its light; or why none does
+    /// ([`map_views`](super::map_views)).
     pub maps: Result<u32, Skip>,
     /// The views that may show its light.
     pub views: Vec<ViewId>,

@@ -1,11 +1,15 @@
-//! Which tier of the operator a scene's frames use (design D11): as asked for by number, by error, or by time; and why that one.
+//! Which tier of the operator a scene's frames use (design D11): as asked for by number, by error,
+//! or by time; and why that one.
 //!
-//! A budget is held by measuring: what the solves cost says what those of other tiers would, for the cost grows with the links that are read. The picker goes down at once
-//! when a few solves in a row are over the budget. It goes up when the tier above is predicted to stay well below it for many solves; and when it has to come
-//! down again soon after, it waits twice as long before the next try. So a load at the edge between two tiers flips a number of times that
-//! grows with the logarithm of the time, and noise of single frames does nothing.
+//! A budget is held by measuring: what the solves cost says what those of other tiers would, for
+//! the cost grows with the links that are read. The picker goes down at once when a few solves in a
+//! row are over the budget. It goes up when the tier above is predicted to stay well below it for
+//! many solves; and when it has to come down again soon after, it waits twice as long before the
+//! next try. So a load at the edge between two tiers flips a number of times that grows with the
+//! logarithm of the time, and noise of single frames does nothing.
 //!
-//! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake measures.
+//! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake
+//! measures.
 
 use super::TierSelection;
 use meshless_gi::asset::BakedScene;
@@ -31,7 +35,8 @@ pub enum Quality {
     All,
     /// This tier, from 1 (the fewest links) on; the nearest one that there is.
     Tier(u32),
-    /// The lowest tier whose estimated NRMSE is at most this, at the upper end of its 95 % confidence interval; all links where none is.
+    /// The lowest tier whose estimated NRMSE is at most this, at the upper end of its 95 %
+    /// confidence interval; all links where none is.
     MaxError(f32),
     /// The highest tier whose solves stay within so many milliseconds of the device's time.
     FrameBudget(f32),
@@ -40,7 +45,8 @@ pub enum Quality {
 /// What is known of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TierCandidate {
-    /// Links that a solve reads, those of the sweeps counted as often as they run; for the octree of rule `fmm` as many as take as long, about.
+    /// Links that a solve reads, those of the sweeps counted as often as they run; for the octree
+    /// of rule `fmm` as many as take as long, about.
     pub work: u64,
     /// Estimated NRMSE at the upper end of its confidence interval.
     pub error: f32,
@@ -49,7 +55,8 @@ pub struct TierCandidate {
 }
 
 impl TierCandidate {
-    /// The tiers of a bake, tier 1 first, for solves with so many sweeps. The octree of rule `fmm` stands above all links.
+    /// The tiers of a bake, tier 1 first, for solves with so many sweeps. The octree of rule `fmm`
+    /// stands above all links.
     #[must_use]
     pub fn of(scene: &BakedScene, sweeps: u32) -> Vec<Self> {
         let mut work = vec![0u64; scene.link_tiers() as usize];
@@ -93,7 +100,8 @@ pub struct TierController {
     tier: u32,
     /// Running mean of what a solve of this tier costs, milliseconds.
     cost: Option<f32>,
-    /// The tier before, and what its solves cost: two tiers tell what a solve costs beside its links.
+    /// The tier before, and what its solves cost: two tiers tell what a solve costs beside its
+    /// links.
     before: Option<(u32, f32)>,
     /// Solves in a row over the budget, and their sum.
     over: (u32, f32),
@@ -266,8 +274,10 @@ impl TierController {
         self.calm = 0;
     }
 
-    /// What a solve of tier `t` would cost where one of this tier costs `cost`. Without another tier to compare with, the cost is the links'. With one, what does not
-    /// grow with the links is set apart (shadow rays of lamps that move); no more than nine tenths, for the load may have changed in between.
+    /// What a solve of tier `t` would cost where one of this tier costs `cost`. Without another
+    /// tier to compare with, the cost is the links'. With one, what does not grow with the links is
+    /// set apart (shadow rays of lamps that move); no more than nine tenths, for the load may have
+    /// changed in between.
     fn predict(&self, t: u32, cost: f32) -> f32 {
         let work = |t: u32| self.tiers[t as usize - 1].work.max(1) as f64;
         let (cost, here) = (f64::from(cost), work(self.tier));
@@ -304,7 +314,8 @@ mod tests {
         ((hash ^ hash >> 13) >> 8) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier after each.
+    /// Runs `count` solves whose cost, in milliseconds, is `cost(solve, work)`. Answers the tier
+    /// after each.
     fn run(picker: &mut TierController, count: u32, cost: impl Fn(u32, f32) -> f32) -> Vec<u32> {
         (0..count)
             .map(|i| {
@@ -423,7 +434,8 @@ mod tests {
         run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
         assert_eq!(picker.tier(), 1);
         assert!(picker.changes() <= 3 && picker.picked().why.contains("over 4 ms"));
-        // Most of the cost is not the links': what the first step down taught lets it go up to where it fits.
+        // Most of the cost is not the links': what the first step down taught lets it go up to
+        // where it fits.
         let mut picker = budget(10.0);
         let load = |i: u32| if i < 500 { 9.0 } else { 4.0 };
         run(&mut picker, 2000, |i, work| load(i) + 3.0 * work);

@@ -1,4 +1,5 @@
-//! Effects that carry the light on where anything that feeds it changed: the senders' surfaces after materials changed, links that occluders are in the way of, and the operator.
+//! Effects that carry the light on where anything that feeds it changed: the senders' surfaces
+//! after materials changed, links that occluders are in the way of, and the operator.
 
 use super::effect::active_scenes;
 use super::{FrameState, Plan, Reason, Skip, SkyUse, SlotChange, Stage};

@@ -1,7 +1,7 @@
 //! The baked scene as a Bevy asset, and the part of the plugin that loads and processes it.
 //!
-//! Hot reload: when a `.mgi` file is baked again and Bevy watches files, the new bake replaces the old one in every scene
-//! that uses the handle, in the frame in which it has loaded.
+//! Hot reload: when a `.mgi` file is baked again and Bevy watches files, the new bake replaces the
+//! old one in every scene that uses the handle, in the frame in which it has loaded.
 
 use super::level_check::{GiStaleBakes, LevelChecker, LevelReports, warn_stale};
 use super::{GiBakedSceneLoader, GiSystems};
@@ -12,7 +12,8 @@ use bevy::reflect::TypePath;
 use meshless_gi::asset::BakedScene;
 use std::sync::Arc;
 
-/// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake changes.
+/// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake
+/// changes.
 #[derive(Asset, TypePath, Clone, Debug)]
 pub struct GiBakedScene {
     /// Everything that a frame reads.

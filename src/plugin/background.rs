@@ -1,7 +1,8 @@
 //! Work on a thread of its own, awaited from anywhere.
 //!
-//! Bevy's task pools have one thread each on small machines, and Bevy itself needs them all the time: the
-//! `AsyncComputeTaskPool` compiles pipelines. A bake of seconds to minutes on it would leave the window empty until the end.
+//! Bevy's task pools have one thread each on small machines, and Bevy itself needs them all the
+//! time: the `AsyncComputeTaskPool` compiles pipelines. A bake of seconds to minutes on it would
+//! leave the window empty until the end.
 
 use std::future::Future;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,8 +21,8 @@ enum State<T> {
 pub(crate) struct Background<T>(Arc<Mutex<State<T>>>);
 
 impl<T: Send + 'static> Background<T> {
-    /// Runs `work` on a new thread called `name`. Where it panics, which nothing should, `panicked` gives the result: nobody is left
-    /// waiting for ever.
+    /// Runs `work` on a new thread called `name`. Where it panics, which nothing should, `panicked`
+    /// gives the result: nobody is left waiting for ever.
     ///
     /// # Errors
     /// What the system says when it gives no thread.

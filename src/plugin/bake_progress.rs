@@ -3,6 +3,7 @@
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::bake::{Progress, Stage};
+use std::fmt;
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in
 /// [`GiSystems::Collect`](super::GiSystems::Collect), removed when the bake ends.
@@ -56,6 +57,12 @@ impl GiBakeStage {
     }
 }
 
+impl fmt::Display for GiBakeStage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 impl From<Stage> for GiBakeStage {
     fn from(stage: Stage) -> Self {
         match stage {
@@ -88,7 +95,7 @@ mod tests {
     fn stage_of_a_new_bake_is_geometry() {
         let progress = GiBakeProgress::from(&Progress::default());
         assert_eq!(progress.stage, GiBakeStage::Geometry);
-        assert_eq!(progress.stage.name(), Stage::Bvh.name());
+        assert_eq!(progress.stage.to_string(), Stage::Bvh.name());
         assert_eq!(GiBakeProgress::default().stage, GiBakeStage::Waiting);
     }
 }

@@ -1,4 +1,5 @@
-//! Baking inside a running game: a component that bakes in the background and becomes the scene's light when it is done.
+//! Baking inside a running game: a component that bakes in the background and becomes the scene's
+//! light when it is done.
 //!
 //! ```no_run
 //! use bevy::prelude::*;
@@ -14,8 +15,9 @@
 //!
 //! Scenes of Bevy meshes need no `TriangleMesh`: see [`GiBakeRequest`].
 //!
-//! The bake runs on threads of its own, one less than the machine has, so that the game stays alive; none of Bevy's task pools
-//! waits for it. Despawning the entity or removing the component cancels it.
+//! The bake runs on threads of its own, one less than the machine has, so that the game stays
+//! alive; none of Bevy's task pools waits for it. Despawning the entity or removing the component
+//! cancels it.
 
 use super::asset::GiBakedScene;
 use super::background::Background;
@@ -26,8 +28,10 @@ use super::bake_summary::GiBakeSummary;
 use super::components::GiScene;
 use super::entity_bake::{GiBakeRequest, GiBakeWarning};
 use super::materials::GiDynamicMaterials;
+use super::scene_log::entity_label;
 use bevy::asset::{Assets, Handle};
 use bevy::ecs::lifecycle::HookContext;
+use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
@@ -64,6 +68,8 @@ pub(super) struct BakeOutput {
     pub(super) seconds: f64,
     /// Whether it was loaded and not baked.
     pub(super) loaded: bool,
+    /// Warnings that are in the log already.
+    pub(super) logged: Vec<GiBakeWarning>,
     pub(super) warnings: Vec<GiBakeWarning>,
 }
 
@@ -74,6 +80,7 @@ impl From<Baked> for BakeOutput {
             scene,
             seconds: stats.seconds.total,
             loaded: false,
+            logged: Vec::new(),
             warnings: warnings.map(GiBakeWarning::Bake).collect(),
         }
     }
@@ -163,6 +170,7 @@ pub(crate) fn collect_bakes(
             for warning in &output.warnings {
                 warn!("{warning}");
             }
+            warnings.extend(output.logged);
             warnings.extend(output.warnings);
             let scene = output.scene;
             let summary = GiBakeSummary {
@@ -214,7 +222,8 @@ pub(super) fn end(
         summary
     });
     if let Err(error) = &result {
-        error!("a bake failed: {error}");
+        let root = entity_label(entity.id(), entity.get::<Name>());
+        error!("the bake of {root} failed: {error}");
     }
     entity.trigger(|entity| GiBakeFinished { entity, result });
 }

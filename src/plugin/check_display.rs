@@ -1,4 +1,5 @@
-//! Warns of a bake that no camera displays: no camera has [`GiCamera`], and no root has [`GiIrradianceVolume`].
+//! Warns of a bake that no camera displays: no camera has [`GiCamera`], and no root has
+//! [`GiIrradianceVolume`].
 
 use super::asset::GiBakedScene;
 use super::components::{GiCamera, GiScene, GiSettings};
@@ -11,7 +12,8 @@ use bevy::camera::{Camera, Camera3d};
 use bevy::core_pipeline::prepass::DeferredPrepass;
 use bevy::ecs::prelude::*;
 
-/// Frames without a display that are waited for: cameras, volumes and bakes of a level that is loading come in any order.
+/// Frames without a display that are waited for: cameras, volumes and bakes of a level that is
+/// loading come in any order.
 const PATIENCE: u32 = 16;
 
 /// The game's cameras.

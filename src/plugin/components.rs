@@ -1,7 +1,8 @@
-//! The components and resources that a game sets: which scene has baked light, which camera shows it, how lights take part.
+//! The components and resources that a game sets: which scene has baked light, which camera shows
+//! it, how lights take part.
 //!
-//! All are reflected and registered, so that scenes and inspectors see them. Light quantities are Bevy's photometric ones
-//! (lux, cd/m²); the core's W stand for lumens one to one.
+//! All are reflected and registered, so that scenes and inspectors see them. Light quantities are
+//! Bevy's photometric ones (lux, cd/m²); the core's W stand for lumens one to one.
 
 use super::asset::GiBakedScene;
 use super::quality::{GiActiveTier, GiQuality};
@@ -18,39 +19,46 @@ use bevy::reflect::prelude::*;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
 
-/// Lights a scene indirectly with a bake. Goes on the scene's root: its [`GlobalTransform`](bevy::transform::components::GlobalTransform)
-/// moves, turns and scales the bake. A scale that is not the same along all axes cannot be followed; its mean is taken,
-/// with one warning.
+/// Lights a scene indirectly with a bake. Goes on the scene's root: its
+/// [`GlobalTransform`](bevy::transform::components::GlobalTransform) moves, turns and scales the
+/// bake. A scale that is not the same along all axes cannot be followed; its mean is taken, with
+/// one warning.
 ///
-/// `RenderLayers` on the root say which cameras show the bake and which lights take part in it; layer 0 without them.
+/// `RenderLayers` on the root say which cameras show the bake and which lights take part in it;
+/// layer 0 without them.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Transform, Visibility, GiLighting, GiQuality, GiActiveTier)]
 pub struct GiScene(pub Handle<GiBakedScene>);
 
-/// What lights a baked scene beside Bevy's lights. Goes beside [`GiScene`]; every value may change in any frame.
+/// What lights a baked scene beside Bevy's lights. Goes beside [`GiScene`]; every value may change
+/// in any frame.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiLighting {
-    /// Radiance of a uniform sky, cd/m²: it comes from every direction that meets nothing. Black for none. This replaces
-    /// Bevy's ambient light, and unlike it knows where the walls are.
+    /// Radiance of a uniform sky, cd/m²: it comes from every direction that meets nothing. Black
+    /// for none. This replaces Bevy's ambient light, and unlike it knows where the walls are.
     pub sky: LinearRgba,
-    /// Luminance, in cd/m², that a baked emissive value of 1 stands for. Bevy shows emissive materials as they are, whatever
-    /// the exposure; the default is what looks the same at Bevy's default exposure (EV100 9.7): 1.2 · 2^9.7 ≈ 998. Set 0 to
-    /// let emissive surfaces not light anything.
+    /// Luminance, in cd/m², that a baked emissive value of 1 stands for. Bevy shows emissive
+    /// materials as they are, whatever the exposure; the default is what looks the same at Bevy's
+    /// default exposure (EV100 9.7): 1.2 · 2^9.7 ≈ 998. Set 0 to let emissive surfaces not light
+    /// anything.
     pub emission: f32,
-    /// Diffuse reflections, from 1 (direct light reflected once) to 256; none for as many as the level's surfaces call for: until further ones would add less than 3 % by the bake's own bound on what
-    /// surfaces return, and never more than 16. A bake with baked bounces ignores it.
+    /// Diffuse reflections, from 1 (direct light reflected once) to 256; none for as many as the
+    /// level's surfaces call for: until further ones would add less than 3 % by the bake's own
+    /// bound on what surfaces return, and never more than 16. A bake with baked bounces ignores it.
     pub bounces: Option<u32>,
     /// In how many channels the operator is applied. By default as many as the scene calls for.
     pub channels: GiColorMode,
 }
 
-/// In how many channels a bake's operator is applied. One costs less, and is right where every surface is gray and all that shines has one color.
+/// In how many channels a bake's operator is applied. One costs less, and is right where every
+/// surface is gray and all that shines has one color.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, Debug, PartialEq, Hash)]
 pub enum GiColorMode {
-    /// One where that is right, three else. The plan says which, and why; a light of another color is seen in the frame in which it shines.
+    /// One where that is right, three else. The plan says which, and why; a light of another color
+    /// is seen in the frame in which it shines.
     #[default]
     Auto,
     /// Always three.
@@ -80,14 +88,15 @@ impl Default for GiLighting {
     }
 }
 
-/// Shows indirect light in a camera, and how. Brings the prepasses that the composite reads: it works on deferred,
-/// high-dynamic-range cameras with one sample a pixel.
+/// Shows indirect light in a camera, and how. Brings the prepasses that the composite reads: it
+/// works on deferred, high-dynamic-range cameras with one sample a pixel.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Hdr, DepthPrepass, NormalPrepass, DeferredPrepass, Msaa = Msaa::Off, GiSplatting)]
 #[component(on_insert = one_sample_a_pixel)]
 pub struct GiCamera {
-    /// Off runs none of our passes, and what no other camera needs on the device goes. The prepasses stay: they belong to the camera.
+    /// Off runs none of our passes, and what no other camera needs on the device goes. The
+    /// prepasses stay: they belong to the camera.
     pub enabled: bool,
     /// Multiplies the indirect light. 1 is what physics says.
     pub intensity: f32,
@@ -95,7 +104,8 @@ pub struct GiCamera {
     pub view: GiDebugView,
 }
 
-/// A camera brings Bevy's default of four samples a pixel before ours is asked; deferred drawing has one.
+/// A camera brings Bevy's default of four samples a pixel before ours is asked; deferred drawing
+/// has one.
 fn one_sample_a_pixel(mut world: DeferredWorld, context: HookContext) {
     if let Some(mut msaa) = world.get_mut::<Msaa>(context.entity) {
         msaa.set_if_neq(Msaa::Off);
@@ -125,7 +135,8 @@ pub enum GiDebugView {
     Irradiance,
 }
 
-/// How a light takes part in indirect light. Optional, on any of Bevy's lights; a light without it takes part fully.
+/// How a light takes part in indirect light. Optional, on any of Bevy's lights; a light without it
+/// takes part fully.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiLight {
@@ -133,7 +144,8 @@ pub struct GiLight {
     pub enabled: bool,
     /// Multiplies the light's indirect share. 1 is what physics says.
     pub intensity: f32,
-    /// Samples of a [`RectLight`](bevy::light::RectLight), about; each costs as much as a point light when the light moves.
+    /// Samples of a [`RectLight`](bevy::light::RectLight), about; each costs as much as a point
+    /// light when the light moves.
     pub patches: u32,
 }
 

@@ -1,4 +1,5 @@
-//! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance to its picture.
+//! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance
+//! to its picture.
 
 use super::components::GiDebugView;
 use super::compute::GiRender;
@@ -20,7 +21,8 @@ use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery
 use bevy::render::view::{ExtractedView, ViewTarget};
 use std::collections::BTreeMap;
 
-/// What a view holds on the device: the irradiance of its pixels (twice, where it sees several scenes), and parameters.
+/// What a view holds on the device: the irradiance of its pixels (twice, where it sees several
+/// scenes), and parameters.
 pub(crate) struct ViewRuntime {
     pub(super) size: [u32; 2],
     pub(super) irradiance: [Option<wgpu::TextureView>; 2],

@@ -1,7 +1,9 @@
-//! The passes that all cameras share: makes the [plan](crate::plan) of the frame, and records what it lists, before any camera draws.
+//! The passes that all cameras share: makes the [plan](crate::plan) of the frame, and records what
+//! it lists, before any camera draws.
 //!
-//! What exists on the device exists because a plan asked for it: pipelines are made when a pass first needs them, buffers when a
-//! scene comes into view. When the last scene's buffers go, the pipelines go too.
+//! What exists on the device exists because a plan asked for it: pipelines are made when a pass
+//! first needs them, buffers when a scene comes into view. When the last scene's buffers go, the
+//! pipelines go too.
 
 use super::components::{GiColorMode, GiDebugView};
 use super::composite::ViewRuntime;
@@ -48,7 +50,8 @@ pub(crate) struct SceneRuntime {
     /// What passes the occluders in what the device has; none for all open.
     gains: Vec<f32>,
     idle_frames: u32,
-    /// From a failed upload: bytes of a buffer that did not fit the device, and how many slots there were.
+    /// From a failed upload: bytes of a buffer that did not fit the device, and how many slots
+    /// there were.
     too_large: Option<(u64, usize)>,
     read_back: Option<CoefficientReadback>,
 }
@@ -64,7 +67,8 @@ pub(crate) struct GiRender {
     pub fogs: BTreeMap<ViewId, FogBuffers>,
     pub plan: Plan,
     frame: u64,
-    /// What the scenes' counters, those that are gone included, added up to at the end of the last frame.
+    /// What the scenes' counters, those that are gone included, added up to at the end of the last
+    /// frame.
     counted: GpuCounters,
     /// Counters of what is gone, and of pictures without a scene.
     pub retired: GpuCounters,
@@ -264,7 +268,8 @@ impl GiRender {
         state.resident = runtime.frame.is_some();
         state.materials_changed = runtime.painted(scene);
         let now = frame_settings(scene);
-        // Channels that the plan picks are how a solve is done, and not what it says; those that a setting forces are.
+        // Channels that the plan picks are how a solve is done, and not what it says; those that a
+        // setting forces are.
         let forced = scene.channels.is_some_and(|picked| picked.forced);
         let before = runtime.solved.map(|solved| match forced {
             true => solved,
@@ -629,7 +634,8 @@ impl SceneRuntime {
     }
 }
 
-/// After everything was submitted: tells the main world what the frame did, and fetches coefficients.
+/// After everything was submitted: tells the main world what the frame did, and fetches
+/// coefficients.
 pub(crate) fn publish(
     mut render: ResMut<GiRender>,
     status: Res<GiFrameStats>,

@@ -1,7 +1,9 @@
-//! Deferred views whose transparent and forward surfaces are lit by a volume: their G-buffer has our own display, and must not have the volume's light too.
+//! Deferred views whose transparent and forward surfaces are lit by a volume: their G-buffer has
+//! our own display, and must not have the volume's light too.
 //!
-//! Bevy lights a view's G-buffer with the shader that it draws forward surfaces with, volumes in it. Here the same pipeline is made without them; what is drawn
-//! forward in that view keeps the volume. Bind groups stay those of the view.
+//! Bevy lights a view's G-buffer with the shader that it draws forward surfaces with, volumes in
+//! it. Here the same pipeline is made without them; what is drawn forward in that view keeps the
+//! volume. Bind groups stay those of the view.
 
 use super::volume::ExtractedVolumes;
 use bevy::ecs::prelude::*;
@@ -18,11 +20,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// What says in Bevy's shaders that a view has volumes.
 const VOLUMES: &str = "IRRADIANCE_VOLUME";
 
-/// Bevy's deferred lighting without volumes, by what it is specialised for. Made anew with the device.
+/// Bevy's deferred lighting without volumes, by what it is specialised for. Made anew with the
+/// device.
 #[derive(Resource, Default)]
 pub(crate) struct WithoutVolumes(HashMap<MeshPipelineKey, CachedRenderPipelineId>);
 
-/// Cameras of the main world whose G-buffer can be lit without volumes now: the pipeline is compiled. Until then they see none, or the G-buffer would be dark meanwhile. Shared by both worlds.
+/// Cameras of the main world whose G-buffer can be lit without volumes now: the pipeline is
+/// compiled. Until then they see none, or the G-buffer would be dark meanwhile. Shared by both
+/// worlds.
 #[derive(Resource, Clone, Default)]
 pub(crate) struct ReadyDisplays(Arc<Mutex<HashSet<Entity>>>);
 
@@ -37,7 +42,8 @@ impl ReadyDisplays {
 /// Views whose G-buffer Bevy lights.
 type Lit = (With<ExtractedCamera>, Without<SkipDeferredLighting>);
 
-/// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
+/// Takes the volumes out of the G-buffer's lighting in the views that have our display and see one
+/// of ours, and has what that takes compiled before. Runs behind Bevy's choice of that pipeline.
 #[expect(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"

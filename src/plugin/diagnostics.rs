@@ -11,8 +11,8 @@
 //! | `meshless_gi/subsplats/saved` | their pixels that were not evaluated |
 //! | `meshless_gi/dispatches/<stage>` | dispatches (draws, for `composite`; both, for `fog`) of a stage |
 //!
-//! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With pipelined rendering that
-//! frame is one behind the main world's.
+//! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With
+//! pipelined rendering that frame is one behind the main world's.
 
 use crate::plan::{Plan, Stage};
 use bevy::app::{App, Plugin, PreUpdate};
@@ -44,12 +44,15 @@ pub struct FrameStats {
     pub projected_slots: u32,
     /// Dispatches (draws, for the composite) of each stage; a stage that did not run is missing.
     pub dispatches: BTreeMap<Stage, u32>,
-    /// The scenes that were solved, by the bits of their roots, and with which tier of the operator.
+    /// The scenes that were solved, by the bits of their roots, and with which tier of the
+    /// operator.
     pub solved: BTreeMap<u64, u32>,
-    /// For the views that are shown by subsplats, by the bits of their cameras: how many, in a frame not long ago.
+    /// For the views that are shown by subsplats, by the bits of their cameras: how many, in a
+    /// frame not long ago.
     pub subsplats: BTreeMap<u64, SubsplatCounts>,
-    /// The plan of the frame: what runs and why, what does not, what it is expected to cost and what it cost in the frames before, what was decided
-    /// ([`Plan::decisions`]), and what the world has ([`Plan::inventory`]). In words by its `Display`.
+    /// The plan of the frame: what runs and why, what does not, what it is expected to cost and
+    /// what it cost in the frames before, what was decided ([`Plan::decisions`]), and what the
+    /// world has ([`Plan::inventory`]). In words by its `Display`.
     pub plan: Plan,
 }
 
@@ -61,7 +64,8 @@ impl FrameStats {
     }
 }
 
-/// The counters of the last rendered frame, in both worlds. Read them with [`get`](Self::get), or from Bevy's diagnostics.
+/// The counters of the last rendered frame, in both worlds. Read them with [`get`](Self::get), or
+/// from Bevy's diagnostics.
 #[derive(Resource, Clone, Default)]
 pub struct GiFrameStats(Arc<Mutex<FrameStats>>);
 
@@ -75,7 +79,8 @@ impl GiFrameStats {
             .clone()
     }
 
-    /// Bytes on the device of the scene on the root with these bits; `None` if the device does not hold `bake`.
+    /// Bytes on the device of the scene on the root with these bits; `None` if the device does not
+    /// hold `bake`.
     pub(crate) fn bytes_of(&self, root: u64, bake: &Arc<BakedScene>) -> Option<u64> {
         let counters = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let held = counters.scene_bakes.get(&root)?;
@@ -99,7 +104,8 @@ pub fn dispatch_path(stage: Stage) -> DiagnosticPath {
     path(&format!("dispatches/{}", stage.name()))
 }
 
-/// Registers the diagnostics and fills them each frame. [`MeshlessGiPlugin`](super::MeshlessGiPlugin) adds it.
+/// Registers the diagnostics and fills them each frame.
+/// [`MeshlessGiPlugin`](super::MeshlessGiPlugin) adds it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MeshlessGiDiagnosticsPlugin;
 

@@ -1,4 +1,5 @@
-//! The irradiance of a view's surfaces: scenes, what their probes light, and virtual lights, by subsplats or at every pixel.
+//! The irradiance of a view's surfaces: scenes, what their probes light, and virtual lights, by
+//! subsplats or at every pixel.
 //!
 //! [`super::composite`] adds it to the picture of a deferred camera; [`super::forward_display`] hands it to the surfaces of a forward one.
 
@@ -59,7 +60,8 @@ impl Surfaces<'_> {
 
 /// What a view shows.
 pub(super) struct Evaluated {
-    /// Exposed irradiance in rgb, and how much of it is known in a; none where nothing lights the view.
+    /// Exposed irradiance in rgb, and how much of it is known in a; none where nothing lights the
+    /// view.
     pub irradiance: Option<wgpu::TextureView>,
     /// The scenes that were evaluated.
     pub scenes: Vec<SceneId>,
@@ -277,7 +279,8 @@ pub(super) fn evaluate(
             Some(first)
         }
         None => {
-            // Scenes, what their probes light, and virtual lights take turns: each reads what was before it.
+            // Scenes, what their probes light, and virtual lights take turns: each reads what was
+            // before it.
             let probing: Vec<SceneId> = (shown.iter().copied())
                 .filter(|id| {
                     let frame = render.scenes.get(id).and_then(|s| s.frame.as_ref());

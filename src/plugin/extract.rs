@@ -1,16 +1,17 @@
 //! Reads scenes, cameras and lights out of the main world, once a frame.
 //!
-//! Lights are read from their own components, not from Bevy's extracted lights: those lack every light that no camera
-//! sees. A light that `InheritedVisibility` hides is off. A light takes part in a baked scene, and a camera shows one, where their
-//! `RenderLayers` meet those of the scene's root. Units follow bevy_pbr: point and spot lights give
-//! lumens / (4π) in every direction, directional lights their lux, rectangles lumens / (π · area).
+//! Lights are read from their own components, not from Bevy's extracted lights: those lack every
+//! light that no camera sees. A light that `InheritedVisibility` hides is off. A light takes part
+//! in a baked scene, and a camera shows one, where their `RenderLayers` meet those of the scene's
+//! root. Units follow bevy_pbr: point and spot lights give lumens / (4π) in every direction,
+//! directional lights their lux, rectangles lumens / (π · area).
 
 use super::asset::GiBakedScene;
 use super::components::{GiCamera, GiLight, GiLighting, GiScene, GiSettings};
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, wants_coefficients};
 use super::gloss::GiSpecular;
-use super::materials::{GiDynamicMaterials, PixelResolve};
+use super::materials::{GiDynamicMaterials, ResolvedMaterials};
 use super::occluders::{GiOccluder, gains};
 use super::quality::GiActiveTier;
 use super::rsm::GiRsmCamera;
@@ -57,9 +58,11 @@ pub(crate) struct ExtractedScene {
     pub gains: Vec<f32>,
     /// The tier and why; none while the bake loads.
     pub tier: Option<TierSelection>,
-    /// In how many channels links are applied, and why; the inventory says so, none while the bake loads.
+    /// In how many channels links are applied, and why; the inventory says so, none while the bake
+    /// loads.
     pub channels: Option<ColorModeSelection>,
-    /// With how many reflections, and why; the inventory says so, none while the bake loads or where it holds them.
+    /// With how many reflections, and why; the inventory says so, none while the bake loads or
+    /// where it holds them.
     pub bounces: Option<BounceSelection>,
 }
 
@@ -155,7 +158,8 @@ pub(crate) struct LightParts {
 }
 
 impl LightPartsItem<'_, '_> {
-    /// Where the light points. Zero, which lights nothing, where its transform has no direction; Bevy's own method panics there.
+    /// Where the light points. Zero, which lights nothing, where its transform has no direction;
+    /// Bevy's own method panics there.
     fn forward(&self) -> Vec3 {
         let back = Vec3::from(self.transform.affine().matrix3.z_axis);
         -back.normalize_or_zero()
@@ -331,7 +335,7 @@ pub(crate) fn extract(
     volumes: Extract<Query<(), With<GiIrradianceVolume>>>,
     mut told: Local<Told>,
     standard: Extract<Option<Res<Assets<StandardMaterial>>>>,
-    mut resolved: Local<HashMap<Entity, PixelResolve>>,
+    mut resolved: Local<HashMap<Entity, ResolvedMaterials>>,
     occluders: Extract<Query<(Entity, &GiOccluder)>>,
 ) {
     out.keep_frames = settings.keep_frames;
@@ -406,7 +410,8 @@ pub(crate) fn extract(
             );
         }
     }
-    // Where bakes overlap the first of them shows: always the same one, whatever order the world keeps its entities in.
+    // Where bakes overlap the first of them shows: always the same one, whatever order the world
+    // keeps its entities in.
     out.scenes.sort_unstable_by_key(|scene| scene.id);
     for (entity, camera, settings, display, gloss, frustum, msaa, layers, brought) in &cameras {
         if !camera.is_active {

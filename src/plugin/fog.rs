@@ -1,7 +1,9 @@
-//! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient light; behind that, kernel [`fog`](meshless_gi::frame::fog) adds what the fog sends to the eye of the level's
-//! light in free space, which it reads from the level's [`GiIrradianceVolume`].
+//! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient
+//! light; behind that, kernel [`fog`](meshless_gi::frame::fog) adds what the fog sends to the eye
+//! of the level's light in free space, which it reads from the level's [`GiIrradianceVolume`].
 //!
-//! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and [`VolumetricFog`] on the camera.
+//! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
+//! [`VolumetricFog`] on the camera.
 
 use super::components::{GiDebugView, GiSettings};
 use super::compute::GiRender;
@@ -35,7 +37,8 @@ use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
 use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 
-/// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is placed in the world.
+/// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is
+/// placed in the world.
 struct Level {
     scene: SceneId,
     bounds: [Vec3; 2],
@@ -59,7 +62,8 @@ struct ExtractedFogView {
     lit: Vec<LitFog>,
 }
 
-/// All of them, and the levels that light fog: where several lie in one place the first of them does.
+/// All of them, and the levels that light fog: where several lie in one place the first of them
+/// does.
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedFogs {
     levels: Vec<Level>,
@@ -157,7 +161,8 @@ type FogCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and before the volumes.
+/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and before the
+/// volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
     world: Res<ExtractedGi>,
@@ -291,7 +296,8 @@ pub(crate) fn draw(
         let written = render.scenes.get(&scene)?.volume.texture(volume)?;
         Some((volume, written))
     };
-    // Levels and asymmetries, with what a level sends through fog of that one and the volume that says so.
+    // Levels and asymmetries, with what a level sends through fog of that one and the volume that
+    // says so.
     let mut lights: Vec<(usize, f32)> = Vec::new();
     let (mut sent, mut volumes_of) = (Vec::new(), Vec::new());
     let mut params = Vec::new();
@@ -397,7 +403,8 @@ pub(crate) fn draw(
     render.retired.fogs += params.len() as u64;
 }
 
-/// Says once where ambient light is in fog that a level lights. Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Says once where ambient light is in fog that a level lights. Runs in
+/// [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_fog(
     settings: Res<GiSettings>,
     lit: Query<&GiIrradianceVolume>,

@@ -1,5 +1,7 @@
-//! When light in fog is added to a picture: behind Bevy's volumetric fog, which is private and runs before all of `EarlyPostProcess`, and before all else that is in that set, temporal anti-aliasing among it, which this crate
-//! cannot name either: it is a part of Bevy that an app may be without.
+//! When light in fog is added to a picture: behind Bevy's volumetric fog, which is private and runs
+//! before all of `EarlyPostProcess`, and before all else that is in that set, temporal
+//! anti-aliasing among it, which this crate cannot name either: it is a part of Bevy that an app
+//! may be without.
 
 use super::sets::GiSystems;
 use bevy::core_pipeline::schedule::Core3dSystems;
@@ -11,7 +13,8 @@ use bevy::ecs::schedule::{
 use bevy::ecs::world::World;
 use bevy::platform::collections::{HashMap, HashSet};
 
-/// Puts [`GiSystems::Fog`] before the other systems of `EarlyPostProcess`, but for those that are ordered before it.
+/// Puts [`GiSystems::Fog`] before the other systems of `EarlyPostProcess`, but for those that are
+/// ordered before it.
 #[derive(Debug, Default)]
 pub(crate) struct FogFirst {
     members: HashMap<SystemSetKey, Vec<SystemKey>>,

@@ -12,15 +12,18 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::query::QueryData;
 use bevy::reflect::prelude::*;
 
-/// Displays the whole bake on a camera that draws forward, with one sample a pixel, with and without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the
-/// display reads.
+/// Displays the whole bake on a camera that draws forward, with one sample a pixel, with and
+/// without [`Hdr`](bevy::camera::Hdr). Brings the depth and normal prepasses that the display
+/// reads.
 ///
-/// Needs [`GiIrradianceVolume`](super::GiIrradianceVolume) on the scene's root, and so a bake with light in free space: Bevy's forward shader asks
-/// for the light of an irradiance volume, and the module that answers for our volumes reads the display where the pixel shows
-/// the surface that is drawn. What the prepasses do not hold, transparent surfaces among them, is lit by the volume as before. Edges of surfaces that several samples share may be, too.
+/// Needs [`GiIrradianceVolume`](super::GiIrradianceVolume) on the scene's root, and so a bake with
+/// light in free space: Bevy's forward shader asks for the light of an irradiance volume, and the
+/// module that answers for our volumes reads the display where the pixel shows the surface that is
+/// drawn. What the prepasses do not hold, transparent surfaces among them, is lit by the volume as
+/// before. Edges of surfaces that several samples share may be, too.
 ///
-/// Soft shadows, gloss and the views of [`GiDebugView`](super::GiDebugView) are for deferred cameras. Has no effect beside
-/// [`GiCamera`](super::GiCamera).
+/// Soft shadows, gloss and the views of [`GiDebugView`](super::GiDebugView) are for deferred
+/// cameras. Has no effect beside [`GiCamera`](super::GiCamera).
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(DepthPrepass, NormalPrepass, GiSplatting)]
@@ -58,7 +61,8 @@ pub(crate) type ForwardDisplays<'w, 's> =
     Query<'w, 's, (Entity, ForwardParts), (Without<GiCamera>, Without<GiRsmCamera>)>;
 
 impl ForwardPartsItem<'_, '_> {
-    /// The view, as the render world needs it. It sees the scenes that have a volume: without one no surface asks for their light.
+    /// The view, as the render world needs it. It sees the scenes that have a volume: without one
+    /// no surface asks for their light.
     pub fn view(
         &self,
         entity: Entity,

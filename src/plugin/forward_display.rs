@@ -1,9 +1,13 @@
 //! The display of views that are not deferred, read by Bevy's forward shader itself.
 //!
-//! Every view that Bevy draws meshes in has a texture at binding 24 of its bind group, `view_transmission_texture` (bevy_pbr `render/mesh_view_bindings.rs`): the fallback,
-//! or what transmissive materials see through them. It is read in the transmissive pass alone, after the opaque pass, and Bevy copies the picture into it first. So it is free
-//! while opaque surfaces are drawn, and holds the display then: light of the pixel's surface, and that surface's distance. The shader
-//! module that stands in for Bevy's irradiance volumes (`shaders/engine/irradiance_volume.wgsl`) reads it there, and answers with the volume where the distance is another one.
+//! Every view that Bevy draws meshes in has a texture at binding 24 of its bind group,
+//! `view_transmission_texture` (bevy_pbr `render/mesh_view_bindings.rs`): the fallback, or what
+//! transmissive materials see through them. It is read in the transmissive pass alone, after the
+//! opaque pass, and Bevy copies the picture into it first. So it is free while opaque surfaces are
+//! drawn, and holds the display then: light of the pixel's surface, and that surface's distance.
+//! The shader module that stands in for Bevy's irradiance volumes
+//! (`shaders/engine/irradiance_volume.wgsl`) reads it there, and answers with the volume where the
+//! distance is another one.
 //!
 //! | when | system | does |
 //! |---|---|---|

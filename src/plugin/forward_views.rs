@@ -1,16 +1,21 @@
-//! Deferred materials in views without a G-buffer: the plugin's default for opaque materials takes nothing away from other cameras.
+//! Deferred materials in views without a G-buffer: the plugin's default for opaque materials takes
+//! nothing away from other cameras.
 //!
-//! Bevy 0.19 draws an opaque material of the deferred method in the G-buffer alone. `queue_material_meshes` leaves it out of the main pass
-//! of every view (bevy_pbr `material.rs`, arm `RenderPhaseType::Opaque`), so a camera without a deferred prepass shows the clear color.
-//! `queue_prepass_material_meshes` adds it to a phase that such a view does not have, and panics where the view has a depth, normal or
-//! motion vector prepass (`prepass/mod.rs`, `opaque_deferred_phase.as_mut().unwrap()`). The pipelines of both passes exist: Bevy
-//! specializes them for each view before it looks at the method.
+//! Bevy 0.19 draws an opaque material of the deferred method in the G-buffer alone.
+//! `queue_material_meshes` leaves it out of the main pass of every view (bevy_pbr `material.rs`,
+//! arm `RenderPhaseType::Opaque`), so a camera without a deferred prepass shows the clear color.
+//! `queue_prepass_material_meshes` adds it to a phase that such a view does not have, and panics
+//! where the view has a depth, normal or motion vector prepass (`prepass/mod.rs`,
+//! `opaque_deferred_phase.as_mut().unwrap()`). The pipelines of both passes exist: Bevy specializes
+//! them for each view before it looks at the method.
 //!
-//! The systems here run around those two. They add what was left out under the keys that Bevy uses for forward materials, over the same
-//! lists of changed meshes, so that a view without a deferred prepass is drawn as with `DefaultOpaqueRendererMethod::forward()`.
+//! The systems here run around those two. They add what was left out under the keys that Bevy uses
+//! for forward materials, over the same lists of changed meshes, so that a view without a deferred
+//! prepass is drawn as with `DefaultOpaqueRendererMethod::forward()`.
 //!
-//! Masked materials have the opposite fault: a view with a G-buffer draws them in it and again in the main pass. Where the view has a
-//! display, that second draw would add the light of a volume to pixels that the display lights, so it is taken out.
+//! Masked materials have the opposite fault: a view with a G-buffer draws them in it and again in
+//! the main pass. Where the view has a display, that second draw would add the light of a volume to
+//! pixels that the display lights, so it is taken out.
 
 use super::extract::ExtractedGi;
 use crate::plan::ViewId;
@@ -104,7 +109,8 @@ impl Changed<'_> {
         })
     }
 
-    /// The mesh of an entity; none where its material is not deferred, or an asset is not there yet: Bevy then queues it in a later frame.
+    /// The mesh of an entity; none where its material is not deferred, or an asset is not there
+    /// yet: Bevy then queues it in a later frame.
     fn find(&self, entity: Entity, main: MainEntity) -> Option<DeferredMesh<'_>> {
         let used = self.used.instances.get(&main)?;
         let material = self.materials.get(used.asset_id)?;
@@ -154,7 +160,8 @@ impl DeferredMesh<'_> {
 #[derive(Resource, Default)]
 pub(crate) struct BorrowedPhases(Vec<RetainedViewEntity>);
 
-/// Gives the phases of a G-buffer to views that draw a prepass and no G-buffer: Bevy adds deferred meshes to them without asking whether they exist.
+/// Gives the phases of a G-buffer to views that draw a prepass and no G-buffer: Bevy adds deferred
+/// meshes to them without asking whether they exist.
 pub(crate) fn open_phases(
     mut borrowed: ResMut<BorrowedPhases>,
     prepasses: Res<ViewBinnedRenderPhases<Opaque3dPrepass>>,

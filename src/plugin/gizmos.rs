@@ -1,8 +1,9 @@
 //! Drawings of what a bake is made of, off by default.
 //!
-//! Turn them on with `GizmoConfigStore`: `store.config_mut::<GiGizmos>().0.enabled = true`, and choose in the group
-//! what to draw. Points come from the baked asset. The green dots of [L08] Figure 1, the non-zero coefficients, are those that the
-//! device computed for this frame's lights: while they are on, the vector irradiances are read back, some frames late.
+//! Turn them on with `GizmoConfigStore`: `store.config_mut::<GiGizmos>().0.enabled = true`, and
+//! choose in the group what to draw. Points come from the baked asset. The green dots of [L08]
+//! Figure 1, the non-zero coefficients, are those that the device computed for this frame's lights:
+//! while they are on, the vector irradiances are read back, some frames late.
 
 use super::components::GiScene;
 use super::readback::SharedCoefficients;
@@ -30,7 +31,8 @@ pub struct GiGizmos {
     pub normals: bool,
     /// A circle of each point's display radius.
     pub radii: bool,
-    /// A green cross at every point whose coefficient is not zero: rows of its own that carry light now.
+    /// A green cross at every point whose coefficient is not zero: rows of its own that carry light
+    /// now.
     pub coefficients: bool,
     /// Coefficients below this share of the largest one count as zero.
     pub threshold: f32,

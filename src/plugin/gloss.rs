@@ -1,4 +1,5 @@
-//! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
+//! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what
+//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
 
 use super::splatting::ViewLights;
 use crate::gpu::{
@@ -9,13 +10,16 @@ use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
 use meshless_gi::frame::{GlossSettings, VplParams, VplViewParams};
 
-/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the highlights of the virtual lights that [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap) lamps make. Goes
-/// beside [`GiCamera`](super::GiCamera). Each light is evaluated where it changes on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing
-/// while nothing bounces in view.
+/// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the
+/// highlights of the virtual lights that [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)
+/// lamps make. Goes beside [`GiCamera`](super::GiCamera). Each light is evaluated where it changes
+/// on the screen, and interpolated elsewhere (\[N09\] §3.3.1). Costs nothing while nothing bounces
+/// in view.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiSpecular {
-    /// All lights are evaluated at places 2^coarsest pixels apart, 2 to 6: highlights much narrower may be missed.
+    /// All lights are evaluated at places 2^coarsest pixels apart, 2 to 6: highlights much narrower
+    /// may be missed.
     pub coarsest: u32,
     /// None are evaluated at places nearer than 2^finest pixels; 1 at least.
     pub finest: u32,
@@ -71,7 +75,8 @@ pub(crate) struct GlossView<'a> {
 }
 
 impl ViewGloss {
-    /// Records the radiance of every pixel, with room made where there is none. Answers with what was recorded.
+    /// Records the radiance of every pixel, with room made where there is none. Answers with what
+    /// was recorded.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], see [`GlossBuffers::new`].

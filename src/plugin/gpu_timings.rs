@@ -1,6 +1,8 @@
-//! What the passes cost on this device: the spans of Bevy's `RenderDiagnosticsPlugin`, one for each group of passes that is timed as one, teach a [`CostModel`], which prices the next plans.
+//! What the passes cost on this device: the spans of Bevy's `RenderDiagnosticsPlugin`, one for each
+//! group of passes that is timed as one, teach a [`CostModel`], which prices the next plans.
 //!
-//! The app has to add that plugin; without it, or without a clock that stands inside command encoders (Metal and WebGPU have none in Bevy), the costs stay unknown, and the plan says so.
+//! The app has to add that plugin; without it, or without a clock that stands inside command
+//! encoders (Metal and WebGPU have none in Bevy), the costs stay unknown, and the plan says so.
 
 use super::diagnostics::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};

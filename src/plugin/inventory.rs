@@ -1,4 +1,5 @@
-//! Takes the [inventory](crate::plan::Inventory) of the world: in the main world, which materials want a normal map, looked at where one changes; in extraction, after scenes and lights were
+//! Takes the [inventory](crate::plan::Inventory) of the world: in the main world, which materials
+//! want a normal map, looked at where one changes; in extraction, after scenes and lights were
 //! read, everything else.
 
 use super::components::GiCamera;
@@ -55,7 +56,8 @@ type AnyCamera = (
     Brought,
 );
 
-/// Whether a light of the world may light a scene: it is of the scene's layers, and does not end before it.
+/// Whether a light of the world may light a scene: it is of the scene's layers, and does not end
+/// before it.
 fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
     let (Some(placement), Some(bake)) = (&scene.placement, &scene.bake) else {
         return true;

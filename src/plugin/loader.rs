@@ -18,7 +18,8 @@ pub struct GiBakedSceneLoader {
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct GiBakedSceneLoaderSettings {
-    /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything is allocated.
+    /// Most bytes of memory that a bake may take, decoded; larger files are refused before anything
+    /// is allocated.
     pub max_bytes: u64,
     /// When the level beside the bake is read, to find a bake that is stale.
     pub check_level: GiSceneCheck,

@@ -1,4 +1,5 @@
-//! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in the frame in which they change.
+//! Live materials: base colors and emission of [`StandardMaterial`]s that indirect light follows in
+//! the frame in which they change.
 
 use super::validation::{GiWarning, GiWarnings, tell};
 use bevy::asset::{AssetEvent, AssetId, Assets, Handle};
@@ -13,18 +14,21 @@ use meshless_gi::frame::materials::sound_factors;
 use meshless_gi::scene::MaterialFactors;
 use std::sync::{Arc, Weak};
 
-/// Which asset a material of the bake is in this world: its name in the level's file, and the [`StandardMaterial`] that is drawn. Goes beside
-/// [`GiScene`](super::GiScene). Indirect light then follows `base_color` and `emissive` of the asset, in the frame in which they change; textures and
-/// metalness stay those of the bake, and so do materials that are not named. Needs a bake with `live_materials: true` in its recipe.
+/// Which asset a material of the bake is in this world: its name in the level's file, and the
+/// [`StandardMaterial`] that is drawn. Goes beside [`GiScene`](super::GiScene). Indirect light then
+/// follows `base_color` and `emissive` of the asset, in the frame in which they change; textures
+/// and metalness stay those of the bake, and so do materials that are not named. Needs a bake with
+/// `live_materials: true` in its recipe.
 ///
 /// bevy_gltf puts a `GltfMaterialName` beside each mesh of a glTF scene: that is the name.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiDynamicMaterials(pub Vec<(String, Handle<StandardMaterial>)>);
 
-/// Which of a bake's materials the named ones are: looked up where bake or names changed, for both may be hundreds.
+/// Which of a bake's materials the named ones are: looked up where bake or names changed, for both
+/// may be hundreds.
 #[derive(Debug, Default)]
-pub(crate) struct PixelResolve {
+pub(crate) struct ResolvedMaterials {
     bake: Weak<BakedScene>,
     named: Vec<(String, Handle<StandardMaterial>)>,
     /// Places in `named` and among the bake's materials, in the order of the former.
@@ -33,7 +37,7 @@ pub(crate) struct PixelResolve {
     unknown: Vec<String>,
 }
 
-impl PixelResolve {
+impl ResolvedMaterials {
     /// Looks names up where they are not those of the frame before.
     fn follow(&mut self, bake: &Arc<BakedScene>, named: Option<&GiDynamicMaterials>) {
         let named = named.map_or(&[][..], |n| &n.0);
@@ -58,7 +62,8 @@ impl PixelResolve {
         };
     }
 
-    /// The factors of the bake's materials now, none where it knows no materials, and the names that it does not know.
+    /// The factors of the bake's materials now, none where it knows no materials, and the names
+    /// that it does not know.
     pub fn factors(
         &mut self,
         bake: &Arc<BakedScene>,
@@ -85,7 +90,8 @@ impl PixelResolve {
 
 type Textures = [Option<AssetId<Image>>; 2];
 
-/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs
+/// in [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,

@@ -52,12 +52,16 @@
 //!
 //! # What it needs and what it does not do
 //!
-//! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them, or there is no renderer, the plugin
-//!   says so once and stays inert; nothing else of the app changes.
-//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`GiCamera`] brings what that takes, and the plugin makes
-//!   deferred the default for opaque materials ([`MeshlessGiPlugin::deferred`]). Cameras without a deferred prepass draw such materials forward,
-//!   as without the plugin. What is drawn forward, transparent surfaces and whole cameras, is lit by [`GiIrradianceVolume`], and so is volumetric fog.
-//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion. What soft shadows take is what Bevy draws without fog.
+//! - Compute shaders and storage buffers of WebGPU's default limits. Where the device lacks them,
+//!   or there is no renderer, the plugin says so once and stays inert; nothing else of the app
+//!   changes.
+//! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`GiCamera`] brings what that
+//!   takes, and the plugin makes deferred the default for opaque materials
+//!   ([`MeshlessGiPlugin::deferred`]). Cameras without a deferred prepass draw such materials
+//!   forward, as without the plugin. What is drawn forward, transparent surfaces and whole cameras,
+//!   is lit by [`GiIrradianceVolume`], and so is volumetric fog.
+//! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
+//!   What soft shadows take is what Bevy draws without fog.
 //! - Where two baked scenes overlap, a surface that both cover is lit by one of them.
 
 mod asset;
@@ -189,9 +193,11 @@ use bevy::transform::TransformSystems;
 /// Adds indirect light to an app. Add it after `DefaultPlugins`; nothing else is needed.
 #[derive(Clone, Debug)]
 pub struct MeshlessGiPlugin {
-    /// Makes deferred the default for opaque materials, as the composite needs it. Views without a deferred prepass draw such materials
-    /// forward, as they do without the plugin, so forward cameras need nothing set here. Turn it off to choose material by material, or
-    /// to keep a [`DefaultOpaqueRendererMethod`] that was inserted before the plugin; one that is inserted after it stays in any case.
+    /// Makes deferred the default for opaque materials, as the composite needs it. Views without a
+    /// deferred prepass draw such materials forward, as they do without the plugin, so forward
+    /// cameras need nothing set here. Turn it off to choose material by material, or to keep a
+    /// [`DefaultOpaqueRendererMethod`] that was inserted before the plugin; one that is inserted
+    /// after it stays in any case.
     pub deferred: bool,
 }
 
@@ -353,7 +359,8 @@ impl Plugin for MeshlessGiPlugin {
             warn!("MeshlessGiPlugin: there is no renderer, indirect light stays off.");
             return;
         };
-        // Also where indirect light stays off: deferred is the default for opaque materials there too.
+        // Also where indirect light stays off: deferred is the default for opaque materials there
+        // too.
         forward_views::add_systems(render_app);
         let world = render_app.world();
         let Some(device) = world.get_resource::<RenderDevice>() else {

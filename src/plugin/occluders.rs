@@ -1,14 +1,18 @@
-//! Occluders: doors and lifts of a bake that a game opens and shuts, in the frame in which they move.
+//! Occluders: doors and lifts of a bake that a game opens and shuts, in the frame in which they
+//! move.
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::asset::Occluders;
 
-/// How far an occluder of a bake stands open. Goes on any entity, the door's own as a rule; it lights nothing and is found by its name in every bake that knows it. Needs a
-/// bake whose recipe names it (`occluders: [(name: "door")]`, or `--occluder door`).
+/// How far an occluder of a bake stands open. Goes on any entity, the door's own as a rule; it
+/// lights nothing and is found by its name in every bake that knows it. Needs a bake whose recipe
+/// names it (`occluders: [(name: "door")]`, or `--occluder door`).
 ///
-/// What passes it is a share, the same all over it: a door half open lets half of the light through. Where several entities have the same name, the least open of them
-/// counts; an occluder that no entity names stands open. The indirect light follows; direct light and its shadows are Bevy's own, of the mesh that is drawn.
+/// What passes it is a share, the same all over it: a door half open lets half of the light
+/// through. Where several entities have the same name, the least open of them counts; an occluder
+/// that no entity names stands open. The indirect light follows; direct light and its shadows are
+/// Bevy's own, of the mesh that is drawn.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiOccluder {

@@ -1,10 +1,14 @@
 //! Point clouds in a game: an asset for `.ply` files, and the component that draws one.
 //!
-//! A cloud is drawn as what rays meet at the bake: the flat cell of each point ([`PointCloud::outline`]), in the point's own color, shaded with normals that change smoothly from cell to cell
-//! ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh: lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it as on any other.
+//! A cloud is drawn as what rays meet at the bake: the flat cell of each point
+//! ([`PointCloud::outline`]), in the point's own color, shaded with normals that change smoothly
+//! from cell to cell ([`PointCloud::corner_normals`]). Drawn so it is an ordinary deferred mesh:
+//! lamps and shadow maps of Bevy's, a bake's indirect light and the bounce of what moves work on it
+//! as on any other.
 //!
-//! Each cell has a face to either side, the back's a little behind the front's: at the edge of a bent surface one looks at the backs of cells that stick out past it, and they would be dark where
-//! no light gets.
+//! Each cell has a face to either side, the back's a little behind the front's: at the edge of a
+//! bent surface one looks at the backs of cells that stick out past it, and they would be dark
+//! where no light gets.
 
 use bevy::asset::RenderAssetUsages;
 use bevy::asset::io::Reader;
@@ -28,7 +32,8 @@ use std::sync::Arc;
 pub struct GiPointCloudAsset {
     /// The points, in the cloud's own space: meters, linear albedo.
     pub cloud: Arc<PointCloud>,
-    /// Their cells, colored as the points are, in parts of 100,000 points at most, as no device has room for a mesh of any size; the labeled assets `Mesh0`, `Mesh1`, …
+    /// Their cells, colored as the points are, in parts of 100,000 points at most, as no device has
+    /// room for a mesh of any size; the labeled assets `Mesh0`, `Mesh1`, …
     #[dependency]
     pub meshes: Vec<Handle<Mesh>>,
     /// White and rough; the labeled asset `Material`.
@@ -36,8 +41,9 @@ pub struct GiPointCloudAsset {
     pub material: Handle<StandardMaterial>,
 }
 
-/// Draws a point cloud: it puts a [`Mesh3d`] and a [`MeshMaterial3d`] beside itself when the cloud is there, and others when the handle or the cloud changes. A material that is
-/// there already stays.
+/// Draws a point cloud: it puts a [`Mesh3d`] and a [`MeshMaterial3d`] beside itself when the cloud
+/// is there, and others when the handle or the cloud changes. A material that is there already
+/// stays.
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 #[require(Transform, Visibility)]
@@ -52,7 +58,8 @@ pub struct GiPointCloudLoader;
 #[reflect(Default, Clone, Debug, PartialEq)]
 #[serde(default)]
 pub struct GiPointCloudLoaderSettings {
-    /// Places in free space, meters: where a file has no normals, a closed surface around one of them faces it; all others face outwards.
+    /// Places in free space, meters: where a file has no normals, a closed surface around one of
+    /// them faces it; all others face outwards.
     pub viewpoints: Vec<[f32; 3]>,
 }
 
@@ -134,10 +141,12 @@ fn material() -> StandardMaterial {
     }
 }
 
-/// How far a cell's back lies behind its front, in spacings: more than cells of bent surfaces stick out, and too little to be seen.
+/// How far a cell's back lies behind its front, in spacings: more than cells of bent surfaces stick
+/// out, and too little to be seen.
 const THICK: f32 = 0.1;
 
-/// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU device has.
+/// Most points of a mesh: some 60 MB of vertices, a quarter of the largest buffer that every WebGPU
+/// device has.
 const MAX_POINTS: usize = 100_000;
 
 /// The cells of all points in meshes of bounded size.
@@ -182,7 +191,8 @@ fn some_cells(cloud: &PointCloud, smooth: &[Vec3], part: &[u32]) -> Mesh {
     .with_inserted_indices(Indices::U32(indices))
 }
 
-/// Draws a part of the point cloud of its parent, whose first part the parent draws itself: clouds of more than 100,000 points have such children. They go with the cloud, and have its material,
+/// Draws a part of the point cloud of its parent, whose first part the parent draws itself: clouds
+/// of more than 100,000 points have such children. They go with the cloud, and have its material,
 /// its `RenderLayers`, `NotShadowCaster` and `NotShadowReceiver`.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
@@ -251,7 +261,8 @@ type Drawn = (
     Has<NotShadowReceiver>,
 );
 
-/// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind [`draw`].
+/// Parts of clouds are drawn as their clouds are, whatever a game makes of these. Runs behind
+/// [`draw`].
 pub(crate) fn follow(
     mut commands: Commands,
     parts: Query<(Entity, &ChildOf, Drawn), With<GiPointCloudPart>>,

@@ -39,8 +39,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Folders to process, and a time limit. Relative folders are those of Bevy: below `BEVY_ASSET_ROOT`,
-/// else below the package that `cargo run` runs, else beside the executable.
+/// Folders to process, and a time limit. Relative folders are those of Bevy: below
+/// `BEVY_ASSET_ROOT`, else below the package that `cargo run` runs, else beside the executable.
 #[derive(Clone, Debug)]
 pub struct ProcessAssetsOptions {
     /// Folder of the assets as people make them; relative to the project's root, or absolute.

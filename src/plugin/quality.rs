@@ -1,10 +1,13 @@
-//! Which tier of its bake's operator a scene is lit with (design D11): asks the [picker](crate::plan::Picker) of each root, and tells it what solves cost.
+//! Which tier of its bake's operator a scene is lit with (design D11): asks the
+//! [picker](crate::plan::Picker) of each root, and tells it what solves cost.
 //!
-//! The request stands on the level's root and not on a camera: a scene is solved once for all cameras that show it.
+//! The request stands on the level's root and not on a camera: a scene is solved once for all
+//! cameras that show it.
 //!
-//! The cost of a solve is what the device's clock says, by way of Bevy's `RenderDiagnosticsPlugin`, which the app has to add: the span
-//! `render/meshless_gi_compute/solve_<root>/elapsed_gpu` holds projection and solve of one root. Where there are no such timestamps (Metal and WebGPU have none in
-//! Bevy) nothing is known of the cost, and the picker stays with all links and says so.
+//! The cost of a solve is what the device's clock says, by way of Bevy's `RenderDiagnosticsPlugin`,
+//! which the app has to add: the span `render/meshless_gi_compute/solve_<root>/elapsed_gpu` holds
+//! projection and solve of one root. Where there are no such timestamps (Metal and WebGPU have none
+//! in Bevy) nothing is known of the cost, and the picker stays with all links and says so.
 
 use super::asset::GiBakedScene;
 use super::components::{GiLighting, GiScene};
@@ -23,8 +26,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator is used. Goes beside [`GiScene`] on the scene's root; may change
-/// in any frame. What was picked and why is in [`GiActiveTier`] and in the plan's words ([`GiFrameStats`]).
+/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator
+/// is used. Goes beside [`GiScene`] on the scene's root; may change in any frame. What was picked
+/// and why is in [`GiActiveTier`] and in the plan's words ([`GiFrameStats`]).
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub enum GiQuality {
@@ -33,9 +37,11 @@ pub enum GiQuality {
     All,
     /// The tier of this number, from 1 (the fewest links) on; the nearest one that the bake has.
     Tier(u32),
-    /// The lowest tier whose NRMSE, as the bake estimated it, is at most this (0.05 for 5 %), at the upper end of the confidence interval.
+    /// The lowest tier whose NRMSE, as the bake estimated it, is at most this (0.05 for 5 %), at
+    /// the upper end of the confidence interval.
     MaxError(f32),
-    /// The highest tier whose solves stay within so many milliseconds of the device's time. Needs Bevy's `RenderDiagnosticsPlugin`.
+    /// The highest tier whose solves stay within so many milliseconds of the device's time. Needs
+    /// Bevy's `RenderDiagnosticsPlugin`.
     FrameBudget(f32),
 }
 
@@ -50,7 +56,8 @@ impl From<GiQuality> for Quality {
     }
 }
 
-/// The tier that [`GiQuality`] selects, with the reason. Output of the plugin; comes with [`GiScene`].
+/// The tier that [`GiQuality`] selects, with the reason. Output of the plugin; comes with
+/// [`GiScene`].
 #[derive(Component, Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiActiveTier {
@@ -126,8 +133,8 @@ pub enum SolveCostSource {
     /// The device's timestamps.
     #[default]
     Timestamps,
-    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked after each frame that solved the scene. For a game that measures by
-    /// itself, and for tests.
+    /// A function of the links that a solve reads, those of the sweeps as often as they run; asked
+    /// after each frame that solved the scene. For a game that measures by itself, and for tests.
     Given(Arc<SolveCostFn>),
 }
 

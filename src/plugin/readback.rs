@@ -1,7 +1,8 @@
 //! Coefficients on their way back from the device, for the gizmos ([L08] Figure 1, the green dots).
 //!
-//! The render world copies the vector irradiances of a scene to a mappable buffer and maps it; when the map is done, some
-//! frames later, their lengths are put where the main world reads them. Nothing of this exists while nobody asks.
+//! The render world copies the vector irradiances of a scene to a mappable buffer and maps it; when
+//! the map is done, some frames later, their lengths are put where the main world reads them.
+//! Nothing of this exists while nobody asks.
 
 use bevy::ecs::prelude::*;
 use meshless_gi::frame::VectorIrradiance;
@@ -9,7 +10,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The size of each point's vector irradiance, W/m², of the scenes that the gizmos show. Shared by both worlds.
+/// The size of each point's vector irradiance, W/m², of the scenes that the gizmos show. Shared by
+/// both worlds.
 #[derive(Resource, Clone, Default)]
 pub struct SharedCoefficients(Arc<Mutex<BTreeMap<u64, Arc<Vec<f32>>>>>);
 

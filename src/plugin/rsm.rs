@@ -1,10 +1,14 @@
-//! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the cameras that draw it from there.
+//! One bounce from what moves, the main world's part: who bounces, which lights ask for it, and the
+//! cameras that draw it from there.
 //!
-//! A bake holds the light that static surfaces reflect. What moves is not in it: [`GiReflector`] marks such objects, and a light with
-//! [`GiReflectiveShadowMap`] draws them, and nothing else, into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by a camera of
-//! its own ([`GiRsmCamera`]) that this file spawns, aims ([`map_views`]) and switches off; `capture` runs them.
+//! A bake holds the light that static surfaces reflect. What moves is not in it: [`GiReflector`]
+//! marks such objects, and a light with [`GiReflectiveShadowMap`] draws them, and nothing else,
+//! into small G-buffers as it sees them (reflective shadow maps, \[N09\] §3). Each map is drawn by
+//! a camera of its own ([`GiRsmCamera`]) that this file spawns, aims ([`map_views`]) and switches
+//! off; `capture` runs them.
 //!
-//! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the meshes below a bouncer get beside theirs.
+//! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the
+//! meshes below a bouncer get beside theirs.
 
 use super::components::GiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
@@ -44,27 +48,31 @@ pub const RSM_RENDER_LAYER: usize = 61;
 /// The maps are drawn before all cameras of a game: their orders count up from here.
 pub const RSM_CAMERA_ORDER: isize = -1_000_000;
 
-/// This entity and all below it reflect light that no bake holds: a thing that moves. In the light of lamps with
-/// [`GiReflectiveShadowMap`] its meshes reflect once, diffusely, onto everything that cameras with [`GiCamera`] show.
+/// This entity and all below it reflect light that no bake holds: a thing that moves. In the light
+/// of lamps with [`GiReflectiveShadowMap`] its meshes reflect once, diffusely, onto everything that
+/// cameras with [`GiCamera`] show.
 ///
-/// Meshes must be opaque or masked and deferred; others reflect nothing. Never put it on what is baked: that light would be counted twice.
+/// Meshes must be opaque or masked and deferred; others reflect nothing. Never put it on what is
+/// baked: that light would be counted twice.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiReflector;
 
-/// The light that this lamp throws on [`GiReflector`]s bounces. Goes on a point, spot or directional light. It costs nothing where
-/// nothing moves in the lamp's reach.
+/// The light that this lamp throws on [`GiReflector`]s bounces. Goes on a point, spot or
+/// directional light. It costs nothing where nothing moves in the lamp's reach.
 ///
 /// A [`GiLight`](super::GiLight) beside it is respected: switched off there, it is off here.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiReflectiveShadowMap {
-    /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point light may take up to six maps, see [`map_views`].
+    /// Edge of a map in texels: a power of two from 8 to 256, others are rounded down. A point
+    /// light may take up to six maps, see [`map_views`].
     pub resolution: u32,
     /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
     pub lights: u32,
-    /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays through the first bake that a camera shows. All lights' reflected
-    /// light goes its way together: it is shadowed where one of them asks for it.
+    /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays
+    /// through the first bake that a camera shows. All lights' reflected light goes its way
+    /// together: it is shadowed where one of them asks for it.
     pub visibility: bool,
 }
 
@@ -86,8 +94,9 @@ impl GiReflectiveShadowMap {
     }
 }
 
-/// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned by the plugin; inactive where nothing moves. A game that asks for
-/// cameras without asking for more may want `Without<GiRsmCamera>`.
+/// A camera of the plugin's own, that draws one reflective shadow map. Spawned, aimed and despawned
+/// by the plugin; inactive where nothing moves. A game that asks for cameras without asking for
+/// more may want `Without<GiRsmCamera>`.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[component(immutable)]

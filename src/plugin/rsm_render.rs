@@ -1,11 +1,13 @@
-//! One bounce from what moves, the render world's part: draws the maps, makes virtual point lights of them, and lights the views.
+//! One bounce from what moves, the render world's part: draws the maps, makes virtual point lights
+//! of them, and lights the views.
 //!
-//! Each map is a Bevy camera with a schedule of its own, [`RsmSchedule`], in the place of `Core3d`: the meshes' transforms,
-//! and one pass that draws the deferred G-buffer. No shadow maps, no lighting, no tonemapping, no picture. Bevy's own deferred prepass is not public; ours binds what it binds
-//! (format of Bevy 0.19).
+//! Each map is a Bevy camera with a schedule of its own, [`RsmSchedule`], in the place of `Core3d`:
+//! the meshes' transforms, and one pass that draws the deferred G-buffer. No shadow maps, no
+//! lighting, no tonemapping, no picture. Bevy's own deferred prepass is not public; ours binds what
+//! it binds (format of Bevy 0.19).
 //!
-//! Cameras whose targets have the same size share their textures (Bevy keys them by target): what a map holds must be read before the next is drawn, in the
-//! same schedule.
+//! Cameras whose targets have the same size share their textures (Bevy keys them by target): what a
+//! map holds must be read before the next is drawn, in the same schedule.
 
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, LightKey, LightKind};
@@ -50,7 +52,8 @@ pub(crate) fn schedule() -> Schedule {
 #[derive(Resource, Default)]
 pub(crate) struct LightMaps(pub AskingLights);
 
-/// So many frames without a change are drawn nevertheless: meshes and pictures reach the device a few frames after they changed.
+/// So many frames without a change are drawn nevertheless: meshes and pictures reach the device a
+/// few frames after they changed.
 const SETTLED: u32 = 8;
 
 /// A light's name in the plan.
@@ -163,7 +166,8 @@ pub(crate) struct Reflections {
     shadowed_by: Vec<Shadower>,
 }
 
-/// A bake, where it stood, whose it was, and what passed its occluders: (instance, address, local from world, gains).
+/// A bake, where it stood, whose it was, and what passed its occluders: (instance, address, local
+/// from world, gains).
 type Shadower = (SceneId, usize, DMat4, Vec<f32>);
 
 fn shadowers(
@@ -181,7 +185,8 @@ fn shadowers(
         .collect()
 }
 
-/// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask for their shadows: half a step of 12 bits.
+/// Virtual point lights that together give a pixel less than this, where 1 is white, need not ask
+/// for their shadows: half a step of 12 bits.
 const DIM: f32 = 1.0 / 8192.0;
 
 impl Reflections {
@@ -238,7 +243,8 @@ impl Reflections {
         }))
     }
 
-    /// Whether maps that are drawn now would make the same virtual lights of the lights that `state` lets bounce.
+    /// Whether maps that are drawn now would make the same virtual lights of the lights that
+    /// `state` lets bounce.
     pub fn hold(
         &self,
         state: &FrameState,
@@ -282,7 +288,8 @@ impl Reflections {
         &self.maps
     }
 
-    /// How they light a view, and what shadows them there. `exposure` is what the view's irradiance is stored times.
+    /// How they light a view, and what shadows them there. `exposure` is what the view's irradiance
+    /// is stored times.
     pub fn on_view<'a>(
         &self,
         [world_from_view, clip_from_view]: [&Mat4; 2],
@@ -329,7 +336,8 @@ pub(crate) fn bakes<'a>(
     })
 }
 
-/// Makes texels of the map that was just drawn, and after the last of a light its virtual point lights.
+/// Makes texels of the map that was just drawn, and after the last of a light its virtual point
+/// lights.
 #[allow(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"

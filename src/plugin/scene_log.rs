@@ -57,7 +57,8 @@ pub(crate) fn log_scenes(
     }
 }
 
-/// Returns the size of a bake, its preset and its estimated error. `bytes`: its memory on the device.
+/// Returns the size of a bake, its preset and its estimated error. `bytes`: its memory on the
+/// device.
 fn summary(bake: &BakedScene, bytes: u64) -> String {
     let links = bake.operator.links.len() as f64;
     let links = match links {

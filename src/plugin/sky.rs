@@ -1,7 +1,9 @@
-//! A sky that is not the same in all directions: nine colors beside a baked scene, from a gradient or from a cubemap.
+//! A sky that is not the same in all directions: nine colors beside a baked scene, from a gradient
+//! or from a cubemap.
 //!
-//! It lights the level through the bake, and is not drawn: what a camera shows behind the level (`Skybox`, a clear color) stays its own affair. Bevy's own
-//! environment light adds its diffuse part on top of it, which [`check`](super::validation) tells.
+//! It lights the level through the bake, and is not drawn: what a camera shows behind the level
+//! (`Skybox`, a clear color) stays its own affair. Bevy's own environment light adds its diffuse
+//! part on top of it, which [`check`](super::validation) tells.
 
 use bevy::asset::{Assets, RenderAssetUsages};
 use bevy::color::{ColorToComponents, LinearRgba};
@@ -13,9 +15,10 @@ use bevy::reflect::prelude::*;
 use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureFormat};
 use meshless_gi::scene::SkyRadiance;
 
-/// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q symmetric and without trace. Goes beside
-/// [`GiScene`](super::GiScene), may change in any frame, and is added to [`GiLighting::sky`](super::GiLighting::sky). A bake made
-/// without `sky: Harmonics` in its recipe is lit by its mean over all directions, with one warning.
+/// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q
+/// symmetric and without trace. Goes beside [`GiScene`](super::GiScene), may change in any frame,
+/// and is added to [`GiLighting::sky`](super::GiLighting::sky). A bake made without
+/// `sky: Harmonics` in its recipe is lit by its mean over all directions, with one warning.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiSky {
@@ -49,14 +52,16 @@ pub enum GiSkyError {
 }
 
 impl GiSky {
-    /// Three colors, cd/m²: straight up, at the horizon and straight down ([`SkyRadiance::gradient`]).
+    /// Three colors, cd/m²: straight up, at the horizon and straight down
+    /// ([`SkyRadiance::gradient`]).
     #[must_use]
     pub fn gradient(zenith: LinearRgba, horizon: LinearRgba, ground: LinearRgba) -> Self {
         let [zenith, horizon, ground] = [zenith, horizon, ground].map(|c| c.to_vec3());
         SkyRadiance::gradient(zenith, horizon, ground).into()
     }
 
-    /// The sky of a cubemap as `Skybox` shows it; `brightness` is what a texel of one stands for, cd/m².
+    /// The sky of a cubemap as `Skybox` shows it; `brightness` is what a texel of one stands for,
+    /// cd/m².
     ///
     /// # Errors
     /// [`GiSkyError`]: compressed texels, for instance, are not read.
@@ -64,8 +69,9 @@ impl GiSky {
         Self::turned(image, brightness, Quat::IDENTITY)
     }
 
-    /// The sky that one of Bevy's environment lights shines with: the sharpest level of its `specular_map`, turned and as bright as it says. Take the light away, or blacken its `diffuse_map`, or its
-    /// light counts twice.
+    /// The sky that one of Bevy's environment lights shines with: the sharpest level of its
+    /// `specular_map`, turned and as bright as it says. Take the light away, or blacken its
+    /// `diffuse_map`, or its light counts twice.
     ///
     /// # Errors
     /// [`GiSkyError`], also where the map is not loaded (yet).
@@ -99,15 +105,17 @@ impl GiSky {
             let (x, y, face) = (k % n, k / n % n, k / (n * n));
             let at = |k: u32| (2 * k + 1) as f32 / n as f32 - 1.0;
             let way = toward(face, at(x), at(y));
-            // A texel's solid angle falls with the cube of its distance. Every texel counts: a sun may be a few of them.
+            // A texel's solid angle falls with the cube of its distance. Every texel counts: a sun
+            // may be a few of them.
             let angle = way.length().powi(-3);
             samples.push((rotation * way.normalize(), angle, radiance * brightness));
         }
         Ok(SkyRadiance::of_map(samples).into())
     }
 
-    /// The nearest sky of the same mean that is nowhere negative ([`SkyRadiance::without_ringing`]): for levels that see the sky through openings, where nine numbers beside a sun or a low sun's glow
-    /// would give strange colors.
+    /// The nearest sky of the same mean that is nowhere negative
+    /// ([`SkyRadiance::without_ringing`]): for levels that see the sky through openings, where nine
+    /// numbers beside a sun or a low sun's glow would give strange colors.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
         self.radiance().without_ringing().into()
@@ -171,13 +179,15 @@ fn texels(image: &Image) -> Result<Vec<Vec3>, GiSkyError> {
     Ok(found)
 }
 
-/// Three mantissas of nine bits, red the lowest, and their exponent of five bits above: the format `Rgb9e5Ufloat`, which most environment maps have.
+/// Three mantissas of nine bits, red the lowest, and their exponent of five bits above: the format
+/// `Rgb9e5Ufloat`, which most environment maps have.
 fn shared_exponent(word: u32) -> Vec3 {
     let scale = f32::exp2((word >> 27) as f32 - 24.0);
     Vec3::from_array([0, 9, 18].map(|k| (word >> k & 0x1ff) as f32 * scale))
 }
 
-/// Where the world lies from the middle of a cube through place (s, t) of a face, both within ±1 and t downwards. Cubemaps are left-handed, the world is not.
+/// Where the world lies from the middle of a cube through place (s, t) of a face, both within ±1
+/// and t downwards. Cubemaps are left-handed, the world is not.
 fn toward(face: u32, s: f32, t: f32) -> Vec3 {
     let way = match face {
         0 => Vec3::new(1.0, -t, -s),
@@ -250,7 +260,8 @@ mod tests {
         assert_eq!(without.coefficients[0], sky.coefficients[0]);
     }
 
-    /// A map of 256 texels a side with smaller levels behind each face, in the format of environment maps: half a dozen bright texels in a dark sky.
+    /// A map of 256 texels a side with smaller levels behind each face, in the format of
+    /// environment maps: half a dozen bright texels in a dark sky.
     #[test]
     fn an_environment_map_with_a_small_sun_counts_every_texel() {
         let n = 256u32;

@@ -1,7 +1,9 @@
-//! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps as the render world needs them, and what scenes and views hold of them on the device. The kernels are
-//! [`soft`](meshless_gi::frame::soft) and [`shade`](meshless_gi::frame::shade).
+//! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps
+//! as the render world needs them, and what scenes and views hold of them on the device. The
+//! kernels are [`soft`](meshless_gi::frame::soft) and [`shade`](meshless_gi::frame::shade).
 //!
-//! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
+//! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the
+//! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
 use super::asset::GiBakedScene;
 use super::components::{GiScene, GiSettings};
@@ -28,15 +30,20 @@ use meshless_gi::frame::SoftLight;
 use meshless_gi::scene::{Bounds, Light};
 use std::collections::BTreeMap;
 
-/// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is a sphere
-/// of its `radius`. The bake must remember what its points see (recipe field `soft_shadows`).
+/// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes
+/// on a [`RectLight`] or a [`PointLight`] whose `shadow_maps_enabled` is off; a point light is a
+/// sphere of its `radius`. The bake must remember what its points see (recipe field
+/// `soft_shadows`).
 ///
-/// Taken away is the light that Bevy draws and that does not get there: of a rectangle all of it, of a point light what is diffuse; its highlights stay. What moves, and what no basis
-/// function reaches, keeps Bevy's light and casts no such shadow. Indirect light has its own shadows, with or without this.
+/// Taken away is the light that Bevy draws and that does not get there: of a rectangle all of it,
+/// of a point light what is diffuse; its highlights stay. What moves, and what no basis function
+/// reaches, keeps Bevy's light and casts no such shadow. Indirect light has its own shadows, with
+/// or without this.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiSoftShadow {
-    /// Samples of the lamp, about, 1 to 256. Each costs two look-ups of what every point remembers, in frames in which the lamp moves.
+    /// Samples of the lamp, about, 1 to 256. Each costs two look-ups of what every point remembers,
+    /// in frames in which the lamp moves.
     pub samples: u32,
 }
 
@@ -61,7 +68,8 @@ pub(crate) struct ExtractedSoft {
     tables: Option<wgpu::TextureView>,
 }
 
-/// The tables by which Bevy draws rectangle lights; none where it draws no such light, for without its feature `area_light_luts` it holds a placeholder.
+/// The tables by which Bevy draws rectangle lights; none where it draws no such light, for without
+/// its feature `area_light_luts` it holds a placeholder.
 fn tables_of(
     luts: Option<&AreaLightLuts>,
     images: Option<&RenderAssets<GpuImage>>,
@@ -236,7 +244,8 @@ pub(crate) struct Shaded<'a> {
     pub view: &'a ViewBuffers,
 }
 
-/// What a view holds on the device of lamps with soft shadows: radiance to take, twice where it sees several scenes.
+/// What a view holds on the device of lamps with soft shadows: radiance to take, twice where it
+/// sees several scenes.
 pub(crate) struct ViewShade {
     size: [u32; 2],
     radiance: [Option<wgpu::TextureView>; 2],
@@ -245,7 +254,8 @@ pub(crate) struct ViewShade {
 }
 
 impl ViewShade {
-    /// Records the radiance to take of every pixel, with room made where there is none. Answers with what was recorded; the view holds nothing where there is nothing to take.
+    /// Records the radiance to take of every pixel, with room made where there is none. Answers
+    /// with what was recorded; the view holds nothing where there is nothing to take.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more lamps than the device binds.
@@ -343,7 +353,8 @@ impl ViewShade {
     }
 }
 
-/// Says once what lamps with [`GiSoftShadow`] lack. Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Says once what lamps with [`GiSoftShadow`] lack. Runs in
+/// [`GiSystems::Check`](super::GiSystems::Check).
 #[allow(
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"

@@ -1,6 +1,8 @@
-//! How a camera shows indirect light: by subsplats (\[N09\]), which evaluate the baked basis and virtual lights at a fraction of the pixels, or at every pixel, the reference.
+//! How a camera shows indirect light: by subsplats (\[N09\]), which evaluate the baked basis and
+//! virtual lights at a fraction of the pixels, or at every pixel, the reference.
 //!
-//! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many subsplats there were, is here too.
+//! The components mirror [`SubsplatSettings`]; what a view holds for it on the device, and how many
+//! subsplats there were, is here too.
 
 use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, NodeLights, RsmBuffers, SceneBuffers, SubsplatBuffers,
@@ -16,7 +18,8 @@ use meshless_gi::frame::{
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Where a camera evaluates indirect light. Goes beside [`GiCamera`](super::GiCamera), which brings the default.
+/// Where a camera evaluates indirect light. Goes beside [`GiCamera`](super::GiCamera), which brings
+/// the default.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub enum GiSplatting {
@@ -38,7 +41,8 @@ impl Default for GiSplatting {
 pub struct GiSubsplatSettings {
     /// The first subsplats are 2^coarsest pixels apart; each is refined once. 2 to 6.
     pub coarsest: u32,
-    /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where nothing around them is of their surface.
+    /// None are refined below 2^finest pixels; 1 at least. Single pixels are evaluated where
+    /// nothing around them is of their surface.
     pub finest: u32,
     /// How jumps of depth are found.
     pub depth: GiDepthTest,
@@ -46,9 +50,11 @@ pub struct GiSubsplatSettings {
     pub normal: GiNormalTest,
     /// Look for both in the diagonal neighbors too.
     pub diagonal: bool,
-    /// Refine where light differs by more than this part from what its surroundings foretold. Infinite for never.
+    /// Refine where light differs by more than this part from what its surroundings foretold.
+    /// Infinite for never.
     pub light: f32,
-    /// Evaluate a pixel by itself where no more than this share of its surroundings is of its own surface.
+    /// Evaluate a pixel by itself where no more than this share of its surroundings is of its own
+    /// surface.
     pub alike: f32,
     /// α of \[N09\] Eq. (3); 0 for none.
     pub detail: f32,
@@ -231,7 +237,8 @@ impl ViewSubsplats {
 /// Bytes of a level's count that are read back.
 const COUNT: u64 = 32;
 
-/// Counts of subsplats on their way back from the device, one copy at a time. Nothing waits for them.
+/// Counts of subsplats on their way back from the device, one copy at a time. Nothing waits for
+/// them.
 struct CountReadback {
     staging: wgpu::Buffer,
     levels: Levels,
@@ -294,7 +301,8 @@ impl CountReadback {
     }
 }
 
-/// Evaluations from the counts of all levels: each cell that was divided lists one child whose node is its own.
+/// Evaluations from the counts of all levels: each cell that was divided lists one child whose node
+/// is its own.
 fn counts(levels: &Levels, words: &[u32]) -> SubsplatCounts {
     let mut evaluated = [0; LEVELS];
     for (k, count) in words.chunks_exact(COUNT as usize / 4).enumerate() {

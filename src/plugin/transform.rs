@@ -1,7 +1,9 @@
-//! From the world into the local space of a bake: lights go in, pixels go in, irradiance stays what it is.
+//! From the world into the local space of a bake: lights go in, pixels go in, irradiance stays what
+//! it is.
 //!
-//! With a uniform scale s the local space is the world divided by s: lengths / s, intensities (W/sr) / s², irradiance and
-//! radiance unchanged ([`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local)).
+//! With a uniform scale s the local space is the world divided by s: lengths / s, intensities
+//! (W/sr) / s², irradiance and radiance unchanged
+//! ([`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local)).
 
 use bevy::math::{Affine3A, DMat4, Mat3A, Mat4};
 use bevy::transform::components::GlobalTransform;
@@ -29,7 +31,8 @@ impl SimilarityTransform {
         }
         let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
         let scale = (lengths[0] + lengths[1] + lengths[2]) / 3.0;
-        // Orthonormalize: exact where the transform was a similarity, the nearest guess along x, then y, elsewhere.
+        // Orthonormalize: exact where the transform was a similarity, the nearest guess along x,
+        // then y, elsewhere.
         let x = m.x_axis.normalize();
         let y = (m.y_axis - x * x.dot(m.y_axis)).normalize();
         let z = x.cross(y) * determinant.signum();
@@ -63,17 +66,20 @@ impl SimilarityTransform {
         }
     }
 
-    /// World to local as a matrix: what [`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local) takes.
+    /// World to local as a matrix: what
+    /// [`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local) takes.
     #[must_use]
     pub fn matrix(&self) -> Mat4 {
         self.local_from_world().into()
     }
 
-    /// The matrix from a view's clip space to local space, multiplied in double precision: worlds are large, bakes are small.
+    /// The matrix from a view's clip space to local space, multiplied in double precision: worlds
+    /// are large, bakes are small.
     #[must_use]
     pub fn local_from_clip(&self, clip_from_view: Mat4, world_from_view: Mat4) -> Mat4 {
         let local_from_world: Mat4 = self.local_from_world().into();
-        // The inverse of the placement in doubles, from the doubles of its own matrix, so that large translations cancel.
+        // The inverse of the placement in doubles, from the doubles of its own matrix, so that
+        // large translations cancel.
         let world_from_local: DMat4 = Mat4::from(self.world_from_local).as_dmat4();
         let exact = world_from_local.inverse();
         let local_from_world = if exact.is_finite() {

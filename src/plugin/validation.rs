@@ -1,7 +1,7 @@
 //! Says what would be counted twice, and what would show nothing.
 //!
-//! Indirect light replaces Bevy's ambient light and diffuse light probes. Left on, they are added on top: pictures become
-//! too bright and flat. Each finding is told once, with what to set.
+//! Indirect light replaces Bevy's ambient light and diffuse light probes. Left on, they are added
+//! on top: pictures become too bright and flat. Each finding is told once, with what to set.
 
 use super::components::{GiCamera, GiScene, GiSettings};
 use super::extract::{Brought, draws_gbuffer};
@@ -34,13 +34,16 @@ pub enum GiWarning {
     IrradianceVolume,
     /// A light probe has an `EnvironmentMapLight` with diffuse light.
     LightProbe,
-    /// A camera has [`GiCamera`] but not what that brought: a prepass is gone, or it takes several samples a pixel.
+    /// A camera has [`GiCamera`] but not what that brought: a prepass is gone, or it takes several
+    /// samples a pixel.
     NoGbuffer,
     /// Opaque materials are drawn forward, where the composite cannot reach them.
     ForwardMaterials,
-    /// A mesh has a material that is asked to be drawn forward: it gets no indirect light, and reflects none.
+    /// A mesh has a material that is asked to be drawn forward: it gets no indirect light, and
+    /// reflects none.
     ForwardMaterial,
-    /// A mesh has a material that lets light through: it is drawn over the picture that indirect light is in, and gets none itself.
+    /// A mesh has a material that lets light through: it is drawn over the picture that indirect
+    /// light is in, and gets none itself.
     TransparentMaterial,
     /// A lamp casts soft shadows, and a bake does not remember what its points see.
     NoVisibility,
@@ -201,7 +204,8 @@ pub(crate) fn check(
     let shows = cameras.iter().any(|(c, gi, ..)| c.is_active && gi.enabled);
     if let (true, true, Some(materials)) = (shows, *look, materials) {
         *look = false;
-        // A volume lights what no G-buffer holds; what moves is drawn by lamps as it is in the G-buffer.
+        // A volume lights what no G-buffer holds; what moves is drawn by lamps as it is in the
+        // G-buffer.
         let lit = |finding: &GiWarning| {
             !ours.is_empty() && (*finding == GiWarning::TransparentMaterial || bouncers.is_empty())
         };
@@ -211,7 +215,8 @@ pub(crate) fn check(
         found.extend(dark.filter(|finding| !lit(finding)));
     }
     if scenes.is_empty() {
-        // Nothing to count twice: what moves bounces light once, and ambient light may stand for the rest.
+        // Nothing to count twice: what moves bounces light once, and ambient light may stand for
+        // the rest.
         tell(found, &mut findings);
         return;
     }

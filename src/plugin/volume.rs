@@ -1,6 +1,9 @@
-//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's irradiance volumes, which kernel [`volume`](meshless_gi::frame::volume) writes whenever the light changes. [`super::fog`] reads it too.
+//! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's
+//! irradiance volumes, which kernel [`volume`](meshless_gi::frame::volume) writes whenever the
+//! light changes. [`super::fog`] reads it too.
 //!
-//! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras with our own display have it taken out there ([`super::deferred`]), or do not see it.
+//! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras
+//! with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
 use super::asset::GiBakedScene;
 use super::components::{GiCamera, GiScene, GiSettings};
@@ -34,25 +37,38 @@ use meshless_gi::frame::{VolumeParams, VoxelGrid, VoxelWeights};
 use std::any::TypeId;
 use std::sync::Arc;
 
-/// Lights what no G-buffer holds: all that cameras without [`GiCamera`] draw, forward ones and those with several samples a pixel; transparent and forward surfaces in views with it; and Bevy's volumetric fog in all views. Goes
-/// beside [`GiScene`]; the bake must know light in free space (recipe field `probes`).
+/// Lights what no G-buffer holds: all that cameras without [`GiCamera`] draw, forward ones and
+/// those with several samples a pixel; transparent and forward surfaces in views with it; and
+/// Bevy's volumetric fog in all views. Goes beside [`GiScene`]; the bake must know light in free
+/// space (recipe field `probes`).
 ///
-/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces are
-/// lit between voxels, which is coarser. No wall lets light of the next room through, however thin: as soon as there is such a component, Bevy's shader module for irradiance volumes is replaced by one
-/// that leaves out voxels behind walls (other volumes look as before; pipelines are compiled anew once, so let the component be there when a level is loaded). On devices that sample one volume at a time
-/// the nearest one counts: use one a place.
+/// It puts a child with an [`IrradianceVolume`] below the root and writes its voxels in the frames
+/// in which the light changes. Baked walls look as a deferred camera shows them; off them surfaces
+/// are lit between voxels, which is coarser. No wall lets light of the next room through, however
+/// thin: as soon as there is such a component, Bevy's shader module for irradiance volumes is
+/// replaced by one that leaves out voxels behind walls (other volumes look as before; pipelines are
+/// compiled anew once, so let the component be there when a level is loaded). On devices that
+/// sample one volume at a time the nearest one counts: use one a place.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiIrradianceVolume {
-    /// Edge of a voxel, meters of the bake's space; none for half of the distance between the bake's probes.
+    /// Edge of a voxel, meters of the bake's space; none for half of the distance between the
+    /// bake's probes.
     pub voxel: Option<f32>,
-    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each probe that its middle takes light from, 32 of them at most; beside walls eight for each of the wall's functions, and eight for the ways to walls. Voxels become larger where they would be more.
+    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each
+    /// probe that its middle takes light from, 32 of them at most; beside walls eight for each of
+    /// the wall's functions, and eight for the ways to walls. Voxels become larger where they would
+    /// be more.
     pub most: u32,
-    /// Multiplies the level's light in Bevy's volumetric fog ([`VolumetricFog`](bevy::light::VolumetricFog)), wherever a camera sees fog volumes in the level; 1 is what physics says, and 0 draws none. Set the `ambient_intensity` of
-    /// such cameras' fog to 0: that would be added.
+    /// Multiplies the level's light in Bevy's volumetric fog
+    /// ([`VolumetricFog`](bevy::light::VolumetricFog)), wherever a camera sees fog volumes in the
+    /// level; 1 is what physics says, and 0 draws none. Set the `ambient_intensity` of such
+    /// cameras' fog to 0: that would be added.
     ///
-    /// It is drawn at every pixel behind Bevy's own fog, without noise, with a step for each two voxels that a ray is long and `step_count` of them at most. Each fog volume dims what it sends itself and not what another
-    /// sends. Where several levels lie in one place the first lights the fog there, of five of them.
+    /// It is drawn at every pixel behind Bevy's own fog, without noise, with a step for each two
+    /// voxels that a ray is long and `step_count` of them at most. Each fog volume dims what it
+    /// sends itself and not what another sends. Where several levels lie in one place the first
+    /// lights the fog there, of five of them.
     pub fog: f32,
 }
 
@@ -122,7 +138,8 @@ impl Voxels {
     }
 }
 
-/// Makes, replaces and removes the volumes of roots. Runs in [`GiSystems::Shape`](super::GiSystems::Shape).
+/// Makes, replaces and removes the volumes of roots. Runs in
+/// [`GiSystems::Shape`](super::GiSystems::Shape).
 pub(crate) fn shape(
     roots: Query<(Entity, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)>,
     made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
@@ -189,8 +206,9 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
     display.is_some_and(|d| d.enabled) && draws_gbuffer(brought, msaa)
 }
 
-/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display is off or
-/// cannot be. Runs in [`GiSystems::Hide`](super::GiSystems::Hide).
+/// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them
+/// out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display
+/// is off or cannot be. Runs in [`GiSystems::Hide`](super::GiSystems::Hide).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
@@ -233,12 +251,14 @@ impl ExtractedVolume {
 #[derive(Resource, Default)]
 pub(crate) struct ExtractedVolumes {
     all: Vec<ExtractedVolume>,
-    /// Cameras of the main world with our display, and whether they see one; none where there are no volumes.
+    /// Cameras of the main world with our display, and whether they see one; none where there are
+    /// no volumes.
     displays: Vec<(Entity, bool)>,
 }
 
 impl ExtractedVolumes {
-    /// Whether this camera of the main world sees a volume; none where it has no display of ours, or there are no volumes.
+    /// Whether this camera of the main world sees a volume; none where it has no display of ours,
+    /// or there are no volumes.
     pub fn display(&self, camera: Entity) -> Option<bool> {
         let found = self.displays.iter().find(|(id, _)| *id == camera);
         found.map(|(_, sees)| *sees)
@@ -307,7 +327,8 @@ pub(crate) fn extract_volumes(
     }
 }
 
-/// How many functions of probes and surfaces are looked at in a frame in which a volume's places are found: some milliseconds of one core.
+/// How many functions of probes and surfaces are looked at in a frame in which a volume's places
+/// are found: some milliseconds of one core.
 const EVALUATIONS_PER_FRAME: u64 = 1 << 19;
 
 /// What the device holds of a scene's volume beside its texture, and what that was written for.
@@ -361,7 +382,8 @@ impl SceneVolume {
         world.find(id).is_some_and(|v| v.seen)
     }
 
-    /// Records the voxels of the scene's volume; those of a new one as soon as all its places are found.
+    /// Records the voxels of the scene's volume; those of a new one as soon as all its places are
+    /// found.
     #[expect(
         clippy::too_many_arguments,
         reason = "a volume, and what it is recorded with"
@@ -398,7 +420,8 @@ impl SceneVolume {
         self.written = None;
     }
 
-    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is done.
+    /// Goes on with what a volume needs before it can be recorded: there are buffers once that is
+    /// done.
     fn prepare(
         &mut self,
         shape: VoxelGrid,
@@ -438,7 +461,8 @@ impl SceneVolume {
     }
 }
 
-/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in
+/// [`GiSystems::Check`](super::GiSystems::Check).
 pub(crate) fn check_volumes(
     settings: Res<GiSettings>,
     roots: Query<&GiScene, With<GiIrradianceVolume>>,

@@ -1,8 +1,13 @@
-//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one in its place as soon as a level has a [`GiIrradianceVolume`], one that knows which voxels lie behind a
-//! wall (`shaders/engine/irradiance_volume.wgsl`; twin: [`read_volume`](meshless_gi::frame::volume_read::read_volume)). Volumes that are not ours look as before.
+//! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one
+//! in its place as soon as a level has a [`GiIrradianceVolume`], one that knows which voxels lie
+//! behind a wall (`shaders/engine/irradiance_volume.wgsl`; twin:
+//! [`read_volume`](meshless_gi::frame::volume_read::read_volume)). Volumes that are not ours look
+//! as before.
 //!
-//! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and pipelines that import it are made anew. A module that does not look as it does in the release that this was
-//! written for stays as it is, and that is told: walls then let light of the next room through.
+//! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and
+//! pipelines that import it are made anew. A module that does not look as it does in the release
+//! that this was written for stays as it is, and that is told: walls then let light of the next
+//! room through.
 
 use super::forward_camera::GiForwardCamera;
 use super::validation::{GiWarning, GiWarnings, tell};
@@ -35,8 +40,9 @@ pub(crate) enum Module {
     Ours { display: bool },
 }
 
-/// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once more where the first display of a forward camera
-/// comes later. Runs in [`GiSystems::Shape`](super::GiSystems::Shape).
+/// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once
+/// more where the first display of a forward camera comes later. Runs in
+/// [`GiSystems::Shape`](super::GiSystems::Shape).
 pub(crate) fn replace(
     volumes: Query<(), With<GiIrradianceVolume>>,
     displays: Query<(), With<GiForwardCamera>>,
@@ -94,7 +100,8 @@ mod tests {
 
     const HEAD: &str = "#define_import_path bevy_pbr::irradiance_volume\n";
 
-    /// What becomes of a module with this text in a world with a volume, and whether something is told.
+    /// What becomes of a module with this text in a world with a volume, and whether something is
+    /// told.
     fn become_of(text: &str, volume: bool) -> (String, bool) {
         let mut world = World::new();
         world.init_resource::<Assets<Shader>>();

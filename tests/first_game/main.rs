@@ -1,6 +1,6 @@
-//! The first hour of a Bevy developer, as a test: the programs of README.md are built as packages of
-//! their own in an empty folder, run in a window under Xvfb, and must show the light that `CpuFrame`
-//! computes from the same bake.
+//! The first hour of a Bevy developer, as a test: the programs of README.md are built as packages
+//! of their own in an empty folder, run in a window under Xvfb, and must show the light that
+//! `CpuFrame` computes from the same bake.
 //!
 //! The packages share profile, features and target folder with the tests, so that no package of the
 //! engine is built twice. `MGI_TEST_PICTURES` names a folder that keeps the pictures.

@@ -1,12 +1,13 @@
-//! The one plugin that the test adds to a first game. It waits until a bake lights the scene, writes
-//! a screenshot of the window and compares the plugin's indirect light with that of `CpuFrame`.
+//! The one plugin that the test adds to a first game. It waits until a bake lights the scene,
+//! writes a screenshot of the window and compares the plugin's indirect light with that of
+//! `CpuFrame`.
 //!
 //! A second camera with the pose of the game's camera draws indirect light alone, scene-linear, to
 //! an image. The CPU's picture takes its geometry from the meshes of the running game, so that it
 //! fits any game: surfaces are flat-shaded, without textures, and lights are point lights.
 //!
-//! Output in the folder `MGI_FIRST_GAME`: `window.png`, `pictures.png` (plugin, CPU), and one line on
-//! standard output: `FIRST_GAME flip=… nrmse=… mean=… covered=…`.
+//! Output in the folder `MGI_FIRST_GAME`: `window.png`, `pictures.png` (plugin, CPU), and one line
+//! on standard output: `FIRST_GAME flip=… nrmse=… mean=… covered=…`.
 
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::RenderTarget;
@@ -206,7 +207,8 @@ fn triangles(world: &mut World) -> Vec<Triangle> {
     triangles
 }
 
-/// The first triangle that a ray meets: its distance, its normal on the side of the ray, its albedo.
+/// The first triangle that a ray meets: its distance, its normal on the side of the ray, its
+/// albedo.
 fn cast(triangles: &[Triangle], origin: Vec3, direction: Vec3) -> Option<(f32, Vec3, Vec3)> {
     let mut best: Option<(f32, Vec3, Vec3)> = None;
     for triangle in triangles {

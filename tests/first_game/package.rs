@@ -81,8 +81,8 @@ fn section<'a>(manifest: &'a str, heading: &str) -> &'a str {
     &rest[..rest.find("\n[").unwrap_or(rest.len())]
 }
 
-/// The manifest of the package. All dependencies of the workspace are named too, so that every package
-/// has the features with which the tests were built.
+/// The manifest of the package. All dependencies of the workspace are named too, so that every
+/// package has the features with which the tests were built.
 fn manifest(root: &Path) -> String {
     let own = include_str!("../../Cargo.toml");
     let shared: String = section(own, "\n[workspace.dependencies]")

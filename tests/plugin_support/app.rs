@@ -1,4 +1,5 @@
-//! A Bevy app without a window, on whatever device there is (software Vulkan will do), and its pictures.
+//! A Bevy app without a window, on whatever device there is (software Vulkan will do), and its
+//! pictures.
 
 use super::flip::Picture;
 use bevy::app::PluginsState;
@@ -19,7 +20,8 @@ use bevy_meshless_gi::prelude::*;
 use half::f16;
 use std::sync::{Arc, Mutex};
 
-/// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as read-back wants them.
+/// Edges of the pictures, in pixels. 8 bytes a pixel make rows of a multiple of 256 bytes, as
+/// read-back wants them.
 pub const WIDTH: u32 = 128;
 pub const HEIGHT: u32 = 96;
 
@@ -53,7 +55,8 @@ pub fn app() -> App {
     app
 }
 
-/// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then hangs on no bake. A test that wants as many as a scene calls for sets `None` later.
+/// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then
+/// hangs on no bake. A test that wants as many as a scene calls for sets `None` later.
 pub const BOUNCES: u32 = 4;
 
 /// Waits for the plugins (the renderer starts in the background) and finishes them.
@@ -85,7 +88,8 @@ pub fn run(app: &mut App, frames: usize) {
     }
 }
 
-/// What a camera of the test draws to: halves, without tonemapping, so that pixels are scene-linear.
+/// What a camera of the test draws to: halves, without tonemapping, so that pixels are
+/// scene-linear.
 pub fn target(app: &mut App) -> Handle<Image> {
     let image = drawable(WIDTH, HEIGHT);
     app.world_mut().resource_mut::<Assets<Image>>().add(image)
@@ -108,7 +112,8 @@ pub fn drawable(width: u32, height: u32) -> Image {
     image
 }
 
-/// A camera without tonemapping that clears to black, and shows indirect light at every pixel: as the CPU's pictures do.
+/// A camera without tonemapping that clears to black, and shows indirect light at every pixel: as
+/// the CPU's pictures do.
 pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
     (
         Camera3d::default(),

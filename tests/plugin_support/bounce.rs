@@ -1,4 +1,5 @@
-//! What moving things reflect, as the CPU draws it: the maps that the plugin would draw, by casting rays, and the twins of the kernels.
+//! What moving things reflect, as the CPU draws it: the maps that the plugin would draw, by casting
+//! rays, and the twins of the kernels.
 
 use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
@@ -194,7 +195,8 @@ pub fn cpu_bounce(
     }
 }
 
-/// What smooth surfaces of `seen`, all of this roughness and reflectance, show of `lights`: every pixel, no shadows.
+/// What smooth surfaces of `seen`, all of this roughness and reflectance, show of `lights`: every
+/// pixel, no shadows.
 pub fn cpu_gloss(
     seen: &Things,
     lights: &[Vpl],

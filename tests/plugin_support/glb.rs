@@ -7,8 +7,8 @@ pub fn gltf(room: &Room, uri: &str) -> (Vec<u8>, Vec<u8>) {
     document(room, &format!(r#","uri":"{uri}""#), None)
 }
 
-/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer, and all surfaces have the image
-/// `texture` if there is one.
+/// One mesh, one primitive and material a surface; `uri` goes into the description of the buffer,
+/// and all surfaces have the image `texture` if there is one.
 fn document(room: &Room, uri: &str, texture: Option<&str>) -> (Vec<u8>, Vec<u8>) {
     let mut binary: Vec<u8> = Vec::new();
     let mut views = Vec::new();

@@ -1,4 +1,5 @@
-//! A small room, three times over: as Bevy's meshes, as geometry to bake, and as a picture that the CPU draws.
+//! A small room, three times over: as Bevy's meshes, as geometry to bake, and as a picture that the
+//! CPU draws.
 
 use super::app::{HEIGHT, WIDTH};
 use super::flip::Picture;
@@ -126,7 +127,8 @@ impl Room {
         }
     }
 
-    /// Bakes it, roughly: what is compared is two executors of one bake, not the bake with the truth.
+    /// Bakes it, roughly: what is compared is two executors of one bake, not the bake with the
+    /// truth.
     pub fn bake(&self, seed: u64) -> Arc<BakedScene> {
         self.bake_as(&Recipe {
             viewpoints: vec![[0.0, 1.0, 0.6]],
@@ -283,7 +285,8 @@ pub fn exposure() -> f32 {
     (-9.7f32).exp2() / 1.2
 }
 
-/// Indirect light alone, as the CPU draws it: `camera` and `lights` in the world, the room and its bake under `root`.
+/// Indirect light alone, as the CPU draws it: `camera` and `lights` in the world, the room and its
+/// bake under `root`.
 pub fn cpu_indirect(
     room: &Room,
     bake: &BakedScene,
@@ -364,7 +367,8 @@ pub fn cpu_indirect_textured(
     }
 }
 
-/// What a frame shows at a position: light of surfaces, and what their share leaves to light in free space.
+/// What a frame shows at a position: light of surfaces, and what their share leaves to light in
+/// free space.
 fn light(frame: &CpuFrame, bake: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
     let space = || Some(frame.in_space(bake, x, n)?.irradiance(n));
     match splat_covered(&bake.points, &bake.display, frame.values(), x, n) {

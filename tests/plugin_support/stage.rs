@@ -1,4 +1,5 @@
-//! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and the comparison of pictures.
+//! What the tests of the running plugin share: the room on its root, the view of it, its lamp, and
+//! the comparison of pictures.
 
 use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
@@ -19,7 +20,8 @@ pub const MAX: f32 = 0.02;
 /// Candela of the test's lamps.
 pub const CANDELA: f32 = 1500.0;
 
-/// From the front; not quite from the middle, where the edges of the room would pass through centers of pixels and be a matter of rounding.
+/// From the front; not quite from the middle, where the edges of the room would pass through
+/// centers of pixels and be a matter of rounding.
 pub fn view() -> Transform {
     Transform::from_xyz(0.013, 1.007, 4.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y)
 }
@@ -121,7 +123,8 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
     let (d, nrmse) = (flip(reference, test), test.nrmse(reference));
     println!("{name}: FLIP {d:.4}, NRMSE {nrmse:.4}");
     assert!(d <= MAX && nrmse <= 0.03, "{name}: FLIP {d}, NRMSE {nrmse}");
-    // The test can fail: a picture upside down does, one half as bright again, and one that is off by what nobody sees.
+    // The test can fail: a picture upside down does, one half as bright again, and one that is off
+    // by what nobody sees.
     let mut turned = test.clone();
     turned.pixels.reverse();
     assert!(

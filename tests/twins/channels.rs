@@ -1,4 +1,5 @@
-//! `apply_one` against its twin, for every form of coefficients, with sweeps and without, and at probes; and beside `apply`, where one channel is all that there is.
+//! `apply_one` against its twin, for every form of coefficients, with sweeps and without, and at
+//! probes; and beside `apply`, where one channel is all that there is.
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{SINGLE, Scale, differing};

@@ -16,7 +16,8 @@ pub enum Scale {
     Rms,
 }
 
-/// Items of `width` floats that differ by more than `tolerance`, relative to the larger item's largest float. Also those that are not finite.
+/// Items of `width` floats that differ by more than `tolerance`, relative to the larger item's
+/// largest float. Also those that are not finite.
 pub fn differing<T: NoUninit>(
     gpu: &[T],
     cpu: &[T],
@@ -45,7 +46,8 @@ pub fn differing<T: NoUninit>(
         .collect()
 }
 
-/// Asserts that all items agree, and that `spoiled`, the twin's output for a slightly different input, does not.
+/// Asserts that all items agree, and that `spoiled`, the twin's output for a slightly different
+/// input, does not.
 pub fn same<T: NoUninit>(
     name: &str,
     gpu: &[T],

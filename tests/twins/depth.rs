@@ -8,7 +8,8 @@ pub fn depth_texture(harness: &HeadlessDevice, size: [u32; 2], depth: &[f32]) ->
     depth_samples(harness, size, depth, 1)
 }
 
-/// The same with so many samples a pixel, all alike. They are drawn: WebGPU copies none into a 32-bit depth texture.
+/// The same with so many samples a pixel, all alike. They are drawn: WebGPU copies none into a
+/// 32-bit depth texture.
 pub fn depth_samples(
     harness: &HeadlessDevice,
     size: [u32; 2],

@@ -1,4 +1,5 @@
-//! `fmm_up` and `fmm_down` against their twins, over a room with all four lists, parts of visibility, and several orders.
+//! `fmm_up` and `fmm_down` against their twins, over a room with all four lists, parts of
+//! visibility, and several orders.
 
 use meshless_gi_lab::fixtures::fmm as room;
 
@@ -13,10 +14,12 @@ use meshless_gi::scene::{cornell_box, mesh_of_quads};
 use meshless_gi::transport::fmm::passes::Field;
 use meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
 
-/// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of roundings.
+/// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of
+/// roundings.
 const SUMS: f32 = 1e-4;
 
-/// S-expansions, R-expansions and vector irradiance of the twins; `radiosity` ends with the sky's coefficient.
+/// S-expansions, R-expansions and vector irradiance of the twins; `radiosity` ends with the sky's
+/// coefficient.
 fn twin(operator: &FmmOperator, radiosity: &[[f32; 4]]) -> [Vec<f32>; 3] {
     let mut passes = Passes::new(Field::of(operator));
     let sky = radiosity.len() - 1;
@@ -76,7 +79,8 @@ fn device(
 fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
     let room = room::cornell(1500);
     let mut points = room.points.clone();
-    // A ball without a part in the geometry: normals of all kinds. A heap in one place, more than a workgroup has threads.
+    // A ball without a part in the geometry: normals of all kinds. A heap in one place, more than a
+    // workgroup has threads.
     points.extend((0..400).map(|i| {
         let z = 1.0 - 2.0 * (i as f32 + 0.5) / 400.0;
         let phi = i as f32 * 2.399_963;
@@ -134,7 +138,8 @@ fn fmm_up_and_down() {
         let mut light: Vec<[f32; 4]> = light.map(|b| b.extend(0.0).to_array()).collect();
         let expected = twin(&operator, &light);
         let (found, counters) = device(&harness, &kernels, &operator, &light);
-        // One point that is half as bright again is noticed in all three, and so is the sky in the last.
+        // One point that is half as bright again is noticed in all three, and so is the sky in the
+        // last.
         let lit = |p: &&meshless_gi::transport::fmm::FmmPlace| p.share > 0.0;
         let mut sources = operator.places.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;

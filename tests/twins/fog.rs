@@ -1,4 +1,5 @@
-//! Kernels `fog_voxels` and `fog` against their twins, over a picture: fog before walls at any distance, with a density of its own and without, and a level that comes first.
+//! Kernels `fog_voxels` and `fog` against their twins, over a picture: fog before walls at any
+//! distance, with a density of its own and without, and a level that comes first.
 
 use super::compare::{HALF, Scale, differing};
 use super::depth::depth_samples;
@@ -30,7 +31,9 @@ struct Drawn {
 }
 
 impl Drawn {
-    /// A level that is turned and twice as large, in fog that is turned another way; without a texture of its density, with one, and where a part of it belongs to another level. The view does not fill its target.
+    /// A level that is turned and twice as large, in fog that is turned another way; without a
+    /// texture of its density, with one, and where a part of it belongs to another level. The view
+    /// does not fill its target.
     fn new() -> Self {
         let mut dice = Dice::new(7);
         let size = UVec3::new(7, 5, 6);
@@ -223,7 +226,8 @@ fn fog_in_a_picture() {
             assert!(off <= count / 500, "{which}, {samples} samples: {off}");
         }
     }
-    // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees, another density, another level that comes first.
+    // Must fail: fewer parts, other fog, another eye, another level, walls that nobody sees,
+    // another density, another level that comes first.
     type Spoil = fn(&mut Drawn);
     let spoils: [(&str, usize, Spoil); 12] = [
         ("steps", 1, |d| d.params[1].steps = 16),

@@ -1,4 +1,5 @@
-//! The kernel `gloss` against its twin, on a room with a glossy floor: node by node, bit by bit, pixel by pixel, and with shadows.
+//! The kernel `gloss` against its twin, on a room with a glossy floor: node by node, bit by bit,
+//! pixel by pixel, and with shadows.
 
 use super::compare::HALF;
 use super::depth::depth_texture;

@@ -1,4 +1,5 @@
-//! `occlude` against its twin, and a whole frame behind shutters: links, shadows, sky and light in free space, as they shut and open again.
+//! `occlude` against its twin, and a whole frame behind shutters: links, shadows, sky and light in
+//! free space, as they shut and open again.
 
 use crate::baked::{bake_box, lights, recipe};
 use crate::compare::{HALF, Scale, differing};

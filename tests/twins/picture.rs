@@ -169,8 +169,8 @@ fn splat_and_composite() {
     assert_eq!(drawn.frame.counters().of(Pass::SplatOver), 1);
     assert_eq!(drawn.frame.counters().composites, 1);
 
-    // splat. The one freedom: a place within rounding of a clip plane may lie on either side of it, and a weight sum within rounding of NO_COVER may count
-    // or not. Of 2747 pixels at most two do.
+    // splat. The one freedom: a place within rounding of a clip plane may lie on either side of it,
+    // and a weight sum within rounding of NO_COVER may count or not. Of 2747 pixels at most two do.
     let gpu = wide(&drawn.irradiance);
     let expected = splat_all(&scene, twin.values(), &screen, &params(0.5));
     let covered = expected.iter().filter(|e| e[3] == 1.0).count();

@@ -1,4 +1,5 @@
-//! The kernels of reflective shadow maps against their twins: `rsm` with its three entries, and `vpl`.
+//! The kernels of reflective shadow maps against their twins: `rsm` with its three entries, and
+//! `vpl`.
 
 use super::compare::{HALF, SINGLE, Scale, differing};
 use super::depth::depth_texture;
@@ -126,8 +127,8 @@ fn chosen(texels: &[RsmTexel]) -> Vec<Vpl> {
     rsm::choose(&params, texels)
 }
 
-/// Texels whose places, normals, flux or spread differ: each by itself, for they have different units. At the edge of a cone the flux is a small difference,
-/// so the scale is that of all texels.
+/// Texels whose places, normals, flux or spread differ: each by itself, for they have different
+/// units. At the edge of a cone the flux is a small difference, so the scale is that of all texels.
 fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     let parts: [fn(&RsmTexel) -> [f32; 3]; 4] = [
         |t| t.position,
@@ -147,7 +148,8 @@ fn texels_differing(gpu: &[RsmTexel], cpu: &[RsmTexel]) -> Vec<usize> {
     found
 }
 
-/// Virtual point lights whose numbers differ. A sum over texels in another order of the same rounding: a place within a ten-thousandth of a meter.
+/// Virtual point lights whose numbers differ. A sum over texels in another order of the same
+/// rounding: a place within a ten-thousandth of a meter.
 fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
     let near = |a: [f32; 3], b: [f32; 3], within: f32| {
         (Vec3::from_array(a) - Vec3::from_array(b))
@@ -298,7 +300,8 @@ fn vpl() {
     let viewport = [3.0, 2.0, size[0] as f32 - 5.0, size[1] as f32 - 2.0];
     let local = local_from_space(&local_from_world(), ORIGIN);
 
-    // Lights as a map gives them, and two that nothing of a map has: without a normal, and without a size.
+    // Lights as a map gives them, and two that nothing of a map has: without a normal, and without
+    // a size.
     let (light, own) = &lamps()[0];
     let mut lights = chosen(&own[0].texels(light));
     lights[3].normal = [0.0; 3];

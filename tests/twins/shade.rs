@@ -1,4 +1,5 @@
-//! The kernel `shade` and what is drawn of it against their twins, on the baked box of `soft` as a camera sees it.
+//! The kernel `shade` and what is drawn of it against their twins, on the baked box of `soft` as a
+//! camera sees it.
 
 use super::depth::depth_texture;
 use super::harness;
@@ -243,7 +244,8 @@ fn layers_of(harness: &HeadlessDevice, tables: &Tables) -> wgpu::TextureView {
     })
 }
 
-/// Pixels that differ by more than halves and sums in another order explain, or whose coverage does.
+/// Pixels that differ by more than halves and sums in another order explain, or whose coverage
+/// does.
 fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
     pixels_differing(gpu, cpu).len()
 }
@@ -286,7 +288,8 @@ fn compare(gloss: bool) {
     assert_eq!(apart(&picture, &expected), 0);
     assert!(picture.iter().any(|p| p[0] < 0.9 * GRAY));
 
-    // Must fail: another lamp, another place, another range, other surfaces, other points, what is missing, and what there would be.
+    // Must fail: another lamp, another place, another range, other surfaces, other points, what is
+    // missing, and what there would be.
     type Spoil = fn(&mut Shaded);
     let spoils: [(&str, Spoil); 8] = [
         ("color", |s| s.lights[0].color[1] *= 1.02),

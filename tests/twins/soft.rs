@@ -1,4 +1,5 @@
-//! The kernel `soft`, and `flatten` behind it, against their twins, on a small baked box with a rectangle, a sphere and a point.
+//! The kernel `soft`, and `flatten` behind it, against their twins, on a small baked box with a
+//! rectangle, a sphere and a point.
 
 use super::compare::{Scale, differing};
 use super::harness;
@@ -82,7 +83,8 @@ fn soft() {
         gpu[found[0]],
         cpu[found[0]]
     );
-    // Must fail: a light two centimeters off, no second light, a cluster's mean, a coefficient that is left out, how wrong a point is, the unit of depths, and no `flatten` behind the kernel.
+    // Must fail: a light two centimeters off, no second light, a cluster's mean, a coefficient that
+    // is left out, how wrong a point is, the unit of depths, and no `flatten` behind the kernel.
     let noticed = |what: &str, wrong: &[VectorIrradiance]| {
         let found = differing(&gpu, wrong, 12, tolerance, Scale::Rms);
         assert!(!found.is_empty(), "{what} goes unnoticed");

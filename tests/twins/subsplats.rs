@@ -1,4 +1,5 @@
-//! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`, `refine`, `splat` (nodes) and `upsample`, alone and together.
+//! The kernels of subsplats against their twins, on a drawn view of the Cornell box: `pyramid`,
+//! `refine`, `splat` (nodes) and `upsample`, alone and together.
 
 #[path = "volume.rs"]
 mod volume;

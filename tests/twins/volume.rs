@@ -32,7 +32,8 @@ fn volumes() {
         probes: &in_space,
     };
 
-    // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the bake's.
+    // Larger than the box, and in walls; not a multiple of a workgroup. Its axes are not the
+    // bake's.
     let [low, high] = of.scene.info.bounds.map(Vec3::from_array);
     let turned = Mat4::from_quat(Quat::from_rotation_y(0.7) * Quat::from_rotation_x(-0.3));
     let size = UVec3::new(19, 17, 21);
@@ -79,7 +80,8 @@ fn volumes() {
     assert_eq!(off((params, &places, values)), 0);
     let lit = gpu.iter().filter(|t| t[0] > 0.0).count();
     assert!(lit * 2 > gpu.len(), "{lit} of {}", gpu.len());
-    // What must be noticed: other values, a little more light, the bake's axes in place of the world's, other voxels ahead, voxels half a voxel aside.
+    // What must be noticed: other values, a little more light, the bake's axes in place of the
+    // world's, other voxels ahead, voxels half a voxel aside.
     let (mut aloft, mut along) = (in_space.clone(), on_walls.clone());
     aloft.rotate_left(3);
     along.rotate_left(3);
@@ -115,7 +117,8 @@ fn volumes() {
         let least = if what == "values on walls" { 8 } else { 4 };
         assert!(found * least > gpu.len(), "{what} goes unnoticed: {found}");
     }
-    // Sides with nothing ahead and nothing of their own are there, and lit by what is beside: without those steps they are dark.
+    // Sides with nothing ahead and nothing of their own are there, and lit by what is beside:
+    // without those steps they are dark.
     let alone = changed(&|p| {
         for side in &mut p.steps {
             *side = [side[AHEAD]; 9];

@@ -1,4 +1,5 @@
-//! The module that takes the place of Bevy's for irradiance volumes against its twin, `read_volume`: the file itself, with what it imports from Bevy made here.
+//! The module that takes the place of Bevy's for irradiance volumes against its twin,
+//! `read_volume`: the file itself, with what it imports from Bevy made here.
 
 use crate::compare::{HALF, Scale, differing};
 use crate::harness;
@@ -24,7 +25,8 @@ struct View { clip_from_world: mat4x4<f32>, view_from_world: mat4x4<f32>, viewpo
 @group(0) @binding(2) var<storage, read> places: array<Place>;
 @group(0) @binding(3) var<storage, read_write> lights: array<vec4f>;
 @group(0) @binding(4) var view_transmission_texture: texture_2d<f32>;
-// Looks along z from one voxel before the volume of 7 x 5 x 6, which fills its viewport; y points down.
+// Looks along z from one voxel before the volume of 7 x 5 x 6, which fills its viewport; y points
+// down.
 var<private> view: View = View(
     mat4x4<f32>(2.0 / 7.0, 0.0, 0.0, 0.0, 0.0, -2.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, -1.0, 1.0, 0.0, 1.0),
     mat4x4<f32>(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0),

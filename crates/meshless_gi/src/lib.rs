@@ -2,8 +2,8 @@
 //!
 //! A bake scatters points over a scene, builds a meshless hierarchical basis on them and computes a
 //! sparse operator from direct to indirect light. A frame projects the lights that changed, applies
-//! the operator and reads the result at every pixel. This crate has the bake, its file, and the frame
-//! on the CPU. It depends on no graphics API and no engine.
+//! the operator and reads the result at every pixel. This crate has the bake, its file, and the
+//! frame on the CPU. It depends on no graphics API and no engine.
 //!
 //! Data flows down this list, and so do imports:
 //!

@@ -1,4 +1,5 @@
-//! What a bake makes passes validation and comes back from its file as it was: each rule, each way to many bounces, any number of threads.
+//! What a bake makes passes validation and comes back from its file as it was: each rule, each way
+//! to many bounces, any number of threads.
 
 use glam::Vec3;
 use meshless_gi::asset::{BakeInfo, BakedScene, Limits, TierInfo, fingerprint};
@@ -59,8 +60,8 @@ fn small() -> Recipe {
     }
 }
 
-/// Bakes that are kept are found by the bake version: it must rise with every change of what equal input bakes to. Where this
-/// fails, raise [`BAKE_VERSION`], and take the new digest over.
+/// Bakes that are kept are found by the bake version: it must rise with every change of what equal
+/// input bakes to. Where this fails, raise [`BAKE_VERSION`], and take the new digest over.
 #[test]
 fn bake_of_one_version_is_always_the_same() {
     let mut scene = baked(&small(), 2);

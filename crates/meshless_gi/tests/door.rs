@@ -1,5 +1,6 @@
-//! A door between two rooms, and a shutter before an open box: how much of the light beyond them is left when they shut, beside bakes of levels that are closed there; what
-//! is half open; and what is refused. Every comparison is made a second time with a wrong input, where it must fail.
+//! A door between two rooms, and a shutter before an open box: how much of the light beyond them is
+//! left when they shut, beside bakes of levels that are closed there; what is half open; and what
+//! is refused. Every comparison is made a second time with a wrong input, where it must fail.
 #![allow(clippy::float_cmp, reason = "what is shut is nothing, to the bit")]
 
 use glam::Vec3;
@@ -122,7 +123,8 @@ fn lamp() -> Vec<FrameLight> {
     FrameLight::expand(&lamp, 1)
 }
 
-/// Places on walls, floor and ceiling from x to x, with their normals, centimeters from the door and far.
+/// Places on walls, floor and ceiling from x to x, with their normals, centimeters from the door
+/// and far.
 fn places(from: f32, to: f32) -> Vec<(Vec3, Vec3)> {
     let mut out = Vec::new();
     let steps = 16;
@@ -146,7 +148,8 @@ fn lit_room() -> Vec<(Vec3, Vec3)> {
     places(0.02, 3.88)
 }
 
-/// The room behind the door, the side of the wall that looks into it, and what of the opening lies beyond the door.
+/// The room behind the door, the side of the wall that looks into it, and what of the opening lies
+/// beyond the door.
 fn dark_room() -> Vec<(Vec3, Vec3)> {
     let mut out = places(4.12, 7.98);
     let [left, right, top] = OPENING;
@@ -164,7 +167,8 @@ fn dark_room() -> Vec<(Vec3, Vec3)> {
     out
 }
 
-/// Direct and indirect light together at the places, and the mean over all around at probes' height in the second room.
+/// Direct and indirect light together at the places, and the mean over all around at probes' height
+/// in the second room.
 fn light(frame: &CpuFrame, scene: &BakedScene, places: &[(Vec3, Vec3)]) -> Vec<f32> {
     let at = |&(x, n): &(Vec3, Vec3)| {
         let e = frame.irradiance(scene, x, n).expect("a function there");
@@ -277,7 +281,8 @@ fn a_shut_door_leaves_nothing_beyond_it() {
     );
 }
 
-/// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and what lies before it stays lit.
+/// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and
+/// what lies before it stays lit.
 #[test]
 fn two_doors_in_a_row() {
     let mesh = level(&[3.0, 5.5], Opening::Open);

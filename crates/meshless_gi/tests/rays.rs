@@ -1,5 +1,6 @@
-//! No ray escapes from a closed mesh: four million rays from the inside, a quarter of them aimed at vertices and at the
-//! middles of edges, near the origin and far from it. The same count finds a missing triangle.
+//! No ray escapes from a closed mesh: four million rays from the inside, a quarter of them aimed at
+//! vertices and at the middles of edges, near the origin and far from it. The same count finds a
+//! missing triangle.
 
 use glam::{Vec2, Vec3};
 use meshless_gi::samples::{Random, uniform_sphere};
@@ -32,7 +33,8 @@ fn sphere(rounds: u32) -> Triangles {
     out
 }
 
-/// A cube of side 2 whose faces are grids, every cell a pyramid that points inwards or outwards by a random length.
+/// A cube of side 2 whose faces are grids, every cell a pyramid that points inwards or outwards by
+/// a random length.
 fn spiked_box(cells: u32) -> Triangles {
     let mut r = Random::new(5, 0, 0);
     let mut out = Vec::new();
@@ -266,7 +268,8 @@ fn a_site_is_where_its_surface_is() {
 
 #[test]
 fn surfaces_a_hair_from_the_start_are_met() {
-    // In a level of two meters, a tile of a millimeter from 50 µm away; and the same a thousand times smaller and larger.
+    // In a level of two meters, a tile of a millimeter from 50 µm away; and the same a thousand
+    // times smaller and larger.
     for scale in [1e-3f32, 1.0, 1e3] {
         let v = |x: f32, y: f32, z: f32| scale * Vec3::new(x, y, z);
         let tile = [v(-5e-4, 0.0, -5e-4), v(5e-4, 0.0, -5e-4), v(0.0, 0.0, 5e-4)];

@@ -1,4 +1,5 @@
-//! The operator's tiers (design D11): a prefix of the links is an operator that is as bright as the whole, cheaper, and little worse.
+//! The operator's tiers (design D11): a prefix of the links is an operator that is as bright as the
+//! whole, cheaper, and little worse.
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
@@ -62,7 +63,8 @@ fn seen(scene: &BakedScene, level: &Level, tier: u32) -> Vec<Vec3> {
         .collect()
 }
 
-/// Mean difference to `whole`, and its root mean square, relative to the mean and the root mean square of `whole`.
+/// Mean difference to `whole`, and its root mean square, relative to the mean and the root mean
+/// square of `whole`.
 fn compare(part: &[Vec3], whole: &[Vec3]) -> (f64, f64) {
     let (mut bias, mut mean, mut square, mut power) = (0.0, 0.0, 0.0, 0.0);
     for (a, b) in part.iter().zip(whole) {

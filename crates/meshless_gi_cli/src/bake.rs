@@ -20,7 +20,8 @@ pub const MAX_THREADS: i64 = 1024;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level: triangles (.glb, .gltf), points (.ply), both (a .json whose geometry names them), or a recipe (.gi.ron) that names one.
+    /// The level: triangles (.glb, .gltf), points (.ply), both (a .json whose geometry names them),
+    /// or a recipe (.gi.ron) that names one.
     scene: PathBuf,
     /// Where the bake goes.
     #[arg(short, long, value_name = "OUT.mgi")]
@@ -36,7 +37,8 @@ pub struct Args {
     /// Write statistics as JSON.
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
-    /// Afterwards cast the gather's rays again and do nothing else with them: what is the least that the bake could take.
+    /// Afterwards cast the gather's rays again and do nothing else with them: what is the least
+    /// that the bake could take.
     #[arg(long)]
     yardstick: bool,
 }
@@ -47,7 +49,8 @@ struct Options {
     /// How much care to take [draft, medium, high; medium if left out].
     #[arg(long, hide_possible_values = true, value_parser = preset())]
     preset: Option<Preset>,
-    /// A place in free space from which light can be seen, meters; may be given several times. Points without normals face it.
+    /// A place in free space from which light can be seen, meters; may be given several times.
+    /// Points without normals face it.
     #[arg(long = "viewpoint", value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = viewpoint)]
     viewpoints: Vec<[f32; 3]>,
     /// Disk radius of the coarsest level, meters.
@@ -89,7 +92,8 @@ struct Options {
     /// Rule fmm: rays that decide what two nodes see of each other, 1 to 4096 (16 if left out).
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pair_rays: Option<u32>,
-    /// Rule fmm: bake the links of rule bounded too, for devices and frames that do not hold the octree.
+    /// Rule fmm: bake the links of rule bounded too, for devices and frames that do not hold the
+    /// octree.
     #[arg(long)]
     fallback: bool,
     /// Threshold of the rule, 0 to 1.
@@ -101,17 +105,20 @@ struct Options {
     /// Bake light in free space, for what moves.
     #[arg(long)]
     probes: bool,
-    /// Light in free space: distance between its probes, meters [about 2000 in the box around the level].
-    /// Implies `--probes`.
+    /// Light in free space: distance between its probes, meters [about 2000 in the box around the
+    /// level]. Implies `--probes`.
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     probe_spacing: Option<f32>,
-    /// Which skies may light the level: the same radiance from everywhere, or one that varies (spherical harmonics).
+    /// Which skies may light the level: the same radiance from everywhere, or one that varies
+    /// (spherical harmonics).
     #[arg(long, value_name = "KIND", value_parser = sky())]
     sky: Option<Sky>,
-    /// Bake what materials cover each sender, for base colors and emission that change in the running game.
+    /// Bake what materials cover each sender, for base colors and emission that change in the
+    /// running game.
     #[arg(long)]
     live_materials: bool,
-    /// A door or a lift that the running game opens and shuts: the name of a node of the level; again for several, 64 at most.
+    /// A door or a lift that the running game opens and shuts: the name of a node of the level;
+    /// again for several, 64 at most.
     #[arg(long = "occluder", value_name = "NAME")]
     occluders: Vec<String>,
     /// Bake what points see, for lights with soft shadows.
@@ -141,7 +148,8 @@ struct Options {
         allow_hyphen_values = true
     )]
     visibility_cluster: Option<u32>,
-    /// Soft shadows: clusters whose depths are more wrong are cut in two, 0.001 to 1 (0.03 if left out; 1 for none).
+    /// Soft shadows: clusters whose depths are more wrong are cut in two, 0.001 to 1 (0.03 if left
+    /// out; 1 for none).
     #[arg(
         long,
         value_name = "E",
@@ -393,7 +401,8 @@ fn same_file(a: &Path, b: &Path) -> bool {
     }
 }
 
-/// Reads a level, and remarks on what was not taken as it stands there. Points without normals face the `viewpoints` that they lie around.
+/// Reads a level, and remarks on what was not taken as it stands there. Points without normals face
+/// the `viewpoints` that they lie around.
 pub fn load(path: &Path, viewpoints: &[[f32; 3]]) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new(format!("reading {}", path.display()));
     let viewpoints: Vec<Vec3> = viewpoints.iter().map(|&v| v.into()).collect();

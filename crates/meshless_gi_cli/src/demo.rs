@@ -1,5 +1,6 @@
-//! `demo`: the main job with no file and no GPU. Bakes the built-in Cornell box and shows it under a lamp at three places: direct light only, with
-//! indirect light as a frame computes it, and by the reference integrator.
+//! `demo`: the main job with no file and no GPU. Bakes the built-in Cornell box and shows it under
+//! a lamp at three places: direct light only, with indirect light as a frame computes it, and by
+//! the reference integrator.
 
 use super::error::ToolError;
 use super::output::{self, count};
@@ -32,7 +33,8 @@ struct Effort {
     size: u32,
     /// Rays that the bake casts for each of its points.
     rays: u32,
-    /// Paths of the reference for each of the samples of a pixel, in two halves that know nothing of each other.
+    /// Paths of the reference for each of the samples of a pixel, in two halves that know nothing
+    /// of each other.
     paths: u32,
 }
 
@@ -54,7 +56,8 @@ pub struct Args {
     /// Folder for the pictures, the bake and the table.
     #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
     output: PathBuf,
-    /// Bake a point cloud instead: a statue in the Cornell box, all of it points; they are written as statue.ply.
+    /// Bake a point cloud instead: a statue in the Cornell box, all of it points; they are written
+    /// as statue.ply.
     #[arg(long)]
     points: bool,
 }
@@ -151,7 +154,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
     ))
 }
 
-/// The statue's room as the cells of scattered points, which are written to a file and read from it.
+/// The statue's room as the cells of scattered points, which are written to a file and read from
+/// it.
 fn statue(file: &Path) -> Result<TriangleMesh, ToolError> {
     let step = progress::Step::new("scattering points");
     scatter::write(&statue_room(), SPACING, 1, PlyEncoding::LittleEndian, file)?;
@@ -258,7 +262,8 @@ fn show(
     (row, pictures.map(|p| picture::tone_map(&p, exposure)))
 }
 
-/// ‖x − reference‖ / ‖reference‖, of two references with independent noise: in products of the one with the other it cancels.
+/// ‖x − reference‖ / ‖reference‖, of two references with independent noise: in products of the one
+/// with the other it cancels.
 fn nrmse(values: &[Vec3], one: impl Fn(usize) -> Vec3, other: impl Fn(usize) -> Vec3) -> f64 {
     let (mut square, mut power) = (0.0f64, 0.0f64);
     for (i, x) in values.iter().enumerate() {

@@ -92,7 +92,8 @@ pub fn viewpoints(baked: &BakedScene) -> Vec<Vec3> {
     (baked.info.viewpoints.iter()).map(|&v| v.into()).collect()
 }
 
-/// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it may be missing.
+/// The geometry, for what emissive surfaces and the sky send directly. Where there are neither, it
+/// may be missing.
 pub fn geometry(
     baked: &BakedScene,
     description: &SceneDescription,

@@ -1,4 +1,5 @@
-//! `illuminate`: the light at every point of a bake, or of a cloud, under a scene's lights: a `.ply` file with the light as color, and the bake with the light in it.
+//! `illuminate`: the light at every point of a bake, or of a cloud, under a scene's lights: a
+//! `.ply` file with the light as color, and the bake with the light in it.
 
 use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
@@ -20,7 +21,8 @@ pub struct Args {
     /// The cloud whose points are lit; left out: the bake's own points.
     #[arg(long, value_name = "CLOUD.ply")]
     points: Option<PathBuf>,
-    /// Where the lit points go. Their color is what they reflect, over what the brightest hundredth of them does at least; linear.
+    /// Where the lit points go. Their color is what they reflect, over what the brightest hundredth
+    /// of them does at least; linear.
     #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
     /// The irradiance, W/m², as color, neither reflected nor scaled.

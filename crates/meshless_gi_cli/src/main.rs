@@ -1,7 +1,9 @@
-//! The tool: bakes levels, reports what accuracy costs, evaluates, exports, inspects and validates bakes, and shows what it is about without a file and without a GPU.
+//! The tool: bakes levels, reports what accuracy costs, evaluates, exports, inspects and validates
+//! bakes, and shows what it is about without a file and without a GPU.
 //!
-//! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong usage; 3 could not read or write. Standard
-//! output carries results only; work that takes longer shows its progress on standard error where that is a terminal.
+//! Exit codes: 0 done; 1 the input is not valid (what and where is on standard error); 2 wrong
+//! usage; 3 could not read or write. Standard output carries results only; work that takes longer
+//! shows its progress on standard error where that is a terminal.
 
 mod bake;
 mod demo;
@@ -50,7 +52,8 @@ enum Command {
     Export(export::Args),
     /// The light at every point of a bake or of a cloud, as a point cloud with the light as color.
     Illuminate(illuminate::Args),
-    /// Bake the built-in Cornell box and show it with and without indirect light, beside the reference. Needs no file and no GPU.
+    /// Bake the built-in Cornell box and show it with and without indirect light, beside the
+    /// reference. Needs no file and no GPU.
     Demo(demo::Args),
     /// What accuracy costs in time: bakes a level by many recipes and says what to choose.
     Report(report::Args),
@@ -66,7 +69,8 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(why) => {
-            // Help and the version come this way too. Whoever closed the pipe does not want to read them.
+            // Help and the version come this way too. Whoever closed the pipe does not want to read
+            // them.
             let _ = why.print();
             return ExitCode::from(if why.use_stderr() { error::USAGE } else { 0 });
         }

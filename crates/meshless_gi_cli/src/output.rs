@@ -1,4 +1,5 @@
-//! Standard output, for results, and standard error, for remarks. Neither panics where nobody reads.
+//! Standard output, for results, and standard error, for remarks. Neither panics where nobody
+//! reads.
 
 use super::error::ToolError;
 use meshless_gi::asset::EnergyInfo;

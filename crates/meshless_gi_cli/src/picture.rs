@@ -68,7 +68,8 @@ impl View {
         all.into_par_iter().map(value).collect()
     }
 
-    /// The picture of irradiances, one for each of [`Self::samples`]: radiance, averaged over each pixel.
+    /// The picture of irradiances, one for each of [`Self::samples`]: radiance, averaged over each
+    /// pixel.
     pub fn develop(&self, irradiance: &[Vec3]) -> Image {
         let mut next = irradiance.iter();
         let mut light = |sample: &Option<Sample>| match sample {
@@ -99,7 +100,8 @@ pub fn exposure(picture: &Image) -> f32 {
     if mean > 0.0 { 0.25 / mean } else { 1.0 }
 }
 
-/// Light to 8-bit sRGB: exposure, then [Reinhard's curve](https://doi.org/10.1145/566654.566575) on the luminance, which keeps the hue.
+/// Light to 8-bit sRGB: exposure, then [Reinhard's curve](https://doi.org/10.1145/566654.566575) on
+/// the luminance, which keeps the hue.
 pub fn tone_map(picture: &Image, exposure: f32) -> Vec<[u8; 3]> {
     let mut mapped = picture.clone();
     for c in &mut mapped.pixels {

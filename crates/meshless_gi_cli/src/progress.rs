@@ -1,5 +1,5 @@
-//! Work with a bar on standard error where that is a terminal, and with a line from time to time where
-//! it is none.
+//! Work with a bar on standard error where that is a terminal, and with a line from time to time
+//! where it is none.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use meshless_gi::bake::Progress;

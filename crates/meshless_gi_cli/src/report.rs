@@ -1,4 +1,5 @@
-//! `report`: what accuracy costs in time on a level: `report.json`, charts and `report.md` in a folder.
+//! `report`: what accuracy costs in time on a level: `report.json`, charts and `report.md` in a
+//! folder.
 
 use super::error::ToolError;
 use super::{bake, output, progress};
@@ -11,7 +12,8 @@ use std::time::Duration;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// The level (.glb, .gltf, .ply, .json), or a recipe (.gi.ron) that names one; of a recipe the level and the viewpoints count.
+    /// The level (.glb, .gltf, .ply, .json), or a recipe (.gi.ron) that names one; of a recipe the
+    /// level and the viewpoints count.
     scene: PathBuf,
     /// Folder for report.json, report.md and the charts.
     #[arg(short, long, value_name = "DIR")]
@@ -19,7 +21,8 @@ pub struct Args {
     /// A handful of quick bakes.
     #[arg(long)]
     quick: bool,
-    /// No bake begins that would probably end later than this many minutes after the start [25, with --quick 10]; the reference and one bake always run.
+    /// No bake begins that would probably end later than this many minutes after the start [25,
+    /// with --quick 10]; the reference and one bake always run.
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = minutes)]
     minutes: Option<f64>,
     /// Threads; 0 for one a processor. Times depend on it, errors do not.

@@ -27,7 +27,8 @@ fn tool(arguments: &[&str]) -> Output {
         .expect("the tool starts")
 }
 
-/// Runs the tool and returns what it prints, after a look at its exit code. No panic ever, and nothing on standard output but results.
+/// Runs the tool and returns what it prints, after a look at its exit code. No panic ever, and
+/// nothing on standard output but results.
 fn expect(code: i32, arguments: &[&str]) -> (String, String) {
     let ran = tool(arguments);
     let out = String::from_utf8(ran.stdout).expect("text");

@@ -1,4 +1,5 @@
-//! The same through the tool: broken levels as `.glb` files, exit codes, and what it tells on standard error.
+//! The same through the tool: broken levels as `.glb` files, exit codes, and what it tells on
+//! standard error.
 
 use glam::Vec3;
 use meshless_gi_lab::fixtures::hard_cases::{Triangles, room};
@@ -8,7 +9,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
-/// A `.glb` file of one mesh without indices: the corners as they stand, a normal for each, and a material with these factors, as JSON.
+/// A `.glb` file of one mesh without indices: the corners as they stand, a normal for each, and a
+/// material with these factors, as JSON.
 fn glb(triangles: &Triangles, normal: Vec3, material: &str) -> Vec<u8> {
     let corners: Vec<Vec3> = triangles.iter().flatten().copied().collect();
     let numbers = |all: &mut dyn Iterator<Item = Vec3>| -> Vec<u8> {

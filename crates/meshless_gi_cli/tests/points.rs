@@ -1,5 +1,7 @@
-//! Point clouds as levels: a Cornell box of points against the reference integrator on the same cells and against the box of triangles that the points were
-//! scattered over, and the tool on `.ply` files alone and beside meshes. Comparisons are also made with a wrong input and must fail there.
+//! Point clouds as levels: a Cornell box of points against the reference integrator on the same
+//! cells and against the box of triangles that the points were scattered over, and the tool on
+//! `.ply` files alone and beside meshes. Comparisons are also made with a wrong input and must fail
+//! there.
 
 use meshless_gi_lab::fixtures::points as points_support;
 
@@ -29,7 +31,8 @@ fn lamp() -> [Light; 1] {
     }]
 }
 
-/// What a camera in front of the open side and one below the ceiling see of the box: places on triangles, with normals.
+/// What a camera in front of the open side and one below the ceiling see of the box: places on
+/// triangles, with normals.
 fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
     (0..count)
         .filter_map(|k| {
@@ -220,7 +223,8 @@ fn the_tool_takes_points(rule: &str) {
             "{row:?}"
         );
     }
-    // The light at every point, stored in the bake and as a cloud's colors, is what `eval` says there.
+    // The light at every point, stored in the bake and as a cloud's colors, is what `eval` says
+    // there.
     let illuminate = |more: &[&str], out: &str| {
         let all = [
             "illuminate",
@@ -302,7 +306,8 @@ fn the_tool_takes_points(rule: &str) {
     assert!(tool(&["bake", &at("cut.ply"), "-o", &at("n.mgi")], 1).contains("do not fit"));
 }
 
-/// A scan of a room's inside with no normals: seen from within, its surface faces within, in the bake and where its points are lit.
+/// A scan of a room's inside with no normals: seen from within, its surface faces within, in the
+/// bake and where its points are lit.
 #[test]
 fn a_scan_without_normals_faces_where_it_is_seen_from() {
     let folder = tempfile::tempdir().unwrap();
@@ -344,7 +349,8 @@ fn a_scan_without_normals_faces_where_it_is_seen_from() {
         let lit = read_ply(&out).unwrap();
         let (normals, light) = (lit.normals.unwrap(), lit.albedo.unwrap());
         assert!(lit.positions.len() > 100);
-        // All of the scan's; of the bake's own all but the few outside, where rays went through slits between points spread by chance.
+        // All of the scan's; of the bake's own all but the few outside, where rays went through
+        // slits between points spread by chance.
         let outwards = (0..normals.len()).filter(|&i| normals[i].dot(lit.positions[i]) >= 0.0);
         let most = if more.is_empty() {
             normals.len() / 20
@@ -353,7 +359,8 @@ fn a_scan_without_normals_faces_where_it_is_seen_from() {
         };
         let outwards = outwards.count();
         assert!(outwards <= most, "{outwards} of {}", normals.len());
-        // As bright as the lamp's own light within the ball at least: 1 / (1.5..2.5)² times a cosine near one.
+        // As bright as the lamp's own light within the ball at least: 1 / (1.5..2.5)² times a
+        // cosine near one.
         let mean = light.iter().map(|e| e.x).sum::<f32>() / light.len() as f32;
         assert!(mean > 0.2, "{mean}");
     }

@@ -1,10 +1,12 @@
-//! How wrong is a bake, and where did its seconds go? Bakes scenes for which another program has computed the truth and prints a row of each.
+//! How wrong is a bake, and where did its seconds go? Bakes scenes for which another program has
+//! computed the truth and prints a row of each.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example accuracy -- medium tests/data/cornell tests/data/rooms_open
 //! ```
 //!
-//! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
+//! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`
+//! (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
 use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Settings, bake_scene, cast_gather_rays};
 use meshless_gi::eval::{Bounces, Evaluator};
@@ -57,7 +59,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns the row of the bake and those of its tiers.
+/// Bakes the scene of a folder, prints a row for each light and number of reflections, and returns
+/// the row of the bake and those of its tiers.
 fn scene(folder: &Path, name: &str, recipe: &Recipe) -> Result<[String; 2], Box<dyn Error>> {
     let lights = (0..)
         .map(|i| folder.join(format!("L{i}.json")))

@@ -1,11 +1,13 @@
-//! Writes docs/reports/ACCURACY.md and its charts: a report on each of several levels, and what holds on all of them.
+//! Writes docs/reports/ACCURACY.md and its charts: a report on each of several levels, and what
+//! holds on all of them.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example accuracy_doc -- tests/data/cornell tests/data/rooms_open path/to/level.glb
 //! ```
 //!
-//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's irradiance at places); the report compares presets with that too.
-//! `--quick` before the levels makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
+//! A folder holds, for each light, `L0.json` (geometry and lights) and `L0.csv` (another program's
+//! irradiance at places); the report compares presets with that too. `--quick` before the levels
+//! makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
 
 use meshless_gi::asset::write_file;
 use meshless_gi::bake::Progress;

@@ -1,5 +1,6 @@
-//! Rule `fmm` beside `bounded` and `pca`: error, time of a frame, bytes and time of the bake on the same axes, for the Cornell box as triangles and as points, and for a statue of
-//! points in a room of triangles. Writes `FMM_RULE.md` and its charts.
+//! Rule `fmm` beside `bounded` and `pca`: error, time of a frame, bytes and time of the bake on the
+//! same axes, for the Cornell box as triangles and as points, and for a statue of points in a room
+//! of triangles. Writes `FMM_RULE.md` and its charts.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example fmm_rule -- -o docs/reports
@@ -125,7 +126,8 @@ fn timed<T>(run: impl FnOnce() -> T) -> (T, f64) {
     (made, start.elapsed().as_secs_f64())
 }
 
-/// A bake's seconds, milliseconds of the least of three solves under a lamp, and its own estimate of its error.
+/// A bake's seconds, milliseconds of the least of three solves under a lamp, and its own estimate
+/// of its error.
 fn cost(level: &TriangleMesh, rule: TransportMethod) -> Result<[f64; 3], Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,

@@ -1,5 +1,6 @@
-//! How much light comes through walls, and what does it cost to stop it there? Bakes two rooms with our rule and with [L08]'s, with functions that
-//! stop at walls and without, and prints a row of each.
+//! How much light comes through walls, and what does it cost to stop it there? Bakes two rooms with
+//! our rule and with [L08]'s, with functions that stop at walls and without, and prints a row of
+//! each.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example leaks -- draft
@@ -43,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bakes and prints one row; `without` holds rays, seconds and bytes of the bake without walls, once it is known.
+/// Bakes and prints one row; `without` holds rays, seconds and bytes of the bake without walls,
+/// once it is known.
 fn row(
     scene: &Walled,
     preset: Preset,

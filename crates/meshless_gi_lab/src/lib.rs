@@ -1,5 +1,5 @@
-//! Measurements of [`meshless_gi`]: metrics, ground truth, alternative bases, renderings and charts.
-//! The tool's commands `report` and `demo` and the repository's tests use it. No game does.
+//! Measurements of [`meshless_gi`]: metrics, ground truth, alternative bases, renderings and
+//! charts. The tool's commands `report` and `demo` and the repository's tests use it. No game does.
 //!
 //! | module | content |
 //! |---|---|

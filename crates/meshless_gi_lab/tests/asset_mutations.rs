@@ -1,5 +1,6 @@
-//! A million seeded mutations of `.mgi` files: reading never panics, never takes more memory than allowed, and what it lets through runs a frame.
-//! `MGI_TEST_INTENSITY` (default 1) scales the number.
+//! A million seeded mutations of `.mgi` files: reading never panics, never takes more memory than
+//! allowed, and what it lets through runs a frame. `MGI_TEST_INTENSITY` (default 1) scales the
+//! number.
 
 mod asset_support;
 
@@ -28,7 +29,8 @@ fn count(bytes: i64) {
     PEAK.set(PEAK.get().max(now));
 }
 
-// SAFETY: hands everything on to the system's allocator, and only counts beside it in thread-local cells that need no allocation.
+// SAFETY: hands everything on to the system's allocator, and only counts beside it in thread-local
+// cells that need no allocation.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(layout.size() as i64);
@@ -406,7 +408,8 @@ fn mutations_are_refused_or_harmless() {
     }
 }
 
-/// Must fail: the harness sees too much memory, and a walk over a scene that validation refuses does go wrong.
+/// Must fail: the harness sees too much memory, and a walk over a scene that validation refuses
+/// does go wrong.
 #[test]
 fn the_harness_would_notice() {
     let (_, taken) = peak(|| std::hint::black_box(vec![1u8; 3 << 20]).len());

@@ -1,4 +1,5 @@
-//! The `.mgi` container: what is written is what is read, the same bytes every time, and files are replaced as a whole or not at all.
+//! The `.mgi` container: what is written is what is read, the same bytes every time, and files are
+//! replaced as a whole or not at all.
 
 mod asset_support;
 

@@ -1,5 +1,6 @@
-//! The frame on the CPU against closed forms: geometric series of bounces, the lamps' textbook irradiances, what is not done again, and the same
-//! bits for any number of threads. The GPU's frame is compared with this one in `twins.rs`.
+//! The frame on the CPU against closed forms: geometric series of bounces, the lamps' textbook
+//! irradiances, what is not done again, and the same bits for any number of threads. The GPU's
+//! frame is compared with this one in `twins.rs`.
 
 use meshless_gi_lab::fixtures::synthetic;
 
@@ -18,7 +19,8 @@ const EMISSION: f32 = 3.0;
 const SENDERS: usize = 4;
 const POINTS: usize = 12;
 
-/// A closed box in the abstract: every point sees one sender, and nothing else, in the direction of its normal. Or the sky.
+/// A closed box in the abstract: every point sees one sender, and nothing else, in the direction of
+/// its normal. Or the sky.
 fn furnace(to_sky: bool) -> BakedScene {
     let normal = |i: usize| Vec3::new(0.6, if i.is_multiple_of(2) { 0.8 } else { -0.8 }, 0.0);
     let points: Vec<Point> = (0..POINTS)
@@ -81,7 +83,8 @@ fn furnace(to_sky: bool) -> BakedScene {
     }
 }
 
-/// A sender's light is the mean over its places: with one of four in the shadow it is three quarters, and none of its own point's.
+/// A sender's light is the mean over its places: with one of four in the shadow it is three
+/// quarters, and none of its own point's.
 #[test]
 fn a_sender_is_lit_at_its_places() {
     let mut scene = furnace(false);

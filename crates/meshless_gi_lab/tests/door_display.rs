@@ -1,5 +1,7 @@
-//! A door that is drawn as what moves is, in the opening between two rooms: its own pixels, and those of jambs and floor beside it, against the reference integrator with the door's mesh in the scene. Shut
-//! and half open, for occluders that enclose the mesh, equal it and lie inside of it, and for none. `MGI_TEST_PICTURES` names a folder for the pictures.
+//! A door that is drawn as what moves is, in the opening between two rooms: its own pixels, and
+//! those of jambs and floor beside it, against the reference integrator with the door's mesh in the
+//! scene. Shut and half open, for occluders that enclose the mesh, equal it and lie inside of it,
+//! and for none. `MGI_TEST_PICTURES` names a folder for the pictures.
 
 use glam::{Mat4, Quat, Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
@@ -22,7 +24,8 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The door's middle where it is shut, and half of its edges: a panel of 12 mm in a wall of 20 mm, so that some of the jambs is seen.
+/// The door's middle where it is shut, and half of its edges: a panel of 12 mm in a wall of 20 mm,
+/// so that some of the jambs is seen.
 const MIDDLE: Vec3 = Vec3::new(4.01, 1.0, 1.95);
 const HALF: Vec3 = Vec3::new(0.006, 1.0, 0.45);
 /// Half of the thickness of the occluders: thicker than the door, as thick, and inside of it.
@@ -55,7 +58,8 @@ struct Pixel {
     right: Vec3,
 }
 
-/// The level, its lights, and the pixels of each view of a shut door and of one that is half open, with the light that is right.
+/// The level, its lights, and the pixels of each view of a shut door and of one that is half open,
+/// with the light that is right.
 struct Stage {
     level: TriangleMesh,
     lights: Vec<meshless_gi::scene::Light>,
@@ -149,7 +153,8 @@ fn pixel(
     Some(Pixel { x, n, part, right })
 }
 
-/// A bake with an occluder in place of the door, or without one: half of its thickness, and how far its middle lies from the door's.
+/// A bake with an occluder in place of the door, or without one: half of its thickness, and how far
+/// its middle lies from the door's.
 fn baked(occluder: Option<(f32, f32)>) -> BakedScene {
     let shape = |(half, off): (f32, f32)| OccluderDesc {
         name: "door".into(),
@@ -198,7 +203,8 @@ fn shown(frame: &CpuFrame, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
 struct Found {
     /// Root mean square of the error of the door's pixels over that of their light.
     nrmse: f32,
-    /// Pixels of door, jambs and floor that have less than half of their light, where that is more than 5 % of the root mean square.
+    /// Pixels of door, jambs and floor that have less than half of their light, where that is more
+    /// than 5 % of the root mean square.
     dark: usize,
     /// The brightest of them.
     brightest: f32,
@@ -294,7 +300,8 @@ fn door_without_an_occluder_is_lit_as_the_reference_has_it() {
     check("none", &baked(None), true);
 }
 
-/// The box's middle lies before the door, where planes that do not lean would have the door lit from behind.
+/// The box's middle lies before the door, where planes that do not lean would have the door lit
+/// from behind.
 #[test]
 fn door_in_the_farther_half_of_its_box_is_lit_from_the_side_that_it_faces() {
     let scene = baked(Some((0.06, -0.04)));

@@ -1,5 +1,6 @@
-//! A bake's own estimate of its error is honest: it holds what is measured against another program's truth, under that program's lamp, and it rises with an
-//! operator that was made wrong on purpose. `examples/accuracy.rs` prints the same for any scene and preset.
+//! A bake's own estimate of its error is honest: it holds what is measured against another
+//! program's truth, under that program's lamp, and it rises with an operator that was made wrong on
+//! purpose. `examples/accuracy.rs` prints the same for any scene and preset.
 
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{ErrorEstimate, Preset, Progress, Recipe, bake_scene, estimate_errors};
@@ -83,7 +84,8 @@ fn is_honest(name: &'static str) {
         whole.interval < 1.5 * whole.nrmse,
         "{name}: {whole:?} says nothing"
     );
-    // Links a tenth too strong: the first reflection is 10 % too bright, the second 21 %, and so on.
+    // Links a tenth too strong: the first reflection is 10 % too bright, the second 21 %, and so
+    // on.
     for row in &mut scene.operator.rows {
         row.scale *= 1.1;
     }

@@ -1,4 +1,5 @@
-//! The fast multipole method on whole scenes: against the sum over all pairs, closed forms, the reference integrator, and hard cases.
+//! The fast multipole method on whole scenes: against the sum over all pairs, closed forms, the
+//! reference integrator, and hard cases.
 
 use meshless_gi_lab::fixtures::fmm as room;
 
@@ -43,7 +44,8 @@ fn on_a_sphere(count: usize, radius: f32, at: Vec3, inward: bool) -> Vec<FmmPoin
         .collect()
 }
 
-/// The error falls with the order as separation^(order + 1) says, in a room where a third of all pairs look away from each other.
+/// The error falls with the order as separation^(order + 1) says, in a room where a third of all
+/// pairs look away from each other.
 #[test]
 fn converges_to_the_direct_sum() {
     let room = with_ball(6000);
@@ -106,7 +108,8 @@ fn a_sphere_from_inside_is_even() {
     assert!(part < 1e-3, "{part}");
 }
 
-/// From outside nobody sees anybody: without care for what looks away two wrong signs would make B arrive.
+/// From outside nobody sees anybody: without care for what looks away two wrong signs would make B
+/// arrive.
 #[test]
 fn a_sphere_from_outside_is_dark() {
     let points = on_a_sphere(4000, 1.0, Vec3::ZERO, false);
@@ -176,7 +179,8 @@ fn any_number_of_threads_gives_the_same_bits() {
     }
 }
 
-/// The Cornell box as points, blocks in the way, lit by a lamp: many bounces against the reference integrator at the same places.
+/// The Cornell box as points, blocks in the way, lit by a lamp: many bounces against the reference
+/// integrator at the same places.
 #[test]
 fn the_cornell_box_agrees_with_the_reference() {
     let room = cornell(8000);
@@ -265,7 +269,8 @@ fn hard_cases() {
     assert!(pair[0] == pair[1] && pair[0].x > 0.0, "{pair:?}");
     let mut random = Random::new(1, 2, 3);
     let mut any = || Vec3::from_array([0; 3].map(|_| random.unit() - 0.5));
-    // In one place, looking everywhere: they exchange nothing, and are evenly lit by one that looks at them.
+    // In one place, looking everywhere: they exchange nothing, and are evenly lit by one that looks
+    // at them.
     let mut spot: Vec<_> = (0..20_000).map(|_| point(Vec3::ONE, any())).collect();
     let dark = finite(&spot, "one place");
     assert!(dark.iter().all(|e| *e == Vec3::ZERO));

@@ -1,4 +1,5 @@
-//! Light in fog: what a place in the air scatters toward an eye of a level's indirect light, beside the reference integrator; and none of the next room's.
+//! Light in fog: what a place in the air scatters toward an eye of a level's indirect light, beside
+//! the reference integrator; and none of the next room's.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
@@ -50,7 +51,8 @@ struct Air {
 }
 
 impl Air {
-    /// With voxels of so many meters, or as long as the plugin makes them where nothing else is said.
+    /// With voxels of so many meters, or as long as the plugin makes them where nothing else is
+    /// said.
     fn new(scene: &BakedScene, lights: &[Light], edge: Option<f32>) -> Self {
         let mut frame = CpuFrame::new(scene);
         let lights: Vec<FrameLight> = lights
@@ -106,13 +108,15 @@ fn places() -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Henyey and Greenstein (1941): how much of the light that comes from `w` goes to an eye whose ray goes along `d`, 1/sr. Both are turned round: so is the light's way.
+/// Henyey and Greenstein (1941): how much of the light that comes from `w` goes to an eye whose ray
+/// goes along `d`, 1/sr. Both are turned round: so is the light's way.
 fn phase(asymmetry: f32, w: Vec3, d: Vec3) -> f32 {
     let g = asymmetry;
     (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * w.dot(d)).powf(1.5))
 }
 
-/// Radiance of the surfaces around each place after one reflection and more, by rays from there, as the reference integrator has it.
+/// Radiance of the surfaces around each place after one reflection and more, by rays from there, as
+/// the reference integrator has it.
 fn around(
     mesh: &TriangleMesh,
     lights: &[Light],
@@ -144,7 +148,8 @@ fn around(
     seen.into_iter().zip(&lit).map(radiance).collect()
 }
 
-/// The integral at each place of that radiance times what `weight` says of the place and the direction that light comes from.
+/// The integral at each place of that radiance times what `weight` says of the place and the
+/// direction that light comes from.
 fn integrals(
     around: &[(usize, Vec3, Vec3)],
     places: usize,
@@ -293,7 +298,8 @@ fn parts_of_rays_are_short_enough() {
     assert!(off[1] < 0.01 && off[3] > 2.0 * off[1], "{off:?}");
 }
 
-/// Two rooms with two centimeters between them, a lamp in one: nothing is in the other's fog, up to its walls.
+/// Two rooms with two centimeters between them, a lamp in one: nothing is in the other's fog, up to
+/// its walls.
 #[test]
 fn fog_in_the_next_room_is_dark() {
     let size = Vec3::new(3.0, 2.5, 3.0);

@@ -1,4 +1,5 @@
-//! Gloss of virtual lights on the CPU (\[N09\] §3.3.1): per-light refinement beside one list and full resolution, and that nothing is lost, crosses edges or is no number. Bounds are measured,
+//! Gloss of virtual lights on the CPU (\[N09\] §3.3.1): per-light refinement beside one list and
+//! full resolution, and that nothing is lost, crosses edges or is no number. Bounds are measured,
 //! with room.
 
 use meshless_gi_lab::fixtures::gloss as gloss_support;
@@ -18,7 +19,8 @@ fn finite(texels: &[[f32; 4]]) {
     }
 }
 
-/// FLIP 0.01 against full resolution with a tenth of its evaluations; one list for all lights takes twice as many for a FLIP that is hardly less.
+/// FLIP 0.01 against full resolution with a tenth of its evaluations; one list for all lights takes
+/// twice as many for a FLIP that is hardly less.
 #[test]
 fn few_evaluations_show_what_full_resolution_shows() {
     let mesh = room();
@@ -48,7 +50,8 @@ fn few_evaluations_show_what_full_resolution_shows() {
     }
 }
 
-/// Where every light is asked that was seen at all around a node, the sum of changes is the sum of the lights. A light that all nodes around see dark is not asked: few notice.
+/// Where every light is asked that was seen at all around a node, the sum of changes is the sum of
+/// the lights. A light that all nodes around see dark is not asked: few notice.
 #[test]
 fn what_is_evaluated_is_exact() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
@@ -145,7 +148,8 @@ fn the_eye_is_where_the_picture_is_seen_from() {
     }
 }
 
-/// Lights on the very surface, without size, without normal, without flux, behind it: no number that is none, and nothing brighter than the disk's light allows.
+/// Lights on the very surface, without size, without normal, without flux, behind it: no number
+/// that is none, and nothing brighter than the disk's light allows.
 #[test]
 fn nothing_sparkles() {
     let mut vpls = virtual_lights(&room(), 32, 12);
@@ -191,7 +195,8 @@ fn nothing_sparkles() {
         finite(&found.texels);
         assert_eq!(found.texels.len(), (size[0] * size[1]) as usize);
     }
-    // A light of 5 W on a disk of 0.04 m² squared radius leaves with 5 / (π 0.04) W/m²; a mirror shows its radiance.
+    // A light of 5 W on a disk of 0.04 m² squared radius leaves with 5 / (π 0.04) W/m²; a mirror
+    // shows its radiance.
     let params = scene.params(&GlossSettings::default());
     let view = scene.view(&params);
     let alone = vec![on(0.04, -Vec3::Y)];

@@ -1,5 +1,7 @@
-//! Light that comes through walls: none into a sealed room, and beside an open door no more error behind a thin wall than before it. The same is measured for functions
-//! that do not stop at walls, as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table (docs/reports/LEAKS.md).
+//! Light that comes through walls: none into a sealed room, and beside an open door no more error
+//! behind a thin wall than before it. The same is measured for functions that do not stop at walls,
+//! as [L08]'s do not, and must fail there. `examples/leaks.rs` prints the table
+//! (docs/reports/LEAKS.md).
 
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
@@ -50,7 +52,8 @@ fn a_room_behind_a_sheet_stays_dark() {
     stays_dark(&scene, &[TransportMethod::L08, TransportMethod::Bounded]);
 }
 
-/// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong before it.
+/// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong
+/// before it.
 #[test]
 fn behind_a_thin_wall_with_a_door_light_is_as_right_as_before_it() {
     let scene = open();

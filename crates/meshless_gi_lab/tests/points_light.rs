@@ -1,5 +1,6 @@
-//! Light among points: closed rooms of points, whose light has a closed form, evenly sampled and noisy; and a statue of points in a room of triangles, each of them lit by the
-//! other, beside the reference integrator. Comparisons are also made with a wrong input and must fail there.
+//! Light among points: closed rooms of points, whose light has a closed form, evenly sampled and
+//! noisy; and a statue of points in a room of triangles, each of them lit by the other, beside the
+//! reference integrator. Comparisons are also made with a wrong input and must fail there.
 
 use meshless_gi_lab::fixtures::points as points_support;
 
@@ -24,7 +25,8 @@ fn bulb() -> [Light; 1] {
     }]
 }
 
-/// Reflected irradiance where each `step`th point is seen from the middle, with the points' areas. All reflections.
+/// Reflected irradiance where each `step`th point is seen from the middle, with the points' areas.
+/// All reflections.
 fn reflected(cloud: &PointCloud, preset: Preset, step: usize) -> Vec<(f32, f32)> {
     let (cells, _) = cloud.mesh();
     let scene = baked(&cells, preset);
@@ -98,8 +100,9 @@ fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
     (mean, spread / mean)
 }
 
-/// Wherever the lamp is: inside a ball reflected light is the same everywhere, and in any closed room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one
-/// reflection loses through slits between points counts ten times.
+/// Wherever the lamp is: inside a ball reflected light is the same everywhere, and in any closed
+/// room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one reflection loses through slits between
+/// points counts ten times.
 #[test]
 fn closed_rooms_of_points_keep_their_light() {
     for albedo in [0.5f32, 0.9] {
@@ -126,7 +129,8 @@ fn closed_rooms_of_points_keep_their_light() {
     }
 }
 
-/// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and slits is what the mean is off.
+/// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and
+/// slits is what the mean is off.
 #[test]
 fn a_noisy_closed_room_keeps_its_light() {
     const SPACING: f32 = 0.04;
@@ -154,7 +158,8 @@ fn a_noisy_closed_room_keeps_its_light() {
     assert!(spread < 0.16, "{spread}");
 }
 
-/// The five walls of the box as triangles and the statue as points, each with what it reflects times a factor.
+/// The five walls of the box as triangles and the statue as points, each with what it reflects
+/// times a factor.
 fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
     let mut quads = cornell_box();
     quads.truncate(5);
@@ -170,7 +175,8 @@ fn walls_and_statue(walls: f32, stands: f32) -> (TriangleMesh, usize) {
     (TriangleMesh::joined(vec![room, cloud.mesh().0]), count)
 }
 
-/// Places on the walls and on the statue, as cameras in front, on the left and on the right see them.
+/// Places on the walls and on the statue, as cameras in front, on the left and on the right see
+/// them.
 fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2] {
     let mut found = [Vec::new(), Vec::new()];
     for k in 0..count {
@@ -192,8 +198,9 @@ fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2
     found
 }
 
-/// Light from the points alone on the triangles, from the triangles alone on the points, and all of it on both. What is left at `Draft` is the recipe's and not the points': the
-/// same statue as triangles is as far off.
+/// Light from the points alone on the triangles, from the triangles alone on the points, and all of
+/// it on both. What is left at `Draft` is the recipe's and not the points': the same statue as
+/// triangles is as far off.
 #[test]
 fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
     let lamp = [Light::Rect {

@@ -1,4 +1,5 @@
-//! Light in free space: a ball that moves through a level, beside the reference integrator; sealed rooms; closed forms; the file.
+//! Light in free space: a ball that moves through a level, beside the reference integrator; sealed
+//! rooms; closed forms; the file.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::asset::{BakedScene, Limits, Probes};
@@ -135,7 +136,8 @@ fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
     assert!(errors(&value(&wrong), &value(&right), &none).nrmse > 0.15);
 }
 
-/// `rooms_open` with its opening walled up: a ball on the same way has none of the lit room's light in the other.
+/// `rooms_open` with its opening walled up: a ball on the same way has none of the lit room's light
+/// in the other.
 #[test]
 fn a_ball_in_the_sealed_room_is_dark() {
     let folder =
@@ -189,7 +191,8 @@ fn a_ball_in_the_sealed_room_is_dark() {
     assert!(most <= 1e-4 * lit, "{most} of {lit}");
 }
 
-/// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and reflects nothing.
+/// The six walls of a room, seen from within; what `shines` of them (0 to 5) emits 1 W/m² and
+/// reflects nothing.
 fn room(low: Vec3, high: Vec3, albedo: f32, shines: impl Fn(usize) -> bool) -> Vec<Quad> {
     let size = high - low;
     let axes = [Vec3::X, Vec3::Y, Vec3::Z];
@@ -214,7 +217,8 @@ fn room(low: Vec3, high: Vec3, albedo: f32, shines: impl Fn(usize) -> bool) -> V
         .collect()
 }
 
-/// The frame of `scene` under `lights`, with a sky of 1 W/(m² sr) and emission where `glow` says so.
+/// The frame of `scene` under `lights`, with a sky of 1 W/(m² sr) and emission where `glow` says
+/// so.
 fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> CpuFrame {
     let mut frame = CpuFrame::new(scene);
     frame.set_lights(scene, lights);
@@ -264,7 +268,8 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
     }
 }
 
-/// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in the air it is what the probes say, or the display of the walls. Also where the level is turned.
+/// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in
+/// the air it is what the probes say, or the display of the walls. Also where the level is turned.
 #[test]
 fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
     let size = Vec3::new(3.0, 2.5, 3.0);
@@ -357,7 +362,8 @@ fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
     }
 }
 
-/// The light of each place by its shares beside the look-up that they stand for, and found in many calls beside all at once.
+/// The light of each place by its shares beside the look-up that they stand for, and found in many
+/// calls beside all at once.
 fn shares_say_what_probes_say(
     places: &VoxelWeights,
     scene: &BakedScene,
@@ -399,7 +405,8 @@ fn shares_say_what_probes_say(
 
 #[test]
 fn closed_forms() {
-    // A sky over a single quad, from above: half of all directions. E(n) of the upper hemisphere is (1 + n.y) / 2 of all.
+    // A sky over a single quad, from above: half of all directions. E(n) of the upper hemisphere is
+    // (1 + n.y) / 2 of all.
     let floor = Quad {
         corners: [[-9.0, -9.0], [-9.0, 9.0], [9.0, 9.0], [9.0, -9.0]]
             .map(|[x, z]| Vec3::new(x, 0.0, z)),
@@ -424,13 +431,15 @@ fn closed_forms() {
             .expect("a probe reaches");
         let right = std::f32::consts::PI * 0.5 * (1.0 + n.y);
         let found = light.irradiance(n).x;
-        // What the floor hides at the probes' heights, and the part of a step that two degrees leave.
+        // What the floor hides at the probes' heights, and the part of a step that two degrees
+        // leave.
         assert!(
             (found - right).abs() < 0.06 * std::f32::consts::PI,
             "{n}: {found} {right}"
         );
     }
-    // A closed room that shines: E is π L for every normal and everywhere. With one wall only, what that wall's solid angle says.
+    // A closed room that shines: E is π L for every normal and everywhere. With one wall only, what
+    // that wall's solid angle says.
     for shines in [[true; 6], [false, false, true, false, false, false]] {
         let quads = room(Vec3::ZERO, Vec3::splat(2.0), 0.0, |k| shines[k]);
         let mesh = mesh_of_quads(&quads);
@@ -459,13 +468,15 @@ fn closed_forms() {
             }
         }
         if !shines[0] {
-            // In the middle a wall is a sixth of all directions, and the floor's light comes from below: d.
+            // In the middle a wall is a sixth of all directions, and the floor's light comes from
+            // below: d.
             let light = frame
                 .in_space(&scene, Vec3::ONE, Vec3::ZERO)
                 .expect("a probe reaches");
             let [up, down] = [Vec3::Y, Vec3::NEG_Y].map(|n| light.irradiance(n).x);
-            // A mean over half a meter to all sides is some per cent more than the middle, for light falls ever more slowly away from the wall.
-            // Form factor of a square of edge 2 to a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
+            // A mean over half a meter to all sides is some per cent more than the middle, for
+            // light falls ever more slowly away from the wall. Form factor of a square of edge 2 to
+            // a parallel element 1 above its middle: 4/π · (1/√2) · atan(1/√2) · 2 / 2.
             let s = std::f32::consts::FRAC_1_SQRT_2;
             let right = 4.0 * s * s.atan();
             assert!(
@@ -599,7 +610,8 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
     }
 }
 
-/// A dome on the floor is lit by functions of the floor below and by probes above: its light does not jump between the two.
+/// A dome on the floor is lit by functions of the floor below and by probes above: its light does
+/// not jump between the two.
 #[test]
 fn surfaces_and_space_meet_without_a_seam() {
     let mesh = mesh_of_quads(&cornell_box());
@@ -632,7 +644,8 @@ fn surfaces_and_space_meet_without_a_seam() {
     );
     assert!(below * 200 < covers.len());
 
-    // Up a flat dome on the floor, in steps of a millimeter: the largest step of the light, in parts of the mean.
+    // Up a flat dome on the floor, in steps of a millimeter: the largest step of the light, in
+    // parts of the mean.
     let (radius, center) = (0.4, Vec3::new(-0.55, -0.3, 0.6));
     let steps = (PI * radius / 1e-3) as u32;
     let largest = |light: &dyn Fn(Vec3, Vec3) -> Option<Vec3>| {

@@ -1,4 +1,5 @@
-//! The reference integrator against the laws of lamps and sky (more closed forms: `tests/truth.rs`), and against path-traced ground truth that another program computed
+//! The reference integrator against the laws of lamps and sky (more closed forms:
+//! `tests/truth.rs`), and against path-traced ground truth that another program computed
 //! (`tests/data`). Every comparison is also made with a wrong input and must fail there.
 
 use glam::Vec3;
@@ -168,7 +169,8 @@ fn some(truth: &GroundTruth) -> GroundTruth {
     }
 }
 
-/// Our estimates of indirect light against the table's, each with its noise. What is known on top of it: single precision and its textures' eight bits.
+/// Our estimates of indirect light against the table's, each with its noise. What is known on top
+/// of it: single precision and its textures' eight bits.
 fn compare(ours: &[Irradiance], (values, errors): &(Vec<Vec3>, Vec<Vec3>)) -> TestStatistics {
     let (found, noise): (Vec<Vec3>, Vec<Vec3>) =
         ours.iter().map(|e| (e.indirect, e.indirect_error)).unzip();
@@ -238,7 +240,8 @@ fn ground_truth_of_another_program_agrees() {
     }
 }
 
-/// Ground truth that is not the project's to publish: the folders of the one that `MESHLESS_GI_REFERENCE` names, or of one beside the project.
+/// Ground truth that is not the project's to publish: the folders of the one that
+/// `MESHLESS_GI_REFERENCE` names, or of one beside the project.
 #[test]
 fn unpublished_ground_truth_agrees() {
     let folder = std::env::var_os("MESHLESS_GI_REFERENCE").map_or_else(

@@ -1,5 +1,6 @@
-//! Whole bakes against path-traced ground truth that another program computed: the medium preset on the published scenes (`tests/data`), the lights
-//! that the bake never saw. Prints what it measures (`-- --nocapture`); `examples/accuracy.rs` does the same for any scene and preset.
+//! Whole bakes against path-traced ground truth that another program computed: the medium preset on
+//! the published scenes (`tests/data`), the lights that the bake never saw. Prints what it measures
+//! (`-- --nocapture`); `examples/accuracy.rs` does the same for any scene and preset.
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
@@ -107,7 +108,8 @@ fn sponza_at_medium() {
     }
 }
 
-/// Wherever light can reach, the display knows a value; and functions that only reach half as far would leave holes.
+/// Wherever light can reach, the display knows a value; and functions that only reach half as far
+/// would leave holes.
 #[test]
 fn the_display_has_no_holes() {
     let (_, mesh, _) = load(&published("rooms_open"));

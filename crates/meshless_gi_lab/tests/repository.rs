@@ -1,6 +1,6 @@
-//! Rules of the repository: imports go one way, engine and device stay where they belong, citations and
-//! decisions are defined, files stay short, and documents agree with the code. The checks read text
-//! only. Each one also fails on a bad example.
+//! Rules of the repository: imports go one way, engine and device stay where they belong, citations
+//! and decisions are defined, files stay short, and documents agree with the code. The checks read
+//! text only. Each one also fails on a bad example.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -32,7 +32,8 @@ fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|why| panic!("{path}: {why}"))
 }
 
-/// All files below `folder` with one of the endings: path from the root with forward slashes, and text.
+/// All files below `folder` with one of the endings: path from the root with forward slashes, and
+/// text.
 fn files(folder: &str, endings: &[&str]) -> Vec<(String, String)> {
     fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder)
@@ -294,7 +295,8 @@ fn decisions_cited(text: &str) -> BTreeSet<u32> {
         .collect()
 }
 
-/// Relative links of a Markdown text that lead nowhere. Pictures are left out, for pages are read without them too.
+/// Relative links of a Markdown text that lead nowhere. Pictures are left out, for pages are read
+/// without them too.
 fn dead_links(text: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
     let mut dead = Vec::new();
     for (i, _) in text.match_indices("](") {

@@ -1,5 +1,7 @@
-//! One bounce from what moves, against the reference integrator's: reflective shadow maps drawn from the light, their virtual point lights, and the light of
-//! these on the walls. Beside it \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test rsm -- --nocapture` prints the tables.
+//! One bounce from what moves, against the reference integrator's: reflective shadow maps drawn
+//! from the light, their virtual point lights, and the light of these on the walls. Beside it
+//! \[N09\]'s own choice, and what goes wrong in hard cases. `cargo test --test rsm -- --nocapture`
+//! prints the tables.
 
 #[path = "rsm/room.rs"]
 mod room;
@@ -59,7 +61,8 @@ fn crate_room() -> Room {
     )
 }
 
-/// Two rooms with a door between them; the ball is lit in one of them, half of it in the shadow of the wall.
+/// Two rooms with a door between them; the ball is lit in one of them, half of it in the shadow of
+/// the wall.
 fn door_room() -> Room {
     let eye = Vec3::new(0.6, 2.2, 1.0);
     let center = Vec3::new(2.4, 1.0, 2.2);
@@ -108,7 +111,8 @@ fn sunny_room() -> Room {
 struct Case {
     name: &'static str,
     room: Room,
-    /// Bounds of the NRMSE with 128 lights of 64² texels, at [`NEAR`] or farther: with and without visibility.
+    /// Bounds of the NRMSE with 128 lights of 64² texels, at [`NEAR`] or farther: with and without
+    /// visibility.
     bounds: [f64; 2],
     /// Bound at all places, with visibility.
     near: f64,
@@ -203,8 +207,8 @@ fn one_bounce_agrees_with_the_reference() {
             let places = room.places.iter();
             let values: Vec<Vec3> = places.map(|&(x, n)| grid.light_at(x, n)).collect();
             let error = nrmse(room, &truth, &values);
-            // The same map with [N09]'s flux and its bound of r² is worse with every lit texel than the strata with 128 lights: not in parallel light, where its
-            // texels are alike indeed.
+            // The same map with [N09]'s flux and its bound of r² is worse with every lit texel than
+            // the strata with 128 lights: not in parallel light, where its texels are alike indeed.
             if case.name != "sun" && error[0] < 3.0 * case.bounds[0] {
                 wrong.push((case.name, error, error));
             }
@@ -219,7 +223,8 @@ fn one_bounce_agrees_with_the_reference() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// A ball that goes a millimeter a frame, where a texel is two centimeters wide: the light on the walls changes as smoothly.
+/// A ball that goes a millimeter a frame, where a texel is two centimeters wide: the light on the
+/// walls changes as smoothly.
 #[test]
 fn light_does_not_flicker_where_an_object_moves() {
     let eye = Vec3::new(0.5, 2.5, 0.6);
@@ -242,10 +247,12 @@ fn light_does_not_flicker_where_an_object_moves() {
         }
         (sum / f64::from(count)).sqrt()
     };
-    // The light at the walls in each frame, by both choices from 64² texels, with about as many lights.
+    // The light at the walls in each frame, by both choices from 64² texels, with about as many
+    // lights.
     let mut ours: Vec<Vec<Vec3>> = Vec::new();
     let mut grid: Vec<Vec<Vec3>> = Vec::new();
-    // Every texel a light of its own: what is left is the map's, whose texels are the object's or not.
+    // Every texel a light of its own: what is left is the map's, whose texels are the object's or
+    // not.
     let mut all: Vec<Vec<Vec3>> = Vec::new();
     let mut lit = 0;
     for frame in 0..frames {
@@ -269,7 +276,8 @@ fn light_does_not_flicker_where_an_object_moves() {
         let places = room.places.iter();
         grid.push(places.map(|&(x, n)| rival.light_at(x, n)).collect());
     }
-    // Second differences, the worst frame's RMS over the places, and the worst place of all; relative to the RMS of the light.
+    // Second differences, the worst frame's RMS over the places, and the worst place of all;
+    // relative to the RMS of the light.
     let flicker = |light: &[Vec<Vec3>]| {
         let whole = rms(&mut light.iter().flatten().map(|e| e.x));
         let mut worst = [0.0f64; 2];
@@ -295,7 +303,8 @@ fn light_does_not_flicker_where_an_object_moves() {
     assert!(b[0] > 3.0 * a[0], "{a:?}, {b:?}");
 }
 
-/// A disk of constant radiosity: on its axis E = B R² / (R² + h²), also with one light, at every height.
+/// A disk of constant radiosity: on its axis E = B R² / (R² + h²), also with one light, at every
+/// height.
 #[test]
 fn a_lit_disk_gives_its_closed_form() {
     let radius = 0.25;
@@ -350,7 +359,8 @@ fn flux_of(lights: &[Vpl]) -> Vec3 {
     lights.iter().map(|l| Vec3::from_array(l.flux)).sum()
 }
 
-/// Strata keep all flux, whatever the numbers of texels and lights, and never share out what is not there.
+/// Strata keep all flux, whatever the numbers of texels and lights, and never share out what is not
+/// there.
 #[test]
 fn no_flux_is_lost_or_made() {
     let texels = ball_room().texels(64);
@@ -427,7 +437,8 @@ fn hard_cases_stay_numbers() {
     let point = |color: Vec3| FrameLight::point(eye, color, f32::INFINITY);
     let usual = flux_of(&lights_of(&aim, &point(Vec3::ONE), &object, 32));
     assert!(usual.x > 0.0);
-    // Light that is no number shines nowhere, nor does light that takes away; black gives nothing back.
+    // Light that is no number shines nowhere, nor does light that takes away; black gives nothing
+    // back.
     for color in [Vec3::NAN, Vec3::INFINITY, -Vec3::ONE, Vec3::ZERO] {
         assert_eq!(
             flux_of(&lights_of(&aim, &point(color), &object, 32)),

@@ -1,6 +1,8 @@
-//! All that shines is a sender: emissive surfaces, the sky, a rectangular light, and base colors that change after the bake, on two scenes, beside the reference
-//! integrator. Four reflections; at preset `Medium` at most 4 % of the indirect irradiance, which takes minutes and runs when asked for (`-- --ignored --nocapture`), at `Draft` at most 10 % (20 % of emissive surfaces). Every comparison is
-//! made a second time with a wrong input, where it must fail.
+//! All that shines is a sender: emissive surfaces, the sky, a rectangular light, and base colors
+//! that change after the bake, on two scenes, beside the reference integrator. Four reflections; at
+//! preset `Medium` at most 4 % of the indirect irradiance, which takes minutes and runs when asked
+//! for (`-- --ignored --nocapture`), at `Draft` at most 10 % (20 % of emissive surfaces). Every
+//! comparison is made a second time with a wrong input, where it must fail.
 
 use glam::{Vec2, Vec3};
 use meshless_gi::asset::BakedScene;
@@ -16,7 +18,8 @@ use meshless_gi::scene::{
 use meshless_gi_lab::accuracy::{Errors, errors};
 use std::path::Path;
 
-/// Most of the error, relative to the light. A panel lights the wall that it hangs on, within centimeters: too little for `Draft`.
+/// Most of the error, relative to the light. A panel lights the wall that it hangs on, within
+/// centimeters: too little for `Draft`.
 fn most(preset: Preset, what: &str) -> f64 {
     match (preset, what) {
         (Preset::Draft, what) if what.starts_with("emissive surface") => 0.2,
@@ -70,7 +73,8 @@ impl Parts {
         TriangleMesh::new(parts.0, parts.1, parts.2)
     }
 
-    /// The same with a picture on the last square, which is to shine: black on the left, green in the middle, white on the right, or the other way round.
+    /// The same with a picture on the last square, which is to shine: black on the left, green in
+    /// the middle, white on the right, or the other way round.
     fn with_a_picture(&self, mirrored: bool) -> TriangleMesh {
         let (triangles, material_of, mut materials) = self.clone_parts();
         let mut texels = vec![[0, 0, 0, 255], [40, 255, 40, 255], [255; 4]];
@@ -101,7 +105,8 @@ fn cornell() -> Parts {
     cornell_with_panel_at(5.5)
 }
 
-/// The same with the panel a meter before the wall: a picture is as sharp as the senders that show it, and 9 cm before a wall that is not sharp enough.
+/// The same with the panel a meter before the wall: a picture is as sharp as the senders that show
+/// it, and 9 cm before a wall that is not sharp enough.
 fn cornell_with_screen() -> Parts {
     cornell_with_panel_at(4.6)
 }
@@ -241,7 +246,8 @@ impl Case {
         errors(&found, &right, &noise)
     }
 
-    /// Holds `scene` under `lights` against the truth of `mesh` and those lights, and `wrong` against the same.
+    /// Holds `scene` under `lights` against the truth of `mesh` and those lights, and `wrong`
+    /// against the same.
     fn holds(
         &self,
         what: &str,

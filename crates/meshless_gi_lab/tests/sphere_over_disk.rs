@@ -1,5 +1,6 @@
-//! The sphere over the disk of [V11] §VIII: its two integral equations against themselves at other resolutions, against closed forms and against the
-//! Monte Carlo reference, which shares nothing with them.
+//! The sphere over the disk of [V11] §VIII: its two integral equations against themselves at other
+//! resolutions, against closed forms and against the Monte Carlo reference, which shares nothing
+//! with them.
 
 use glam::Vec3;
 use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
@@ -65,7 +66,8 @@ fn monte_carlo_agrees_and_disagrees_with_other_constants() {
     let truth = irradiance_at_all(&V11.geometry(), &V11.lights(), &places, &settings);
     assert!(truth.iter().filter(|t| t.indirect_error.x > 0.0).count() >= 9);
     let z = |scene: SphereOverDisk| largest_z(&scene.solve(400).expect("a scene"), &truth);
-    // The paths' first directions are a lattice: their error is below what independent paths would have.
+    // The paths' first directions are a lattice: their error is below what independent paths would
+    // have.
     let right = z(V11);
     assert!(right < 3.0, "{right}");
     for wrong in [
@@ -106,7 +108,8 @@ fn cells_converge_and_a_hundred_of_the_papers_do_not_reach_a_half_per_cent() {
         rings[1] < 0.3 * rings[0] && rings[2] < 0.3 * rings[1],
         "{rings:?}"
     );
-    // The thirteenth radius of a hundred is the shadow's edge: a hundred and one are no better, two hundred end a cell there.
+    // The thirteenth radius of a hundred is the shadow's edge: a hundred and one are no better, two
+    // hundred end a cell there.
     let sums = [100, 101, 200].map(|n| error(&V11.solve_sums(n).expect("a scene")));
     assert!((0.002..0.0101).contains(&sums[0]), "{sums:?}");
     assert!((0.002..0.0101).contains(&sums[1]), "{sums:?}");
@@ -115,7 +118,8 @@ fn cells_converge_and_a_hundred_of_the_papers_do_not_reach_a_half_per_cent() {
 
 #[test]
 fn closed_forms_and_the_axes_of_figure_10() {
-    // Without further reflection the lowest place sees a disk of 40 m less one of 5 m from 15 m: F = R²/(R² + d²) − r²/(r² + d²).
+    // Without further reflection the lowest place sees a disk of 40 m less one of 5 m from 15 m: F
+    // = R²/(R² + d²) − r²/(r² + d²).
     let faint = SphereOverDisk {
         albedo: 1e-4,
         light: 1.0,

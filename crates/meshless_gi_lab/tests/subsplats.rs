@@ -1,5 +1,7 @@
-//! Subsplats on the CPU (\[N09\]): what they show beside full resolution, what they cost, where they refine, and that light neither crosses edges nor pops. Bounds are measured, with
-//! room; at these small sizes edges take a larger share of the pixels than at those of a screen (docs/reports/SUBSPLATS.md).
+//! Subsplats on the CPU (\[N09\]): what they show beside full resolution, what they cost, where
+//! they refine, and that light neither crosses edges nor pops. Bounds are measured, with room; at
+//! these small sizes edges take a larger share of the pixels than at those of a screen
+//! (docs/reports/SUBSPLATS.md).
 
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
@@ -78,7 +80,8 @@ fn worst(view: &View<'_>, shown: &Subsplats) -> f32 {
         .fold(0.0, f32::max)
 }
 
-/// Everything that was evaluated against full resolution: the largest error, in parts of the light there.
+/// Everything that was evaluated against full resolution: the largest error, in parts of the light
+/// there.
 fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> f32 {
     let params = view.params(settings);
     let mut most = 0.0f32;
@@ -111,7 +114,8 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
     most
 }
 
-/// FLIP and share at most these; without refinement by depth, normal and light the picture is far worse.
+/// FLIP and share at most these; without refinement by depth, normal and light the picture is far
+/// worse.
 fn holds(stage: &Stage, views: &[usize], flip: f32, share: f64) {
     for &i in views {
         let view = stage.view(i, SIZE);
@@ -184,8 +188,10 @@ fn clutter_beside_full_resolution_and_in_motion() {
     pops_at_most(&stage, 2, 0.06, 0.015, 0.0012);
 }
 
-/// A camera that goes 2 mm a frame: how much more a place that stays in view changes from one frame to the next than it does at full resolution, in parts of white:
-/// what a picture of subsplats flickers by. The largest of all, the largest but for one place in a thousand, and the root mean square.
+/// A camera that goes 2 mm a frame: how much more a place that stays in view changes from one frame
+/// to the next than it does at full resolution, in parts of white: what a picture of subsplats
+/// flickers by. The largest of all, the largest but for one place in a thousand, and the root mean
+/// square.
 fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
     const FRAMES: u32 = 24;
     let size = [320, 180];
@@ -276,7 +282,8 @@ fn no_light_crosses_an_edge_of_depth() {
     }
 }
 
-/// A table top over the floor, seen from far away by parallel rays, and through a lens of five degrees: the distance is hundreds of times what lies between them.
+/// A table top over the floor, seen from far away by parallel rays, and through a lens of five
+/// degrees: the distance is hundreds of times what lies between them.
 #[test]
 fn no_light_crosses_an_edge_seen_from_afar() {
     let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
@@ -374,7 +381,8 @@ fn a_flat_view_refines_next_to_nothing() {
     assert!(worst(&view, &shown) < 2.0 * HALF * view.splat.scale);
 }
 
-/// No basis is asked where there is nothing: what is listed are the nodes of the two coarsest levels.
+/// No basis is asked where there is nothing: what is listed are the nodes of the two coarsest
+/// levels.
 #[test]
 fn all_sky_gives_zeros_and_asks_nothing() {
     let stage = ahead(mesh_of_quads(&[wall()]), even);
@@ -396,7 +404,8 @@ fn all_sky_gives_zeros_and_asks_nothing() {
     );
 }
 
-/// \[N09\] §5.2: a cell is divided too where a diagonal neighbor is not continuous, and nowhere else.
+/// \[N09\] §5.2: a cell is divided too where a diagonal neighbor is not continuous, and nowhere
+/// else.
 #[test]
 fn diagonals_divide_what_is_diagonal_to_an_edge() {
     let level = clutter();
@@ -468,7 +477,8 @@ fn every_test_of_depth_finds_a_step_and_planes_are_none() {
         DepthTest::MinMax(0.05),
         DepthTest::Derivative(0.02),
     ];
-    // None of its sides lies along cells, where neither of two cells would hold both depths ([N09] Fig. 15).
+    // None of its sides lies along cells, where neither of two cells would hold both depths ([N09]
+    // Fig. 15).
     let step = quad(Vec3::new(-0.45, -0.37, -3.0), 0.8 * Vec3::X, 0.8 * Vec3::Y);
     let stage = ahead(mesh_of_quads(&[wall(), step]), even);
     let stepped = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
@@ -603,7 +613,8 @@ fn any_settings_and_sizes_give_numbers() {
             assert_eq!(shown.texels.len(), (size[0] * size[1]) as usize);
             let missing = shown.texels.iter().zip(&view.full);
             let missing = missing.filter(|(a, b)| a[3] != b[3]).count();
-            // Where nothing around is alike a pixel is evaluated by itself, as long as there is room.
+            // Where nothing around is alike a pixel is evaluated by itself, as long as there is
+            // room.
             let room = view.params(settings).levels().cells(0);
             let full = shown.counts.evaluated[0] == room;
             assert!(missing == 0 || full, "{size:?} {settings:?} {missing}");

@@ -1,5 +1,6 @@
-//! The reference integrator against light that is known in closed form: every kind of light source, any number of reflections, reflectances up to 0.99.
-//! All comparisons are z-tests that know the noise, and each is made a second time with a wrong input, where it must fail.
+//! The reference integrator against light that is known in closed form: every kind of light source,
+//! any number of reflections, reflectances up to 0.99. All comparisons are z-tests that know the
+//! noise, and each is made a second time with a wrong input, where it must fail.
 
 use glam::{DVec3, Vec3};
 use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
@@ -11,7 +12,8 @@ use meshless_gi::scene::{
 use meshless_gi_lab::accuracy::{Estimates, TestStatistics, agreement, closed_form};
 use std::f32::consts::PI;
 
-/// Least probability that passes. There are some forty comparisons here, all with fixed random numbers.
+/// Least probability that passes. There are some forty comparisons here, all with fixed random
+/// numbers.
 const LEVEL: f64 = 1e-3;
 /// What rays that start a hair's breadth above the surface may cost.
 const LIFT: f64 = 1e-3;
@@ -24,7 +26,8 @@ fn settings(paths: u32, bounces: Option<u32>) -> ReferenceSettings {
     }
 }
 
-/// The estimates against exact values; `wrong` is what the values are multiplied by to be told apart from them.
+/// The estimates against exact values; `wrong` is what the values are multiplied by to be told
+/// apart from them.
 fn check(what: &str, found: &[(Vec3, Vec3)], right: &[Vec3], wrong: f32) {
     let (values, errors): (Vec<Vec3>, Vec<Vec3>) = found.iter().copied().unzip();
     let none = vec![Vec3::ZERO; right.len()];
@@ -107,7 +110,8 @@ fn hall(albedo: Vec3, radiance: Vec3) -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-/// In a sphere and in a hall that emit and reflect alike everywhere, the light is M Σ ρ^i, at ρ = 0.99 a hundred times the emission.
+/// In a sphere and in a hall that emit and reflect alike everywhere, the light is M Σ ρ^i, at ρ =
+/// 0.99 a hundred times the emission.
 #[test]
 fn enclosures_glow_as_the_series_says() {
     let radiance = Vec3::new(1.0, 0.5, 2.0);
@@ -374,7 +378,8 @@ fn form_factors_of_rectangles() {
             &[right],
             1.03,
         );
-        // Where they touch, 1/d² has no bounded variance for points on a lamp; rays have no such trouble.
+        // Where they touch, 1/d² has no bounded variance for points on a lamp; rays have no such
+        // trouble.
         if corner.y > 0.0 {
             check(
                 &format!("{what}, lamp"),

@@ -19,7 +19,8 @@ fn row(rows: &[ComparisonRow], basis: Basis, quantity: Quantity) -> &ComparisonR
     found.expect("was compared")
 }
 
-/// What holds of the table at the paper's own density, for any point set; the first thing that does not.
+/// What holds of the table at the paper's own density, for any point set; the first thing that does
+/// not.
 fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     let is = |true_: bool, what: &str| {
         if true_ {
@@ -36,7 +37,8 @@ fn check(rows: &[ComparisonRow]) -> Result<(), String> {
     let of = |basis, quantity| row(rows, basis, quantity);
     let reflected = |basis| of(basis, Quantity::Indirect);
     let (ours, single) = (reflected(Basis::Ours), reflected(Basis::Lehtinen));
-    // Measured over nine point sets: 3.5 to 4.0 %, and 2.8 to 3.2 %; iterated, on the disk, 3.2 to 5.5 %.
+    // Measured over nine point sets: 3.5 to 4.0 %, and 2.8 to 3.2 %; iterated, on the disk, 3.2 to
+    // 5.5 %.
     is(ours.sphere.rmse < 0.055, "ours on the sphere")?;
     is(ours.disk.rmse < 0.045, "ours on the disk")?;
     is(ours.sphere.rmse < 0.7 * single.sphere.rmse, "vectors help")?;

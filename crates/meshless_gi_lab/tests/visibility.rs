@@ -1,4 +1,5 @@
-//! Visibility by principal components, and soft shadows from it: against rays, in hard cases, through the file, and from damaged ones.
+//! Visibility by principal components, and soft shadows from it: against rays, in hard cases,
+//! through the file, and from damaged ones.
 
 use glam::Vec3;
 use meshless_gi::asset::{BakedScene, Limits};
@@ -326,7 +327,8 @@ fn points_in_a_dome_see_lamps_in_it_and_none_outside() {
             }
         }
     }
-    // In one of the blocks of the room, below the floor's horizon, and just above it where nothing is in the way.
+    // In one of the blocks of the room, below the floor's horizon, and just above it where nothing
+    // is in the way.
     let mesh = level();
     let points: Vec<(Vec3, Vec3)> = (0..100)
         .map(|i| {
@@ -359,7 +361,8 @@ fn points_in_a_dome_see_lamps_in_it_and_none_outside() {
 #[test]
 fn the_first_components_are_those_of_a_bake_of_fewer() {
     let mesh = level();
-    // The floor, so that clusters have rank: what is seen beside and over the blocks changes from point to point.
+    // The floor, so that clusters have rank: what is seen beside and over the blocks changes from
+    // point to point.
     let points: Vec<(Vec3, Vec3)> = (0..300)
         .map(|i| {
             let (a, b) = (i % 20, i / 20);
@@ -574,7 +577,9 @@ fn hall() -> TriangleMesh {
     TriangleMesh::new(triangles, vec![0; count], vec![Material::default()])
 }
 
-/// Of each cluster: the root mean square of what is wrong with e, over its points and over directions as irradiance counts them, and that of each of its points by the error that stands beside it.
+/// Of each cluster: the root mean square of what is wrong with e, over its points and over
+/// directions as irradiance counts them, and that of each of its points by the error that stands
+/// beside it.
 fn wrong(
     mesh: &TriangleMesh,
     points: &[(Vec3, Vec3)],
@@ -680,7 +685,8 @@ fn halls_are_remembered_too() {
         Vec3::ONE,
         25,
     );
-    // How far memory and rays are apart, how much light the rays let through, and how much memory adds to it.
+    // How far memory and rays are apart, how much light the rays let through, and how much memory
+    // adds to it.
     let apart = |error| {
         let scene = bake_scene(&mesh, &recipe(error), 0, &Progress::default())
             .unwrap()

@@ -6,8 +6,8 @@ use super::assemble::assemble;
 use super::collect::Collected;
 use super::request::GiBakeRequest;
 use super::warning::GiBakeWarning as Warning;
-use bevy::log::info;
-use meshless_gi::asset::{AssetError, BakedScene, Limits, fingerprint, write_file};
+use bevy::log::{info, warn};
+use meshless_gi::asset::{AssetError, BakedScene, Limits, check_writable, fingerprint, write_file};
 use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Progress, Recipe, Staleness, bake_scene};
 use meshless_gi::scene::TriangleMesh;
 use std::path::Path;
@@ -25,31 +25,40 @@ pub(super) fn run(
     let mut warnings = Vec::new();
     let mesh = assemble(collected, &mut warnings)?;
     let key = key(&mesh, &request.recipe);
-    if let Some(path) = &request.save_to
+    let mut save_to = request.save_to.as_deref();
+    if let Some(path) = save_to
         && let Some(scene) = load(path, &key, (&mesh, &request.recipe), &mut warnings)
     {
+        log(&warnings);
         info!("loaded the bake of {root} from {}", path.display());
         return Ok(BakeOutput {
             scene,
             seconds: began.elapsed().as_secs_f64(),
             loaded: true,
-            warnings,
+            logged: warnings,
+            warnings: Vec::new(),
         });
     }
+    // A bake may take minutes: a path that cannot be written is in the log before.
+    if let Some(warning) = save_to.and_then(|path| check(path)) {
+        warnings.push(warning);
+        save_to = None;
+    }
+    log(&warnings);
     info!(
         "baking {root}: {} triangles, {:?}",
         mesh.len(),
         request.recipe.preset
     );
-    let log = log_progress(root.clone(), progress.clone());
+    let progress_log = log_progress(root.clone(), progress.clone());
     let baked = bake_scene(&mesh, &request.recipe, bake_threads(), progress)?;
-    drop(log);
+    drop(progress_log);
     let mut output = BakeOutput::from(baked);
     output.scene.info.request = key;
     let mut saved = String::new();
-    if let Some(path) = &request.save_to {
+    if let Some(path) = save_to {
         match save(path, &output.scene) {
-            Some(warning) => warnings.push(warning),
+            Some(warning) => output.warnings.push(warning),
             None => saved = format!(", saved to {}", path.display()),
         }
     }
@@ -57,8 +66,7 @@ pub(super) fn run(
         "baked {root} in {:.1} s{saved}",
         began.elapsed().as_secs_f64()
     );
-    warnings.append(&mut output.warnings);
-    output.warnings = warnings;
+    output.logged = warnings;
     output.seconds = began.elapsed().as_secs_f64();
     Ok(output)
 }
@@ -83,8 +91,8 @@ fn key(mesh: &TriangleMesh, recipe: &Recipe) -> String {
     ])
 }
 
-/// Returns the bake in the file if it was made from the same request. `now` has the geometry and the
-/// recipe of the request.
+/// Returns the bake in the file if it was made from the same request. `now` has the geometry and
+/// the recipe of the request.
 fn load(
     path: &Path,
     key: &str,
@@ -103,7 +111,10 @@ fn load(
                 true => differs.to_string(),
                 false => "occluders".into(),
             };
-            info!("{} is stale ({what}) and is baked again", path.display());
+            info!(
+                "{} is stale ({what} changed) and is baked again",
+                path.display()
+            );
             None
         }
         Err(AssetError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => None,
@@ -117,25 +128,36 @@ fn load(
     }
 }
 
-/// Writes the bake, with the folders of its path.
-fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
+fn log(warnings: &[Warning]) {
+    for warning in warnings {
+        warn!("{warning}");
+    }
+}
+
+fn not_saved(path: &Path, reason: String) -> Warning {
+    Warning::NotSaved {
+        path: path.into(),
+        reason,
+    }
+}
+
+/// Creates the folders of a path. Returns a warning if a file can't be written there.
+fn check(path: &Path) -> Option<Warning> {
     let folder = path
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty());
-    let written = scene
-        .to_bytes()
-        .map_err(|e| e.to_string())
-        .and_then(|bytes| {
-            folder
-                .map_or(Ok(()), std::fs::create_dir_all)
-                .and_then(|()| write_file(path, &bytes))
-                .map_err(|e| e.to_string())
-        });
-    match written {
-        Ok(()) => None,
-        Err(reason) => Some(Warning::NotSaved {
-            path: path.into(),
-            reason,
-        }),
-    }
+    folder
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| check_writable(path))
+        .err()
+        .map(|error| not_saved(path, error.to_string()))
+}
+
+/// Writes the bake.
+fn save(path: &Path, scene: &BakedScene) -> Option<Warning> {
+    let bytes = scene.to_bytes().map_err(|error| error.to_string());
+    bytes
+        .and_then(|bytes| write_file(path, &bytes).map_err(|error| error.to_string()))
+        .err()
+        .map(|reason| not_saved(path, reason))
 }

@@ -3,13 +3,16 @@
 use super::super::bake_error::GiBakeError;
 use super::super::bake_progress::{GiBakeProgress, GiBakeStage};
 use super::super::bake_task::{GiBakeTask, end};
+use super::super::occluders::GiOccluder;
 use super::collect::collect;
 use super::request::GiBakeRequest;
 use super::walk::walk;
+use super::warning::GiBakeWarning;
 use super::{job, label, wait};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
+use meshless_gi::bake::Recipe;
 use std::time::{Duration, Instant};
 
 /// Time after which the log names the asset that a bake waits for.
@@ -48,6 +51,9 @@ pub(crate) fn start_bakes(
             continue;
         };
         let mut collected = collect(world, found, request.recipe.live_materials);
+        collected
+            .warnings
+            .extend(open_occluders(world, &request.recipe));
         for warning in &collected.warnings {
             warn!("{warning}");
         }
@@ -70,4 +76,24 @@ pub(crate) fn start_bakes(
             },
         ));
     }
+}
+
+/// Warnings of doors that are open when their meshes are collected.
+fn open_occluders(world: &mut World, recipe: &Recipe) -> Vec<GiBakeWarning> {
+    let mut occluders = world.query::<(Entity, &GiOccluder)>();
+    let open: Vec<(Entity, GiOccluder)> = (occluders.iter(world))
+        .filter(|(_, occluder)| occluder.openness > 0.0)
+        .filter(|(_, occluder)| {
+            let mut shapes = recipe.occluders.iter();
+            shapes.any(|shape| shape.name == occluder.name && shape.boxes.is_empty())
+        })
+        .map(|(entity, occluder)| (entity, occluder.clone()))
+        .collect();
+    open.into_iter()
+        .map(|(entity, occluder)| GiBakeWarning::OpenOccluder {
+            entity: label(world, entity),
+            name: occluder.name,
+            percent: (100.0 * occluder.openness.min(1.0)) as u32,
+        })
+        .collect()
 }

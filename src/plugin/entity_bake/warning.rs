@@ -50,6 +50,19 @@ pub enum GiBakeWarning {
         /// Number of triangles.
         count: u64,
     },
+    /// An occluder is open when the meshes are collected.
+    #[error(
+        "{entity}: occluder `{name}` is {percent} % open, and the bake takes its meshes where they \
+         stand now; shut it before `bake_gi`, with `GiOccluder::openness` 0"
+    )]
+    OpenOccluder {
+        /// Entity with the occluder.
+        entity: String,
+        /// Name of the occluder.
+        name: String,
+        /// Its openness.
+        percent: u32,
+    },
     /// No triangle of the mesh has an area.
     #[error("{entity}: its mesh has no area and is not in the bake; is a scale zero?")]
     NoArea {

@@ -1,7 +1,7 @@
 //! A baked scene in memory: plain arrays in the layout that the kernels read.
 //!
-//! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the first
-//! `sender_levels` levels are the senders: sender j is point j.
+//! Points are numbered level after level, coarse first; `level_starts` bounds them. Points of the
+//! first `sender_levels` levels are the senders: sender j is point j.
 
 use super::materials::DynamicMaterials;
 use super::occluders::Occluders;
@@ -27,7 +27,8 @@ pub struct PointSurface {
     pub emission: [f32; 3],
     /// Not used.
     pub pad1: f32,
-    /// (1/π) ∫ ω dω over the directions that meet nothing: the irradiance of a uniform sky is π L (v·n).
+    /// (1/π) ∫ ω dω over the directions that meet nothing: the irradiance of a uniform sky is π L
+    /// (v·n).
     pub sky: [f32; 3],
     /// Not used.
     pub pad2: f32,
@@ -38,14 +39,16 @@ pub struct PointSurface {
 pub struct Display {
     /// Radius of every function, meters (each point's `radius` says the same).
     pub radius: f32,
-    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes` points here.
+    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
+    /// points here.
     pub planes: Vec<[f32; 4]>,
     /// Which functions may cover a place.
     pub grid: HashedGrid,
 }
 
-/// Where light is projected onto the senders of the finest sender level: a sender's light is the mean over its places. Where there are none, and on
-/// coarser levels, it is that at the sender's own point.
+/// Where light is projected onto the senders of the finest sender level: a sender's light is the
+/// mean over its places. Where there are none, and on coarser levels, it is that at the sender's
+/// own point.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Places {
     /// How many each sender has.
@@ -62,7 +65,8 @@ impl Places {
 /// Everything that a frame reads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakedScene {
-    /// All points, level after level, coarse first. `radius` and `planes` are those of the display basis.
+    /// All points, level after level, coarse first. `radius` and `planes` are those of the display
+    /// basis.
     pub points: Vec<Point>,
     /// One surface a point.
     pub surfaces: Vec<PointSurface>,
@@ -72,24 +76,31 @@ pub struct BakedScene {
     pub sender_levels: u32,
     /// Where the senders of the finest sender level are lit.
     pub places: Places,
-    /// Row k (a sender): which senders of the next level its value is the mean of, with weights that sum to one. An
-    /// empty row (and all of the finest sender level) keeps its own light. One row a sender.
+    /// Row k (a sender): which senders of the next level its value is the mean of, with weights
+    /// that sum to one. An empty row (and all of the finest sender level) keeps its own light. One
+    /// row a sender.
     pub pull: Weights,
-    /// Row i (a point): the coarser functions that cover it. For [`SenderForm::Averages`](crate::transport::SenderForm)
-    /// those of the nearest coarser level that covers it, weights that sum to one; for `Differences` those of all coarser
-    /// levels, weights that sum to one per level (\[L08\] Eq. (17) "all-parents"). Empty on the coarsest level.
+    /// Row i (a point): the coarser functions that cover it. For
+    /// [`SenderForm::Averages`](crate::transport::SenderForm) those of the nearest coarser level
+    /// that covers it, weights that sum to one; for `Differences` those of all coarser levels,
+    /// weights that sum to one per level (\[L08\] Eq. (17) "all-parents"). Empty on the coarsest
+    /// level.
     pub parents: Weights,
     /// The one-bounce operator.
     pub operator: Operator,
-    /// The octree that carries light in place of the operator's links, where the recipe asked for rule `fmm`: the tier above those of the operator.
+    /// The octree that carries light in place of the operator's links, where the recipe asked for
+    /// rule `fmm`: the tier above those of the operator.
     pub fmm: Option<FmmOperator>,
     /// Baked further bounces, where the recipe asked for them.
     pub bounces: Option<BounceOperator>,
-    /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all reflections the recipe asks for; empty where nobody asked.
+    /// Irradiance of every point under the lights that its maker chose, W/m², direct light and all
+    /// reflections the recipe asks for; empty where nobody asked.
     pub illumination: Vec<[f32; 3]>,
-    /// What the senders and the points of whole levels behind them see, where the recipe asked for it: soft shadows without rays.
+    /// What the senders and the points of whole levels behind them see, where the recipe asked for
+    /// it: soft shadows without rays.
     pub visibility: Option<Visibility>,
-    /// What the senders see of a sky that is not uniform, where the recipe asked for it; links to its terms are among the operator's.
+    /// What the senders see of a sky that is not uniform, where the recipe asked for it; links to
+    /// its terms are among the operator's.
     pub sky: Option<SkyVisibility>,
     /// Which materials cover the senders, where the recipe asked for materials that change.
     pub materials: Option<DynamicMaterials>,
@@ -112,7 +123,8 @@ impl BakedScene {
         self.level_starts.len() - 1
     }
 
-    /// Shadow rays that projecting one light takes: one a sender, and one a place of those that are lit at several.
+    /// Shadow rays that projecting one light takes: one a sender, and one a place of those that are
+    /// lit at several.
     #[must_use]
     pub fn rays_per_slot(&self) -> u64 {
         let finest = (self.sender_levels as usize).saturating_sub(1);
@@ -123,7 +135,8 @@ impl BakedScene {
         single + self.places.list.len() as u64
     }
 
-    /// How many of a frame's tiers use links: those of the operator, and none where an octree carries the light and there are no links.
+    /// How many of a frame's tiers use links: those of the operator, and none where an octree
+    /// carries the light and there are no links.
     #[must_use]
     pub fn link_tiers(&self) -> u32 {
         match self.fmm.is_some() && self.operator.rows.iter().all(|row| row.tier == 0) {
@@ -132,7 +145,8 @@ impl BakedScene {
         }
     }
 
-    /// How many tiers a frame may choose from, 1 at least: those with links, and on top of them the octree where there is one.
+    /// How many tiers a frame may choose from, 1 at least: those with links, and on top of them the
+    /// octree where there is one.
     #[must_use]
     pub fn tiers(&self) -> u32 {
         self.link_tiers() + u32::from(self.fmm.is_some())

@@ -1,9 +1,11 @@
 //! How an array of plain structs becomes bytes that compress well, and back.
 //!
-//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a word. In columns, the values of all items are
-//! written field after field: first all lowest bytes, then all next ones (byte planes), so that signs and exponents, which hardly
-//! vary, lie side by side. That serves what is different in every item, links and weights. What comes again as a whole, normals,
-//! colors and corners of triangles, compresses better item after item. Ascending numbers are written as differences.
+//! Every stored struct is made of 32-bit words. A [`Field`] names one word of it, or one half of a
+//! word. In columns, the values of all items are written field after field: first all lowest bytes,
+//! then all next ones (byte planes), so that signs and exponents, which hardly vary, lie side by
+//! side. That serves what is different in every item, links and weights. What comes again as a
+//! whole, normals, colors and corners of triangles, compresses better item after item. Ascending
+//! numbers are written as differences.
 
 use bytemuck::Pod;
 
@@ -163,7 +165,8 @@ impl Layout {
         out
     }
 
-    /// Bytes to items. `raw` must be `count` times [`item_bytes`](Self::item_bytes) long. Words that no field names are zero.
+    /// Bytes to items. `raw` must be `count` times [`item_bytes`](Self::item_bytes) long. Words
+    /// that no field names are zero.
     pub fn decode<T: Pod>(self, raw: &[u8], count: usize) -> Vec<T> {
         debug_assert_eq!(raw.len(), count * self.item_bytes());
         if self.columns {

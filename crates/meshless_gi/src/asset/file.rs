@@ -28,7 +28,8 @@ impl BakedScene {
         Self::from_bytes(&bytes, limits)
     }
 
-    /// Writes a `.mgi` file and returns its size in bytes. A full disk or a crash leaves what was there before.
+    /// Writes a `.mgi` file and returns its size in bytes. A full disk or a crash leaves what was
+    /// there before.
     ///
     /// # Errors
     /// [`AssetError::Io`] where it cannot be written, any other where the scene is not valid.
@@ -43,8 +44,8 @@ impl BakedScene {
     }
 }
 
-/// Writes a file by way of a temporary one in the same folder, which takes its place once it is whole and on the disk. What is no regular file
-/// (a pipe, a device) is written directly.
+/// Writes a file by way of a temporary one in the same folder, which takes its place once it is
+/// whole and on the disk. What is no regular file (a pipe, a device) is written directly.
 ///
 /// # Errors
 /// Those of the operating system; the temporary file is gone then.
@@ -67,7 +68,8 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// Finds out whether [`write_file`] could write there, and leaves everything as it was: for a check before long work.
+/// Finds out whether [`write_file`] could write there, and leaves everything as it was: for a check
+/// before long work.
 ///
 /// # Errors
 /// Those of the operating system.

@@ -1,6 +1,7 @@
 //! Whether a bake is stale: a digest of everything that it depends on.
 
-/// BLAKE3, as hex, over `parts`; each part's length counts, so that parts cannot run into one another.
+/// BLAKE3, as hex, over `parts`; each part's length counts, so that parts cannot run into one
+/// another.
 #[must_use]
 pub fn fingerprint(parts: &[&[u8]]) -> String {
     let mut hasher = blake3::Hasher::new();

@@ -1,5 +1,6 @@
-//! The octree of rule `fmm` of a baked scene in its file, and whether a frame can run on it. Five sections that are there together or not at all; what points see of the
-//! sky stands with their surfaces, and is not stored twice.
+//! The octree of rule `fmm` of a baked scene in its file, and whether a frame can run on it. Five
+//! sections that are there together or not at all; what points see of the sky stands with their
+//! surfaces, and is not stored twice.
 
 use super::baked::{BakedScene, PointSurface};
 use super::codec::{Field, Layout};
@@ -14,7 +15,8 @@ use glam::Vec3;
 
 /// Deepest tree: three divisions by direction, and as many in space as cells have bits.
 const MAX_LEVELS: usize = 64;
-/// Surface of a point over π, in units of the scene's side squared: a point that stands for all of a scene whose walls fold a thousand times.
+/// Surface of a point over π, in units of the scene's side squared: a point that stands for all of
+/// a scene whose walls fold a thousand times.
 const MAX_SHARE: f32 = 1e3;
 
 /// What a point's light is multiplied by.
@@ -156,8 +158,9 @@ pub(super) fn read(
 }
 
 impl BakedScene {
-    /// The passes stay within the arrays, every division is by something, and every point gets a value: the nodes are a tree whose leaves share no point, lists lie behind
-    /// one another and name nodes that are as far away as expansions need, leaves where points are asked for.
+    /// The passes stay within the arrays, every division is by something, and every point gets a
+    /// value: the nodes are a tree whose leaves share no point, lists lie behind one another and
+    /// name nodes that are as far away as expansions need, leaves where points are asked for.
     pub(super) fn check_fmm(&self, check: &mut Check) {
         let Some(octree) = &self.fmm else { return };
         check.whole(octree.order as usize <= MAX_ORDER, "octree", || {
@@ -187,7 +190,8 @@ impl BakedScene {
         }
     }
 
-    /// Every node but the root is the child of one node of the level above, and its points are the parent's.
+    /// Every node but the root is the child of one node of the level above, and its points are the
+    /// parent's.
     fn check_nodes(&self, octree: &FmmOperator, check: &mut Check) {
         let nodes = &octree.nodes;
         let mut at = 0u32;
@@ -330,10 +334,12 @@ impl BakedScene {
     }
 }
 
-/// Places that entries of both lists between a leaf and a node name, one with another: leaves are small where a bake made them.
+/// Places that entries of both lists between a leaf and a node name, one with another: leaves are
+/// small where a bake made them.
 const MAX_NAMED: u64 = 1 << 31;
 
-/// Entries name nodes, the right ones for their list, at distances that their expansions converge over.
+/// Entries name nodes, the right ones for their list, at distances that their expansions converge
+/// over.
 fn check_lists(octree: &FmmOperator, check: &mut Check) {
     let nodes = &octree.nodes;
     let center = |n: &FmmNode| Vec3::from_array(n.center);
@@ -355,7 +361,8 @@ fn check_lists(octree: &FmmOperator, check: &mut Check) {
                     e,
                     || format!("a part of {} arrives", entry.weight),
                 );
-                // Which of the two is taken apart into points: 1 the source, 2 the receiver, 3 both.
+                // Which of the two is taken apart into points: 1 the source, 2 the receiver, 3
+                // both.
                 let leaves =
                     (which & 1 == 0 || source.is_leaf()) && (which & 2 == 0 || node.is_leaf());
                 check.item(leaves, "octree entries", e, || {

@@ -1,10 +1,12 @@
-//! What a bake was made from and how wrong it is: everything here is the same for the same input on any machine.
+//! What a bake was made from and how wrong it is: everything here is the same for the same input on
+//! any machine.
 
 use super::baked::BakedScene;
 use crate::transport::Link;
 use serde::{Deserialize, Serialize};
 
-/// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below it.
+/// What a frame of a tier uses, and how wrong it is: this tier's rows and those of all tiers below
+/// it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TierInfo {
     /// Rows.
@@ -38,7 +40,8 @@ impl TierInfo {
     }
 }
 
-/// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal bytes.
+/// Facts about a bake. Stored in the asset, shown by `inspect`. No times: equal bakes have equal
+/// bytes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BakeInfo {
     /// Version of this crate that baked it.
@@ -73,11 +76,14 @@ pub struct BakeInfo {
     pub bounds: [[f32; 3]; 2],
     /// Where the importance particles started, meters.
     pub viewpoints: Vec<[f32; 3]>,
-    /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface points for random lights.
+    /// Estimated NRMSE of the indirect irradiance, from unbiased Monte Carlo at random surface
+    /// points for random lights.
     pub estimated_nrmse: f32,
-    /// Half width of the 95 % prediction interval around `estimated_nrmse`: lamps differ, and one more lamp lies within.
+    /// Half width of the 95 % prediction interval around `estimated_nrmse`: lamps differ, and one
+    /// more lamp lies within.
     pub estimated_nrmse_interval: f32,
-    /// The operator's tiers, the one with the fewest links first; the last is the whole operator (design D11).
+    /// The operator's tiers, the one with the fewest links first; the last is the whole operator
+    /// (design D11).
     pub tiers: Vec<TierInfo>,
     /// Diffuse reflections that the recipe asks a frame to simulate.
     pub bounces: u32,
@@ -96,25 +102,30 @@ pub struct BakeInfo {
     pub request: String,
 }
 
-/// What a reflection can gain at most, and how well the operator keeps to the two laws that light obeys. Read off the packed operator, as a frame uses it.
+/// What a reflection can gain at most, and how well the operator keeps to the two laws that light
+/// obeys. Read off the packed operator, as a frame uses it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct EnergyInfo {
-    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the senders) in a frame of any tier: below 1, so that
-    /// light dies away. No bound but what was found where `estimated` says so.
+    /// Proved upper bound on the gain of one diffuse reflection (the spectral radius of ρG on the
+    /// senders) in a frame of any tier: below 1, so that light dies away. No bound but what was
+    /// found where `estimated` says so.
     pub gain: f32,
     /// The gain is an estimate: operators of components have signs, of which nothing is proved.
     pub estimated: bool,
     /// What a power iteration found it to be.
     pub gain_found: f32,
-    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so white that light would not die away.
+    /// Senders whose albedo was lowered, for a gain of 0.999 at most: the level is so closed and so
+    /// white that light would not die away.
     pub guarded: u64,
     /// The smallest factor that an albedo was lowered by; 1 where none was.
     pub guard_factor: f32,
-    /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender covers make one.
+    /// Largest deviation of a row from the hemisphere's closed form: links, sky, and what no sender
+    /// covers make one.
     pub row_deviation: f32,
     /// Its root mean square over all rows.
     pub row_deviation_rms: f32,
-    /// Root mean square of the difference between what pairs of surfaces send each other, relative to that of its mean: noise of rays and points.
+    /// Root mean square of the difference between what pairs of surfaces send each other, relative
+    /// to that of its mean: noise of rays and points.
     pub reciprocity: f32,
 }

@@ -1,5 +1,6 @@
-//! Which materials the senders are covered by, and how, so that base colors and emission may change in a running game: in memory, in the file, and whether a
-//! frame can run on them. Four sections that are there together or not at all.
+//! Which materials the senders are covered by, and how, so that base colors and emission may change
+//! in a running game: in memory, in the file, and whether a frame can run on them. Four sections
+//! that are there together or not at all.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -17,20 +18,23 @@ use bytemuck::{Pod, Zeroable};
 pub struct MaterialCoverage {
     /// Index of the material.
     pub material: u32,
-    /// Mean over the sender's places of the reflectance for a base color of one, zero where another material is: RGB, 0 to the material's share of the places.
+    /// Mean over the sender's places of the reflectance for a base color of one, zero where another
+    /// material is: RGB, 0 to the material's share of the places.
     pub albedo: [f32; 3],
     /// The same of the radiance for an emissive factor of one.
     pub emission: [f32; 3],
 }
 
-/// The materials of a baked scene that may change: a sender's albedo is Σ share · base color, its emitted radiosity π Σ share · emissive factor.
+/// The materials of a baked scene that may change: a sender's albedo is Σ share · base color, its
+/// emitted radiosity π Σ share · emissive factor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DynamicMaterials {
     /// What the materials are called; names may be empty, and come again.
     pub names: Vec<String>,
     /// Their factors when they were baked.
     pub factors: Vec<MaterialFactors>,
-    /// Where each sender's shares start; one more than there are senders. A sender without any keeps the surface that it was baked with.
+    /// Where each sender's shares start; one more than there are senders. A sender without any
+    /// keeps the surface that it was baked with.
     pub starts: Vec<u32>,
     /// The shares, sender after sender.
     pub shares: Vec<MaterialCoverage>,
@@ -81,7 +85,8 @@ pub(super) const KINDS: [Kind; 4] = [
         name: "material names",
         version: 1,
         raw: 1,
-        // The text, what it says, and what its reader needs: an empty name takes three bytes of text, and a string.
+        // The text, what it says, and what its reader needs: an empty name takes three bytes of
+        // text, and a string.
         memory: 32,
         most: 1 << 20,
     },

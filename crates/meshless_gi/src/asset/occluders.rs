@@ -1,5 +1,7 @@
-//! What a bake knows of its occluders, so that doors and lifts may open and shut in a running game: in memory, in the file, and whether a frame can run on it. Five sections
-//! that are there together or not at all (that of the probes where there are probes). The occluders' triangles are the last of the BVH.
+//! What a bake knows of its occluders, so that doors and lifts may open and shut in a running game:
+//! in memory, in the file, and whether a frame can run on it. Five sections that are there together
+//! or not at all (that of the probes where there are probes). The occluders' triangles are the last
+//! of the BVH.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -17,9 +19,11 @@ use glam::Vec3;
 pub struct Occluders {
     /// What they are called, by number; no name comes twice.
     pub names: Vec<String>,
-    /// The sets of occluders that light passes one after the other, bit k for number k: ascending, the empty one first.
+    /// The sets of occluders that light passes one after the other, bit k for number k: ascending,
+    /// the empty one first.
     pub sets: Vec<u64>,
-    /// The parts of those of the operator's links that occluders are in the way of: ascending by link, then by set. With all open a link is what its parts sum to.
+    /// The parts of those of the operator's links that occluders are in the way of: ascending by
+    /// link, then by set. With all open a link is what its parts sum to.
     pub links: Vec<PackedLinkTerm>,
     /// The same of the probes' links.
     pub probes: Vec<PackedLinkTerm>,
@@ -66,7 +70,8 @@ pub(super) const KINDS: [Kind; 5] = [
     kind::<PackedLinkTerm>(54, "probe passages", PASSAGE),
 ];
 
-/// The sections of `occluders`, whose triangles are the last of `bvh`; `kinds` are those of [`KINDS`] in the table.
+/// The sections of `occluders`, whose triangles are the last of `bvh`; `kinds` are those of
+/// [`KINDS`] in the table.
 pub(super) fn sections(
     occluders: &Occluders,
     bvh: &Bvh,
@@ -126,7 +131,8 @@ pub(super) fn read(
 }
 
 impl BakedScene {
-    /// Every look-up of the kernel `occlude` stays within the arrays, and no gains make more light than there is.
+    /// Every look-up of the kernel `occlude` stays within the arrays, and no gains make more light
+    /// than there is.
     pub(super) fn check_occluders(&self, check: &mut Check) {
         let known = self.occluders.as_ref().map_or(0, |o| o.names.len());
         let triangles = &self.bvh.triangles;
@@ -213,8 +219,8 @@ impl BakedScene {
         }
     }
 
-    /// The most that a row's links may sum to, by the size that `size` gives each: their parts one by one, where they have any. The sky's terms have signs, and are parts
-    /// of its light.
+    /// The most that a row's links may sum to, by the size that `size` gives each: their parts one
+    /// by one, where they have any. The sky's terms have signs, and are parts of its light.
     fn most_light(
         &self,
         row: &Row,

@@ -1,5 +1,6 @@
-//! Places in free space of a baked scene whose light the operator's senders know: in memory, in the file, and whether a frame can run on them. Five sections that are there
-//! together or not at all; where rows start and the grid follow from the rest, and are not stored.
+//! Places in free space of a baked scene whose light the operator's senders know: in memory, in the
+//! file, and whether a frame can run on them. Five sections that are there together or not at all;
+//! where rows start and the grid follow from the rest, and are not stored.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -16,13 +17,15 @@ use glam::{Vec3, Vec4};
 pub struct Probes {
     /// Places, with the radii and clip planes of their functions. They have no normal: it is zero.
     pub points: Vec<Point>,
-    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes` points here.
+    /// Clip planes (n, d): a place p is on the function's side where n·p + d ≥ 0. `Point::planes`
+    /// points here.
     pub planes: Vec<[f32; 4]>,
     /// Which functions may cover a place.
     pub grid: HashedGrid,
     /// [`PROBE_ROWS`] a probe: the light that arrives in spherical harmonics (`transport::probe_rows`). All of tier 1.
     pub rows: Vec<Row>,
-    /// Links to the operator's senders and the sky (and its terms, where the bake has them), row after row.
+    /// Links to the operator's senders and the sky (and its terms, where the bake has them), row
+    /// after row.
     pub links: Vec<Link>,
 }
 
@@ -189,7 +192,8 @@ impl BakedScene {
         if !check.0.is_empty() {
             return;
         }
-        // What arrives from all around is no more than all senders shine, and the rest of it no larger.
+        // What arrives from all around is no more than all senders shine, and the rest of it no
+        // larger.
         for (i, rows) in probes.rows.chunks_exact(PROBE_ROWS).enumerate() {
             for row in rows {
                 let links = &probes.links[row.start as usize..][..row.count as usize];

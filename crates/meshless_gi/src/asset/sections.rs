@@ -1,7 +1,9 @@
-//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which layout.
+//! A baked scene as sections of a `.mgi` file, and back: which array is which section, in which
+//! layout.
 //!
-//! Lossless: what is read equals what was written. Left out is what follows from the rest: where rows start (their lengths are stored), the
-//! fields that are not used, and the display's grid, where building it again gives the same one.
+//! Lossless: what is read equals what was written. Left out is what follows from the rest: where
+//! rows start (their lengths are stored), the fields that are not used, and the display's grid,
+//! where building it again gives the same one.
 
 use super::baked::{BakedScene, Display, Places, PointSurface};
 use super::codec::{Field, Layout};
@@ -344,8 +346,9 @@ impl BakedScene {
         Ok(assemble(&sections))
     }
 
-    /// Reads a `.mgi` file from memory: checks header, table, checksums, and everything that [`validate`](Self::validate) checks. Allocates no
-    /// more than `limits` says, whatever the bytes say.
+    /// Reads a `.mgi` file from memory: checks header, table, checksums, and everything that
+    /// [`validate`](Self::validate) checks. Allocates no more than `limits` says, whatever the
+    /// bytes say.
     ///
     /// # Errors
     /// See [`AssetError`]. No bytes make it panic.
@@ -555,8 +558,8 @@ pub(super) fn limit(what: &'static str, limits: &Limits) -> AssetError {
     }
 }
 
-/// A basis' grid from its points, as the bake builds it; None where that would take more than `most_bytes`, or where cells are
-/// so small beside the functions that no bake made them.
+/// A basis' grid from its points, as the bake builds it; None where that would take more than
+/// `most_bytes`, or where cells are so small beside the functions that no bake made them.
 pub(super) fn rebuild_grid(
     points: &[Point],
     cell_size: f32,

@@ -1,5 +1,6 @@
-//! What a bake knows of a sky that is not uniform: in memory, in the file, and whether a frame can run on it. Links to the eight terms
-//! ([`SkyRadiance`]) stand among the operator's; here is what the senders have straight from them.
+//! What a bake knows of a sky that is not uniform: in memory, in the file, and whether a frame can
+//! run on it. Links to the eight terms ([`SkyRadiance`]) stand among the operator's; here is what
+//! the senders have straight from them.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -13,7 +14,8 @@ use crate::transport::SenderForm;
 /// What the senders see of the sky's terms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SkyVisibility {
-    /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the polynomials p_k of the sky's terms: dimensionless, within ±1.
+    /// For each sender, (1/π) ∫ p_k(ω) (n·ω) dω over the directions that meet nothing, with the
+    /// polynomials p_k of the sky's terms: dimensionless, within ±1.
     pub senders: Vec<[f32; SkyRadiance::TERMS]>,
 }
 

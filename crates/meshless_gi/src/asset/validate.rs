@@ -1,5 +1,5 @@
-//! Whether a frame can run on a baked scene: every index in range, every number in its range, every walk finite. Nothing is used before it has
-//! passed here (design D10).
+//! Whether a frame can run on a baked scene: every index in range, every number in its range, every
+//! walk finite. Nothing is used before it has passed here (design D10).
 
 use super::baked::{BakedScene, Places};
 use super::stats::BakedStats;
@@ -83,7 +83,8 @@ impl Check {
 }
 
 impl BakedScene {
-    /// Checks everything that a frame relies on. A scene that passes can be used without a further test.
+    /// Checks everything that a frame relies on. A scene that passes can be used without a further
+    /// test.
     ///
     /// # Errors
     /// What is wrong, at most 32 things.
@@ -237,7 +238,8 @@ impl BakedScene {
         }
     }
 
-    /// Pull rows name senders on finer levels, parents rows points on coarser levels: both walks end.
+    /// Pull rows name senders on finer levels, parents rows points on coarser levels: both walks
+    /// end.
     fn check_weights(&self, check: &mut Check) {
         let all = self.parents.starts.len() == self.points.len() + 1;
         check.whole(all && sound_starts(&self.parents), "parent rows", || {
@@ -281,7 +283,8 @@ impl BakedScene {
         }
     }
 
-    /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first, and differences are not left out.
+    /// The highest tier that row `i` may be of: what a frame of every tier needs is of the first,
+    /// and differences are not left out.
     fn most_tier(&self, i: usize) -> u32 {
         // The parents' rows may be unsound themselves.
         let needed =
@@ -384,7 +387,8 @@ impl BakedScene {
         }
     }
 
-    /// No point receives more than all senders shine: sweeps over rows that sum to more would grow without end. Differences have signs, and are left out.
+    /// No point receives more than all senders shine: sweeps over rows that sum to more would grow
+    /// without end. Differences have signs, and are left out.
     fn check_row_sums(&self, check: &mut Check) {
         if !check.0.is_empty() || self.operator.form == SenderForm::Differences {
             return;
@@ -459,7 +463,8 @@ impl BakedScene {
         }
     }
 
-    /// The nodes are a tree whose leaves share no triangle: a walk sees each node and each triangle once at most. Returns its depth.
+    /// The nodes are a tree whose leaves share no triangle: a walk sees each node and each triangle
+    /// once at most. Returns its depth.
     fn check_bvh(&self, check: &mut Check) -> u64 {
         let (nodes, triangles) = (&self.bvh.nodes, &self.bvh.triangles);
         check.whole(!nodes.is_empty() || triangles.is_empty(), "bvh", || {
@@ -534,7 +539,8 @@ fn sound_starts(weights: &Weights) -> bool {
         && weights.starts.last().map(|&s| s as usize) == Some(weights.entries.len())
 }
 
-/// Weights of a row: finite, not negative, and those of each group (one where `group` says nothing) sum to one.
+/// Weights of a row: finite, not negative, and those of each group (one where `group` says nothing)
+/// sum to one.
 fn check_sums(
     check: &mut Check,
     place: &'static str,

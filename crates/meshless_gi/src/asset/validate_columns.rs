@@ -1,4 +1,5 @@
-//! Whether a frame can run on an operator of components: its columns, and rows in them. Part of [`validate`](super::validate) (design D10).
+//! Whether a frame can run on an operator of components: its columns, and rows in them. Part of
+//! [`validate`](super::validate) (design D10).
 
 use super::baked::BakedScene;
 use super::validate::{Check, LARGEST_ROW_SUM, TOLERANCE};
@@ -6,8 +7,9 @@ use crate::transport::pca::Compression;
 use crate::transport::{Link, SenderForm};
 
 impl BakedScene {
-    /// Columns lie behind one another, as their values do, so that no value is read twice; those of a cluster share its senders, no sender is in two
-    /// clusters, and the last column is the sky alone.
+    /// Columns lie behind one another, as their values do, so that no value is read twice; those of
+    /// a cluster share its senders, no sender is in two clusters, and the last column is the sky
+    /// alone.
     pub(super) fn check_compression(&self, check: &mut Check) {
         let senders = self.senders();
         let form = self.operator.form;
@@ -87,7 +89,8 @@ impl BakedScene {
         }
     }
 
-    /// Vectors of a basis have the length one, and rows in it are no longer than those that they were made from; even light comes back no brighter.
+    /// Vectors of a basis have the length one, and rows in it are no longer than those that they
+    /// were made from; even light comes back no brighter.
     pub(super) fn check_components(&self, check: &mut Check, compression: &Compression) {
         for c in 0..compression.columns.len() {
             let square: f32 = compression.column(c).map(|(_, v)| v * v).sum();

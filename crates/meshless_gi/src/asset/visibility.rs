@@ -1,5 +1,6 @@
-//! The visibility of a baked scene in its file, and whether a frame can run on it. Six sections that are there together or not at all; where arrays of a
-//! cluster and a point start follows from how long those before are, and is not stored.
+//! The visibility of a baked scene in its file, and whether a frame can run on it. Six sections
+//! that are there together or not at all; where arrays of a cluster and a point start follows from
+//! how long those before are, and is not stored.
 
 use super::baked::BakedScene;
 use super::codec::{Field, Layout};
@@ -32,7 +33,8 @@ const PAIR: Layout = Layout::columns(&[Field::low(0), Field::high(0)]);
 const SHAPE_WORDS: usize = 2;
 /// Most directions of a point.
 const MAX_DIRECTIONS: u64 = 1 << 16;
-/// Coefficients times components: e is at most one, and no component is longer than the root of the directions.
+/// Coefficients times components: e is at most one, and no component is longer than the root of the
+/// directions.
 const LARGEST_SCALE: f32 = 1024.0;
 
 /// Its kinds of sections, ascending.
@@ -126,7 +128,8 @@ impl BakedScene {
             "visibility",
             || format!("{} × {} directions", v.grid.columns, v.grid.rows),
         );
-        // All senders at least, and whole levels: points behind them take the mean of their parents.
+        // All senders at least, and whole levels: points behind them take the mean of their
+        // parents.
         let whole = (self.sender_levels as usize..=self.levels())
             .any(|l| self.level_starts.get(l).map(|&s| s as usize) == Some(v.points.len()));
         check.whole(whole, "visibility points", || {

@@ -1,4 +1,5 @@
-//! A level's bake from the outside: threads of its own, and no panic that reaches the caller. What the tool and the plugin share.
+//! A level's bake from the outside: threads of its own, and no panic that reaches the caller. What
+//! the tool and the plugin share.
 
 use super::occluders::node_names;
 use super::{BakeError, BakeSource, Baked, Progress, Recipe, Stage, bake};
@@ -21,8 +22,8 @@ pub enum BakeSceneError {
     Panicked(String),
 }
 
-/// Bakes `level` on `threads` threads of its own (0: one for each processor) and turns a panic into an error: neither a game nor an asset
-/// processor may hang on it.
+/// Bakes `level` on `threads` threads of its own (0: one for each processor) and turns a panic into
+/// an error: neither a game nor an asset processor may hang on it.
 ///
 /// # Errors
 /// See [`BakeSceneError`].

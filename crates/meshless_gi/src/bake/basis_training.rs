@@ -1,8 +1,11 @@
-//! Example lamps and the light they put on the senders: what bases of direct light are made from ([P14] §4.3.1). Serves rule `pca`.
+//! Example lamps and the light they put on the senders: what bases of direct light are made from
+//! ([P14] §4.3.1). Serves rule `pca`.
 //!
-//! Where \[P14\] places point lights uniformly, these stand at free places with room around them, as the training lamps do; where a level sees the sky, every fourth
-//! is a sun. A sender of several places is lit at one of them, another one under each lamp: shadows' edges then lie as a frame finds them in the mean, at the
-//! price of a single place. Each lamp counts by what comes back of it: relative to the root mean square of its irradiance over the coarsest points.
+//! Where \[P14\] places point lights uniformly, these stand at free places with room around them,
+//! as the training lamps do; where a level sees the sky, every fourth is a sun. A sender of several
+//! places is lit at one of them, another one under each lamp: shadows' edges then lie as a frame
+//! finds them in the mean, at the price of a single place. Each lamp counts by what comes back of
+//! it: relative to the root mean square of its irradiance over the coarsest points.
 
 use super::training_lights::free_places;
 use crate::asset::Places;
@@ -17,7 +20,8 @@ use rayon::prelude::*;
 /// Every so-manyth lamp is a sun, in levels that see the sky.
 const SUN_OF: usize = 4;
 
-/// A lamp of whose light less comes back than this share of what comes back of the usual one's counts as if that share did.
+/// A lamp of whose light less comes back than this share of what comes back of the usual one's
+/// counts as if that share did.
 const MIN_BACK: f64 = 0.5;
 
 /// How bases are made.
@@ -128,7 +132,8 @@ fn examples(
             powers.push([f64::from(back), square / own.len().max(1) as f64].map(f64::sqrt));
         }
     }
-    // One that shines into the open, or on the back of things, would speak for all if it counted by what comes back alone.
+    // One that shines into the open, or on the back of things, would speak for all if it counted by
+    // what comes back alone.
     let mut shares: Vec<f64> = (powers.iter())
         .filter(|[_, direct]| *direct > 0.0)
         .map(|[back, direct]| back / direct)
@@ -148,7 +153,8 @@ fn examples(
     (Examples { own, light }, rays)
 }
 
-/// Radiosity of the senders for each lamp, of the color whose turn it is; `first` is the number of the first lamp.
+/// Radiosity of the senders for each lamp, of the color whose turn it is; `first` is the number of
+/// the first lamp.
 fn radiosity(
     (hierarchy, geometry, places, pull): (&Hierarchy, &dyn Geometry, &Places, &Weights),
     lamps: &[Lamp],

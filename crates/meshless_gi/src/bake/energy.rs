@@ -1,19 +1,28 @@
-//! Whether a bake's light dies away: the gain of its bounces, bounded from above; what its rows miss of the hemisphere's closed form; how far it is from
-//! reciprocal. All of it is read off the packed operator, as a frame uses it; the gain is the largest of all tiers'.
+//! Whether a bake's light dies away: the gain of its bounces, bounded from above; what its rows
+//! miss of the hemisphere's closed form; how far it is from reciprocal. All of it is read off the
+//! packed operator, as a frame uses it; the gain is the largest of all tiers'.
 //!
-//! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a sender that `pull` fills is a mean of others, with weights
-//! that sum to one. A is not negative, so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius (Collatz and
-//! Wielandt, [Var00] Chapter 2): each x proves a bound, x = 1 that of the row sums, and a few steps of a power iteration sharpen it. Operators of
-//! differences (\[L08\] Eq. (7), (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole step, differences resolved.
+//! **Gain.** A reflection takes the senders' radiosities f to A f with A_jk = ρ_j |F_jk · n_j|; a
+//! sender that `pull` fills is a mean of others, with weights that sum to one. A is not negative,
+//! so that for every positive x the largest (A x)_j / x_j is no less than A's spectral radius
+//! (Collatz and Wielandt, [Var00] Chapter 2): each x proves a bound, x = 1 that of the row sums,
+//! and a few steps of a power iteration sharpen it. Operators of differences (\[L08\] Eq. (7),
+//! (17)) have signs: there the bound is the largest sum of absolute values of a row of the whole
+//! step, differences resolved.
 //!
-//! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the albedo of each sender is lowered until its row sums to 0.999 at
-//! most, and the bake says so: no reflection adds light then, and every series and sweep converges.
+//! **Guard.** Where the bound is above 0.9995, as in a closed room that reflects all light, the
+//! albedo of each sender is lowered until its row sums to 0.999 at most, and the bake says so: no
+//! reflection adds light then, and every series and sweep converges.
 //!
-//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and what met surfaces that no sender covers make one. Packing
-//! to halves misses that by its rounding, which a room that reflects 99 % shows a hundredfold: rows of averages get the scale that mends it.
+//! **Closed form.** (1/π) ∫ n·ω dω = 1 over the hemisphere: Σ_j F_ij·n_i, the sky's part and what
+//! met surfaces that no sender covers make one. Packing to halves misses that by its rounding,
+//! which a room that reflects 99 % shows a hundredfold: rows of averages get the scale that mends
+//! it.
 //!
-//! **Reciprocity.** The light that surface I has from J and J from I is alike for equal radiosity: Σ_{r ∈ I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest
-//! senders below two coarsest ones, which stand for equal areas, for they are as dense as their disks allow. What is left is noise of rays and points.
+//! **Reciprocity.** The light that surface I has from J and J from I is alike for equal radiosity:
+//! Σ_{r ∈ I} F_rJ·n_r = Σ_{r ∈ J} F_rI·n_r, summed over the finest senders below two coarsest ones,
+//! which stand for equal areas, for they are as dense as their disks allow. What is left is noise
+//! of rays and points.
 
 use super::energy_components as components;
 use crate::asset::{BakedScene, EnergyInfo, PointSurface};
@@ -38,8 +47,8 @@ const ROOTS: usize = 128;
 /// Rows this near to the closed form miss it by rounding, and are mended.
 const ROUNDING: f64 = 0.01;
 
-/// Measures `scene`, mends its rows and guards its albedos. `missed` holds, for each point, the share of its gathered light that met a surface without
-/// a sender.
+/// Measures `scene`, mends its rows and guards its albedos. `missed` holds, for each point, the
+/// share of its gathered light that met a surface without a sender.
 pub(super) fn conserve(scene: &mut BakedScene, missed: &[f32]) -> EnergyInfo {
     mend(scene, missed);
     if let Some(compression) = scene.operator.compression.take() {
@@ -218,7 +227,8 @@ fn deviation(scene: &mut BakedScene, missed: &[f32]) -> (f64, f64) {
     (largest, (squares / count.max(1) as f64).sqrt())
 }
 
-/// One reflection's entries, of the senders that have light of their own: those that `pull` does not fill.
+/// One reflection's entries, of the senders that have light of their own: those that `pull` does
+/// not fill.
 struct Senders {
     count: usize,
     /// Rows of higher tiers are left out, as a frame of this one leaves them out.
@@ -261,7 +271,8 @@ impl Senders {
         }
     }
 
-    /// Tells `each` of every sender k and F_jk·n_j, as a frame adds them up for point `j`; the sky is left out. Operators of averages only.
+    /// Tells `each` of every sender k and F_jk·n_j, as a frame adds them up for point `j`; the sky
+    /// is left out. Operators of averages only.
     fn links(
         &self,
         scene: &BakedScene,
@@ -289,7 +300,8 @@ impl Senders {
         }
     }
 
-    /// Row `j` of a whole step in the form of differences, over the senders with light of their own: apply, flatten, push and pull, backwards.
+    /// Row `j` of a whole step in the form of differences, over the senders with light of their
+    /// own: apply, flatten, push and pull, backwards.
     fn resolved(&self, scene: &BakedScene, j: usize, row: &mut [f64]) {
         row.fill(0.0);
         let n = scene.points[j].n();
@@ -325,7 +337,8 @@ impl Senders {
         }
     }
 
-    /// Σ_k |F_jk·n_j| of every sender (in the form of differences, of those with light of their own), and the residual of reciprocity.
+    /// Σ_k |F_jk·n_j| of every sender (in the form of differences, of those with light of their
+    /// own), and the residual of reciprocity.
     fn sums(&self, scene: &BakedScene) -> (Vec<f64>, f64) {
         let coarsest = scene.level(0).len().min(self.count);
         let stride = coarsest.div_ceil(ROOTS).max(1);

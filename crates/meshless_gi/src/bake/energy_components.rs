@@ -1,13 +1,17 @@
 //! [`energy`](super::energy) for operators of components, whose rows are not told sender by sender: what their rows sum to, the gain of their bounces and how
 //! far they are from reciprocal.
 //!
-//! **Rows.** Even light of 1 W/m² makes known coefficients: Σ_c F_ic·n_i D_c 1 is the row's sum, and the closed form is asked of that.
+//! **Rows.** Even light of 1 W/m² makes known coefficients: Σ_c F_ic·n_i D_c 1 is the row's sum,
+//! and the closed form is asked of that.
 //!
-//! **Gain.** The product of bases has signs, so that no theorem of matrices without them ([Var00] Chapter 2) holds, and sums of absolute values say more than twice of
-//! what is there. A power iteration of the step itself (compress, apply, flatten, reflect) finds its largest eigenvalue: an estimate from below and no proof. Where it
-//! is above 0.9995, all albedos are lowered by the same factor, for a gain of 0.999.
+//! **Gain.** The product of bases has signs, so that no theorem of matrices without them ([Var00]
+//! Chapter 2) holds, and sums of absolute values say more than twice of what is there. A power
+//! iteration of the step itself (compress, apply, flatten, reflect) finds its largest eigenvalue:
+//! an estimate from below and no proof. Where it is above 0.9995, all albedos are lowered by the
+//! same factor, for a gain of 0.999.
 //!
-//! **Reciprocity** is asked of pairs of clusters: even light of one on the senders of the other, and the other way round.
+//! **Reciprocity** is asked of pairs of clusters: even light of one on the senders of the other,
+//! and the other way round.
 
 use crate::asset::{BakedScene, PointSurface};
 use crate::frame::{VectorIrradiance, apply, compress};
@@ -17,7 +21,8 @@ use rayon::prelude::*;
 /// Steps of the power iteration.
 const STEPS: usize = 24;
 
-/// What even light makes of every row along its point's normal, the sky's with it: as the rows are packed.
+/// What even light makes of every row along its point's normal, the sky's with it: as the rows are
+/// packed.
 pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f64> {
     let ones = compression.of_ones();
     let operator = &scene.operator;
@@ -32,7 +37,8 @@ pub(super) fn even_sums(scene: &BakedScene, compression: &Compression) -> Vec<f6
         .collect()
 }
 
-/// The largest eigenvalue of a reflection in a frame of this tier, as far as a power iteration finds it; of the color that has most.
+/// The largest eigenvalue of a reflection in a frame of this tier, as far as a power iteration
+/// finds it; of the color that has most.
 pub(super) fn gain(scene: &BakedScene, compression: &Compression, tier: u32) -> f64 {
     let senders = scene.senders();
     let mut own = vec![false; senders];

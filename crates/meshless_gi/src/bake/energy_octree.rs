@@ -1,9 +1,12 @@
 //! [`energy`](super::energy) for the octree of rule `fmm`: what even light makes of every sender, the gain of its bounces, and how far it is from reciprocal.
 //!
-//! **Gain.** Expansions have signs, so that no theorem of matrices without them ([Var00] Chapter 2) holds: a power iteration finds the largest eigenvalue of a reflection, an estimate
-//! from below and no proof. Where that is above 0.9995, all albedos are lowered by the same factor, for a gain of 0.999.
+//! **Gain.** Expansions have signs, so that no theorem of matrices without them ([Var00] Chapter 2)
+//! holds: a power iteration finds the largest eigenvalue of a reflection, an estimate from below
+//! and no proof. Where that is above 0.9995, all albedos are lowered by the same factor, for a gain
+//! of 0.999.
 //!
-//! **Reciprocity** is asked of runs of senders that lie together: even light of one run on another, and the other way round, times their surfaces.
+//! **Reciprocity** is asked of runs of senders that lie together: even light of one run on another,
+//! and the other way round, times their surfaces.
 
 use super::energy::{GUARDED_FROM, MAX_GAIN};
 use super::energy_components::lower;
@@ -18,8 +21,8 @@ const STEPS: usize = 12;
 /// Runs of senders that are asked for reciprocity, three at a time.
 const RUNS: usize = 12;
 
-/// Measures the octree of `scene` and guards its albedos; what is known of its links counts too. `unlit` is what each point sees of unlit backs, `areas` the surface of
-/// each sender.
+/// Measures the octree of `scene` and guards its albedos; what is known of its links counts too.
+/// `unlit` is what each point sees of unlit backs, `areas` the surface of each sender.
 pub(super) fn conserve(scene: &mut BakedScene, unlit: &[f32], areas: &[f32]) -> EnergyInfo {
     let before = match scene.link_tiers() {
         0 => EnergyInfo {
@@ -56,7 +59,8 @@ pub(super) fn conserve(scene: &mut BakedScene, unlit: &[f32], areas: &[f32]) -> 
     }
 }
 
-/// What arrives at the senders from the light of the senders, along their normals and not below zero.
+/// What arrives at the senders from the light of the senders, along their normals and not below
+/// zero.
 fn arriving(
     scene: &BakedScene,
     octree: &FmmOperator,
@@ -76,7 +80,8 @@ fn arriving(
     out
 }
 
-/// The largest eigenvalue of a reflection, as far as a power iteration finds it; of the color that has most.
+/// The largest eigenvalue of a reflection, as far as a power iteration finds it; of the color that
+/// has most.
 fn gain(scene: &BakedScene, octree: &FmmOperator, passes: &mut Passes<'_, f32>) -> f64 {
     let finest = scene.finest_senders();
     let mut light = vec![[0.0f32; 4]; scene.senders()];

@@ -1,17 +1,24 @@
-//! How wrong a bake is, by its own measurement: indirect irradiance through the frame's own path against unbiased Monte Carlo, at random places of the
-//! surface, for lamps that the bake did not see.
+//! How wrong a bake is, by its own measurement: indirect irradiance through the frame's own path
+//! against unbiased Monte Carlo, at random places of the surface, for lamps that the bake did not
+//! see.
 //!
-//! What is estimated is the NRMSE as [`meshless_gi_lab::accuracy::errors`] defines it, e = ‖E' − E‖ / ‖E‖ over the reached surface, under one lamp: what a user finds who
-//! puts a lamp into the level and compares with a path tracer. Lamps differ in their error, so that the interval is a prediction for one more of them, not the
-//! standard error of a mean. Each lamp counts alike, as it may be the one that a user places, but for those of whose light next to nothing comes back: one that shines into the open
-//! has no error to speak of.
+//! What is estimated is the NRMSE as [`meshless_gi_lab::accuracy::errors`] defines it, e = ‖E' − E‖
+//! / ‖E‖ over the reached surface, under one lamp: what a user finds who puts a lamp into the level
+//! and compares with a path tracer. Lamps differ in their error, so that the interval is a
+//! prediction for one more of them, not the standard error of a mean. Each lamp counts alike, as it
+//! may be the one that a user places, but for those of whose light next to nothing comes back: one
+//! that shines into the open has no error to speak of.
 //!
-//! Three lamps shine at a time, a red, a green and a blue one: light of one color knows nothing of the others, so that a solve and a path serve all three.
+//! Three lamps shine at a time, a red, a green and a blue one: light of one color knows nothing of
+//! the others, so that a solve and a path serve all three.
 //!
-//! Three things make few paths say much. E' costs next to nothing, so that it is asked at many places (the pool), and the truth at few of them, drawn where errors
-//! are to be expected: where there is light, where it changes within the width of a basis function, and where half of the links say something else, but everywhere
-//! sometimes; weights undo the choice (importance sampling with a mixture that holds a uniform part, so that no weight is above [`PARTS`]). What all places can say without truth
-//! (the differences of tiers to the whole, the light's own mean square) is a control variate. And the truth comes as two halves that know nothing of each other: the product
+//! Three things make few paths say much. E' costs next to nothing, so that it is asked at many
+//! places (the pool), and the truth at few of them, drawn where errors are to be expected: where
+//! there is light, where it changes within the width of a basis function, and where half of the
+//! links say something else, but everywhere sometimes; weights undo the choice (importance sampling
+//! with a mixture that holds a uniform part, so that no weight is above [`PARTS`]). What all places
+//! can say without truth (the differences of tiers to the whole, the light's own mean square) is a
+//! control variate. And the truth comes as two halves that know nothing of each other: the product
 //! of the differences to them has the squared error as its mean, whatever their own noise.
 
 use super::Progress;
@@ -30,7 +37,8 @@ const SHARE: f64 = 0.04;
 const COLORS: usize = 3;
 /// Importance particles that places and lamps are drawn from.
 const PARTICLES: u64 = 4096;
-/// Free places of which the one with the most room becomes a lamp: lamps hang under ceilings and stand on tables.
+/// Free places of which the one with the most room becomes a lamp: lamps hang under ceilings and
+/// stand on tables.
 const TRIED: usize = 4;
 /// A lamp of whose light less comes back than this share of the usual one's counts the less.
 const RETURNS: f64 = 0.1;
@@ -72,7 +80,8 @@ const RAYS_PER_BOUNCE: u64 = 1 + COLORS as u64;
 /// A bake's error, measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorEstimate {
-    /// NRMSE: root of the mean over lamps of each one's squared NRMSE over the surface; without the reference's own noise.
+    /// NRMSE: root of the mean over lamps of each one's squared NRMSE over the surface; without the
+    /// reference's own noise.
     pub nrmse: f32,
     /// Half width of the 95 % prediction interval around it for the NRMSE of one more lamp.
     pub interval: f32,
@@ -89,7 +98,8 @@ struct LampError {
     returns: f64,
 }
 
-/// Measures the error of each tier of `scene` on `geometry`, tier 1 first, and says how many rays that took. None when `progress` asks to stop.
+/// Measures the error of each tier of `scene` on `geometry`, tier 1 first, and says how many rays
+/// that took. None when `progress` asks to stop.
 #[must_use]
 pub fn estimate_errors(
     scene: &BakedScene,
@@ -102,7 +112,8 @@ pub fn estimate_errors(
     Some((estimates, rays))
 }
 
-/// As [`estimate_errors`], with so much work, and lamp by lamp: a list for each tier, of the lamps whose light comes back from anything.
+/// As [`estimate_errors`], with so much work, and lamp by lamp: a list for each tier, of the lamps
+/// whose light comes back from anything.
 fn lamp_errors(
     scene: &BakedScene,
     geometry: &dyn Geometry,
@@ -173,7 +184,8 @@ struct Halves {
 }
 
 impl Question<'_> {
-    /// The errors of all tiers under the lamps, those of whose light anything comes back, and the rays cast.
+    /// The errors of all tiers under the lamps, those of whose light anything comes back, and the
+    /// rays cast.
     fn ask(
         &mut self,
         lamps: &[Light],
@@ -216,12 +228,14 @@ impl Question<'_> {
                 let (v, w) = (values[i], whole[i]);
                 let product = (v - t.first) * (v - t.second);
                 square += weight * (product - (v - w) * (v - w));
-                // With halves of variance s², the product has the variance 2 e² s² + s⁴; with h = (a − b)² / 2 that is the mean of 2 h · product + h².
+                // With halves of variance s², the product has the variance 2 e² s² + s⁴; with h =
+                // (a − b)² / 2 that is the mean of 2 h · product + h².
                 let h = 0.5 * (t.first - t.second) * (t.first - t.second);
                 noise += weight * weight * (2.0 * h * product + h * h);
             }
             (0..COLORS)
-                // Where next to nothing comes back there is no error to speak of, and no number either.
+                // Where next to nothing comes back there is no error to speak of, and no number
+                // either.
                 .filter(|&c| power[c] > 1e-6 * direct[c] && power[c].is_finite())
                 .map(|c| LampError {
                     square: square[c] / power[c],
@@ -251,7 +265,8 @@ impl Question<'_> {
         pool.par_iter().map(at).collect()
     }
 
-    /// How much each place is worth the truth; one in the mean. The frame holds the whole operator's light.
+    /// How much each place is worth the truth; one in the mean. The frame holds the whole
+    /// operator's light.
     fn scores(
         &self,
         pool: &[Candidate],
@@ -300,7 +315,8 @@ impl Question<'_> {
         scores
     }
 
-    /// The truth at the places drawn. Bright places are noisier: they get more paths, those that were drawn for other reasons than their light fewer.
+    /// The truth at the places drawn. Bright places are noisier: they get more paths, those that
+    /// were drawn for other reasons than their light fewer.
     fn truth(
         &self,
         lamps: &[Light],
@@ -360,7 +376,8 @@ fn spread(candidates: &[Candidate], count: usize, random: &mut Random) -> Vec<Ca
         .collect()
 }
 
-/// Draws `count` indices with probabilities in proportion to `scores`, evenly along their order (systematic sampling). A great score is drawn more than once.
+/// Draws `count` indices with probabilities in proportion to `scores`, evenly along their order
+/// (systematic sampling). A great score is drawn more than once.
 fn systematic(scores: &[f64], count: usize, random: &mut Random) -> Vec<usize> {
     let step = scores.iter().sum::<f64>() / count as f64;
     let mut next = f64::from(random.unit()) * step;
@@ -385,9 +402,11 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 
 /// The estimate from what the lamps say.
 ///
-/// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their squared errors tells both, and is what one more lamp
-/// will show. Only what the reference's paths put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay below
-/// m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom; they are skewed to larger errors, so that the upper end makes the width for both sides.
+/// Lamps differ, and so do the handfuls of places that each was examined at: the spread of their
+/// squared errors tells both, and is what one more lamp will show. Only what the reference's paths
+/// put on it is taken off. With m the mean and s² the variance of that, 95 % of lamps would stay
+/// below m + t s √(1 + 1/n) if squares were normal, with Student's t for n − 1 degrees of freedom;
+/// they are skewed to larger errors, so that the upper end makes the width for both sides.
 fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     let usual = RETURNS * median(lamps.iter().map(|l| l.returns));
     let weights: Vec<f64> = lamps.iter().map(|l| (l.returns / usual).min(1.0)).collect();
@@ -420,7 +439,8 @@ fn summarize(lamps: &[LampError]) -> ErrorEstimate {
     }
 }
 
-/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (two at least), by the first terms of its expansion in 1 / `freedom`.
+/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom (two at least), by
+/// the first terms of its expansion in 1 / `freedom`.
 fn student(freedom: f64) -> f64 {
     const Z: f64 = 1.959_964;
     let (f, z3, z5) = (freedom.max(2.0), Z.powi(3), Z.powi(5));

@@ -6,8 +6,9 @@ use crate::scene::{Geometry, MaterialTerms, Ray};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// The materials of `geometry` and what each sender has of them; none where the geometry has no materials that could change. The finest senders have
-/// places; coarser ones that `pull` fills have no light of their own, and no shares. Also says how many rays it took.
+/// The materials of `geometry` and what each sender has of them; none where the geometry has no
+/// materials that could change. The finest senders have places; coarser ones that `pull` fills have
+/// no light of their own, and no shares. Also says how many rays it took.
 pub(super) fn cover(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,

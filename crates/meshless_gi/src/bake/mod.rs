@@ -1,8 +1,9 @@
 //! The whole bake as one call: from geometry and a recipe to a [`BakedScene`].
 //!
-//! Viewpoints → points → clip planes, parents, pull rows → training lights → operator → baked bounces → packing → the error, measured.
-//! Equal input gives equal bytes, whatever the number of threads (design D5): chunks are fixed, sums are ordered, random numbers are
-//! counted. Threads are those of the rayon pool that the call runs in.
+//! Viewpoints → points → clip planes, parents, pull rows → training lights → operator → baked
+//! bounces → packing → the error, measured. Equal input gives equal bytes, whatever the number of
+//! threads (design D5): chunks are fixed, sums are ordered, random numbers are counted. Threads are
+//! those of the rayon pool that the call runs in.
 
 mod bake_scene;
 mod basis_training;
@@ -17,6 +18,7 @@ mod precision_check;
 mod probes;
 mod progress;
 mod quality_level;
+mod ray_baseline;
 mod recipe;
 mod sky;
 mod stale;
@@ -31,6 +33,7 @@ pub use octree::OctreeSettings;
 pub use probes::ProbeSettings;
 pub use progress::{Progress, Stage};
 use quality_level::QualityParameters;
+pub use ray_baseline::cast_gather_rays;
 pub use recipe::{
     BounceMode, Preset, Recipe, RecipeError, Settings, TransportMethod, reached_area,
 };
@@ -48,14 +51,14 @@ use crate::scene::{Bvh, Geometry, Occluder, OccluderGeometry};
 use crate::transport::pca::Compression;
 use crate::transport::{
     BounceScene, BoundedSettings, Deposit, GatherSettings, RawRow, Receivers, RefinedOperator,
-    SenderForm, SenderTree, UnindexedLinkTerm, assign_tiers, bounce_operator, cast_only, l08, pack,
+    SenderForm, SenderTree, UnindexedLinkTerm, assign_tiers, bounce_operator, l08, pack,
     refine_bounded,
 };
 use glam::Vec3;
-use rayon::prelude::*;
 use std::time::Instant;
 
-/// C of the senders' functions under rule `bounded`: the least that covers a saturated Poisson disk set (C = 1) with a margin.
+/// C of the senders' functions under rule `bounded`: the least that covers a saturated Poisson disk
+/// set (C = 1) with a margin.
 const SENDER_OVERLAP: f32 = 1.25;
 
 /// What is baked.
@@ -233,7 +236,8 @@ fn bake_once(
             viewpoints: viewpoints.len(),
         });
     }
-    // Where particles rarely live past their dropped bounces, drop none ([L08] drops three of thirty).
+    // Where particles rarely live past their dropped bounces, drop none ([L08] drops three of
+    // thirty).
     let drop_first = pilot.candidates.len() >= 512 * 8;
     let (area, rays) = reached_area(geometry, &viewpoints, drop_first, recipe.seed);
     stats.rays += rays;
@@ -430,8 +434,8 @@ fn bake_once(
     finish(source, recipe, baked, began, progress)
 }
 
-/// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those do in the mean. With one place a sender that is its
-/// own point, as in \[L08\].
+/// Where the senders of the finest sender level are lit; their surfaces reflect and emit what those
+/// do in the mean. With one place a sender that is its own point, as in \[L08\].
 fn lit_places(
     geometry: &dyn Geometry,
     hierarchy: &mut Hierarchy,
@@ -502,7 +506,8 @@ fn assemble(
             ..PointSurface::default()
         })
         .collect();
-    // A sender reflects with the mean albedo of what it stands for, not with the texel under its center.
+    // A sender reflects with the mean albedo of what it stands for, not with the texel under its
+    // center.
     for level in (0..sender_levels).rev() {
         for k in hierarchy.level(level) {
             let row = pull.row(k);
@@ -672,29 +677,4 @@ fn finish(
     baked.stats.seconds.estimate = estimate_began.elapsed().as_secs_f64();
     baked.stats.seconds.total = began.elapsed().as_secs_f64();
     Ok(baked)
-}
-
-/// Casts the rays of the operator's gather and does nothing else with them: the yardstick for the cost of everything else. Returns how many it
-/// cast.
-#[must_use]
-pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, settings: &Settings) -> u64 {
-    let rows = &scene.operator.rows;
-    scene
-        .level_starts
-        .windows(2)
-        .enumerate()
-        .map(|(level, bounds)| {
-            let rays = settings.rays_of_level(level);
-            let active = (bounds[0] as usize..bounds[1] as usize)
-                .into_par_iter()
-                .filter(|&i| rows[i].tier != 0)
-                .map(|i| {
-                    let p = &scene.points[i];
-                    // The hits are used, so that no compiler leaves the work out.
-                    std::hint::black_box(cast_only(geometry, p.x(), p.n(), i, rays, settings.seed));
-                })
-                .count();
-            active as u64 * u64::from(rays)
-        })
-        .sum()
 }

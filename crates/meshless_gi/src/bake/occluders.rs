@@ -1,4 +1,5 @@
-//! Occluders of a recipe: parts of the level by the names of their nodes, or boxes; and what a bake knows of the light that passes them.
+//! Occluders of a recipe: parts of the level by the names of their nodes, or boxes; and what a bake
+//! knows of the light that passes them.
 
 use super::BakeError;
 use super::recipe::RecipeError;
@@ -17,7 +18,8 @@ const LONGEST_NAME: usize = 256;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccluderDesc {
-    /// What the game calls it; without boxes also the name of the level's node that it is, with all nodes below that.
+    /// What the game calls it; without boxes also the name of the level's node that it is, with all
+    /// nodes below that.
     pub name: String,
     /// What it is where the level has no such node.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -104,7 +106,8 @@ pub(super) fn node_names(shapes: &[OccluderDesc]) -> Vec<&str> {
     nodes.map(|s| s.name.as_str()).collect()
 }
 
-/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called so. `geometry` is the level without them.
+/// The shape of each occluder: its boxes, or the triangles of the part of the level that is called
+/// so. `geometry` is the level without them.
 pub(super) fn find(
     shapes: &[OccluderDesc],
     parts: &[Occluder],
@@ -130,7 +133,8 @@ pub(super) fn find(
     shapes.iter().map(one).collect()
 }
 
-/// What the scene knows of `occluders`: which parts of the operator's links and of the probes' cross them. None where there are none.
+/// What the scene knows of `occluders`: which parts of the operator's links and of the probes'
+/// cross them. None where there are none.
 pub(super) fn known(
     occluders: &[Occluder],
     passing: &[UnindexedLinkTerm],

@@ -1,13 +1,17 @@
 //! Rule `fmm`: from points and their surfaces to the octree that carries a frame's light ([G08]).
 //!
-//! **Who shines.** The senders of the finest sender level, each from a few pieces of its cell ([`find_cells`]): a wall near by is then a wall, and not a few disks. [G08] has
-//! one place a point.
+//! **Who shines.** The senders of the finest sender level, each from a few pieces of its cell
+//! ([`find_cells`]): a wall near by is then a wall, and not a few disks. [G08] has one place a
+//! point.
 //!
-//! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and points of finer levels might receive at their own places; they take the mean of their
-//! parents, which was as exact or more so wherever it was tried, for parts of visibility are the same over a leaf, and costs next to nothing.
+//! **Who receives.** The points of the sender levels. An expansion can be asked anywhere, and
+//! points of finer levels might receive at their own places; they take the mean of their parents,
+//! which was as exact or more so wherever it was tried, for parts of visibility are the same over a
+//! leaf, and costs next to nothing.
 //!
-//! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of
-//! visibility miss of that, each point's factor mends.
+//! **Closed form.** Even light of one makes one at every point, less what the sky and unlit backs
+//! take: (1/π) ∫ n·ω dω = 1. What near disks, areas and parts of visibility miss of that, each
+//! point's factor mends.
 
 use super::energy_octree;
 use super::recipe::{Recipe, Settings};
@@ -23,7 +27,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far more than what an expansion leaves out behind it (docs/reports/FMM_RULE.md).
+/// Order where a recipe names none. Areas, visibility and what lies between points are wrong by far
+/// more than what an expansion leaves out behind it (docs/reports/FMM_RULE.md).
 const ORDER: u32 = 2;
 
 /// The octree of a bake by rule `fmm`, everything filled in.
@@ -93,7 +98,8 @@ impl Cells {
         })
     }
 
-    /// The points of the octree: pieces of the senders that shine, then the points of all senders; and of each the sender that it is of.
+    /// The points of the octree: pieces of the senders that shine, then the points of all senders;
+    /// and of each the sender that it is of.
     fn points(&self, scene: &BakedScene) -> (Vec<FmmPoint>, Vec<u32>) {
         let (mut points, mut of) = (Vec::new(), Vec::new());
         for (j, cell) in self.cells.iter().enumerate() {
@@ -120,7 +126,8 @@ impl Cells {
     }
 }
 
-/// Factors beyond these mend no rounding: what such a point sees is not on any list, or lies in a crack.
+/// Factors beyond these mend no rounding: what such a point sees is not on any list, or lies in a
+/// crack.
 const MENDED: [f32; 2] = [0.25, 4.0];
 
 /// Gives the bake its octree, where there are cells to make it of.

@@ -1,9 +1,11 @@
-//! Levels that lie so far from their origin that single precision shows: refused, or warned of, before anything is baked.
+//! Levels that lie so far from their origin that single precision shows: refused, or warned of,
+//! before anything is baked.
 
 use super::BakeError;
 use crate::scene::Bounds;
 
-/// Rays start off their surface by eight roundings of the largest coordinate: by how much of the level's size at most.
+/// Rays start off their surface by eight roundings of the largest coordinate: by how much of the
+/// level's size at most.
 const MAX_LIFT: f32 = 0.1;
 /// From how much on it is worth a warning: a level of 2 m then lies 2 km away.
 const NOTED_LIFT: f32 = 1e-3;

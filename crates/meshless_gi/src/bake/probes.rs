@@ -17,7 +17,8 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProbeSettings {
-    /// Distance that probes keep from those they see, meters; where left out, so that about 2048 fill the box around the level.
+    /// Distance that probes keep from those they see, meters; where left out, so that about 2048
+    /// fill the box around the level.
     pub spacing: Option<f32>,
     /// Rays a probe, 64 to 65536; where left out, twice those of a surface point.
     pub rays: Option<u32>,
@@ -85,7 +86,8 @@ pub(super) struct Room<'a> {
     pub stats: &'a mut BakeStats,
 }
 
-/// Spreads probes over free space and gathers their rows. Also says what of their links crosses occluders.
+/// Spreads probes over free space and gathers their rows. Also says what of their links crosses
+/// occluders.
 pub(super) fn bake(
     light: &ProbeSettings,
     room: &mut Room<'_>,

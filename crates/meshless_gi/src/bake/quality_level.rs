@@ -1,8 +1,11 @@
-//! How much care a bake takes: what the presets stand for, and the ladder that a largest error climbs.
+//! How much care a bake takes: what the presets stand for, and the ladder that a largest error
+//! climbs.
 //!
-//! A largest error asks for care by the same knobs as presets do, all at once: thresholds for links and for points that are added (where their tolerance is met, nothing is
-//! refined), density, rays, places. Rungs lie between and beyond the presets, each for [`STEP`] times less error than the one below, and are the same
-//! for every error asked for: so a smaller error never makes a coarser bake.
+//! A largest error asks for care by the same knobs as presets do, all at once: thresholds for links
+//! and for points that are added (where their tolerance is met, nothing is refined), density, rays,
+//! places. Rungs lie between and beyond the presets, each for [`STEP`] times less error than the
+//! one below, and are the same for every error asked for: so a smaller error never makes a coarser
+//! bake.
 
 use super::recipe::Preset;
 #[cfg(doc)]
@@ -54,7 +57,8 @@ impl Preset {
                 epsilon: 0.01,
                 tolerance: 0.02,
             },
-            // No more points on the levels that are senders: their number is limited, see `Link::MAX_SENDERS`.
+            // No more points on the levels that are senders: their number is limited, see
+            // `Link::MAX_SENDERS`.
             Self::High => QualityParameters {
                 points: 40_000.0,
                 sender_levels: 5,
@@ -69,7 +73,8 @@ impl Preset {
     }
 }
 
-/// Errors of the presets on levels without hard corners: where the ladder starts for an error asked for, and no more than a guess.
+/// Errors of the presets on levels without hard corners: where the ladder starts for an error asked
+/// for, and no more than a guess.
 const USUAL: [(f32, Preset); 3] = [
     (0.04, Preset::Draft),
     (0.015, Preset::Medium),
@@ -79,18 +84,21 @@ const USUAL: [(f32, Preset); 3] = [
 const COARSEST: f32 = 0.16;
 /// Error of a rung over that of the next.
 const STEP: f32 = 1.6;
-/// Rungs. The last is finer than the finest preset by half a step; beyond it memory ends on large levels.
+/// Rungs. The last is finer than the finest preset by half a step; beyond it memory ends on large
+/// levels.
 const RUNGS: i32 = 8;
 
 impl QualityParameters {
-    /// The rungs to try for an error of at most `error`, one after the other: from the coarsest that may do, by the errors of the presets, to the finest of all.
+    /// The rungs to try for an error of at most `error`, one after the other: from the coarsest
+    /// that may do, by the errors of the presets, to the finest of all.
     pub fn ladder(error: f32) -> impl Iterator<Item = Self> {
         let usual = |rung: i32| COARSEST / STEP.powi(rung);
         let first = (0..RUNGS - 1).find(|&rung| usual(rung) <= STEP * error);
         (first.unwrap_or(RUNGS - 1)..RUNGS).map(move |rung| Self::of_error(usual(rung)))
     }
 
-    /// Between the presets whose errors are next to this one, by geometric means; beyond them on as between the nearest two.
+    /// Between the presets whose errors are next to this one, by geometric means; beyond them on as
+    /// between the nearest two.
     fn of_error(error: f32) -> Self {
         let pair = if error > USUAL[1].0 { 0 } else { 1 };
         let [(e0, coarse), (e1, fine)] = [USUAL[pair], USUAL[pair + 1]];

@@ -1,5 +1,5 @@
-//! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the settings that follow from it and from the
-//! scene's size.
+//! What to bake and how: the recipe that a user writes (RON, or options of the tool), and the
+//! settings that follow from it and from the scene's size.
 
 use super::occluders::{OccluderDesc, check_shapes};
 use super::octree::OctreeSettings;
@@ -33,9 +33,11 @@ pub enum TransportMethod {
     Bounded,
     /// \[L08\] Figure 5 as published, see [`crate::transport::l08`].
     L08,
-    /// Bases of direct light for clusters of senders, after \[P14\] §4.3, see [`crate::transport::pca`]. Receivers are those of `Bounded`.
+    /// Bases of direct light for clusters of senders, after \[P14\] §4.3, see
+    /// [`crate::transport::pca`]. Receivers are those of `Bounded`.
     Pca,
-    /// An octree of points in place of links, after \[G08\], see [`crate::transport::fmm`]: the frame carries light by the fast multipole method.
+    /// An octree of points in place of links, after \[G08\], see [`crate::transport::fmm`]: the
+    /// frame carries light by the fast multipole method.
     Fmm,
 }
 
@@ -45,7 +47,8 @@ pub enum BounceMode {
     /// In the frame, by sweeps over the senders: materials may change.
     #[default]
     Live,
-    /// In the bake, by the Neumann series on the coarsest points: fewest steps a frame. Needs [`TransportMethod::Bounded`].
+    /// In the bake, by the Neumann series on the coarsest points: fewest steps a frame. Needs
+    /// [`TransportMethod::Bounded`].
     Baked,
 }
 
@@ -53,11 +56,13 @@ pub enum BounceMode {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Recipe {
-    /// The level, relative to the recipe's own file. Needed in a `.gi.ron` file, not used by a library call.
+    /// The level, relative to the recipe's own file. Needed in a `.gi.ron` file, not used by a
+    /// library call.
     pub scene: Option<String>,
     /// How much care to take.
     pub preset: Preset,
-    /// Places in free space from which light can be seen, meters; found by itself where empty (\[L08\] §2.3).
+    /// Places in free space from which light can be seen, meters; found by itself where empty
+    /// (\[L08\] §2.3).
     pub viewpoints: Vec<[f32; 3]>,
     /// Disk radius of the coarsest level, meters.
     pub coarse_radius: Option<f32>,
@@ -71,8 +76,8 @@ pub struct Recipe {
     pub extra_points: Option<u32>,
     /// Rays a gather, 16 to 65536; points of added levels take half.
     pub rays: Option<u32>,
-    /// Places that each sender of the finest sender level is lit at, 1 to 64: more make light move more smoothly, and cost as many shadow rays for each
-    /// lamp that moves.
+    /// Places that each sender of the finest sender level is lit at, 1 to 64: more make light move
+    /// more smoothly, and cost as many shadow rays for each lamp that moves.
     pub places: Option<u32>,
     /// Diffuse reflections, 1 to 64.
     pub bounces: Option<u32>,
@@ -80,15 +85,18 @@ pub struct Recipe {
     pub bounce_mode: BounceMode,
     /// Which links are kept.
     pub rule: TransportMethod,
-    /// Threshold of the rule: the bound on what a row blurs (`Bounded`) or leaves out (`Pca`), or ε of \[L08\] Figure 5.
+    /// Threshold of the rule: the bound on what a row blurs (`Bounded`) or leaves out (`Pca`), or ε
+    /// of \[L08\] Figure 5.
     pub epsilon: Option<f32>,
     /// Difference to the parents' value below which a receiver needs no row (not with `L08`).
     pub tolerance: Option<f32>,
-    /// Takes as much care as it needs for an estimated NRMSE of at most this, whatever the preset says: bakes coarsely first, and finer until it is met.
+    /// Takes as much care as it needs for an estimated NRMSE of at most this, whatever the preset
+    /// says: bakes coarsely first, and finer until it is met.
     pub max_error: Option<f32>,
     /// Vectors of a cluster's basis of direct light, 1 to 1000 (`Pca`).
     pub coefficients: Option<u32>,
-    /// Senders of a cluster, about, 1 to 65536 (`Pca`); where left out, so many that there are about 64 clusters.
+    /// Senders of a cluster, about, 1 to 65536 (`Pca`); where left out, so many that there are
+    /// about 64 clusters.
     pub cluster_points: Option<u32>,
     /// Example lamps that the bases are made from, 0 to 65536 (`Pca`).
     pub lamps: Option<u32>,
@@ -100,17 +108,21 @@ pub struct Recipe {
     pub sources: Option<u32>,
     /// Rays that decide what two nodes of the octree see of each other, 1 to 4096 (`Fmm`).
     pub pair_rays: Option<u32>,
-    /// Bakes the links of `Bounded` on the same points too, for devices and frames that do not hold the octree (`Fmm`).
+    /// Bakes the links of `Bounded` on the same points too, for devices and frames that do not hold
+    /// the octree (`Fmm`).
     pub fallback: bool,
-    /// Bakes what the senders and one level behind them see, for lights with soft shadows; left out: such lights cast none.
+    /// Bakes what the senders and one level behind them see, for lights with soft shadows; left
+    /// out: such lights cast none.
     pub soft_shadows: Option<VisibilityRecipe>,
     /// Light in free space, for what moves (rule `Bounded`).
     pub probes: Option<ProbeSettings>,
     /// Which skies may light the level (`Harmonics` with rule `Bounded` only).
     pub sky: Sky,
-    /// Base colors and emission may change in the running game (rule `Bounded`, bounce mode `Live`).
+    /// Base colors and emission may change in the running game (rule `Bounded`, bounce mode
+    /// `Live`).
     pub live_materials: bool,
-    /// Doors, lifts and what else comes and goes in the running game, 64 at most: the light through them gets a gain (rule `Bounded`, bounce mode `Live`).
+    /// Doors, lifts and what else comes and goes in the running game, 64 at most: the light through
+    /// them gets a gain (rule `Bounded`, bounce mode `Live`).
     pub occluders: Vec<OccluderDesc>,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -147,7 +159,8 @@ pub enum RecipeError {
     Syntax(String),
 }
 
-/// A recipe with everything filled in: what a bake does. Equal settings on equal geometry give equal bytes.
+/// A recipe with everything filled in: what a bake does. Equal settings on equal geometry give
+/// equal bytes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// See [`Recipe::coarse_radius`].
@@ -204,7 +217,8 @@ pub struct Settings {
     pub occluders: Vec<OccluderDesc>,
 }
 
-/// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R², measured for dart throwing.
+/// Share of the plane that disks of radius R fill when no more fit: points = FILL · area / R²,
+/// measured for dart throwing.
 const FILL: f32 = 0.7;
 
 /// Clusters of senders under rule `pca`, about: as \[P14\] §6 has them, a few more.
@@ -444,7 +458,8 @@ impl Recipe {
 }
 
 impl Settings {
-    /// Rays a gather at a point of this level. Levels that were added stand for little surface each and are many: half as many do.
+    /// Rays a gather at a point of this level. Levels that were added stand for little surface each
+    /// and are many: half as many do.
     #[must_use]
     pub fn rays_of_level(&self, level: usize) -> u32 {
         match level < self.levels as usize {
@@ -475,7 +490,8 @@ impl Settings {
     }
 }
 
-/// Area, in m², of the surfaces that light reaches, from a pilot level of coarse disks. Also says how many rays it took.
+/// Area, in m², of the surfaces that light reaches, from a pilot level of coarse disks. Also says
+/// how many rays it took.
 #[must_use]
 pub fn reached_area(
     geometry: &dyn Geometry,

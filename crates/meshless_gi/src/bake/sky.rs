@@ -1,4 +1,5 @@
-//! What a recipe says of the sky, and the bake of one that is not uniform: links to its eight terms, and what the senders have straight from them.
+//! What a recipe says of the sky, and the bake of one that is not uniform: links to its eight
+//! terms, and what the senders have straight from them.
 
 use super::Settings;
 use crate::basis::Hierarchy;
@@ -14,7 +15,8 @@ pub enum Sky {
     /// The same radiance from everywhere: one link a row.
     #[default]
     Uniform,
-    /// Spherical harmonics up to the second degree ([`SkyRadiance`]): eight links a row more, and as many rays again.
+    /// Spherical harmonics up to the second degree ([`SkyRadiance`]): eight links a row more, and
+    /// as many rays again.
     Harmonics,
 }
 
@@ -25,8 +27,8 @@ impl Sky {
     }
 }
 
-/// The terms' vectors of each point with a row, zero of the others, where the settings ask for them: by the rays that its row was gathered with. Also says how many those
-/// were.
+/// The terms' vectors of each point with a row, zero of the others, where the settings ask for
+/// them: by the rays that its row was gathered with. Also says how many those were.
 pub(super) fn terms(
     geometry: &dyn Geometry,
     hierarchy: &Hierarchy,

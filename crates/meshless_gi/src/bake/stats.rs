@@ -3,8 +3,8 @@
 use crate::asset::{EnergyInfo, TierInfo};
 use serde::{Deserialize, Serialize};
 
-/// Seconds of wall-clock time by stage. Gather and refinement run together on all threads; their share of it is split by the processor
-/// time that each took.
+/// Seconds of wall-clock time by stage. Gather and refinement run together on all threads; their
+/// share of it is split by the processor time that each took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageSeconds {
     /// Reading the level.
@@ -87,7 +87,8 @@ pub struct BakeStats {
     /// Links of their rows.
     #[serde(default)]
     pub probe_links: u64,
-    /// Part of the directions from probes that met a surface which no sender covers, or the back of one.
+    /// Part of the directions from probes that met a surface which no sender covers, or the back of
+    /// one.
     #[serde(default)]
     pub probes_lost: f64,
     /// Bytes of visibility in memory and on the device; 0 without soft shadows.

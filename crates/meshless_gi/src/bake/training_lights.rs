@@ -1,4 +1,5 @@
-//! Training lamps: what lamps in the level's free space make of the senders' radiosity, see [`Training`].
+//! Training lamps: what lamps in the level's free space make of the senders' radiosity, see
+//! [`Training`].
 
 use crate::asset::Places;
 use crate::basis::{Hierarchy, Weights};
@@ -10,11 +11,13 @@ use crate::transport::{
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Batches of [`TRAINING_LIGHTS`] lamps that the exposures are averaged over; the first of them are the training lamps.
+/// Batches of [`TRAINING_LIGHTS`] lamps that the exposures are averaged over; the first of them are
+/// the training lamps.
 const BATCHES: usize = 8;
 
-/// Places in free space: half-way between the bounces of importance particles, those with the most room around them of the ones tried: a lamp a
-/// hair's breadth from a wall says much of that wall and nothing of the level.
+/// Places in free space: half-way between the bounces of importance particles, those with the most
+/// room around them of the ones tried: a lamp a hair's breadth from a wall says much of that wall
+/// and nothing of the level.
 #[must_use]
 pub fn free_places(
     geometry: &dyn Geometry,
@@ -50,7 +53,8 @@ pub fn free_places(
     (places, traced.rays)
 }
 
-/// Trains on white point lamps of 1 W/sr at free places, pulled to the senders ([L08] §2.1). Also says how many rays it took.
+/// Trains on white point lamps of 1 W/sr at free places, pulled to the senders ([L08] §2.1). Also
+/// says how many rays it took.
 #[must_use]
 pub fn train(
     gathering: &GatherSettings<'_>,
@@ -76,7 +80,8 @@ pub fn train(
     let mut exposure = vec![0.0f32; senders];
     let mut counted = 0;
     for batch in lamps.chunks(TRAINING_LIGHTS) {
-        // The training lamps shine on places, as a frame's do; for the exposures the senders' own points will do.
+        // The training lamps shine on places, as a frame's do; for the exposures the senders' own
+        // points will do.
         let own = Places::default();
         let places = if signals.is_empty() { places } else { &own };
         let mut values = radiosity(hierarchy, geometry, batch, places, pull, senders);
@@ -102,7 +107,8 @@ pub fn train(
     (Training::new(signals, exposure, sky, tree), rays)
 }
 
-/// Radiosity of the senders for each lamp: those of the finest level by their places, the others pulled from them.
+/// Radiosity of the senders for each lamp: those of the finest level by their places, the others
+/// pulled from them.
 fn radiosity(
     hierarchy: &Hierarchy,
     geometry: &dyn Geometry,

@@ -1,4 +1,5 @@
-//! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in how many numbers.
+//! What a recipe says of soft shadows: whether points remember what they see ([P14] §4.2), and in
+//! how many numbers.
 
 use super::recipe::RecipeError;
 use super::{BakeError, BakeSource, Baked, Progress, Settings, Stage};
@@ -9,7 +10,8 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Visibility of the senders and of one level behind them, for lights with soft shadows. The defaults are those of [`VisibilitySettings`].
+/// Visibility of the senders and of one level behind them, for lights with soft shadows. The
+/// defaults are those of [`VisibilitySettings`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VisibilityRecipe {
@@ -19,8 +21,9 @@ pub struct VisibilityRecipe {
     pub coefficients: u32,
     /// Points of a cluster, about, 16 to 65536: fewer are more exact, and more to store.
     pub cluster_points: u32,
-    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root mean square of d² / (d² + s²), with s twice the median of the cluster's depths before any cut. Less is more exact, and
-    /// more to store; with 1 none is cut.
+    /// A cluster whose depths are more wrong is cut in two, and these again: 0.001 to 1, the root
+    /// mean square of d² / (d² + s²), with s twice the median of the cluster's depths before any
+    /// cut. Less is more exact, and more to store; with 1 none is cut.
     pub error: f32,
 }
 
@@ -92,7 +95,8 @@ impl VisibilityRecipe {
     }
 }
 
-/// What the points see, where the recipe asks for it: the senders and one level behind them, for edges of shadows are finer than what senders are spread for.
+/// What the points see, where the recipe asks for it: the senders and one level behind them, for
+/// edges of shadows are finer than what senders are spread for.
 pub(super) fn see(
     source: &BakeSource<'_>,
     settings: &Settings,

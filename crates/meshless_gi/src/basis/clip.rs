@@ -1,12 +1,16 @@
-//! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that this mends).
+//! Clip planes: what stops a basis function at a wall (design D7; [L08] §5.2 names the leak that
+//! this mends).
 //!
-//! A function's support is a ball-like region that knows nothing of walls. Places in it that the function's center cannot see must
-//! not get light from it, nor give any. Exact visibility per place would cost a ray per weight; instead the bake looks, once, from
-//! each center at the surface places around it. Where the view is blocked, the plane of the blocker, turned toward the center, is a
-//! candidate; the planes that cut off most blocked places and no visible one are kept, four at most.
+//! A function's support is a ball-like region that knows nothing of walls. Places in it that the
+//! function's center cannot see must not get light from it, nor give any. Exact visibility per
+//! place would cost a ray per weight; instead the bake looks, once, from each center at the surface
+//! places around it. Where the view is blocked, the plane of the blocker, turned toward the center,
+//! is a candidate; the planes that cut off most blocked places and no visible one are kept, four at
+//! most.
 //!
-//! Places that happen to be known may all lie on the near side of a wall whose far side the support still touches. So each center also looks around
-//! along its tangent plane for walls, and behind each one for surface.
+//! Places that happen to be known may all lie on the near side of a wall whose far side the support
+//! still touches. So each center also looks around along its tangent plane for walls, and behind
+//! each one for surface.
 
 use super::kernel::{before, kernel, leans, plane_at};
 use super::{LevelBasis, support_bounds};
@@ -28,7 +32,8 @@ const MAX_VISIBILITY_SAMPLES: usize = 64;
 const DIRECTIONS: u32 = 16;
 /// Places behind a wall in each of them.
 const BEHIND: u32 = 4;
-/// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq. (10).
+/// Height above the tangent plane, in radii, up to which surface belongs to the support: [L08] Eq.
+/// (10).
 const TALL: f32 = 1.0 / (1.0 + F_SQUASH);
 /// Blocked weight, out of a function's own 1, that is worth a plane.
 const WORTH: f32 = 1e-5;
@@ -45,9 +50,9 @@ pub(super) struct Place {
     pub blocked: bool,
 }
 
-/// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of `places`
-/// and no more visible weight than that is worth. A candidate that cuts off the center is left out.
-/// Places that are cut off leave the list. `radius` is that of the support, meters.
+/// The planes `first` (n, d), then of the `candidates` those that cut off most blocked weight of
+/// `places` and no more visible weight than that is worth. A candidate that cuts off the center is
+/// left out. Places that are cut off leave the list. `radius` is that of the support, meters.
 pub(super) fn choose_planes(
     places: &mut Vec<Place>,
     first: &[Vec4],
@@ -91,15 +96,16 @@ pub(super) fn choose_planes(
     kept
 }
 
-/// The clip planes of one function: `around` are surface places (x, n) in and near its support. Returns planes (n, d) with n·x + d ≥ 0
-/// on the function's side, and adds the rays cast to `rays`.
+/// The clip planes of one function: `around` are surface places (x, n) in and near its support.
+/// Returns planes (n, d) with n·x + d ≥ 0 on the function's side, and adds the rays cast to `rays`.
 pub fn clip_planes(
     geometry: &dyn Geometry,
     point: &Point,
     around: impl Iterator<Item = (Vec3, Vec3)>,
     rays: &mut u64,
 ) -> Vec<[f32; 4]> {
-    // Occluders stand open for light, but functions end at them: else what is lit on one side would shine on the other when they shut.
+    // Occluders stand open for light, but functions end at them: else what is lit on one side would
+    // shine on the other when they shut.
     let geometry = geometry.shut().unwrap_or(geometry);
     let (x_j, n_j, radius) = (point.x(), point.n(), point.radius);
     let lift = (EYE * radius).max(geometry.lift(x_j));
@@ -136,8 +142,8 @@ pub fn clip_planes(
     choose_planes(&mut places, &occluders, &candidates, x_j, radius)
 }
 
-/// How far above its center (x, n), meters, a function of this radius has its eye: high enough to see over gravel and round a bend, and no higher than half-way to whatever is
-/// above.
+/// How far above its center (x, n), meters, a function of this radius has its eye: high enough to
+/// see over gravel and round a bend, and no higher than half-way to whatever is above.
 pub(super) fn eye_height(
     geometry: &dyn Geometry,
     x: Vec3,
@@ -152,9 +158,9 @@ pub(super) fn eye_height(
     geometry.cast(&up).map_or(high, |hit| 0.5 * hit.t)
 }
 
-/// Surface places within a function's support behind whatever stands on its tangent plane, as seen from
-/// `eye`, and the planes of the occluders that stand there. A jamb beyond a door may be so narrow that
-/// no place of it is found.
+/// Surface places within a function's support behind whatever stands on its tangent plane, as seen
+/// from `eye`, and the planes of the occluders that stand there. A jamb beyond a door may be so
+/// narrow that no place of it is found.
 fn behind_walls(
     geometry: &dyn Geometry,
     point: &Point,
@@ -193,7 +199,8 @@ fn behind_walls(
     (found, occluders)
 }
 
-/// Gives each function its clip planes, looking at the places in `around`. Also says how many rays it took.
+/// Gives each function its clip planes, looking at the places in `around`. Also says how many rays
+/// it took.
 pub(super) fn with_planes(
     geometry: &dyn Geometry,
     mut points: Vec<Point>,
@@ -203,12 +210,14 @@ pub(super) fn with_planes(
     if !clip || points.is_empty() {
         return (LevelBasis::new(points, Vec::new()), 0);
     }
-    // The places by cell; a place is looked up from the cell of the function's center, so its box is as large as a support.
+    // The places by cell; a place is looked up from the cell of the function's center, so its box
+    // is as large as a support.
     let places: Vec<(Vec3, Vec3)> = around
         .iter()
         .flat_map(|level| level.iter().map(|c| (c.surface.position, c.surface.normal)))
         .collect();
-    // Functions of several radii: each looks through the few cells that its support touches, of a grid about as coarse as itself.
+    // Functions of several radii: each looks through the few cells that its support touches, of a
+    // grid about as coarse as itself.
     let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
         (a.min(p.radius), b.max(p.radius))
     });

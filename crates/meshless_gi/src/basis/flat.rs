@@ -1,9 +1,12 @@
-//! The flat display basis ([L08] §4.1 "Flattening"): all points of all levels on one level, each with a radius of its own.
+//! The flat display basis ([L08] §4.1 "Flattening"): all points of all levels on one level, each
+//! with a radius of its own.
 //!
-//! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where light asks for them, so a function's radius
-//! follows from the points around it: it reaches every place that has it among its [`NEAREST`] nearest points. Where points are even
-//! that is the same radius for all; beside denser points it is as wide as the other side needs, and no place between levels is left without functions.
-//! The places asked are the points themselves, one beside each of them, and where importance particles land.
+//! \[L08\] gives every function the radius of the finest level. Our finer levels lie only where
+//! light asks for them, so a function's radius follows from the points around it: it reaches every
+//! place that has it among its [`NEAREST`] nearest points. Where points are even that is the same
+//! radius for all; beside denser points it is as wide as the other side needs, and no place between
+//! levels is left without functions. The places asked are the points themselves, one beside each of
+//! them, and where importance particles land.
 
 use super::clip::with_planes;
 use super::kernel::{before, leans};
@@ -78,8 +81,10 @@ impl Hierarchy {
         (flat, rays + traced.rays + asked)
     }
 
-    /// A place beside each point from level `first` on, where a way of half its own level's radius across its tangent plane and down meets a surface; and
-    /// how far its nearest point may be: behind walls, where no light comes, only coarse functions reach. Also says how many rays it took.
+    /// A place beside each point from level `first` on, where a way of half its own level's radius
+    /// across its tangent plane and down meets a surface; and how far its nearest point may be:
+    /// behind walls, where no light comes, only coarse functions reach. Also says how many rays it
+    /// took.
     fn beside(
         &self,
         geometry: &dyn Geometry,
@@ -107,8 +112,9 @@ impl Hierarchy {
         (found.into_iter().flatten().collect(), rays)
     }
 
-    /// The nearest points of a place by \[L08\] Eq. (10) over the squared cosine of the normals, as Eq. (11) has it, among those whose functions on
-    /// their own level reach it: indices and dist_j(x).
+    /// The nearest points of a place by \[L08\] Eq. (10) over the squared cosine of the normals, as
+    /// Eq. (11) has it, among those whose functions on their own level reach it: indices and
+    /// dist_j(x).
     fn nearest(
         &self,
         x: Vec3,
@@ -143,8 +149,8 @@ impl Hierarchy {
             .collect()
     }
 
-    /// Where clip planes left a place without any function, the nearest one whose own level says that it reaches it loses the planes that say
-    /// otherwise; but those of occluders stay.
+    /// Where clip planes left a place without any function, the nearest one whose own level says
+    /// that it reaches it loses the planes that say otherwise; but those of occluders stay.
     fn open(
         &self,
         flat: &mut LevelBasis,

@@ -1,4 +1,5 @@
-//! The hierarchy of functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip planes, parents and children.
+//! The hierarchy of functions ([L08] §2.1-2.3): levels of Poisson disks, their radii, clip planes,
+//! parents and children.
 
 use super::clip::with_planes;
 use super::{LevelBasis, WeightEntry, Weights};
@@ -23,15 +24,16 @@ pub struct HierarchySettings {
     pub coarse_radius: f32,
     /// How many levels.
     pub levels: usize,
-    /// How many of them, from the coarsest, are senders. The finest sender level and the finest level of all cover everything; the others
-    /// leave tight corners to finer levels.
+    /// How many of them, from the coarsest, are senders. The finest sender level and the finest
+    /// level of all cover everything; the others leave tight corners to finer levels.
     pub sender_levels: usize,
     /// Most points of each level.
     pub most: Vec<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// C of the functions that senders are written in. None takes those of the hierarchy (\[L08\] uses one basis for both and
-    /// asks, in §5.2, for different ones: smoothness is for receivers; tight senders blur less and are looked up faster).
+    /// C of the functions that senders are written in. None takes those of the hierarchy (\[L08\]
+    /// uses one basis for both and asks, in §5.2, for different ones: smoothness is for receivers;
+    /// tight senders blur less and are looked up faster).
     pub sender_overlap: Option<f32>,
     /// Whether functions stop at walls. Off is \[L08\].
     pub clip: bool,
@@ -57,8 +59,8 @@ pub struct Hierarchy {
 }
 
 impl Hierarchy {
-    /// Scatters the points and builds the levels. `progress` is told after each step how much of the work is done and may stop it by
-    /// answering false; then nothing comes back.
+    /// Scatters the points and builds the levels. `progress` is told after each step how much of
+    /// the work is done and may stop it by answering false; then nothing comes back.
     pub fn build(
         geometry: &dyn Geometry,
         viewpoints: &[Vec3],
@@ -101,7 +103,8 @@ impl Hierarchy {
         for l in 0..settings.levels {
             let disk = settings.coarse_radius / (1u32 << l) as f32;
             let points = to_points(&filled[l], disk * overlap(l, settings.levels));
-            // Look at the points of this level and the next: four to five times as dense as the functions themselves.
+            // Look at the points of this level and the next: four to five times as dense as the
+            // functions themselves.
             let finer = (l + 1).min(settings.levels - 1);
             let mut around: Vec<&[Candidate]> = vec![&filled[finer]];
             if finer != l {
@@ -139,8 +142,9 @@ impl Hierarchy {
         })
     }
 
-    /// Adds a level of half the finest level's disk radius around the points `wanting` (of the finest level so far), where light asks for more detail than
-    /// it has: candidates are what is seen from just above each of them. At most `most` points; none means that nothing was added.
+    /// Adds a level of half the finest level's disk radius around the points `wanting` (of the
+    /// finest level so far), where light asks for more detail than it has: candidates are what is
+    /// seen from just above each of them. At most `most` points; none means that nothing was added.
     pub fn add_level(
         &mut self,
         geometry: &dyn Geometry,
@@ -197,8 +201,10 @@ impl Hierarchy {
         self.level_starts.partition_point(|&s| s as usize <= i) - 1
     }
 
-    /// The parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)), appended to `out`, which must hold those of the coarser levels. `all` asks
-    /// for those of all coarser levels, weights that sum to one for each; else only those of the nearest coarser level that covers the point.
+    /// The parents of the points of level `l` with B_k(p_i) (\[L08\] §2.1, Eq. (17)), appended to
+    /// `out`, which must hold those of the coarser levels. `all` asks for those of all coarser
+    /// levels, weights that sum to one for each; else only those of the nearest coarser level that
+    /// covers the point.
     pub fn append_parents(&self, l: usize, all: bool, out: &mut Weights) {
         let rows: Vec<Vec<WeightEntry>> = self
             .level(l)
@@ -235,8 +241,9 @@ impl Hierarchy {
         out
     }
 
-    /// Pull rows of the senders: each function's children (points of the next level that it covers) with weights w_k(p_c) that
-    /// sum to one (\[L08\] §2.1 "Pull-Push Approximation": "the weighted average of function values in its children").
+    /// Pull rows of the senders: each function's children (points of the next level that it covers)
+    /// with weights w_k(p_c) that sum to one (\[L08\] §2.1 "Pull-Push Approximation": "the weighted
+    /// average of function values in its children").
     #[must_use]
     pub fn pull(&self) -> Weights {
         let levels = self.senders.len();
@@ -270,8 +277,9 @@ impl Hierarchy {
         Weights::from_rows(rows)
     }
 
-    /// The sender whose function weighs most at each sender of the level behind it: a tree over the sender levels. Senders that no function of the
-    /// level before covers, and those of the coarsest level, are their own parents.
+    /// The sender whose function weighs most at each sender of the level behind it: a tree over the
+    /// sender levels. Senders that no function of the level before covers, and those of the
+    /// coarsest level, are their own parents.
     #[must_use]
     pub fn tree(&self) -> Vec<u32> {
         (0..self.senders.len())
@@ -296,10 +304,12 @@ impl Hierarchy {
             .collect()
     }
 
-    /// How much surface each point of the tree shows to the rest of the scene, in arbitrary units, once for every sender level: how often
-    /// importance particles, which visit a closed scene evenly, land nearest to it after a flight longer than the level's functions reach. Who
-    /// takes a coarse sender's mean for its children looks from afar and does not see into the cracks between them; a plain mean by area
-    /// counts their darkness, and loses per cents of the light. Also says how many rays it took.
+    /// How much surface each point of the tree shows to the rest of the scene, in arbitrary units,
+    /// once for every sender level: how often importance particles, which visit a closed scene
+    /// evenly, land nearest to it after a flight longer than the level's functions reach. Who takes
+    /// a coarse sender's mean for its children looks from afar and does not see into the cracks
+    /// between them; a plain mean by area counts their darkness, and loses per cents of the light.
+    /// Also says how many rays it took.
     #[must_use]
     pub fn shown_areas(
         &self,
@@ -371,8 +381,9 @@ impl Hierarchy {
         (areas, rays)
     }
 
-    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own children by the surface they show. A place then
-    /// counts in one sender of each level, so that a row which hands mass to a parent gets the very mean of what it handed over.
+    /// Pull rows of the senders over a tree of [`tree`](Self::tree): the mean of each one's own
+    /// children by the surface they show. A place then counts in one sender of each level, so that
+    /// a row which hands mass to a parent gets the very mean of what it handed over.
     #[must_use]
     pub fn tree_pull(&self, tree: &[u32], shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> =

@@ -1,4 +1,5 @@
-//! The weight function of the basis: [L08] Eqs. (8)-(10), with clip planes that stop it at walls (design D7).
+//! The weight function of the basis: [L08] Eqs. (8)-(10), with clip planes that stop it at walls
+//! (design D7).
 
 use crate::samples::{Point, dist_squared};
 use crate::scene::Barrier;
@@ -23,8 +24,9 @@ const LEAN_MARGIN: f32 = 0.01;
 /// Longest lean, in radii: no function reaches further.
 const LONGEST_LEAN: f32 = 2.0;
 
-/// The clip plane (n, d) of a function of `radius` at a barrier. The normal of an ordinary one is a unit vector. That of an occluder is longer: its squared length is
-/// [`LEAN_FROM`] and the lean, in radii.
+/// The clip plane (n, d) of a function of `radius` at a barrier. The normal of an ordinary one is a
+/// unit vector. That of an occluder is longer: its squared length is [`LEAN_FROM`] and the lean, in
+/// radii.
 #[must_use]
 pub(super) fn plane_at(barrier: &Barrier, radius: f32) -> Vec4 {
     let plane = barrier.normal.extend(-barrier.normal.dot(barrier.position));
@@ -40,8 +42,10 @@ pub(super) fn leans(plane: Vec4) -> bool {
     plane.truncate().length_squared() > LEAN_FROM
 }
 
-/// Above zero where the place is on the function's side of a clip plane. The plane of an occluder lies in its middle and moves with the normal of what is lit: by its lean away from the function for what
-/// faces it, and toward it for what faces away. So all that lies in a shut door is lit from the side that it faces, and floor and jambs from the nearer one.
+/// Above zero where the place is on the function's side of a clip plane. The plane of an occluder
+/// lies in its middle and moves with the normal of what is lit: by its lean away from the function
+/// for what faces it, and toward it for what faces away. So all that lies in a shut door is lit
+/// from the side that it faces, and floor and jambs from the nearer one.
 #[inline]
 pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     let m = plane.truncate();
@@ -49,8 +53,8 @@ pub(super) fn before(plane: Vec4, x: Vec3, n: Vec3, radius: f32) -> f32 {
     plane.dot(x.extend(1.0)) + lean * m.dot(n)
 }
 
-/// w_j(x, n) of \[L08\] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the function's clip planes. `planes` is the
-/// array that `point.planes` points into.
+/// w_j(x, n) of \[L08\] Eq. (8), dimensionless in [0, 1]; 0 where `x` lies behind one of the
+/// function's clip planes. `planes` is the array that `point.planes` points into.
 #[must_use]
 #[inline]
 pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
@@ -62,8 +66,8 @@ pub fn weight(point: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
     }
 }
 
-/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the place is within the radius and on the side that the function
-/// faces.
+/// The cosine of the normals, the squared distance of \[L08\] Eq. (10), and whether the place is
+/// within the radius and on the side that the function faces.
 #[inline]
 pub(super) fn reach(point: &Point, x: Vec3, n: Vec3) -> (f32, f32, bool) {
     let n_j = point.n();

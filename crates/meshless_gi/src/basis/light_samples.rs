@@ -1,4 +1,5 @@
-//! Where a sender is lit: places spread over its function's support, as dense as the function weighs ([L08] Eq. (9)).
+//! Where a sender is lit: places spread over its function's support, as dense as the function
+//! weighs ([L08] Eq. (9)).
 //!
 //! [L08] §2.1 takes a coefficient from the light at the function's own center. A lamp's shadow edge then jumps from center to center as the lamp moves,
 //! and a sender beside a lit ledge is all light or all dark; so a sender of the finest level is the mean over several places. They come from a lattice
@@ -14,11 +15,13 @@ use crate::scene::{Geometry, Ray, Surface};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Lattices tried, each as large as the number of places wanted: what walls and folds take from the first, the others give.
+/// Lattices tried, each as large as the number of places wanted: what walls and folds take from the
+/// first, the others give.
 const LATTICES: u32 = 4;
 
-/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the functions' centers and get the mean reflectance
-/// and emission over the places. Also says how many rays it took.
+/// The places of a level's functions, so many each, behind one another; `surfaces` are those at the
+/// functions' centers and get the mean reflectance and emission over the places. Also says how many
+/// rays it took.
 pub fn find_places(
     geometry: &dyn Geometry,
     level: &LevelBasis,
@@ -56,7 +59,8 @@ pub fn find_places(
     (found.into_iter().flat_map(|f| f.0).collect(), rays)
 }
 
-/// The surface at lattice points around function `i` that belong to it, as many as `reach` has radii where there are so many; how many rays that took.
+/// The surface at lattice points around function `i` that belong to it, as many as `reach` has
+/// radii where there are so many; how many rays that took.
 fn look_around(
     geometry: &dyn Geometry,
     level: &LevelBasis,
@@ -108,8 +112,9 @@ fn look_around(
     rays
 }
 
-/// The radius, in parts of the support's, inside of which the share `u` of a function's weight on a plane lies: the inverse of
-/// ∫ K(t) t dt = 2t⁵/5 − 3t⁴/4 + t²/2 over its whole, 3/20, with K of \[L08\] Eq. (9).
+/// The radius, in parts of the support's, inside of which the share `u` of a function's weight on a
+/// plane lies: the inverse of ∫ K(t) t dt = 2t⁵/5 − 3t⁴/4 + t²/2 over its whole, 3/20, with K of
+/// \[L08\] Eq. (9).
 fn quantile(u: f32) -> f32 {
     let inside = |t: f32| t * t * (0.5 + t * t * (0.4 * t - 0.75)) / 0.15;
     let (mut low, mut high) = (0.0f32, 1.0f32);
@@ -267,7 +272,8 @@ mod tests {
     fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
-        // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon shines on it. The start is a frame's.
+        // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon
+        // shines on it. The start is a frame's.
         let blocked = |raised: f32| {
             let dark = |(k, place): (usize, &LightSample)| {
                 let (x, n) = (place.x(), place.n());

@@ -1,8 +1,10 @@
-//! The basis in free space: functions around the probes, on one level, for every direction of a normal. From the places of `samples` to what
-//! `frame::probe` looks up.
+//! The basis in free space: functions around the probes, on one level, for every direction of a
+//! normal. From the places of `samples` to what `frame::probe` looks up.
 //!
-//! The weights are those of [L08] Eqs. (8)-(9) without what concerns normals: probes have none, which a normal of zero says ([L08] Eq. (10) is then the plain
-//! distance). Clip planes stop a function at walls as they stop those on surfaces (design D7): the places looked at are other places in free space.
+//! The weights are those of [L08] Eqs. (8)-(9) without what concerns normals: probes have none,
+//! which a normal of zero says ([L08] Eq. (10) is then the plain distance). Clip planes stop a
+//! function at walls as they stop those on surfaces (design D7): the places looked at are other
+//! places in free space.
 
 use super::LevelBasis;
 use super::clip::{Place, choose_planes};
@@ -12,15 +14,17 @@ use crate::scene::{Bounds, Geometry, Ray};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing sees always has several.
+/// Radius of a function, in parts of the spacing: so that a place which a probe within the spacing
+/// sees always has several.
 pub const PROBE_OVERLAP: f32 = 1.75;
 /// Places at most that a probe looks at.
 const MAX_VISIBILITY_SAMPLES: usize = 192;
 /// Directions in which it looks for walls.
 const WALLS: u32 = 48;
 
-/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes, which those of occluders are for each `n` of what is lit elsewhere. Zero for no normal: the side of an occluder that is
-/// nearer.
+/// w_j(x) of a probe, dimensionless in [0, 1]; 0 behind one of its clip planes, which those of
+/// occluders are for each `n` of what is lit elsewhere. Zero for no normal: the side of an occluder
+/// that is nearer.
 #[must_use]
 #[inline]
 pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> f32 {
@@ -32,7 +36,8 @@ pub fn weight_in_space(probe: &Point, planes: &[[f32; 4]], x: Vec3, n: Vec3) -> 
     }
 }
 
-/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the places in `crossed`. Also says how many rays it took.
+/// Probes at `places`, `spacing` meters apart, with clip planes by what they see of the places in
+/// `crossed`. Also says how many rays it took.
 #[must_use]
 pub fn probe_basis(
     geometry: &dyn Geometry,
@@ -116,7 +121,8 @@ fn planes_of(
     }
     for k in 0..WALLS {
         let way = uniform_sphere(lattice(k, WALLS, Vec2::ZERO)).normalize_or(Vec3::Y);
-        // Nor does a probe know what is inside of a wall, where no path of light tells of other places.
+        // Nor does a probe know what is inside of a wall, where no path of light tells of other
+        // places.
         if let Some(t) = look(way, radius, &mut candidates) {
             let length = 0.5 * (t + radius);
             places.push(Place {

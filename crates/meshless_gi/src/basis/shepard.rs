@@ -1,6 +1,8 @@
-//! One level of the basis: its functions, and their normalized (Shepard) weights at any place, [L08] Eqs. (1)-(3).
+//! One level of the basis: its functions, and their normalized (Shepard) weights at any place,
+//! [L08] Eqs. (1)-(3).
 //!
-//! A level's points, clip planes and hashed grid are the layout that the kernels read; see [`HashedGrid`].
+//! A level's points, clip planes and hashed grid are the layout that the kernels read; see
+//! [`HashedGrid`].
 
 use super::WeightEntry;
 use super::kernel::{reach, weight_inside};
@@ -19,10 +21,12 @@ pub struct LevelBasis {
     pub grid: HashedGrid,
 }
 
-/// The box around the support of a function: an ellipsoid squashed along its normal (\[L08\] Eq. (10)).
+/// The box around the support of a function: an ellipsoid squashed along its normal (\[L08\] Eq.
+/// (10)).
 #[must_use]
 pub fn support_bounds(point: &Point) -> Bounds {
-    // Semi-axes r across and r / (1 + F) along n: half extent along axis k is r · sqrt(1 − n_k² + n_k² / (1 + F)²).
+    // Semi-axes r across and r / (1 + F) along n: half extent along axis k is r · sqrt(1 − n_k² +
+    // n_k² / (1 + F)²).
     let n = point.n();
     let along = 1.0 / ((1.0 + F_SQUASH) * (1.0 + F_SQUASH));
     let squared = (Vec3::ONE - n * n * (1.0 - along)).max(Vec3::splat(along));
@@ -38,7 +42,8 @@ impl LevelBasis {
     /// A level of functions. `planes` are what the points' plane ranges mean.
     #[must_use]
     pub fn new(points: Vec<Point>, planes: Vec<[f32; 4]>) -> Self {
-        // A cell as large as the smallest support, but not so small that the largest is entered in thousands.
+        // A cell as large as the smallest support, but not so small that the largest is entered in
+        // thousands.
         let (smallest, largest) = points.iter().fold((f32::INFINITY, 0.0f32), |(a, b), p| {
             (a.min(p.radius), b.max(p.radius))
         });
@@ -55,14 +60,16 @@ impl LevelBasis {
         }
     }
 
-    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalized, appended to `out`. Returns their sum.
+    /// Weights w_j(x, n) of all functions that cover the place (\[L08\] Eq. (8)), not normalized,
+    /// appended to `out`. Returns their sum.
     #[inline]
     pub fn raw_weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> f32 {
         const AT_ONCE: usize = 32;
         let mut sum = 0.0;
         let mut reaching = [(0u32, 0.0f32, 0.0f32); AT_ONCE];
         for some in self.grid.near(x).chunks(AT_ONCE) {
-            // Two of three do not reach the place, which no processor can foresee: first those that do are sorted out, without a branch.
+            // Two of three do not reach the place, which no processor can foresee: first those that
+            // do are sorted out, without a branch.
             let mut count = 0;
             for &index in some {
                 let (cosine, squared, inside) = reach(&self.points[index as usize], x, n);
@@ -81,8 +88,8 @@ impl LevelBasis {
         sum
     }
 
-    /// The basis functions B_j(x, n) that are not zero, \[L08\] Eq. (2): weights that sum to one. Replaces `out`; false, and `out` empty,
-    /// where no function covers the place.
+    /// The basis functions B_j(x, n) that are not zero, \[L08\] Eq. (2): weights that sum to one.
+    /// Replaces `out`; false, and `out` empty, where no function covers the place.
     #[inline]
     pub fn weights(&self, x: Vec3, n: Vec3, out: &mut Vec<WeightEntry>) -> bool {
         out.clear();

@@ -1,7 +1,10 @@
-//! The surface that each point of a level stands for, m², and where it lies: what lies nearer to the point than to any other, by the weights of the basis.
+//! The surface that each point of a level stands for, m², and where it lies: what lies nearer to
+//! the point than to any other, by the weights of the basis.
 //!
-//! A disk as wide as the point's function is dropped onto the surface at lattice points of equal area; those where no other function of the level weighs more are its cell.
-//! [G08] §2.4 takes areas from the local density of points, which edges and corners, where nothing lies beyond, make too large.
+//! A disk as wide as the point's function is dropped onto the surface at lattice points of equal
+//! area; those where no other function of the level weighs more are its cell. [G08] §2.4 takes
+//! areas from the local density of points, which edges and corners, where nothing lies beyond, make
+//! too large.
 
 use super::{LevelBasis, WeightEntry};
 use crate::samples::{Random, lattice, tangents};
@@ -23,7 +26,8 @@ pub struct CellPart {
     pub area: f32,
 }
 
-/// The cells of a level's points, each as at most `parts` pieces of equal area spread over it. Also says how many rays it took.
+/// The cells of a level's points, each as at most `parts` pieces of equal area spread over it. Also
+/// says how many rays it took.
 #[must_use]
 pub fn find_cells(
     geometry: &dyn Geometry,
@@ -78,7 +82,8 @@ fn look_around(
         if weight <= 0.0 || !nearest || cosine < 0.1 || !there.lit {
             continue;
         }
-        // From above, for a curved surface bulges between the two; from below where there is a ceiling.
+        // From above, for a curved surface bulges between the two; from below where there is a
+        // ceiling.
         let open = [height.max(lift), lift].into_iter().any(|up| {
             rays += 1;
             !geometry.occluded(x + n * up, there.position + there.normal * up)
@@ -106,7 +111,8 @@ fn look_around(
 fn thinned(seen: &[CellPart], most: usize) -> Vec<CellPart> {
     let kept = most.min(seen.len());
     let area = seen.iter().map(|p| p.area).sum::<f32>() / kept as f32;
-    // Every so many of the lattice, which goes outwards while it turns, from the middle of each stretch.
+    // Every so many of the lattice, which goes outwards while it turns, from the middle of each
+    // stretch.
     (0..kept)
         .map(|k| CellPart {
             area,
@@ -147,7 +153,8 @@ mod tests {
         assert!(rays >= 64 * u64::from(LOOKS));
         let area = |cell: &Vec<CellPart>| cell.iter().map(|p| p.area).sum::<f32>();
         let whole: f32 = cells.iter().map(area).sum();
-        // The wall takes a strip 5 cm wide from the column that it divides, seen from its points at x = 0.25.
+        // The wall takes a strip 5 cm wide from the column that it divides, seen from its points at
+        // x = 0.25.
         let right = 16.0 - 4.0 * 0.05;
         assert!((whole - right).abs() < 0.03 * right, "{whole}");
         for (cell, p) in cells.iter().zip(&level.points) {

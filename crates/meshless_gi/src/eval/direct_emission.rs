@@ -1,8 +1,10 @@
-//! Direct irradiance of what glows without being a lamp: emissive surfaces and the sky. A frame has them inside of its indirect light, where links
-//! carry them; here they are integrated on their own, so that direct and indirect light can be told apart.
+//! Direct irradiance of what glows without being a lamp: emissive surfaces and the sky. A frame has
+//! them inside of its indirect light, where links carry them; here they are integrated on their
+//! own, so that direct and indirect light can be told apart.
 //!
-//! Two kinds of samples share the work by the balance heuristic: places on the emissive triangles, by area and strength, and cosine-weighted
-//! directions. Near an emitter the directions do well, far from it the places.
+//! Two kinds of samples share the work by the balance heuristic: places on the emissive triangles,
+//! by area and strength, and cosine-weighted directions. Near an emitter the directions do well,
+//! far from it the places.
 
 use crate::samples::{Random, cosine_hemisphere, lattice, tangents};
 use crate::scene::{Geometry, Hit, Ray, SkyRadiance, TriangleMesh};
@@ -90,7 +92,8 @@ impl<'a> EmissionIntegrator<'a> {
         self.emitters.is_empty() && self.sky.is_black()
     }
 
-    /// Irradiance at surface place (x, n) from what glows, W/m². `stream` numbers the place: the same place and stream give the same answer.
+    /// Irradiance at surface place (x, n) from what glows, W/m². `stream` numbers the place: the
+    /// same place and stream give the same answer.
     #[must_use]
     pub fn irradiance(&self, x: Vec3, n: Vec3, stream: u64) -> Vec3 {
         if self.is_dark() {
@@ -113,7 +116,8 @@ impl<'a> EmissionIntegrator<'a> {
             if self.emitters.is_empty() {
                 continue;
             }
-            // One number chooses the triangle; where it lies in the triangle's share is uniform again.
+            // One number chooses the triangle; where it lies in the triangle's share is uniform
+            // again.
             let u = lattice(k, SAMPLES, for_places);
             let index = self.emitters.partition_point(|e| e.until < u.x);
             let emitter = &self.emitters[index.min(self.emitters.len() - 1)];
@@ -135,7 +139,8 @@ impl<'a> EmissionIntegrator<'a> {
         sum
     }
 
-    /// The share of one sample that met a surface: L cos θ / (all densities with which it might have been drawn).
+    /// The share of one sample that met a surface: L cos θ / (all densities with which it might
+    /// have been drawn).
     fn seen(&self, ray: &Ray, n: Vec3, mesh: usize, hit: &Hit) -> Vec3 {
         let Some(&index) = self.emitter_of.get(&(mesh, hit.primitive)) else {
             return Vec3::ZERO;
@@ -193,7 +198,8 @@ mod tests {
         )
     }
 
-    /// Form factor from a point below the center of a parallel square: 4 times that of a quarter seen from its corner.
+    /// Form factor from a point below the center of a parallel square: 4 times that of a quarter
+    /// seen from its corner.
     fn below_the_center(h: f32) -> f32 {
         let a = 1.0 / h;
         let s = (1.0 + a * a).sqrt();

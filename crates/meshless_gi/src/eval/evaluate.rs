@@ -1,9 +1,12 @@
-//! A baked scene under lights, evaluated at single places: what a frame shows there, direct and indirect light apart.
+//! A baked scene under lights, evaluated at single places: what a frame shows there, direct and
+//! indirect light apart.
 //!
-//! In a frame the light that comes straight from the sky and from emissive surfaces travels through links, with the indirect light. By linearity it
-//! can be taken out again: a solve on black surfaces has that part alone, and the difference of the two is what was reflected at least once. In its
-//! place the direct light is integrated as it is. Emission takes its first step through a link where the light of lamps takes it by projection, so
-//! that it needs one sweep more for as many reflections: it is solved on its own.
+//! In a frame the light that comes straight from the sky and from emissive surfaces travels through
+//! links, with the indirect light. By linearity it can be taken out again: a solve on black
+//! surfaces has that part alone, and the difference of the two is what was reflected at least once.
+//! In its place the direct light is integrated as it is. Emission takes its first step through a
+//! link where the light of lamps takes it by projection, so that it needs one sweep more for as
+//! many reflections: it is solved on its own.
 
 use super::EmissionIntegrator;
 use crate::asset::BakedScene;
@@ -32,7 +35,8 @@ pub enum Bounces {
 pub struct Evaluated {
     /// Irradiance that comes straight from lamps, sky and emissive surfaces, W/m².
     pub direct: Vec3,
-    /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis function nor a probe reaches.
+    /// Irradiance that was diffusely reflected at least once, W/m²; none where neither a basis
+    /// function nor a probe reaches.
     pub indirect: Option<Vec3>,
 }
 
@@ -65,12 +69,14 @@ pub struct Evaluator<'a> {
     solved: Solved,
     lamps: Vec<FrameLight>,
     glow: EmissionIntegrator<'a>,
-    /// Reflections that were simulated one by one; none where the bake's own were used, or all at once.
+    /// Reflections that were simulated one by one; none where the bake's own were used, or all at
+    /// once.
     bounces: Option<u32>,
 }
 
 impl<'a> Evaluator<'a> {
-    /// Solves `scene` under `lights`. `meshes` is the scene's geometry, for what emissive surfaces and the sky send directly.
+    /// Solves `scene` under `lights`. `meshes` is the scene's geometry, for what emissive surfaces
+    /// and the sky send directly.
     #[must_use]
     pub fn new(
         scene: &'a BakedScene,
@@ -135,7 +141,8 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see [`EmissionIntegrator::irradiance`].
+    /// Light at surface place (x, n), n of unit length. `stream` numbers the place, see
+    /// [`EmissionIntegrator::irradiance`].
     #[must_use]
     pub fn at(&self, x: Vec3, n: Vec3, stream: u64) -> Evaluated {
         let scene = self.scene;
@@ -165,7 +172,8 @@ impl<'a> Evaluator<'a> {
         }
     }
 
-    /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none reaches.
+    /// Indirect irradiance at a place in free space, W/m²: by the probes alone. None where none
+    /// reaches.
     #[must_use]
     pub fn in_space(&self, x: Vec3, n: Vec3) -> Option<Vec3> {
         let probes = self.scene.probes.as_ref()?;
@@ -173,7 +181,8 @@ impl<'a> Evaluator<'a> {
         Some(finite(light.irradiance(n)))
     }
 
-    /// Reflections that were simulated one by one; none where the bake's own further bounces were used, or all of them at once.
+    /// Reflections that were simulated one by one; none where the bake's own further bounces were
+    /// used, or all of them at once.
     #[must_use]
     pub fn bounces(&self) -> Option<u32> {
         self.bounces
@@ -191,7 +200,8 @@ fn settings(sky: SkyRadiance, bounces: u32, tier: u32) -> FrameSettings {
     }
 }
 
-/// Solves a frame with so many reflections, whatever `settings` says of them; those of the bake where it holds as many. Returns how many were simulated one by one; none for the bake's own, or
+/// Solves a frame with so many reflections, whatever `settings` says of them; those of the bake
+/// where it holds as many. Returns how many were simulated one by one; none for the bake's own, or
 /// all at once.
 pub(crate) fn solve(
     scene: &BakedScene,

@@ -1,21 +1,27 @@
-//! The reference integrator: unbiased Monte Carlo irradiance at surface places, with standard errors.
+//! The reference integrator: unbiased Monte Carlo irradiance at surface places, with standard
+//! errors.
 //!
-//! Path tracing from the place: cosine-weighted directions, next-event estimation of the light sources at every vertex, emission and sky by the
-//! directions themselves. With the density cos θ / π a direction's share of the irradiance is the radiosity that it meets, so that
-//! E = Σ_m Π ρ · E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source (emissive surfaces and the sky
-//! among them) to the place; "indirect" is what was diffusely reflected once or more.
+//! Path tracing from the place: cosine-weighted directions, next-event estimation of the light
+//! sources at every vertex, emission and sky by the directions themselves. With the density cos θ /
+//! π a direction's share of the irradiance is the radiosity that it meets, so that E = Σ_m Π ρ ·
+//! E_direct(y_m) along a path ([L08] Eq. (12) unrolled). "Direct" is what goes from a light source
+//! (emissive surfaces and the sky among them) to the place; "indirect" is what was diffusely
+//! reflected once or more.
 //!
-//! Unbiased for any number of reflections, but for rays that start a hair's breadth above the surface ([`Geometry::lift`]): Russian roulette divides what goes on by the
-//! probability with which it does. A path's first direction comes from a lattice, shifted at random for each place, which makes the mean less noisy than
-//! independent paths; the standard error is that of independent paths and so rather too large than too small.
+//! Unbiased for any number of reflections, but for rays that start a hair's breadth above the
+//! surface ([`Geometry::lift`]): Russian roulette divides what goes on by the probability with
+//! which it does. A path's first direction comes from a lattice, shifted at random for each place,
+//! which makes the mean less noisy than independent paths; the standard error is that of
+//! independent paths and so rather too large than too small.
 
 use crate::samples::{Random, cosine_hemisphere, tangents};
 use crate::scene::{Geometry, Light, Ray, SkyRadiance};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Largest probability with which Russian roulette lets a path go on. A path that goes on weighs ρ / s as much, so that the sum over a path has a finite
-/// variance, and a standard error a meaning, only while ρ² < s: with 0.999 for ρ up to 0.9995 in a closed room.
+/// Largest probability with which Russian roulette lets a path go on. A path that goes on weighs ρ
+/// / s as much, so that the sum over a path has a finite variance, and a standard error a meaning,
+/// only while ρ² < s: with 0.999 for ρ up to 0.9995 in a closed room.
 const MAX_SURVIVE: f32 = 0.999;
 
 /// How much work the reference takes.
@@ -49,7 +55,8 @@ fn window(square: f32, range: f32) -> f32 {
     if range.is_finite() { f * f } else { 1.0 }
 }
 
-/// Irradiance of one light source (not the sky) at a place lifted to `start`; a rectangle is sampled at one random place. W/m².
+/// Irradiance of one light source (not the sky) at a place lifted to `start`; a rectangle is
+/// sampled at one random place. W/m².
 #[must_use]
 pub fn direct_irradiance(
     geometry: &dyn Geometry,
@@ -126,7 +133,8 @@ pub fn direct_irradiance(
     }
 }
 
-/// Irradiance at surface place (`x`, `n`). `stream` numbers the place: the same place, stream and settings give the same answer.
+/// Irradiance at surface place (`x`, `n`). `stream` numbers the place: the same place, stream and
+/// settings give the same answer.
 #[must_use]
 pub fn irradiance(
     geometry: &dyn Geometry,
@@ -158,7 +166,8 @@ pub fn irradiance(
         let mut throughput = Vec3::ONE;
         let mut direct = lamps(position, normal, &mut random);
         let mut indirect = Vec3::ZERO;
-        // The light that comes along the next direction has `depth` reflections behind it once it is emitted there, and one more once reflected.
+        // The light that comes along the next direction has `depth` reflections behind it once it
+        // is emitted there, and one more once reflected.
         let mut depth = 0u32;
         loop {
             let (t, b) = tangents(normal);

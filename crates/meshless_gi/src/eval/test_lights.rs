@@ -1,5 +1,6 @@
-//! What lamps an error is measured under: points in free space, with room around them, that no bake has seen. The self-measurement of a bake and the
-//! exam of a report draw them in the same way, so that the two are about the same thing.
+//! What lamps an error is measured under: points in free space, with room around them, that no bake
+//! has seen. The self-measurement of a bake and the exam of a report draw them in the same way, so
+//! that the two are about the same thing.
 
 use crate::samples::{Candidate, Random, lattice, uniform_sphere};
 use crate::scene::{Bounds, Geometry, Hit, Ray, Surface};
@@ -11,8 +12,9 @@ const LOOKS: u32 = 96;
 /// Rays that [`roomy_places`] casts for each place that it tries.
 pub const RAYS_PER_POSITION: u64 = LOOKS as u64;
 
-/// Places in free space for lamps, each the one with the most room around it of `tried`: what a lamp a hair's breadth from a wall lights says little of the level,
-/// and no reference is sure of it. As many as `count`, or none where there are no candidates.
+/// Places in free space for lamps, each the one with the most room around it of `tried`: what a
+/// lamp a hair's breadth from a wall lights says little of the level, and no reference is sure of
+/// it. As many as `count`, or none where there are no candidates.
 #[must_use]
 pub fn roomy_places(
     geometry: &dyn Geometry,

@@ -70,8 +70,9 @@ pub struct ExportedVolume {
     /// Multiplies the texels; a power of two.
     pub intensity: f32,
     /// Texels, x fastest and z last: the radiance of a white surface in cd/m² over `intensity`. The
-    /// fourth number says how far it is to a wall ([`WallDistances::stored`](crate::frame::Ways::stored));
-    /// Bevy does not read it, and this crate's plugin does.
+    /// fourth number says how far it is to a wall
+    /// ([`WallDistances::stored`](crate::frame::Ways::stored)); Bevy does not read it, and this
+    /// crate's plugin does.
     pub texels: Vec<[f16; 4]>,
 }
 

@@ -1,5 +1,6 @@
-//! Anderson's acceleration of a fixed-point iteration x ← G(x): the next x is where a combination of the last few steps leaves the least residual. For a
-//! linear G, as the sweeps of a frame are, it does what GMRES does ([WN11] §2): a room that reflects 99 % of the light needs a dozen steps
+//! Anderson's acceleration of a fixed-point iteration x ← G(x): the next x is where a combination
+//! of the last few steps leaves the least residual. For a linear G, as the sweeps of a frame are,
+//! it does what GMRES does ([WN11] §2): a room that reflects 99 % of the light needs a dozen steps
 //! and no five hundred. Serves [`CpuFrame::converge`](super::CpuFrame::converge).
 
 /// Steps that are remembered.
@@ -19,7 +20,8 @@ pub(super) struct Anderson {
 }
 
 impl Anderson {
-    /// Takes `x` and G(`x`), both of the same length every time, and replaces `x` by the next place to ask. Returns ‖G(x) − x‖ / ‖G(x)‖; 0 where G(x) is 0.
+    /// Takes `x` and G(`x`), both of the same length every time, and replaces `x` by the next place
+    /// to ask. Returns ‖G(x) − x‖ / ‖G(x)‖; 0 where G(x) is 0.
     pub fn step(&mut self, x: &mut [f32], g: &[f32]) -> f64 {
         let residual: Vec<f32> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
         let (norm, size) = (dot(&residual, &residual).sqrt(), dot(g, g).sqrt());
@@ -49,7 +51,8 @@ impl Anderson {
         if size > 0.0 { norm / size } else { 0.0 }
     }
 
-    /// The γ that makes ‖r − ΔR γ‖ least, by Cholesky's decomposition; directions that depend on others get none.
+    /// The γ that makes ‖r − ΔR γ‖ least, by Cholesky's decomposition; directions that depend on
+    /// others get none.
     fn shares(&self, r: &[f32]) -> Vec<f64> {
         let n = self.steps.len();
         let mut gamma: Vec<f64> = self.steps.iter().map(|s| dot(&s.0, r)).collect();

@@ -1,5 +1,7 @@
-//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\] Eq. (14) with D1's links). The shader runs over
-//! the rows of the frame's tier in the order of their links ([`row_order`](crate::transport::row_order)) and gives a row to [`LANES`] threads, each of which sums every [`LANES`]-th link; the sums differ by rounding only.
+//! Kernel `apply`: the operator times the senders' coefficients, E⃗_i = s_i Σ_j F_ij f_j (\[L08\]
+//! Eq. (14) with D1's links). The shader runs over the rows of the frame's tier in the order of
+//! their links ([`row_order`](crate::transport::row_order)) and gives a row to [`LANES`] threads,
+//! each of which sums every [`LANES`]-th link; the sums differ by rounding only.
 
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::transport::{Link, Row};
@@ -30,7 +32,8 @@ pub fn apply_row(row: &Row, links: &[Link], coefficients: &[[f32; 4]]) -> Vector
     }
 }
 
-/// Fills `out[points]` by `of`; rows that a frame of this tier does not use count as rows without links.
+/// Fills `out[points]` by `of`; rows that a frame of this tier does not use count as rows without
+/// links.
 pub(super) fn over_rows(
     params: &SolveParams,
     rows: &[Row],

@@ -1,6 +1,8 @@
-//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces are gray and whose light has one chromaticity ([`Channels::One`](super::Channels::One)):
-//! E⃗_i = h s_i Σ_j F_ij f_j (\[L08\] Eq. (14)) with f_j the channel of the coefficients that is largest in the chromaticity h. A third of the products and of the loads of coefficients; what is
-//! written has three channels, so that no kernel after it differs.
+//! Kernel `apply_one`: [`apply`](super::apply::apply()) in one channel, for scenes whose surfaces
+//! are gray and whose light has one chromaticity ([`Channels::One`](super::Channels::One)): E⃗_i =
+//! h s_i Σ_j F_ij f_j (\[L08\] Eq. (14)) with f_j the channel of the coefficients that is largest
+//! in the chromaticity h. A third of the products and of the loads of coefficients; what is written
+//! has three channels, so that no kernel after it differs.
 
 use super::apply::over_rows;
 use super::layout::{SolveParams, VectorIrradiance};
@@ -8,7 +10,8 @@ use crate::transport::{Link, Row};
 use glam::Vec3;
 use std::ops::Range;
 
-/// E⃗ of one row, W/m², from channel `channel` of the coefficients; `hue` is what the three channels are beside it. A row without links is black.
+/// E⃗ of one row, W/m², from channel `channel` of the coefficients; `hue` is what the three
+/// channels are beside it. A row without links is black.
 #[must_use]
 #[inline]
 pub fn apply_one_row(

@@ -1,5 +1,6 @@
-//! Kernel `bounce`: the senders' radiosity after further reflections. Live: one Jacobi step of f = f⁰ + ρ G f on the finest sender level
-//! (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the coarsest points only (\[L08\] §3.2; design D2 (a)).
+//! Kernel `bounce`: the senders' radiosity after further reflections. Live: one Jacobi step of f =
+//! f⁰ + ρ G f on the finest sender level (design D2 (b)). Baked: f = f⁰ + P D f⁰, with D on the
+//! coarsest points only (\[L08\] §3.2; design D2 (a)).
 
 use super::layout::{SolveParams, VectorIrradiance};
 use super::radiosity::sky_at;
@@ -11,8 +12,9 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for those of coarser ones that `pull` leaves alone. What E⃗_j
-/// has straight from the sky is left out: f⁰_j reflects it already. (Rows of differences have no link to the sky.)
+/// Live: f_j = f⁰_j + ρ_j max(0, E⃗_j·n_j) for the senders of the finest sender level, and for
+/// those of coarser ones that `pull` leaves alone. What E⃗_j has straight from the sky is left out:
+/// f⁰_j reflects it already. (Rows of differences have no link to the sky.)
 #[expect(clippy::too_many_arguments, reason = "a kernel's bindings")]
 pub fn sweep(
     params: &SolveParams,
@@ -55,8 +57,8 @@ pub fn gather(starts: &[u32], links: &[BounceLink], direct: &[[f32; 4]], further
         });
 }
 
-/// Baked, second step: interpolates d to the senders of `level`, coarse levels first. Where parents are those of all coarser levels, only
-/// the coarsest count: d has no differences on the others.
+/// Baked, second step: interpolates d to the senders of `level`, coarse levels first. Where parents
+/// are those of all coarser levels, only the coarsest count: d has no differences on the others.
 pub fn spread(
     params: &SolveParams,
     parents: &Weights,

@@ -1,15 +1,20 @@
-//! The specular part of Bevy's standard material, for virtual lights that are disks and no points: D·V·F of \[RG18\] §4.4, whose formulas Bevy 0.19's
-//! `pbr_lighting.wgsl` has too; code our own. What the kernel `gloss` and its tests share.
+//! The specular part of Bevy's standard material, for virtual lights that are disks and no points:
+//! D·V·F of \[RG18\] §4.4, whose formulas Bevy 0.19's `pbr_lighting.wgsl` has too; code our own.
+//! What the kernel `gloss` and its tests share.
 //!
-//! - D, GGX (\[WML07\] Eq. (33)): α² / (π ((n·h)² (α² − 1) + 1)²), with 1 − (n·h)² from a cross product, so that small α keep their digits.
+//! - D, GGX (\[WML07\] Eq. (33)): α² / (π ((n·h)² (α² − 1) + 1)²), with 1 − (n·h)² from a cross
+//!   product, so that small α keep their digits.
 //! - V, Smith's correlated masking over 4 (n·v) (n·l) (\[RG18\] §4.4.2).
 //! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as Bevy has it.
 //!
-//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p) and D V p: whoever interpolates them puts each pixel's own color in.
+//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p)
+//! and D V p: whoever interpolates them puts each pixel's own color in.
 //!
-//! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors are turned by half of that, so its lobe is a GGX with
-//! α'² = α² + sin²σ / 4: energy stays what it is, the highlight is wider and never brighter than the disk can be. Bevy moves a lamp's place to the point of a ball that is nearest to the mirrored ray and scales by (α / α')²
-//! (\[K13\]), which has a sharp edge and loses energy near by.
+//! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors
+//! are turned by half of that, so its lobe is a GGX with α'² = α² + sin²σ / 4: energy stays what it
+//! is, the highlight is wider and never brighter than the disk can be. Bevy moves a lamp's place to
+//! the point of a ball that is nearest to the mirrored ray and scales by (α / α')² (\[K13\]), which
+//! has a sharp edge and loses energy near by.
 
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -19,7 +24,8 @@ pub const SMOOTHEST: f32 = 0.089;
 /// Least cosine between the normal and the direction to the eye.
 pub const SLANTED: f32 = 1e-4;
 
-/// What a white surface loses at the first reflection, over the fourth power of its roughness, where that is small.
+/// What a white surface loses at the first reflection, over the fourth power of its roughness,
+/// where that is small.
 pub const LOST: f32 = 1.25;
 /// How that levels off.
 pub const LATE: f32 = 1.1;
@@ -58,7 +64,8 @@ pub fn grazing(straight: Vec3) -> f32 {
     (50.0 * 0.33 * straight.element_sum()).min(1.0)
 }
 
-/// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with the sine of half its angle squared `spread`.
+/// BRDF toward the eye for light from `l` (unit, above the surface) that is spread over a disk with
+/// the sine of half its angle squared `spread`.
 #[must_use]
 #[inline]
 pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> Gloss {
@@ -88,8 +95,9 @@ pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> Gloss {
     }
 }
 
-/// What light that is reflected more than once between facets adds, a factor (\[RG18\] §4.7.2): 1 + f₀ (1 / E − 1). E, the albedo of a white surface after one reflection, is a table in Bevy;
-/// here 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit of ours to the albedos that a test below measures.
+/// What light that is reflected more than once between facets adds, a factor (\[RG18\] §4.7.2): 1 +
+/// f₀ (1 / E − 1). E, the albedo of a white surface after one reflection, is a table in Bevy; here
+/// 1 − 1.25 r⁴ / (1 + 1.1 r⁸), a fit of ours to the albedos that a test below measures.
 #[must_use]
 pub fn again(roughness: f32, straight: Vec3) -> Vec3 {
     let r2 = roughness * roughness;
@@ -111,7 +119,8 @@ mod tests {
         }
     }
 
-    /// Albedo of a white mirror of this roughness, by directions spread over the half vectors' own distribution.
+    /// Albedo of a white mirror of this roughness, by directions spread over the half vectors' own
+    /// distribution.
     fn albedo(facet: &ShadingPoint, spread: f32) -> f64 {
         let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
         let mut random = Random::new(5, 0, 0);
@@ -133,7 +142,8 @@ mod tests {
         sum / f64::from(count)
     }
 
-    /// No surface sends more than it gets, smooth ones send nearly all, and the factor for what is reflected again brings the rest back.
+    /// No surface sends more than it gets, smooth ones send nearly all, and the factor for what is
+    /// reflected again brings the rest back.
     #[test]
     fn energy_is_kept() {
         for slant in [0.2, 0.8, 1.2] {
@@ -154,7 +164,8 @@ mod tests {
         }
     }
 
-    /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the same brightest place within a part that tells what the formula is worth.
+    /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the
+    /// same brightest place within a part that tells what the formula is worth.
     #[test]
     fn a_disk_is_its_points() {
         for (roughness, sine) in [(0.15, 0.1f32), (0.3, 0.1), (0.3, 0.3), (0.5, 0.3)] {

@@ -1,4 +1,6 @@
-//! In how many channels a frame applies the operator: a choice of [`FrameSettings`](super::FrameSettings), which the plan makes ([`crate::plan::ColorModeSelector`]).
+//! In how many channels a frame applies the operator: a choice of
+//! [`FrameSettings`](super::FrameSettings), which the plan makes
+//! ([`crate::plan::ColorModeSelector`]).
 
 use glam::Vec3;
 
@@ -8,8 +10,10 @@ pub enum Channels {
     /// Red, green and blue.
     #[default]
     Three,
-    /// One, and the others follow from it: right where all surfaces are gray and all that shines has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or not
-    /// finite) is white. Of light of other colors the channel that is largest here decides alone, green where several are.
+    /// One, and the others follow from it: right where all surfaces are gray and all that shines
+    /// has this chromaticity (linear RGB). How bright it is does not count; what is none (black, or
+    /// not finite) is white. Of light of other colors the channel that is largest here decides
+    /// alone, green where several are.
     One(Vec3),
 }
 

@@ -1,13 +1,14 @@
-//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π · occlusion, what its gloss adds, and what soft shadows take. Blended additively (the last by subtraction) over the lit
-//! picture, before transparency and tonemapping.
+//! Kernel `composite`: what a pixel's indirect irradiance adds to the picture, exposure · ρ E/π ·
+//! occlusion, what its gloss adds, and what soft shadows take. Blended additively (the last by
+//! subtraction) over the lit picture, before transparency and tonemapping.
 
 use super::gbuffer;
 use super::layout::CompositeParams;
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
 
-/// What the shader adds at a pixel. `irradiance` is the texel that `splat` wrote, `pass` Bevy's deferred lighting pass (0: the pixel is not
-/// deferred, or sky).
+/// What the shader adds at a pixel. `irradiance` is the texel that `splat` wrote, `pass` Bevy's
+/// deferred lighting pass (0: the pixel is not deferred, or sky).
 #[must_use]
 pub fn composite_pixel(
     params: &CompositeParams,
@@ -23,7 +24,8 @@ pub fn composite_pixel(
     (params.scale * FRAC_1_PI * color * e).to_array()
 }
 
-/// What the shader's second entry, `composite_gloss`, adds at a pixel: `radiance` is the texel that `gloss_pixels` wrote.
+/// What the shader's second entry, `composite_gloss`, adds at a pixel: `radiance` is the texel that
+/// `gloss_pixels` wrote.
 #[must_use]
 pub fn composite_gloss_pixel(
     params: &CompositeParams,
@@ -38,7 +40,8 @@ pub fn composite_gloss_pixel(
     (params.scale * gbuffer::occlusion(texel) * l).to_array()
 }
 
-/// What the shader's third entry, `composite_shade`, takes from a pixel: `radiance` is the texel that `shade` wrote.
+/// What the shader's third entry, `composite_shade`, takes from a pixel: `radiance` is the texel
+/// that `shade` wrote.
 #[must_use]
 pub fn composite_shade_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
     let [r, g, b, _] = radiance;

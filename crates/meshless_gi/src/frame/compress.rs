@@ -1,5 +1,6 @@
-//! Kernel `compress`: the senders' radiosity in the bases of an operator of components, c = D b (\[P14\] Eq. (10), without its mean vector). The last column is the
-//! sky's. The shader gives a column to a workgroup; the sums differ by rounding only.
+//! Kernel `compress`: the senders' radiosity in the bases of an operator of components, c = D b
+//! (\[P14\] Eq. (10), without its mean vector). The last column is the sky's. The shader gives a
+//! column to a workgroup; the sums differ by rounding only.
 
 use crate::transport::pca::Compression;
 use glam::Vec4;

@@ -1,5 +1,5 @@
-//! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for any number of threads, for no sum is shared
-//! between threads.
+//! A whole frame on the CPU: owns every intermediate array, runs what changed. The same answer for
+//! any number of threads, for no sum is shared between threads.
 
 use super::anderson::Anderson;
 use super::materials::{present, sound_factors};
@@ -31,8 +31,8 @@ pub struct CpuFrameStats {
     pub sweeps: u64,
 }
 
-/// The state of a frame on the CPU. Every call takes the scene that it was made for; a scene of another
-/// size starts it anew.
+/// The state of a frame on the CPU. Every call takes the scene that it was made for; a scene of
+/// another size starts it anew.
 #[derive(Clone, Debug, Default)]
 pub struct CpuFrame {
     lights: Vec<FrameLight>,
@@ -56,7 +56,8 @@ pub struct CpuFrame {
     surfaces: Vec<PointSurface>,
     /// The scene as its occluders let it be; none where all are open, or the bake knows none.
     occluded: Option<Occluded>,
-    /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays were made for.
+    /// Points, senders, columns, rows of probes and terms of the sky of the scene that the arrays
+    /// were made for.
     made_for: [usize; 5],
     counters: CpuFrameStats,
 }
@@ -94,8 +95,8 @@ impl CpuFrame {
         }
     }
 
-    /// Sets the lights, slot by slot, in the bake's local space, and projects the slots whose geometry is not what they were last projected for.
-    /// Returns how many those were.
+    /// Sets the lights, slot by slot, in the bake's local space, and projects the slots whose
+    /// geometry is not what they were last projected for. Returns how many those were.
     pub fn set_lights(&mut self, scene: &BakedScene, lights: &[FrameLight]) -> usize {
         self.check(scene);
         if self.lights != lights {
@@ -124,8 +125,9 @@ impl CpuFrame {
         count
     }
 
-    /// Sets the factors of the materials, one each; those that are missing are as baked. Only a bake of live materials has any. Returns whether the senders'
-    /// surfaces changed: the next [`solve`](Self::solve) then runs with them.
+    /// Sets the factors of the materials, one each; those that are missing are as baked. Only a
+    /// bake of live materials has any. Returns whether the senders' surfaces changed: the next
+    /// [`solve`](Self::solve) then runs with them.
     pub fn set_materials(&mut self, scene: &BakedScene, factors: &[MaterialFactors]) -> bool {
         self.check(scene);
         let Some(live) = &scene.materials else {
@@ -144,8 +146,9 @@ impl CpuFrame {
         true
     }
 
-    /// Sets what passes the occluders, one each in [0, 1]; those that are missing are open. Only a bake that knows occluders has any. Returns whether that changed
-    /// anything: the lights are projected again then, and the next [`solve`](Self::solve) runs.
+    /// Sets what passes the occluders, one each in [0, 1]; those that are missing are open. Only a
+    /// bake that knows occluders has any. Returns whether that changed anything: the lights are
+    /// projected again then, and the next [`solve`](Self::solve) runs.
     pub fn set_occluders(&mut self, scene: &BakedScene, gains: &[f32]) -> bool {
         self.check(scene);
         let Some(known) = &scene.occluders else {
@@ -215,7 +218,8 @@ impl CpuFrame {
         surfaces(&self.surfaces, scene)
     }
 
-    /// Carries the light on to all points, unless lights and settings are those of the last solve. Returns whether anything ran.
+    /// Carries the light on to all points, unless lights and settings are those of the last solve.
+    /// Returns whether anything ran.
     pub fn solve(&mut self, scene: &BakedScene, settings: &FrameSettings) -> bool {
         self.check(scene);
         if self.solved == Some(*settings) {
@@ -265,9 +269,11 @@ impl CpuFrame {
         true
     }
 
-    /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says of them: until what further ones would add, by
-    /// the bake's own bound on the gain of a reflection, is below `tolerance` times the light, or single precision says no more. The sweeps are accelerated:
-    /// they are no single reflections, but end where all of those would. Returns how many ran, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
+    /// As [`solve`](Self::solve) with as many sweeps as change anything, whatever `settings` says
+    /// of them: until what further ones would add, by the bake's own bound on the gain of a
+    /// reflection, is below `tolerance` times the light, or single precision says no more. The
+    /// sweeps are accelerated: they are no single reflections, but end where all of those would.
+    /// Returns how many ran, at most [`MAX_ACCELERATED`](Self::MAX_ACCELERATED).
     pub fn converge(
         &mut self,
         scene: &BakedScene,
@@ -456,7 +462,8 @@ impl CpuFrame {
         }
     }
 
-    /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero for the nearer one); None where no probe reaches, or the scene has none.
+    /// What arrives at `x` in free space, inside of an occluder on the side that `n` faces (zero
+    /// for the nearer one); None where no probe reaches, or the scene has none.
     #[must_use]
     pub fn in_space(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<ProbeIrradiance> {
         probe::probe(scene.probes.as_ref()?, &self.probes, x, n)
@@ -468,13 +475,15 @@ impl CpuFrame {
         &self.probes
     }
 
-    /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the sky and emissive surfaces send is in it.
+    /// Indirect irradiance at (x, n), W/m²; None where no basis function covers the place. What the
+    /// sky and emissive surfaces send is in it.
     #[must_use]
     pub fn irradiance(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Option<Vec3> {
         splat::splat(&scene.points, &scene.display, &self.values, x, n)
     }
 
-    /// Direct irradiance at (x, n) from the lights set, W/m²: shadows included, the sky and emissive surfaces not.
+    /// Direct irradiance at (x, n) from the lights set, W/m²: shadows included, the sky and
+    /// emissive surfaces not.
     #[must_use]
     pub fn direct(&self, scene: &BakedScene, x: Vec3, n: Vec3) -> Vec3 {
         let extent = project::extent(scene);
@@ -523,7 +532,8 @@ impl CpuFrame {
         &self.differences
     }
 
-    /// The senders' light in bases of direct light, the sky's behind them, where the operator is in that form, W/m² (times a dimensionless vector's unit).
+    /// The senders' light in bases of direct light, the sky's behind them, where the operator is in
+    /// that form, W/m² (times a dimensionless vector's unit).
     #[must_use]
     pub fn components(&self) -> &[[f32; 4]] {
         &self.components

@@ -1,5 +1,6 @@
-//! Kernel `flatten`: brings all points to one level (\[L08\] §4.1 "Flattening"), so that the screen needs one basis only. A point without a row of
-//! its own, or with one that the frame's tier leaves out (design D11), takes what the coarser functions say there.
+//! Kernel `flatten`: brings all points to one level (\[L08\] §4.1 "Flattening"), so that the screen
+//! needs one basis only. A point without a row of its own, or with one that the frame's tier leaves
+//! out (design D11), takes what the coarser functions say there.
 
 use super::layout::{SolveParams, VectorIrradiance};
 use crate::basis::Weights;
@@ -7,8 +8,8 @@ use crate::transport::Row;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Averages: the points of `level` whose rows a frame of this tier does not use take the weighted mean of their parents. Coarse levels first; the others keep
-/// what `apply` wrote.
+/// Averages: the points of `level` whose rows a frame of this tier does not use take the weighted
+/// mean of their parents. Coarse levels first; the others keep what `apply` wrote.
 pub fn averages(
     params: &SolveParams,
     rows: &[Row],
@@ -35,8 +36,9 @@ pub fn averages(
         });
 }
 
-/// Differences: the value of a point is its own difference and those of all coarser functions there (\[L08\] Eq. (17)). All levels at once, for
-/// the differences are not changed. `applied` is zero for points without rows; differences have one tier.
+/// Differences: the value of a point is its own difference and those of all coarser functions there
+/// (\[L08\] Eq. (17)). All levels at once, for the differences are not changed. `applied` is zero
+/// for points without rows; differences have one tier.
 pub fn differences(
     parents: &Weights,
     points: Range<usize>,

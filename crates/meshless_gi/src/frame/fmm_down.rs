@@ -1,5 +1,6 @@
-//! Kernel `fmm_down`: the downward pass of the fast multipole method (\[G08\] §3.1), to the vector irradiance of the points that receive, the sky's share with it. The twin
-//! is the bake's own code in single precision; the sums differ by rounding only.
+//! Kernel `fmm_down`: the downward pass of the fast multipole method (\[G08\] §3.1), to the vector
+//! irradiance of the points that receive, the sky's share with it. The twin is the bake's own code
+//! in single precision; the sums differ by rounding only.
 //!
 //! | entry | does | of \[G08\] |
 //! |---|---|---|
@@ -10,8 +11,9 @@ use super::layout::VectorIrradiance;
 use crate::transport::fmm::{FmmOperator, Passes};
 use glam::{Vec3, Vec4};
 
-/// Fills `passes.locals` and `passes.values` from what [`fmm_up`](super::fmm_up::fmm_up()) left, and writes the values of the places of `operator` that receive to
-/// their points in `out`, W/m². `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its radiance.
+/// Fills `passes.locals` and `passes.values` from what [`fmm_up`](super::fmm_up::fmm_up()) left,
+/// and writes the values of the places of `operator` that receive to their points in `out`, W/m².
+/// `radiosity` is that of every point, W/m²; at `sky` the sky's coefficient, π times its radiance.
 pub fn fmm_down(
     passes: &mut Passes<'_, f32>,
     operator: &FmmOperator,

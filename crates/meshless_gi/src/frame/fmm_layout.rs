@@ -1,4 +1,5 @@
-//! What the kernels `fmm_up` and `fmm_down` read beside the arrays of an [`FmmOperator`]: the terms of its order, and parameters. Lengths are in units of the scene's side.
+//! What the kernels `fmm_up` and `fmm_down` read beside the arrays of an [`FmmOperator`]: the terms
+//! of its order, and parameters. Lengths are in units of the scene's side.
 
 use crate::transport::fmm::FmmOperator;
 use crate::transport::fmm::tensor::NONE;
@@ -17,7 +18,8 @@ pub const MAX_FMM_TERMS: usize = 84;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct FmmTerm {
-    /// Places of the terms that are less by one x, y, z, by two x, y, z, by xy, xz, yz; [`NO_TERM`] where there is none.
+    /// Places of the terms that are less by one x, y, z, by two x, y, z, by xy, xz, yz; [`NO_TERM`]
+    /// where there is none.
     pub down: [u32; 9],
     /// Exponents of x, y and z, eight bits each.
     pub exponents: u32,

@@ -1,12 +1,19 @@
-//! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel, beside what an engine's own fog shows of its lamps. Drawn behind that, and added to the picture. It reads the volume that kernel
-//! [`volume`](super::volume) wrote, with its walls in mind ([`read_voxels`]).
+//! Kernel `fog`: what a fog volume sends to the eye of a level's indirect light, pixel by pixel,
+//! beside what an engine's own fog shows of its lamps. Drawn behind that, and added to the picture.
+//! It reads the volume that kernel [`volume`](super::volume) wrote, with its walls in mind
+//! ([`read_voxels`]).
 //!
-//! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is left of light on the way to
-//! the eye (Beer and Lambert), h the part's length. Light changes as slowly as the voxels are wide, so parts are two of them long, and there is no noise.
+//! A ray from the eye to what the pixel shows is divided where it crosses both the fog and the
+//! level. Of each part, single scattering in closed form: T J σₛ (1 − e^(−σₜ h)) / σₜ, T what is
+//! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
+//! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
 //!
-//! J is what fog at a place sends there of the level's light: [`fog_voxels`](super::fog_voxels) has it for the middle of each voxel. Between eight of them as everything reads that volume, those behind a wall left out.
+//! J is what fog at a place sends there of the level's light: [`fog_voxels`](super::fog_voxels) has
+//! it for the middle of each voxel. Between eight of them as everything reads that volume, those
+//! behind a wall left out.
 //!
-//! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the radius of the fog volume: so indirect light stands to direct light as it does in clear air.
+//! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the
+//! radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
 use super::volume_places::VoxelGrid;
 use super::volume_read::read_voxels;
@@ -17,7 +24,8 @@ use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 pub const MAX_EARLIER: usize = 4;
 /// Where so little of the light behind is left, the rest of the ray is not looked at.
 pub const DARK: f32 = 1e-3;
-/// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
+/// Voxels that a part of a ray is long. Of light, 0.7 % are lost so, and 0.3 % at one
+/// (`cargo test -p meshless_gi_lab --test fog parts -- --nocapture`).
 pub const PART: f32 = 2.0;
 /// No direction is closer to a side of a box than this.
 pub const PARALLEL: f32 = 1e-9;
@@ -30,11 +38,13 @@ pub const ENDLESS: f32 = 3.4e38;
 pub struct FogParams {
     /// The view's projection, undone. Depth is 1 at the near plane.
     pub view_from_clip: [[f32; 4]; 4],
-    /// From the view's space to the fog volume, a cube with edges of 1 around the origin. Lengths in the view's space are the world's.
+    /// From the view's space to the fog volume, a cube with edges of 1 around the origin. Lengths
+    /// in the view's space are the world's.
     pub fog_from_view: [[f32; 4]; 4],
     /// From the view's space to voxels from the corner of the level's volume.
     pub voxels_from_view: [[f32; 4]; 4],
-    /// The same as for the fog, for levels that come first: fog that lies in them is not lit by this one.
+    /// The same as for the fog, for levels that come first: fog that lies in them is not lit by
+    /// this one.
     pub earlier: [[[f32; 4]; 4]; MAX_EARLIER],
     /// The view's corner and size on its target, pixels.
     pub viewport: [f32; 4],
@@ -50,7 +60,8 @@ pub struct FogParams {
     pub size: [u32; 3],
     /// Most parts that a ray is divided into.
     pub steps: u32,
-    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there for its outermost walls.
+    /// Where the level begins, in voxels from the corner of its volume: voxels beyond it are there
+    /// for its outermost walls.
     pub low: [f32; 3],
     /// How many of `earlier` there are.
     pub earlier_count: u32,
@@ -81,7 +92,8 @@ pub struct FogView {
     pub steps: u32,
 }
 
-/// A fog volume: a cube with edges of 1 around its origin, placed in the world. Fields as Bevy's `FogVolume` has them.
+/// A fog volume: a cube with edges of 1 around its origin, placed in the world. Fields as Bevy's
+/// `FogVolume` has them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fog {
     /// Where the cube is.
@@ -101,7 +113,9 @@ pub struct Fog {
 }
 
 impl FogParams {
-    /// For a level with these bounds whose volume is of `shape`, both in its local space, with levels that come first: where their bounds are, as cubes with edges of 1 around their origins.
+    /// For a level with these bounds whose volume is of `shape`, both in its local space, with
+    /// levels that come first: where their bounds are, as cubes with edges of 1 around their
+    /// origins.
     #[must_use]
     pub fn new(
         view: &FogView,
@@ -146,7 +160,10 @@ impl FogParams {
     }
 }
 
-/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are those of [`volume`](super::volume::volume) and `light` those of [`fog_voxels`](super::fog_voxels::fog_voxels) for them; `texture` says the density at places in its texture, each from 0 to 1.
+/// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are
+/// those of [`volume`](super::volume::volume) and `light` those of
+/// [`fog_voxels`](super::fog_voxels::fog_voxels) for them; `texture` says the density at places in
+/// its texture, each from 0 to 1.
 #[must_use]
 pub fn fog(
     params: &FogParams,
@@ -222,7 +239,8 @@ fn share(params: &FogParams, share: f32) -> u32 {
     ((params.steps as f32 * share).ceil() as u32).clamp(1, params.steps)
 }
 
-/// How many parts the ray is divided into where it crosses the level: [`PART`] voxels long, and as short as a texture of the density asks for.
+/// How many parts the ray is divided into where it crosses the level: [`PART`] voxels long, and as
+/// short as a texture of the density asks for.
 fn steps(params: &FogParams, whole: [f32; 2], lit: [f32; 2]) -> u32 {
     let length = lit[1] - lit[0];
     let by_light = (length / params.part).ceil().min(params.steps as f32) as u32;
@@ -284,7 +302,8 @@ impl Ray {
         self.origin + t * self.direction
     }
 
-    /// From where to where it is inside of a box of another space; the second is the smaller one where it is not.
+    /// From where to where it is inside of a box of another space; the second is the smaller one
+    /// where it is not.
     fn within(&self, space: &Mat4, low: Vec3, high: Vec3) -> [f32; 2] {
         let (o, d) = (
             space.transform_point3(self.origin),
@@ -312,7 +331,8 @@ mod tests {
         Mat4::look_at_rh(at, at + Vec3::X, Vec3::Y).inverse()
     }
 
-    /// A room of 4 × 3 × 5 voxels of a meter, with light that is the same everywhere, seen from x = −2 along x by an eye whose view is the world's.
+    /// A room of 4 × 3 × 5 voxels of a meter, with light that is the same everywhere, seen from x =
+    /// −2 along x by an eye whose view is the world's.
     fn scene(fog: Fog, steps: u32) -> FogParams {
         let shape = VoxelGrid::new([Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0)], UVec3::new(4, 3, 5));
         let view = FogView {

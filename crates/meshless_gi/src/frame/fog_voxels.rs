@@ -1,13 +1,21 @@
-//! Kernel `fog_voxels`: what fog at the middle of each voxel would send to the eye of a level's light in free space. From the volume that kernel [`volume`](super::volume) wrote to one texel a voxel, once a view, for
-//! kernel [`fog`](super::fog), whose rays read it many times.
+//! Kernel `fog_voxels`: what fog at the middle of each voxel would send to the eye of a level's
+//! light in free space. From the volume that kernel [`volume`](super::volume) wrote to one texel a
+//! voxel, once a view, for kernel [`fog`](super::fog), whose rays read it many times.
 //!
-//! J is the integral of incident radiance times the phase function of Henyey and Greenstein \[HG41\], whose terms in Legendre polynomials are powers of its asymmetry g. The first two are taken, and of the third what six
-//! irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ². Where d is where the ray from the eye goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the fluence and Q the light's part of order two as a matrix
-//! without trace. F along an axis is the difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product with ω · Qω
-//! is π Qᵢᵢ / 2, and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between the axes, and all later terms, are left out: of light from all around they are little. Where the sum
-//! is below zero there is no light.
+//! J is the integral of incident radiance times the phase function of Henyey and Greenstein
+//! \[HG41\], whose terms in Legendre polynomials are powers of its asymmetry g. The first two are
+//! taken, and of the third what six irradiances tell: J = φ / 4π + 3 g F · d / 4π + g² Σ Qᵢᵢ dᵢ².
+//! Where d is where the ray from the eye goes, F = ∫ L ω, ω where light comes from, φ = ∫ L the
+//! fluence and Q the light's part of order two as a matrix without trace. F along an axis is the
+//! difference of the irradiances that face along it and away from it. Their sum is Sᵢ = φ / 2 + π
+//! Qᵢᵢ / 2, because the integral of |ω · i| is 2π and that of its product with ω · Qω is π Qᵢᵢ / 2,
+//! and no term of order one or three is in it; so φ is ⅔ of the sum of all six. What lies between
+//! the axes, and all later terms, are left out: of light from all around they are little. Where the
+//! sum is below zero there is no light.
 //!
-//! A volume's sides have the light of the voxel one further along them. So a voxel's own is in the voxels behind it, where the way to them is free, and beside a wall in its own sides, which have the wall's.
+//! A volume's sides have the light of the voxel one further along them. So a voxel's own is in the
+//! voxels behind it, where the way to them is free, and beside a wall in its own sides, which have
+//! the wall's.
 
 use super::fog::FogView;
 use super::splat::LARGEST_HALF;
@@ -19,7 +27,8 @@ use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 /// No two places are closer than this: where the eye is there is no direction.
 pub const NEAREST: f32 = 1e-12;
 
-/// Ways that are free as far as the next voxel have less ([`WallDistances::stored`](super::Ways::stored)).
+/// Ways that are free as far as the next voxel have less
+/// ([`WallDistances::stored`](super::Ways::stored)).
 pub const FREE_WAY: f32 = -1.252;
 
 /// A level's volume as one view sees it through fog, for `fog_voxels`. 192 bytes.
@@ -28,9 +37,11 @@ pub const FREE_WAY: f32 = -1.252;
 pub struct FogVoxelsParams {
     /// From voxels from the corner of the level's volume to the world.
     pub world_from_voxels: [[f32; 4]; 4],
-    /// The eye in the world, a place where the fourth number is above zero; where it is zero, against where all rays go.
+    /// The eye in the world, a place where the fourth number is above zero; where it is zero,
+    /// against where all rays go.
     pub eye: [f32; 4],
-    /// For each side how many voxels along each edge it is to the one that its light is of ([`VolumeParams::steps`]). The fourth numbers are not used.
+    /// For each side how many voxels along each edge it is to the one that its light is of
+    /// ([`VolumeParams::steps`]). The fourth numbers are not used.
     pub steps: [[i32; 4]; 6],
     /// Voxels along each edge.
     pub size: [u32; 3],
@@ -58,8 +69,9 @@ impl FogVoxelsParams {
     }
 }
 
-/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lamps are in lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN) where no wall is near.
-/// `texels` are those of [`volume`](super::volume::volume).
+/// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lamps are in
+/// lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN)
+/// where no wall is near. `texels` are those of [`volume`](super::volume::volume).
 #[must_use]
 pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
     let size = UVec3::from(params.size);
@@ -93,11 +105,13 @@ pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -
         .to_array()
 }
 
-/// How much light for a white surface that each side of a voxel faces counts in the light that goes to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from where the ray
-/// goes to keeps its direction.
+/// How much light for a white surface that each side of a voxel faces counts in the light that goes
+/// to an eye whose ray goes along `d`: the first terms of the phase function. Light that comes from
+/// where the ray goes to keeps its direction.
 #[must_use]
 pub fn sides(asymmetry: f32, d: Vec3) -> [f32; 6] {
-    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is twice by how much its sum is more than their mean.
+    // Texels are E / π: φ / 4π = ⅔ π Σ / 4π, 3 F / 4π = ¾ of the difference, and Q along an axis is
+    // twice by how much its sum is more than their mean.
     std::array::from_fn(|side| {
         let along = 0.75 * asymmetry * d[side / 2];
         let second = 2.0 * asymmetry * asymmetry * (d[side / 2] * d[side / 2] - 1.0 / 3.0);
@@ -112,7 +126,8 @@ mod tests {
     use glam::Vec2;
     use std::f32::consts::{FRAC_1_PI, PI};
 
-    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes, whatever light has of the terms up to the fourth.
+    /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes,
+    /// whatever light has of the terms up to the fourth.
     #[test]
     fn scattered_light_is_the_first_terms_of_the_phase_function() {
         let all = 20_000;

@@ -1,4 +1,5 @@
-//! Bevy's deferred G-buffer, one `Rgba32Uint` texel a pixel: what kernels of the screen read of it. Format of Bevy 0.19, code our own.
+//! Bevy's deferred G-buffer, one `Rgba32Uint` texel a pixel: what kernels of the screen read of it.
+//! Format of Bevy 0.19, code our own.
 //!
 //! | channel | bits |
 //! |---|---|
@@ -64,7 +65,8 @@ pub fn roughness(texel: [u32; 4]) -> f32 {
     unorm8(texel[0] >> 24)
 }
 
-/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for what is no metal, the base color for what is.
+/// Specular reflectance where one looks straight at the surface, linear RGB: 0.16 reflectance² for
+/// what is no metal, the base color for what is.
 #[must_use]
 pub fn straight(texel: [u32; 4]) -> Vec3 {
     let reflectance = unorm8(texel[2]);
@@ -77,7 +79,8 @@ pub fn occlusion(texel: [u32; 4]) -> f32 {
     unorm8(texel[2] >> 16)
 }
 
-/// A texel of a material: what Bevy would write for a base color, metalness, occlusion and normal. For tests and CPU pictures.
+/// A texel of a material: what Bevy would write for a base color, metalness, occlusion and normal.
+/// For tests and CPU pictures.
 #[must_use]
 pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32) -> [u32; 4] {
     let unorm = |v: f32, max: f32| (v.clamp(0.0, 1.0) * max + 0.5) as u32;
@@ -99,7 +102,8 @@ pub fn pack(base: Vec3, metallic: f32, occlusion: f32, normal: Vec3, flags: u32)
     ]
 }
 
-/// The same texel with another perceptual roughness and reflectance, where [`pack`] has 128/255 and 0.5.
+/// The same texel with another perceptual roughness and reflectance, where [`pack`] has 128/255 and
+/// 0.5.
 #[must_use]
 pub fn glossy(texel: [u32; 4], roughness: f32, reflectance: f32) -> [u32; 4] {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u32;

@@ -1,18 +1,25 @@
-//! Kernel `gloss`: what glossy surfaces send to the eye of virtual point lights, \[N09\] Eq. (2) with a BRDF at the receiver, refined by illumination for each light alone (\[N09\] §3.3.1, and what
-//! its §6 proposes). Entry points: `gloss` fills the nodes of a level, from the coarsest to the finest; `gloss_pixels` shows every pixel.
+//! Kernel `gloss`: what glossy surfaces send to the eye of virtual point lights, \[N09\] Eq. (2)
+//! with a BRDF at the receiver, refined by illumination for each light alone (\[N09\] §3.3.1, and
+//! what its §6 proposes). Entry points: `gloss` fills the nodes of a level, from the coarsest to
+//! the finest; `gloss_pixels` shows every pixel.
 //!
-//! A highlight of one light bends where that of another is flat or dark, so one list of subsplats serves none of them well. \[N09\] refines a list for each light, and pays for it in Table 1. Here every
-//! node says which lights *surprised* it, one bit a light (or a group of them): the change that evaluating the light made of what the coarser nodes foretold. A node between coarser ones
-//! interpolates, and evaluates only the lights that surprised those around it:
+//! A highlight of one light bends where that of another is flat or dark, so one list of subsplats
+//! serves none of them well. \[N09\] refines a list for each light, and pays for it in Table 1.
+//! Here every node says which lights *surprised* it, one bit a light (or a group of them): the
+//! change that evaluating the light made of what the coarser nodes foretold. A node between coarser
+//! ones interpolates, and evaluates only the lights that surprised those around it:
 //!
 //! ```text
 //! value = Σ_j w_j value_j + Σ_{i surprised} (light_i − Σ_j w_j light_i,j)
 //! ```
 //!
-//! with j the nodes around it. The last sum evaluates light i there again: nothing is kept of single lights but their bit, whatever their number. A node for which nothing around is
-//! alike (another surface, a normal too far turned, another roughness) evaluates all lights, as does such a pixel.
+//! with j the nodes around it. The last sum evaluates light i there again: nothing is kept of
+//! single lights but their bit, whatever their number. A node for which nothing around is alike
+//! (another surface, a normal too far turned, another roughness) evaluates all lights, as does such
+//! a pixel.
 //!
-//! Nodes keep two colors, the light over f₀ and over f₉₀ ([`brdf`]): textures of color need no subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
+//! Nodes keep two colors, the light over f₀ and over f₉₀ ([`brdf`]): textures of color need no
+//! subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
 //! how much of a light arrives, and from where.
 
 use super::brdf::{self, Gloss, ShadingPoint};
@@ -36,9 +43,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub const GROUPS: u32 = 128;
 /// Perceptual roughness over which what is no metal loses its gloss.
 pub const FADES: f32 = 0.1;
-/// Cosine between normals up to which nodes say nothing of one another, and from which they say all: highlights turn twice as fast as the surface.
+/// Cosine between normals up to which nodes say nothing of one another, and from which they say
+/// all: highlights turn twice as fast as the surface.
 pub const TURNS: [f32; 2] = [0.85, 0.97];
-/// Difference of the cosines to the eye, over their sum, from which they say nothing of one another.
+/// Difference of the cosines to the eye, over their sum, from which they say nothing of one
+/// another.
 pub const SLANTS: f32 = 0.15;
 /// Difference of perceptual roughness from which they say nothing of one another.
 pub const ROUGHER: f32 = 0.1;
@@ -46,11 +55,13 @@ pub const ROUGHER: f32 = 0.1;
 /// Which surfaces show the gloss of virtual lights, and where it is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GlossSettings {
-    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
+    /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
+    /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
     pub coarsest: u32,
     /// Level below which nothing is evaluated but pixels with nothing alike around: 1 at least.
     pub finest: u32,
-    /// A light is evaluated further where it is this far from what was foretold, in parts of the gloss of all lights.
+    /// A light is evaluated further where it is this far from what was foretold, in parts of the
+    /// gloss of all lights.
     pub light: f32,
     /// Perceptual roughness up to which what is no metal shows gloss. Metals always do.
     pub roughest: f32,
@@ -115,7 +126,8 @@ pub struct GlossParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct GlossNode {
-    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the last word is 1 where something is known.
+    /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the
+    /// last word is 1 where something is known.
     pub words: [u32; 4],
 }
 
@@ -169,7 +181,8 @@ impl SpecularRadiance {
     }
 }
 
-/// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness leaves.
+/// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness
+/// leaves.
 #[must_use]
 pub fn shown(params: &GlossParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.roughest - gbuffer::roughness(texel)) / FADES;
@@ -228,7 +241,8 @@ pub fn receiver(
     }
 }
 
-/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths, whatever the projection.
+/// From a pixel's surface to the eye, unit: along the line of the pixel's places of all depths,
+/// whatever the projection.
 fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
     let [left, top, width, height] = view.viewport;
     let uv = (Vec2::new(pixel[0] as f32, pixel[1] as f32) + 0.5 - Vec2::new(left, top))
@@ -243,7 +257,8 @@ fn toward_eye(view: &VplViewParams, pixel: [u32; 2]) -> Vec3 {
 /// Light over flux, 1/m², below which there is none.
 pub const MIN: f32 = 1e-15;
 
-/// How much brighter than by a white matt surface a light may be seen in this gloss: what the threshold of shadow rays is compared with.
+/// How much brighter than by a white matt surface a light may be seen in this gloss: what the
+/// threshold of shadow rays is compared with.
 fn brightest(gloss: &Gloss) -> f32 {
     (PI * (gloss.straight + gloss.grazing)).max(1.0)
 }
@@ -344,7 +359,8 @@ impl GlossView<'_> {
         receiver(self.view, &self.lights, pixel, of.depth, of.texel)
     }
 
-    /// What the nodes of level `k` + 1 foretell at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd.
+    /// What the nodes of level `k` + 1 foretell at cell (x, y) of level `k` (0 for pixels), of
+    /// which one coordinate at least is odd.
     fn foretold(
         &self,
         levels: &Levels,
@@ -386,7 +402,8 @@ impl GlossView<'_> {
         out
     }
 
-    /// The lights that surprised a node of level `k` + 1 around cell (x, y) of level `k`; all at the level below the coarsest.
+    /// The lights that surprised a node of level `k` + 1 around cell (x, y) of level `k`; all at
+    /// the level below the coarsest.
     fn asked(&self, levels: &Levels, surprises: &[[u32; 4]], k: u32, [x, y]: [u32; 2]) -> [u32; 4] {
         if k + 1 == self.screen.coarsest {
             return [u32::MAX; 4];
@@ -485,7 +502,8 @@ impl GlossView<'_> {
         GlossNode::new(&light)
     }
 
-    /// Entry point `gloss_pixels`, for one pixel: radiance times the scale, and 1 where there is any; and how many lights were evaluated for it alone.
+    /// Entry point `gloss_pixels`, for one pixel: radiance times the scale, and 1 where there is
+    /// any; and how many lights were evaluated for it alone.
     #[must_use]
     pub fn pixel(&self, levels: &Levels, nodes: &[GlossNode], [x, y]: [u32; 2]) -> ([f32; 4], u64) {
         let Some(here) = self.glossy([x, y]) else {

@@ -1,5 +1,6 @@
-//! Structs that the frame's kernels and their CPU twins share, byte for byte: lights, a vector irradiance, the parameters of a frame and of a
-//! view. `shaders/lib/layout.wgsl` declares the same; `tests/shader_layout.rs` compares the two.
+//! Structs that the frame's kernels and their CPU twins share, byte for byte: lights, a vector
+//! irradiance, the parameters of a frame and of a view. `shaders/lib/layout.wgsl` declares the
+//! same; `tests/shader_layout.rs` compares the two.
 
 use crate::samples::HashedGrid;
 use bytemuck::{Pod, Zeroable};
@@ -7,8 +8,9 @@ use glam::{Mat4, Vec3, Vec4};
 
 /// The vector irradiance E⃗ of the three color channels, W/m². 48 bytes.
 ///
-/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the fourth float of each is not used (but by [`soft`](super::soft), for what three more numbers say). The irradiance for a
-/// normal n is then x·n.x + y·n.y + z·n.z, all channels at once.
+/// Stored axis by axis: `x` holds the x components of the vectors of red, green and blue, the
+/// fourth float of each is not used (but by [`soft`](super::soft), for what three more numbers
+/// say). The irradiance for a normal n is then x·n.x + y·n.y + z·n.z, all channels at once.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VectorIrradiance {
@@ -50,7 +52,8 @@ pub struct SolveParams {
     pub emission: f32,
     /// How many points there are.
     pub points: u32,
-    /// How many places each sender of the finest sender level is lit at ([`Places`](crate::asset::Places)).
+    /// How many places each sender of the finest sender level is lit at
+    /// ([`Places`](crate::asset::Places)).
     pub places: u32,
     /// How many of them are senders.
     pub senders: u32,
@@ -60,9 +63,11 @@ pub struct SolveParams {
     pub slots: u32,
     /// Nodes of the BVH; 0 means that nothing casts shadows.
     pub nodes: u32,
-    /// Largest edge of the box around the geometry, meters: what [`lift`](super::project::lift) is relative to.
+    /// Largest edge of the box around the geometry, meters: what [`lift`](super::project::lift) is
+    /// relative to.
     pub extent: f32,
-    /// Rows of higher tiers are not used, and none where it is 0 ([`Row::tier`](crate::transport::Row::tier)).
+    /// Rows of higher tiers are not used, and none where it is 0
+    /// ([`Row::tier`](crate::transport::Row::tier)).
     pub tier: u32,
     /// Where the sky's coefficient is: the index one behind the last sender.
     pub sky_sender: u32,
@@ -70,7 +75,8 @@ pub struct SolveParams {
     pub coarsest: u32,
     /// 1 where the coefficients are differences ([`SenderForm`](crate::transport::SenderForm)).
     pub differences: u32,
-    /// How far apart a sender's places lie, meters ([`apart`](super::project::apart)): point lamps nearer to their plane shine from there.
+    /// How far apart a sender's places lie, meters ([`apart`](super::project::apart)): point lamps
+    /// nearer to their plane shine from there.
     pub apart: f32,
     /// How many terms of the sky beside its mean the bake knows: none or all eight.
     pub sky_terms: u32,
@@ -92,7 +98,8 @@ pub struct Span {
     pub first: u32,
     /// How many.
     pub count: u32,
-    /// What to subtract from a row's first link: the first link of the buffer that is bound (`apply` only).
+    /// What to subtract from a row's first link: the first link of the buffer that is bound
+    /// (`apply` only).
     pub base: u32,
     /// Not used.
     pub pad: u32,
@@ -122,7 +129,8 @@ impl From<&HashedGrid> for GridShape {
 pub struct SplatParams {
     /// From clip space (Bevy's: reversed depth, y up) to the bake's local space, column by column.
     pub local_from_clip: [[f32; 4]; 4],
-    /// Turns a world-space normal into the bake's local space: three columns, the fourth floats not used.
+    /// Turns a world-space normal into the bake's local space: three columns, the fourth floats not
+    /// used.
     pub local_from_world: [[f32; 4]; 3],
     /// The viewport in texels: x, y, width, height.
     pub viewport: [f32; 4],
@@ -132,9 +140,11 @@ pub struct SplatParams {
     pub slot_mask: u32,
     /// Edge of a grid cell, meters of the local space.
     pub cell_size: f32,
-    /// Multiplies the irradiance before it is stored as halves (the exposure, so that daylight fits).
+    /// Multiplies the irradiance before it is stored as halves (the exposure, so that daylight
+    /// fits).
     pub scale: f32,
-    /// Cover, the sum of weights (dimensionless), from which functions on surfaces count alone; with less, light in free space has the rest. 0 where there is none.
+    /// Cover, the sum of weights (dimensionless), from which functions on surfaces count alone;
+    /// with less, light in free space has the rest. 0 where there is none.
     pub seam: f32,
     /// Not used.
     pub pad: [u32; 2],
@@ -153,7 +163,8 @@ impl SplatParams {
 
     /// Parameters for a view.
     ///
-    /// `world_from_clip` and `local_from_world` are the camera's and the baked scene's (inverse) transforms, `viewport` and `size` in texels.
+    /// `world_from_clip` and `local_from_world` are the camera's and the baked scene's (inverse)
+    /// transforms, `viewport` and `size` in texels.
     #[must_use]
     pub fn new(
         world_from_clip: Mat4,

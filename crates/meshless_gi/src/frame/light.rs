@@ -1,5 +1,5 @@
-//! Lights as the kernels see them: one slot each, a rectangle as several slots. Color and geometry are apart, so that a lamp that only changes its
-//! color is not projected again.
+//! Lights as the kernels see them: one slot each, a rectangle as several slots. Color and geometry
+//! are apart, so that a lamp that only changes its color is not projected again.
 
 use crate::scene::Light;
 use bytemuck::{Pod, Zeroable};
@@ -11,13 +11,15 @@ use glam::{Mat4, Vec3};
 pub struct FrameLight {
     /// Meters. Not used by directional lights.
     pub position: [f32; 3],
-    /// One of [`FrameLight::NONE`], [`POINT`](Self::POINT), [`SPOT`](Self::SPOT), [`DIRECTIONAL`](Self::DIRECTIONAL), [`PATCH`](Self::PATCH).
+    /// One of [`FrameLight::NONE`], [`POINT`](Self::POINT), [`SPOT`](Self::SPOT),
+    /// [`DIRECTIONAL`](Self::DIRECTIONAL), [`PATCH`](Self::PATCH).
     pub kind: u32,
     /// Unit: where a spot or directional light goes, or the normal of a patch.
     pub direction: [f32; 3],
     /// 1 / range², 1/m²; 0 for no range (point and spot).
     pub inverse_square_range: f32,
-    /// Point and spot: intensity, W/sr. Directional: irradiance, W/m². Patch: radiance times area, W/sr.
+    /// Point and spot: intensity, W/sr. Directional: irradiance, W/m². Patch: radiance times area,
+    /// W/sr.
     pub color: [f32; 3],
     /// 1 / (cos inner − cos outer) of a spot.
     pub spot_scale: f32,
@@ -27,7 +29,8 @@ pub struct FrameLight {
     pub pad: [f32; 3],
 }
 
-/// No lamp, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers in single precision.
+/// No lamp, sky or surface is brighter, in W/sr or W/m²: sums of many at any distance stay numbers
+/// in single precision.
 pub const BRIGHTEST: f32 = 1e18;
 
 impl FrameLight {
@@ -55,7 +58,8 @@ impl FrameLight {
         .or_none()
     }
 
-    /// A spot light that goes along `direction`: meters, W/sr on the axis, half angles in radians; `range` in meters or infinite.
+    /// A spot light that goes along `direction`: meters, W/sr on the axis, half angles in radians;
+    /// `range` in meters or infinite.
     #[must_use]
     pub fn spot(
         position: Vec3,
@@ -92,7 +96,8 @@ impl FrameLight {
         .or_none()
     }
 
-    /// One sample of a surface that emits to the side of `normal`: meters, radiance times area in W/sr.
+    /// One sample of a surface that emits to the side of `normal`: meters, radiance times area in
+    /// W/sr.
     #[must_use]
     pub fn patch(position: Vec3, normal: Vec3, intensity: Vec3) -> Self {
         Self {
@@ -105,8 +110,9 @@ impl FrameLight {
         .or_none()
     }
 
-    /// The slots of `light`: none for the sky (its radiance belongs to [`FrameSettings`](super::FrameSettings)), `patches` or a few more for a
-    /// rectangle, one for the others. A light that is not finite takes its slots but is [`NONE`](Self::NONE).
+    /// The slots of `light`: none for the sky (its radiance belongs to
+    /// [`FrameSettings`](super::FrameSettings)), `patches` or a few more for a rectangle, one for
+    /// the others. A light that is not finite takes its slots but is [`NONE`](Self::NONE).
     #[must_use]
     pub fn expand(light: &Light, patches: u32) -> Vec<Self> {
         match *light {
@@ -139,8 +145,9 @@ impl FrameLight {
         }
     }
 
-    /// The light in a bake's local space, where `local_from_world` turns, moves and scales uniformly. A length shrinks by the scale s, and so do
-    /// the intensities (by s²): irradiance is the same in both spaces.
+    /// The light in a bake's local space, where `local_from_world` turns, moves and scales
+    /// uniformly. A length shrinks by the scale s, and so do the intensities (by s²): irradiance is
+    /// the same in both spaces.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
         // Local meters a world meter.
@@ -193,7 +200,8 @@ impl FrameLight {
     }
 }
 
-/// 1 / range²; 0 for an infinite range, and a range of zero reaches nothing that is farther than 1e-15 m.
+/// 1 / range²; 0 for an infinite range, and a range of zero reaches nothing that is farther than
+/// 1e-15 m.
 fn inverse_square(range: f32) -> f32 {
     if range.is_finite() {
         1.0 / (range * range).max(1e-30)
@@ -202,7 +210,8 @@ fn inverse_square(range: f32) -> f32 {
     }
 }
 
-/// A rectangle as a grid of about `count` equal patches, as square as they can be, each sampled at its center.
+/// A rectangle as a grid of about `count` equal patches, as square as they can be, each sampled at
+/// its center.
 fn patches_of(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, count: u32) -> Vec<FrameLight> {
     let normal = u.cross(v).normalize_or_zero();
     let area = 4.0 * u.cross(v).length();

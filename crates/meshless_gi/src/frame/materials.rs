@@ -1,6 +1,8 @@
-//! Live materials: the surfaces of the senders for the factors that their materials have now (design D1: reflectance and emission are no part of a link).
+//! Live materials: the surfaces of the senders for the factors that their materials have now
+//! (design D1: reflectance and emission are no part of a link).
 //!
-//! Not a kernel: it runs in frames in which a factor changed, over some thousand senders, and the device is given the result.
+//! Not a kernel: it runs in frames in which a factor changed, over some thousand senders, and the
+//! device is given the result.
 
 use super::light::BRIGHTEST;
 use super::occlude::occlude_sky;
@@ -10,12 +12,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
-/// No material that changes reflects more, but what was baked so: light must die away whatever the game says, and the bake's own guard (design D12) has
-/// seen the baked colors only.
+/// No material that changes reflects more, but what was baked so: light must die away whatever the
+/// game says, and the bake's own guard (design D12) has seen the baked colors only.
 pub const MAX_ALBEDO: f32 = 0.99;
 
-/// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a lamp may have at most, zero for what is no number; one a material of `live`, those that
-/// are missing as they were baked.
+/// `factors` as light can have them: base colors in [0, 1], emission from 0 to a quarter of what a
+/// lamp may have at most, zero for what is no number; one a material of `live`, those that are
+/// missing as they were baked.
 #[must_use]
 pub fn sound_factors(live: &DynamicMaterials, factors: &[MaterialFactors]) -> Vec<MaterialFactors> {
     let within = |v: [f32; 3], most: f32| {
@@ -60,7 +63,8 @@ pub fn live_surface(
     }
 }
 
-/// The surfaces of all senders of `scene` for these factors, one a material; nothing where the bake knows no materials.
+/// The surfaces of all senders of `scene` for these factors, one a material; nothing where the bake
+/// knows no materials.
 #[must_use]
 pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<Vec<PointSurface>> {
     let live = scene.materials.as_ref()?;
@@ -73,8 +77,9 @@ pub fn live_surfaces(scene: &BakedScene, factors: &[MaterialFactors]) -> Option<
     )
 }
 
-/// The senders' surfaces as they are now, and what they see of the sky's terms: for these factors of the materials, and where so much passes each set of occluders. What is
-/// left empty is as baked. What the senders see is empty where the bake knows a uniform sky only.
+/// The senders' surfaces as they are now, and what they see of the sky's terms: for these factors
+/// of the materials, and where so much passes each set of occluders. What is left empty is as
+/// baked. What the senders see is empty where the bake knows a uniform sky only.
 #[must_use]
 pub fn present(
     scene: &BakedScene,

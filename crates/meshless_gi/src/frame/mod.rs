@@ -1,5 +1,5 @@
-//! A frame on the CPU: one file a kernel, in the order of a frame. Each is the twin of the shader of the same name: the oracle of its test, and
-//! what runs where there is no compute.
+//! A frame on the CPU: one file a kernel, in the order of a frame. Each is the twin of the shader
+//! of the same name: the oracle of its test, and what runs where there is no compute.
 //!
 //! | kernel | does |
 //! |---|---|

@@ -1,14 +1,18 @@
-//! Kernel `occlude`: the links that occluders are in the way of, for the gains that those have now: F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. Runs in frames in which a gain
-//! changed, and on bakes that know occluders; the links stay for those that follow. The shader gives each part a thread; the first of a link sums all of them.
+//! Kernel `occlude`: the links that occluders are in the way of, for the gains that those have now:
+//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k. Runs in frames in which a gain changed, and on bakes that
+//! know occluders; the links stay for those that follow. The shader gives each part a thread; the
+//! first of a link sums all of them.
 //!
-//! What is not a link follows on the CPU, over some thousand senders: what they have straight from the sky is what their own links to it say.
+//! What is not a link follows on the CPU, over some thousand senders: what they have straight from
+//! the sky is what their own links to it say.
 
 use crate::asset::{BakedScene, Occluders, PointSurface};
 use crate::scene::SkyRadiance;
 use crate::transport::{Link, Operator, PackedLinkTerm, link_of_parts};
 use glam::Vec3;
 
-/// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for those that are missing.
+/// `gains` as light can have them: one an occluder, in [0, 1]; shut for what is no number, open for
+/// those that are missing.
 #[must_use]
 pub fn sound_gains(occluders: &Occluders, gains: &[f32]) -> Vec<f32> {
     let count = occluders.names.len();
@@ -44,8 +48,9 @@ pub fn occlude(passages: &[PackedLinkTerm], passing: &[f32], links: &mut [Link])
     }
 }
 
-/// What the senders have straight from the sky, where so much passes each set: changes `surfaces`, one a sender and as baked, and `seen`, what they see of the sky's terms
-/// where the bake knows those.
+/// What the senders have straight from the sky, where so much passes each set: changes `surfaces`,
+/// one a sender and as baked, and `seen`, what they see of the sky's terms where the bake knows
+/// those.
 pub fn occlude_sky(
     scene: &BakedScene,
     passing: &[f32],

@@ -1,5 +1,6 @@
-//! Kernel `probe`: the light at a place in free space and for any normal, from the probes around it (\[L08\] Eq. (3) in space): what lights things that
-//! move. `apply` has filled the probes' values: three vectors of RGB each, which are the nine numbers of `transport::probe_rows`.
+//! Kernel `probe`: the light at a place in free space and for any normal, from the probes around it
+//! (\[L08\] Eq. (3) in space): what lights things that move. `apply` has filled the probes' values:
+//! three vectors of RGB each, which are the nine numbers of `transport::probe_rows`.
 //!
 //! Weights are squared, as `splat` squares them: a probe nearby says more than several behind it.
 
@@ -12,7 +13,8 @@ use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
 use glam::{Vec3, Vec4};
 
-/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m²: what arrives at a place in free space.
+/// Irradiance for a normal as E(n) = c + d·n + n·Q n, RGB, W/m²: what arrives at a place in free
+/// space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeIrradiance {
     /// d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz).
@@ -35,7 +37,8 @@ impl ProbeIrradiance {
         (e.truncate() + linear.dot(n)).max(Vec3::ZERO)
     }
 
-    /// The vector irradiance that gives E(n) at n and changes beside it as E does: what a node of subsplats keeps.
+    /// The vector irradiance that gives E(n) at n and changes beside it as E does: what a node of
+    /// subsplats keeps.
     #[must_use]
     pub fn around(&self, n: Vec3) -> VectorIrradiance {
         let [linear, a, m] = &self.parts;
@@ -64,8 +67,10 @@ impl ProbeIrradiance {
 /// cells of the probes' grid. A cell is as large as a function's radius.
 pub const RETRY_OFFSET: f32 = 0.1;
 
-/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an occluder counts inside of it, and is zero where nothing faces anything. What stands within the
-/// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides: where no probe reaches a surface, the light a little before it counts.
+/// The light at `x` for what faces `n`; none where no probe reaches. `n` decides which side of an
+/// occluder counts inside of it, and is zero where nothing faces anything. What stands within the
+/// thickness of a thin wall, as a door does, is behind the clip planes of probes on both sides:
+/// where no probe reaches a surface, the light a little before it counts.
 #[must_use]
 pub fn probe(
     probes: &Probes,
@@ -105,7 +110,8 @@ fn probe_at(
     Some(out)
 }
 
-/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there, which keeps the share that its alpha says. `params` has the probes' grid.
+/// Entry point `probe_over`, for one pixel: `earlier` is what the functions on surfaces left there,
+/// which keeps the share that its alpha says. `params` has the probes' grid.
 #[must_use]
 pub fn probe_pixel(
     params: &SplatParams,
@@ -130,7 +136,8 @@ pub fn probe_pixel(
     }
 }
 
-/// Entry point `probe_nodes`, for one node of a list: what is missing of its light, where something is there that functions on surfaces do not wholly cover, in the axes of the world.
+/// Entry point `probe_nodes`, for one node of a list: what is missing of its light, where something
+/// is there that functions on surfaces do not wholly cover, in the axes of the world.
 pub fn probe_node(
     params: &SplatParams,
     probes: &Probes,

@@ -1,5 +1,7 @@
-//! Kernel `project`: the scalar irradiance of each sender from one light of color one, shadows included: the mean over the sender's places, so that a
-//! shadow's edge moves over it smoothly (\[L08\] takes the light at its center). Visibility is a ray through the baked BVH (design D8). The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
+//! Kernel `project`: the scalar irradiance of each sender from one light of color one, shadows
+//! included: the mean over the sender's places, so that a shadow's edge moves over it smoothly
+//! (\[L08\] takes the light at its center). Visibility is a ray through the baked BVH (design D8).
+//! The units are Bevy's: E = I cos θ / d², with its window at the range and its cone.
 
 use super::light::FrameLight;
 use crate::asset::BakedScene;
@@ -19,24 +21,28 @@ pub fn extent(scene: &BakedScene) -> f32 {
     if size.is_finite() { size.max(0.0) } else { 0.0 }
 }
 
-/// How far a shadow ray's start is lifted off the surface at `x`, meters; the rule of [`Geometry::lift`](crate::scene::Geometry::lift).
+/// How far a shadow ray's start is lifted off the surface at `x`, meters; the rule of
+/// [`Geometry::lift`](crate::scene::Geometry::lift).
 #[must_use]
 #[inline]
 pub fn lift(x: Vec3, extent: f32) -> f32 {
     (1e-5 * extent).max(8.0 * f32::EPSILON * x.abs().max_element().max(extent))
 }
 
-/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimeter, and in levels below two meters as much less.
+/// Square of the distance below which a lamp grows no brighter, m²: Bevy's square centimeter, and
+/// in levels below two meters as much less.
 #[must_use]
 #[inline]
 pub fn nearest_square(extent: f32) -> f32 {
     (2.5e-5 * extent * extent).clamp(f32::MIN_POSITIVE, 1e-4)
 }
 
-/// How far apart the places of a sender lie, meters; 0 where they are lit at their own points alone.
+/// How far apart the places of a sender lie, meters; 0 where they are lit at their own points
+/// alone.
 ///
-/// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks of that level's points are 0.8 of the radius, and there are
-/// 0.7 of them to a square of that: a place stands for a square of edge 2σ / √places.
+/// Places are spread as the kernel weighs, with a variance of 0.24 of its radius squared; the disks
+/// of that level's points are 0.8 of the radius, and there are 0.7 of them to a square of that: a
+/// place stands for a square of edge 2σ / √places.
 #[must_use]
 pub fn apart(scene: &BakedScene) -> f32 {
     const ASKED: usize = 256;
@@ -67,11 +73,13 @@ pub fn unshadowed(light: &FrameLight, x: Vec3, n: Vec3) -> f32 {
     unshadowed_within(light, x, n, f32::MAX, 0.0)
 }
 
-/// Irradiance at (x, n) from `light` with color one and without shadows, in a level as large as `extent` (meters): 1/m² (point, spot, patch) or
-/// dimensionless (directional). Finite for every input that is.
+/// Irradiance at (x, n) from `light` with color one and without shadows, in a level as large as
+/// `extent` (meters): 1/m² (point, spot, patch) or dimensionless (directional). Finite for every
+/// input that is.
 ///
-/// A point or spot lamp nearer to the place's plane than `apart` (meters) shines from that height: I cos θ / d² is far narrower there than the places are
-/// apart, which would miss it or take it for all of their surface. What a plane receives does not depend on the height.
+/// A point or spot lamp nearer to the place's plane than `apart` (meters) shines from that height:
+/// I cos θ / d² is far narrower there than the places are apart, which would miss it or take it for
+/// all of their surface. What a plane receives does not depend on the height.
 #[must_use]
 #[inline]
 pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apart: f32) -> f32 {
@@ -107,7 +115,8 @@ pub fn unshadowed_within(light: &FrameLight, x: Vec3, n: Vec3, extent: f32, apar
     e
 }
 
-/// The shadow ray from (x, n) to `light`: it starts and ends a [`lift`] off the surfaces. None where nothing fits between.
+/// The shadow ray from (x, n) to `light`: it starts and ends a [`lift`] off the surfaces. None
+/// where nothing fits between.
 #[must_use]
 #[inline]
 pub fn shadow_ray(light: &FrameLight, x: Vec3, n: Vec3, extent: f32) -> Option<Ray> {
@@ -152,10 +161,12 @@ fn shadowed(bvh: &Bvh, extent: f32, light: &FrameLight, x: Vec3, n: Vec3, e: f32
     }
 }
 
-/// Places of a sender that one patch of a rectangle light shines on at most: the patches are many, and their shadows' edges soften each other.
+/// Places of a sender that one patch of a rectangle light shines on at most: the patches are many,
+/// and their shadows' edges soften each other.
 pub const PATCH_PLACES: usize = 4;
 
-/// The places among a sender's `own` that `light` is projected onto: all of them, or [`PATCH_PLACES`] from all over them.
+/// The places among a sender's `own` that `light` is projected onto: all of them, or
+/// [`PATCH_PLACES`] from all over them.
 pub fn places_for<'a>(
     light: &FrameLight,
     own: &'a [LightSample],
@@ -167,7 +178,8 @@ pub fn places_for<'a>(
     own.iter().skip(stride / 2).step_by(stride)
 }
 
-/// Irradiance of sender `j` from `light` with color one. `bvh` is the scene's, with the gains that its occluders have now.
+/// Irradiance of sender `j` from `light` with color one. `bvh` is the scene's, with the gains that
+/// its occluders have now.
 #[must_use]
 #[inline]
 pub fn project_sender(

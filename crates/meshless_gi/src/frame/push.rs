@@ -1,5 +1,6 @@
-//! Kernel `push`: from averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser levels (\[L08\] Eq. (7)). One dispatch a level, coarse to
-//! fine. Only operators in the form of differences need it.
+//! Kernel `push`: from averages to differences, α_j = f_j − Σ_k w_jk α_k over the coarser levels
+//! (\[L08\] Eq. (7)). One dispatch a level, coarse to fine. Only operators in the form of
+//! differences need it.
 
 use crate::basis::Weights;
 use glam::Vec4;

@@ -1,7 +1,10 @@
-//! Kernel `pyramid`: where the picture is not continuous, cell by cell and level by level (\[N09\] §3.2): minima and maxima of linear depth and of the
-//! normal's components, or the largest measure of a pixel where the test has one. Entry points: `base`, pixels to level 1, and `reduce`, a level to the next.
+//! Kernel `pyramid`: where the picture is not continuous, cell by cell and level by level (\[N09\]
+//! §3.2): minima and maxima of linear depth and of the normal's components, or the largest measure
+//! of a pixel where the test has one. Entry points: `base`, pixels to level 1, and `reduce`, a
+//! level to the next.
 //!
-//! Thresholds are relative to depth, those of \[N09\] are lengths: the same settings then serve a room and a landscape.
+//! Thresholds are relative to depth, those of \[N09\] are lengths: the same settings then serve a
+//! room and a landscape.
 
 use super::gbuffer;
 use super::subsplat::{Levels, SubsplatParams};
@@ -72,11 +75,13 @@ pub struct Seen {
     pub reach: f32,
 }
 
-/// Widths of a pixel that a tolerance's measure is at most: as many as fill the distance of a picture 2000 pixels high with a vertical angle of 64°.
+/// Widths of a pixel that a tolerance's measure is at most: as many as fill the distance of a
+/// picture 2000 pixels high with a vertical angle of 64°.
 pub const REACH: f32 = 1600.0;
 
-/// What tolerances of depth are parts of, meters: a pixel's linear depth `z`, as in \[N09\], but at most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays, things a pixel wide
-/// are a small part of their distance, and edges all the same.
+/// What tolerances of depth are parts of, meters: a pixel's linear depth `z`, as in \[N09\], but at
+/// most [`REACH`] of its widths there. Seen from afar through a long lens, or by parallel rays,
+/// things a pixel wide are a small part of their distance, and edges all the same.
 #[must_use]
 pub fn reach(params: &SubsplatParams, z: f32, depth: f32) -> f32 {
     let m = &params.view_from_clip;

@@ -1,5 +1,6 @@
-//! Kernel `radiosity`: b = ρE + M of every sender, from the projected lights and the sky (design D1): its coefficient until `pull` replaces those of
-//! coarser senders by the mean over their support.
+//! Kernel `radiosity`: b = ρE + M of every sender, from the projected lights and the sky (design
+//! D1): its coefficient until `pull` replaces those of coarser senders by the mean over their
+//! support.
 
 use super::layout::SolveParams;
 use super::light::FrameLight;
@@ -8,7 +9,8 @@ use crate::samples::Point;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-/// What sender `j` has straight from the sky, W/m². `seen` holds the sender's numbers of the sky's terms, where the bake has them.
+/// What sender `j` has straight from the sky, W/m². `seen` holds the sender's numbers of the sky's
+/// terms, where the bake has them.
 #[must_use]
 #[inline]
 pub fn sky_at(
@@ -30,7 +32,8 @@ pub fn sky_at(
     e.max(Vec3::ZERO)
 }
 
-/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light color one, slot after slot, `params.senders` each.
+/// Radiosity of sender `j`, W/m². `projected` holds the irradiances of light color one, slot after
+/// slot, `params.senders` each.
 #[must_use]
 #[inline]
 pub fn radiosity_at(
@@ -50,7 +53,8 @@ pub fn radiosity_at(
     Vec3::from_array(surface.albedo) * e + Vec3::from_array(surface.emission) * params.emission
 }
 
-/// Fills the senders' first coefficients, those of the sky behind them, W/m². `seen` is empty where the bake knows a uniform sky only.
+/// Fills the senders' first coefficients, those of the sky behind them, W/m². `seen` is empty where
+/// the bake knows a uniform sky only.
 pub fn radiosity(
     params: &SolveParams,
     lights: &[FrameLight],

@@ -1,15 +1,19 @@
-//! Kernel `refine`: which cells are divided (\[N09\] §3.3). Entry points: `start` lists the cells of the coarsest level, `refine` the children of those listed of level k that are divided: all
-//! of the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal neighbors are not (\[N09\] §5.2), or where light was not as foretold.
+//! Kernel `refine`: which cells are divided (\[N09\] §3.3). Entry points: `start` lists the cells
+//! of the coarsest level, `refine` the children of those listed of level k that are divided: all of
+//! the coarsest, and below those that are not continuous ([`pyramid::breaks`]), or whose diagonal
+//! neighbors are not (\[N09\] §5.2), or where light was not as foretold.
 
 use super::gbuffer;
 use super::pyramid::{self, CellRange, Picture};
 use super::subsplat::{LUMINANCE, Levels, Node, SubsplatParams, state};
 use glam::Vec3;
 
-/// Light, in parts of what a well-exposed white surface sends, below which differences stop to count.
+/// Light, in parts of what a well-exposed white surface sends, below which differences stop to
+/// count.
 pub const FLOOR: f32 = 0.1;
 
-/// A cell as a list holds it: x in the low half, y in the high one. Pictures are smaller than 65 536 pixels.
+/// A cell as a list holds it: x in the low half, y in the high one. Pictures are smaller than 65
+/// 536 pixels.
 #[must_use]
 pub fn pack_cell(x: u32, y: u32) -> u32 {
     x | y << 16

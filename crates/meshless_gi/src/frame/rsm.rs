@@ -1,5 +1,6 @@
-//! Kernel `rsm`: a reflective shadow map (\[N09\] §3.1) becomes virtual point lights. The map is a small deferred view from the light that holds what moves and
-//! nothing else: what static surfaces reflect is in the bake.
+//! Kernel `rsm`: a reflective shadow map (\[N09\] §3.1) becomes virtual point lights. The map is a
+//! small deferred view from the light that holds what moves and nothing else: what static surfaces
+//! reflect is in the bake.
 //!
 //! | entry | does |
 //! |---|---|
@@ -7,9 +8,11 @@
 //! | [`shadow`] | texels that a baked scene keeps the light from reflect nothing |
 //! | [`choose`] | texels → virtual point lights |
 //!
-//! Where this leaves \[N09\]. Its texels all subtend the same solid angle, which §5 names as a visible error (Fig. 13); ours have the exact one. Its VPLs are
-//! a fixed grid of texels, which flickers as surfaces move past them (§5.1) and loses what lies between; ours are strata of equal flux along a Hilbert curve
-//! through the map, with boundaries inside of texels: a stratum's light is the mean of its texels, so that all flux is kept and nothing jumps.
+//! Where this leaves \[N09\]. Its texels all subtend the same solid angle, which §5 names as a
+//! visible error (Fig. 13); ours have the exact one. Its VPLs are a fixed grid of texels, which
+//! flickers as surfaces move past them (§5.1) and loses what lies between; ours are strata of equal
+//! flux along a Hilbert curve through the map, with boundaries inside of texels: a stratum's light
+//! is the mean of its texels, so that all flux is kept and nothing jumps.
 
 use super::gbuffer;
 use super::project::shadow_ray;
@@ -27,8 +30,8 @@ pub const MIN_COSINE: f32 = 0.1;
 /// Below its square (a square centimeter, as Bevy's lamps) a lamp grows no brighter, m².
 pub const NEAREST_SQUARE: f32 = 1e-4;
 
-/// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the curve are neighbors in the map, which Morton's
-/// curve does not give.
+/// The place of texel (x, y) along Hilbert's curve through a map of `side` texels: neighbors on the
+/// curve are neighbors in the map, which Morton's curve does not give.
 #[must_use]
 pub fn curve(side: u32, x: u32, y: u32) -> u32 {
     let (mut x, mut y, mut at) = (x, y, 0);
@@ -49,8 +52,9 @@ pub fn curve(side: u32, x: u32, y: u32) -> u32 {
     at
 }
 
-/// Solid angle of the parallelogram with corner `a` and edges `e`, `f`, seen from the origin, sr: two triangles by Van Oosterom & Strackee's formula. The
-/// volume a·(e×f) is the same for both, and no difference of nearly equal numbers.
+/// Solid angle of the parallelogram with corner `a` and edges `e`, `f`, seen from the origin, sr:
+/// two triangles by Van Oosterom & Strackee's formula. The volume a·(e×f) is the same for both, and
+/// no difference of nearly equal numbers.
 fn solid_angle(a: Vec3, e: Vec3, f: Vec3) -> f32 {
     let volume = a.dot(e.cross(f)).abs();
     let corners = [a, a + e, a + e + f, a + f];
@@ -71,10 +75,12 @@ fn texel_angle(params: &RsmParams, pixel: [u32; 2]) -> f32 {
     solid_angle(corner, right * step, up * -step)
 }
 
-/// One texel: what the shader writes at [`curve`] for the texel (column, row) with this depth and G-buffer.
+/// One texel: what the shader writes at [`curve`] for the texel (column, row) with this depth and
+/// G-buffer.
 ///
-/// Reflected flux Φρ: of a lamp, I(ω) dω with Bevy's cone and window at the range; of a directional light, irradiance times the texel's cross-section.
-/// Nothing where nothing was drawn, where no light applies, and on the side that looks away.
+/// Reflected flux Φρ: of a lamp, I(ω) dω with Bevy's cone and window at the range; of a directional
+/// light, irradiance times the texel's cross-section. Nothing where nothing was drawn, where no
+/// light applies, and on the side that looks away.
 #[must_use]
 pub fn texel(params: &RsmParams, pixel: [u32; 2], depth: f32, gbuffer: [u32; 4]) -> RsmTexel {
     let light = &params.light;
@@ -178,7 +184,8 @@ fn importance(texel: &RsmTexel) -> f32 {
     texel.flux[0] + texel.flux[1] + texel.flux[2]
 }
 
-/// The virtual point lights of a light: `params.vpls` strata of equal flux along the curve. A texel on a boundary belongs to both sides, in parts.
+/// The virtual point lights of a light: `params.vpls` strata of equal flux along the curve. A texel
+/// on a boundary belongs to both sides, in parts.
 ///
 /// Each is the flux-weighted mean of its stratum. Sums are grouped as the shader's threads do it.
 #[must_use]
@@ -211,7 +218,8 @@ fn stratum(texels: &[RsmTexel], run: usize, before: &[f32], low: f32, high: f32)
     let mut chunk = before[..CHUNKS].partition_point(|b| *b < low).max(1) - 1;
     let (mut flux, mut weight) = (Vec3::ZERO, 0.0);
     let (mut place, mut normal, mut square) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-    // Places are summed relative to the first, so that their spread is no difference of large squares.
+    // Places are summed relative to the first, so that their spread is no difference of large
+    // squares.
     let mut anchor = None;
     while chunk < CHUNKS && before[chunk] < high {
         let first = (chunk * run).min(texels.len());

@@ -1,14 +1,17 @@
-//! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a map and its texels, virtual point lights, a view.
-//! `shaders/lib/reflective.wgsl` declares the same; `tests/shader_layout.rs` compares the two.
+//! Structs that the kernels of reflective shadow maps share with their CPU twins, byte for byte: a
+//! map and its texels, virtual point lights, a view. `shaders/lib/reflective.wgsl` declares the
+//! same; `tests/shader_layout.rs` compares the two.
 //!
-//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a place near by ([`space_from_clip`]), so that single precision
-//! serves a level far from the world's origin too. Whoever has several lights or views takes one origin for all of them.
+//! All of them speak of one *space*: the world's axes and meters, with the origin moved to a place
+//! near by ([`space_from_clip`]), so that single precision serves a level far from the world's
+//! origin too. Whoever has several lights or views takes one origin for all of them.
 
 use super::FrameLight;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, Mat4, Vec3};
 
-/// What a map may be: a square with a power of two on each side, as the curve through its texels needs it.
+/// What a map may be: a square with a power of two on each side, as the curve through its texels
+/// needs it.
 pub const SIDES: [u32; 2] = [1, 256];
 
 /// Most virtual point lights of a light.
@@ -21,14 +24,16 @@ pub fn side(resolution: u32) -> u32 {
     1 << resolution.ilog2()
 }
 
-/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of the world, meters; computed in double precision.
+/// From a camera's clip space (reversed depth, y up) to the space whose origin is at `origin` of
+/// the world, meters; computed in double precision.
 #[must_use]
 pub fn space_from_clip(world_from_view: &Mat4, clip_from_view: &Mat4, origin: Vec3) -> Mat4 {
     let shift = DMat4::from_translation(-origin.as_dvec3());
     (shift * world_from_view.as_dmat4() * clip_from_view.as_dmat4().inverse()).as_mat4()
 }
 
-/// From that space to a bake's local space, `local_from_world` being the inverse of the baked scene's transform.
+/// From that space to a bake's local space, `local_from_world` being the inverse of the baked
+/// scene's transform.
 #[must_use]
 pub fn local_from_space(local_from_world: &Mat4, origin: Vec3) -> Mat4 {
     (local_from_world.as_dmat4() * DMat4::from_translation(origin.as_dvec3())).as_mat4()
@@ -52,7 +57,8 @@ pub struct RsmParams {
     pub space_from_clip: [[f32; 4]; 4],
     /// The light. Point, spot and patch: where the map is drawn from.
     pub light: FrameLight,
-    /// From the light to the middle of the map, and what a step of one in clip space's x and y adds: any common length.
+    /// From the light to the middle of the map, and what a step of one in clip space's x and y
+    /// adds: any common length.
     pub forward: [f32; 3],
     /// Texels along each edge, a power of two ([`side`]).
     pub side: u32,
@@ -67,8 +73,9 @@ pub struct RsmParams {
 }
 
 impl RsmParams {
-    /// Parameters of the map that was drawn with this matrix ([`space_from_clip`]); `light` in that space ([`light_in_space`]), `side` as [`side`] gives
-    /// it, `first` the texels of the light's maps before this one.
+    /// Parameters of the map that was drawn with this matrix ([`space_from_clip`]); `light` in that
+    /// space ([`light_in_space`]), `side` as [`side`] gives it, `first` the texels of the light's
+    /// maps before this one.
     #[must_use]
     pub fn new(space_from_clip: Mat4, light: &FrameLight, side: u32, first: u32) -> Self {
         let m = space_from_clip.as_dmat4();
@@ -135,7 +142,8 @@ pub struct RsmShadowParams {
 }
 
 impl RsmShadowParams {
-    /// Parameters for `texels` texels of `light` (in the space), shadowed by a scene of `nodes` nodes and this extent.
+    /// Parameters for `texels` texels of `light` (in the space), shadowed by a scene of `nodes`
+    /// nodes and this extent.
     #[must_use]
     pub fn new(
         local_from_space: Mat4,
@@ -187,7 +195,8 @@ pub struct Vpl {
     pub pad1: f32,
 }
 
-/// What evaluating the virtual point lights at a place needs, in any kernel: `vpl_at` of `shaders/lib/vpl.wgsl`. 80 bytes.
+/// What evaluating the virtual point lights at a place needs, in any kernel: `vpl_at` of
+/// `shaders/lib/vpl.wgsl`. 80 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct VplParams {

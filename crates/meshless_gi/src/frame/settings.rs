@@ -1,4 +1,5 @@
-//! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the GPU records.
+//! What a solve simulates, and the steps that follow from it: one list that the CPU runs and the
+//! GPU records.
 
 use super::Channels;
 use super::layout::SolveParams;
@@ -14,16 +15,18 @@ use std::ops::Range;
 /// What a solve simulates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSettings {
-    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them run. Not used where the bake
-    /// holds its bounces and `baked_bounces` is on.
+    /// Jacobi sweeps: reflections beyond the first; at most [`FrameSettings::MAX_SWEEPS`] of them
+    /// run. Not used where the bake holds its bounces and `baked_bounces` is on.
     pub sweeps: u32,
     /// Use the bake's further bounces, where it has them.
     pub baked_bounces: bool,
-    /// Radiance of the sky, W/(m² sr). A bake that was not asked for more than a uniform sky takes its mean over all directions.
+    /// Radiance of the sky, W/(m² sr). A bake that was not asked for more than a uniform sky takes
+    /// its mean over all directions.
     pub sky: SkyRadiance,
     /// Multiplies the emission of the surfaces: 1 as baked, 0 off.
     pub emission: f32,
-    /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of them: all links (design D11), or the octree of rule `fmm`.
+    /// Tier, from 1 (the fewest links) on; what is beyond the bake's tiers means the highest of
+    /// them: all links (design D11), or the octree of rule `fmm`.
     pub tier: u32,
     /// In how many channels links are applied; an octree takes all three.
     pub channels: Channels,
@@ -43,14 +46,15 @@ impl Default for FrameSettings {
 }
 
 impl FrameSettings {
-    /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must end. Walls that reflect 95 % of the
-    /// light leave 2e-6 of it after so many.
+    /// Most sweeps of a solve, whatever is asked for: each is recorded by itself, and a frame must
+    /// end. Walls that reflect 95 % of the light leave 2e-6 of it after so many.
     pub const MAX_SWEEPS: u32 = 255;
 
     /// The highest tier, whatever the bake.
     pub const ALL_TIERS: u32 = u32::MAX;
 
-    /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake holds none.
+    /// Settings for `bounces` diffuse reflections in all (at least one), by sweeps where the bake
+    /// holds none.
     #[must_use]
     pub fn bounces(bounces: u32) -> Self {
         Self {
@@ -77,7 +81,8 @@ pub struct SceneDimensions {
     pub form: SenderForm,
     /// Columns of an operator of components, the sky's among them; 0 in the other forms.
     pub columns: usize,
-    /// The bake knows what comes from parts of the sky: [`SkyRadiance::TERMS`] more coefficients behind the sky's.
+    /// The bake knows what comes from parts of the sky: [`SkyRadiance::TERMS`] more coefficients
+    /// behind the sky's.
     pub sky_terms: bool,
     /// The bake holds further bounces.
     pub bounces: bool,
@@ -198,8 +203,9 @@ impl SceneDimensions {
 /// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Steps {
-    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender levels but the finest. None where nothing reads what it
-    /// fills: bases of direct light are of senders with light of their own, and so is the octree.
+    /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender
+    /// levels but the finest. None where nothing reads what it fills: bases of direct light are of
+    /// senders with light of their own, and so is the octree.
     pub pull: Vec<Range<usize>>,
     /// The sender levels, coarse to fine: `push`, and `flatten` in a sweep.
     pub senders: Vec<Range<usize>>,
@@ -215,7 +221,8 @@ pub struct Steps {
     pub components: bool,
     /// Links are applied in one channel: `apply_one` in place of `apply`.
     pub one: bool,
-    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten` for points of finer levels than send.
+    /// The octree carries the light: `fmm_up` and `fmm_down` run in place of `apply`, and `flatten`
+    /// for points of finer levels than send.
     pub octree: bool,
 }
 

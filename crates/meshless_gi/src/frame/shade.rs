@@ -1,12 +1,17 @@
-//! Kernel `shade`: what a renderer that knows no shadows of a lamp drew at each pixel, and that does not get there because something is before the lamp (\[P14\] §5). The composite takes it
+//! Kernel `shade`: what a renderer that knows no shadows of a lamp drew at each pixel, and that
+//! does not get there because something is before the lamp (\[P14\] §5). The composite takes it
 //! from the picture: the lamp's own light is replaced, and not drawn twice.
 //!
-//! The points know the irradiance D·n that is missing of all lamps and the irradiance E that they would give ([`soft`](super::soft) writes both). Splatted as [`splat`](super::splat) splats, their
-//! quotient is the missing share, and the share times what was drawn at the pixel is taken away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full shadow nothing is left, in
-//! full light nothing is taken, and colors, normals and the falloff are those of the picture. With several lamps the share is that of their sum.
+//! The points know the irradiance D·n that is missing of all lamps and the irradiance E that they
+//! would give ([`soft`](super::soft) writes both). Splatted as [`splat`](super::splat) splats,
+//! their quotient is the missing share, and the share times what was drawn at the pixel is taken
+//! away. The flat basis shows edges of shadows, while everything else is the pixel's own: in full
+//! shadow nothing is left, in full light nothing is taken, and colors, normals and the falloff are
+//! those of the picture. With several lamps the share is that of their sum.
 //!
-//! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's (\[RG18\] §4.5) over
-//! [`unshadowed`], whose specular light is not taken.
+//! What was drawn is Bevy 0.19's light: of a rectangle Lambert's, and its mirror image by linearly
+//! transformed cosines (\[HDHN16\]) with the tables that Bevy has; of a point lamp Burley's
+//! (\[RG18\] §4.5) over [`unshadowed`], whose specular light is not taken.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -20,7 +25,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 use std::f32::consts::FRAC_1_PI;
 
-/// Part of what is missing that is taken away: pictures of halves are rounded, and must not fall below nothing.
+/// Part of what is missing that is taken away: pictures of halves are rounded, and must not fall
+/// below nothing.
 pub const TAKEN: f32 = 0.998;
 
 /// The lamps of a scene in a view. 16 bytes, the layout of `ShadeParams` in the shaders.
@@ -49,7 +55,8 @@ impl ShadeParams {
     }
 }
 
-/// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no function covers the place. `deficits` is what [`soft::deficits`](super::soft::deficits) gives.
+/// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no
+/// function covers the place. `deficits` is what [`soft::deficits`](super::soft::deficits) gives.
 #[must_use]
 pub fn missing(
     scene: &BakedScene,
@@ -75,7 +82,8 @@ pub fn missing(
     (cover > NO_COVER).then(|| (hidden / whole.max(Vec3::splat(f32::MIN_POSITIVE))).min(Vec3::ONE))
 }
 
-/// The diffuse BRDF of a white surface for light from `l`, seen from `v` (both unit), times π: 1 for Lambert's. \[RG18\] §4.5.
+/// The diffuse BRDF of a white surface for light from `l`, seen from `v` (both unit), times π: 1
+/// for Lambert's. \[RG18\] §4.5.
 #[must_use]
 pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     let sum = l + v;
@@ -88,12 +96,14 @@ pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
     (1.0 + more * fifth(1.0 - nl)) * (1.0 + more * fifth(1.0 - nv))
 }
 
-/// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
+/// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos
+/// θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tables {
     /// Texels along an edge.
     pub size: u32,
-    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two channels what a lobe mirrors, over f₀ and over 1 − f₀. Row by row.
+    /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two
+    /// channels what a lobe mirrors, over f₀ and over 1 − f₀. Row by row.
     pub layers: [Vec<[f32; 4]>; 2],
 }
 
@@ -148,7 +158,8 @@ impl Shading {
     }
 }
 
-/// How a surface mirrors: the rows of what turns its lobe into a cosine, and what it mirrors of what comes from there.
+/// How a surface mirrors: the rows of what turns its lobe into a cosine, and what it mirrors of
+/// what comes from there.
 struct Lobe {
     rows: [Vec3; 3],
     weight: Vec3,
@@ -177,7 +188,8 @@ impl Lobe {
     }
 }
 
-/// Radiance that `lights` were drawn with at x on `surface`, W/(m² sr); without tables, diffuse light alone.
+/// Radiance that `lights` were drawn with at x on `surface`, W/(m² sr); without tables, diffuse
+/// light alone.
 #[must_use]
 pub fn drawn(
     params: &ShadeParams,
@@ -213,7 +225,8 @@ pub fn drawn(
     sum
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: radiance × the view's `scale`; alpha: 1 where covered, else all is 0.
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB:
+/// radiance × the view's `scale`; alpha: 1 where covered, else all is 0.
 #[must_use]
 pub fn shade_pixel(
     (params, view): (&ShadeParams, &SplatParams),
@@ -308,7 +321,8 @@ mod tests {
         );
     }
 
-    /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both sides.
+    /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both
+    /// sides.
     #[test]
     fn burley_is_nearly_lambert() {
         for roughness in [0.0, 0.3, 0.6, 1.0] {

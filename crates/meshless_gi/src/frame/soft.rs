@@ -1,19 +1,27 @@
-//! Kernel `soft`: what lamps with soft shadows do not reach, at the points that remember what they see (\[P14\] §5): without a ray and without a shadow map.
+//! Kernel `soft`: what lamps with soft shadows do not reach, at the points that remember what they
+//! see (\[P14\] §5): without a ray and without a shadow map.
 //!
-//! A light is a set of stratified samples. For each, the four nearest of the point's directions tell whether something is nearer than the sample; the answers are weighted as
-//! the directions are (percentage closer, not a comparison with a mean depth: an edge between near and far has no surface half-way). That gives the visible fraction
-//! f = Σ w v / Σ w of the irradiance E, with w = cos θ cos θ' / d²; E itself is known in closed form. The kernel writes the deficit (1 − f) E, as a
-//! vector: what the engine draws without shadows is drawn at every pixel, and this is taken from it. In full shadow nothing is left, however few the samples.
+//! A light is a set of stratified samples. For each, the four nearest of the point's directions
+//! tell whether something is nearer than the sample; the answers are weighted as the directions are
+//! (percentage closer, not a comparison with a mean depth: an edge between near and far has no
+//! surface half-way). That gives the visible fraction f = Σ w v / Σ w of the irradiance E, with w =
+//! cos θ cos θ' / d²; E itself is known in closed form. The kernel writes the deficit (1 − f) E, as
+//! a vector: what the engine draws without shadows is drawn at every pixel, and this is taken from
+//! it. In full shadow nothing is left, however few the samples.
 //!
 //! Depths are compared in e = d² / (d² + s²). Where we deviate from \[P14\], which has one bias:
 //!
-//! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the distance to compare with is that to the rectangle's plane:
-//!   no acne where a panel hangs a hand's breadth below a ceiling.
-//! - **The threshold lies before the light** by as much as the point's depths are wrong in that direction ([`SoftParams::before`]), and visibility goes from
-//!   nothing to all over as much ([`SoftParams::ramp`]): few components make an edge between near and far smooth, and its middle is where the edge is. Where depths are exact,
-//!   what is a little nearer than the light hides it.
+//! - **A light on a plane is as far as the plane.** In a direction beside the sample's, the
+//!   distance to compare with is that to the rectangle's plane: no acne where a panel hangs a
+//!   hand's breadth below a ceiling.
+//! - **The threshold lies before the light** by as much as the point's depths are wrong in that
+//!   direction ([`SoftParams::before`]), and visibility goes from nothing to all over as much
+//!   ([`SoftParams::ramp`]): few components make an edge between near and far smooth, and its
+//!   middle is where the edge is. Where depths are exact, what is a little nearer than the light
+//!   hides it.
 //!
-//! Points beyond those that remember take the mean of their parents (`flatten`, with no row in use), and `splat` brings all of it to the screen.
+//! Points beyond those that remember take the mean of their parents (`flatten`, with no row in
+//! use), and `splat` brings all of it to the screen.
 
 use super::flatten;
 use super::layout::{SolveParams, VectorIrradiance};
@@ -27,7 +35,8 @@ use glam::{Mat4, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 
-/// A light that casts soft shadows from baked visibility, in the bake's local space. 80 bytes, the layout of `SoftLight` in the shaders.
+/// A light that casts soft shadows from baked visibility, in the bake's local space. 80 bytes, the
+/// layout of `SoftLight` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct SoftLight {
@@ -63,7 +72,8 @@ impl SoftLight {
     /// Most samples along an edge.
     pub const MAX_SAMPLES: u32 = 16;
 
-    /// A sphere: meters, W/sr; `range` in meters or infinite; about `samples` samples. One that is not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
+    /// A sphere: meters, W/sr; `range` in meters or infinite; about `samples` samples. One that is
+    /// not finite, or beyond 10¹⁵ of these, is [`NONE`](Self::NONE).
     #[must_use]
     pub fn sphere(center: Vec3, radius: f32, intensity: Vec3, range: f32, samples: u32) -> Self {
         let side = side(samples);
@@ -80,8 +90,9 @@ impl SoftLight {
         .within(range)
     }
 
-    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about `samples` samples. One that is not finite, is beyond 10¹⁵ m, or has no
-    /// area, is [`NONE`](Self::NONE).
+    /// A rectangle of half edges `u` and `v` that emits `radiance` to the side of u × v, with about
+    /// `samples` samples. One that is not finite, is beyond 10¹⁵ m, or has no area, is
+    /// [`NONE`](Self::NONE).
     #[must_use]
     pub fn rectangle(center: Vec3, u: Vec3, v: Vec3, radiance: Vec3, samples: u32) -> Self {
         let (long, wide) = (u.length(), v.length());
@@ -136,8 +147,10 @@ impl SoftLight {
         .or_none()
     }
 
-    /// The light in a bake's local space, where `local_from_world` turns, moves and scales uniformly: as [`FrameLight::to_local`](super::FrameLight::to_local), so
-    /// that irradiance is the same in both spaces. A transform that mirrors turns u and v, and the side that shines stays.
+    /// The light in a bake's local space, where `local_from_world` turns, moves and scales
+    /// uniformly: as [`FrameLight::to_local`](super::FrameLight::to_local), so that irradiance is
+    /// the same in both spaces. A transform that mirrors turns u and v, and the side that shines
+    /// stays.
     #[must_use]
     pub fn to_local(&self, local_from_world: &Mat4) -> Self {
         let determinant = local_from_world.determinant();
@@ -190,7 +203,9 @@ fn side(samples: u32) -> u32 {
         .clamp(1.0, SoftLight::MAX_SAMPLES as f32) as u32
 }
 
-/// Irradiance at (x, n) without shadows from `light` with color one, in a level as large as `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
+/// Irradiance at (x, n) without shadows from `light` with color one, in a level as large as
+/// `extent` (meters): a rectangle by Lambert's sum ([`lambert`]), a sphere as a point, which is
+/// exact for one that is wholly above it; both fade toward their range, as Bevy draws them.
 #[must_use]
 pub fn unshadowed(light: &SoftLight, x: Vec3, n: Vec3, extent: f32) -> f32 {
     let to = Vec3::from_array(light.center) - x;
@@ -223,7 +238,8 @@ pub fn corners(light: &SoftLight, to: Vec3) -> [Vec3; 4] {
     [to - u - v, to + u - v, to + u + v, to - u + v]
 }
 
-/// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n (\[L60\]): π times its form factor.
+/// Half of Lambert's sum over the edges of a quadrilateral, as far as it is above the horizon of n
+/// (\[L60\]): π times its form factor.
 #[must_use]
 pub fn lambert(corners: [Vec3; 4], n: Vec3) -> f32 {
     // What is below the horizon goes: at most five corners are left.
@@ -275,7 +291,8 @@ pub const GOLDEN: f32 = 0.618_034;
 pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     let center = Vec3::from_array(light.center);
     if light.kind == SoftLight::RECTANGLE {
-        // A Fibonacci lattice: no two samples share a row or a column, so that the shadow of an edge along the rectangle's has as many steps as there are samples.
+        // A Fibonacci lattice: no two samples share a row or a column, so that the shadow of an
+        // edge along the rectangle's has as many steps as there are samples.
         let at = k as f32 + 0.5;
         let turn = at * GOLDEN;
         let a = 2.0 * at / (light.columns * light.rows) as f32 - 1.0;
@@ -296,7 +313,8 @@ pub fn sample(light: &SoftLight, k: u32, x: Vec3) -> Vec3 {
     center + (t * libm::cosf(angle) + b * libm::sinf(angle)) * radius
 }
 
-/// Weight of a sample at `place` for (x, n): cos θ cos θ' / d² up to a factor, with its direction and distance; none where it does not shine there.
+/// Weight of a sample at `place` for (x, n): cos θ cos θ' / d² up to a factor, with its direction
+/// and distance; none where it does not shine there.
 #[inline]
 fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3, f32)> {
     let to = place - x;
@@ -327,7 +345,8 @@ pub struct SoftParams {
     pub rows: u32,
     /// Largest edge of the level's box, meters.
     pub extent: f32,
-    /// Where depths are exact: what stands before the light by this part of its distance hides half of it, half as far before it nothing, twice as far all.
+    /// Where depths are exact: what stands before the light by this part of its distance hides half
+    /// of it, half as far before it nothing, twice as far all.
     pub bias: f32,
     /// How far before the light the threshold lies, in root mean square errors of the depth.
     pub before: f32,
@@ -343,7 +362,8 @@ pub const BIAS: f32 = 0.1;
 pub const BEFORE: f32 = 3.0;
 /// The usual [`SoftParams::ramp`].
 pub const RAMP: f32 = 3.0;
-/// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients leave less than that, and what components are rounded by is in their error.
+/// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients
+/// leave less than that, and what components are rounded by is in their error.
 pub const ROUNDING: f32 = 1e-3;
 
 impl SoftParams {
@@ -364,7 +384,8 @@ impl SoftParams {
     }
 }
 
-/// How much is seen of a sample in a direction (unit), at a distance (meters), of a light on a plane with a normal (zero for none).
+/// How much is seen of a sample in a direction (unit), at a distance (meters), of a light on a
+/// plane with a normal (zero for none).
 pub trait Sight {
     /// 0 to 1.
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
@@ -453,7 +474,8 @@ impl Sight for Rays<'_> {
     }
 }
 
-/// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is hidden of it.
+/// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is
+/// hidden of it.
 #[must_use]
 pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32, Vec3) {
     let normal = light.normal();
@@ -477,8 +499,8 @@ pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32
 /// Vectors lean so far at most that their length is ten times their part along the normal.
 pub const MIN_ALONG: f32 = 0.1;
 
-/// What `light` with color one does not give to (x, n) because something is before it: a vector whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle,
-/// dimensionless.
+/// What `light` with color one does not give to (x, n) because something is before it: a vector
+/// whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle, dimensionless.
 #[must_use]
 pub fn deficit(
     params: &SoftParams,
@@ -501,7 +523,8 @@ pub fn deficit(
     (n + lean) * ((1.0 - f) * e)
 }
 
-/// The deficit of all `lights` at one point that has visibility, W/m²; in the fourth floats of the three axes red, green and blue of the irradiance that all of them would give without shadows.
+/// The deficit of all `lights` at one point that has visibility, W/m²; in the fourth floats of the
+/// three axes red, green and blue of the irradiance that all of them would give without shadows.
 #[must_use]
 pub fn soft_at(
     params: &SoftParams,
@@ -556,7 +579,8 @@ pub fn deficits(scene: &BakedScene, lights: &[SoftLight]) -> Vec<VectorIrradianc
     }
 }
 
-/// The deficit at all points of `scene` by a visibility of its first levels, W/m²: [`soft`], and the parents' mean where nothing is remembered.
+/// The deficit at all points of `scene` by a visibility of its first levels, W/m²: [`soft`], and
+/// the parents' mean where nothing is remembered.
 #[must_use]
 pub fn deficits_of(
     scene: &BakedScene,
@@ -570,7 +594,8 @@ pub fn deficits_of(
     out
 }
 
-/// Points of the levels behind the first `known` take the mean of their parents, coarse levels first: `flatten` with no row in use.
+/// Points of the levels behind the first `known` take the mean of their parents, coarse levels
+/// first: `flatten` with no row in use.
 pub fn spread(scene: &BakedScene, known: usize, values: &mut [VectorIrradiance]) {
     let none = SolveParams::default();
     for l in (0..scene.levels()).filter(|&l| scene.level(l).start >= known) {

@@ -1,12 +1,15 @@
-//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the gather form of the splatting of \[L08\] §4.1, with the
-//! Shepard quotient of Eq. (3) over the weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
+//! Kernel `splat`: the irradiance at a place and for a normal, from the flat display basis: the
+//! gather form of the splatting of \[L08\] §4.1, with the Shepard quotient of Eq. (3) over the
+//! weights of Eqs. (8)-(10). On the screen, one place a pixel, found from depth and G-buffer.
 //!
-//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each function counts with (w / r)²: r² is the surface that it
-//! spreads over, so that a wide one says nothing where narrow ones know better, and the square keeps to the nearest where light changes within
-//! a radius, as beside a lit ledge.
+//! \[L08\] has one radius for all functions. Ours differ (see `basis/flat.rs`), so each function
+//! counts with (w / r)²: r² is the surface that it spreads over, so that a wide one says nothing
+//! where narrow ones know better, and the square keeps to the nearest where light changes within a
+//! radius, as beside a lit ledge.
 //!
-//! Where a scene has light in free space too, surfaces and space meet without a seam: functions on surfaces have a share of the light that goes to
-//! zero with the cover that they give ([`share`]), and kernel `probe` puts in the rest. \[L08\] has no such place: all that it draws is baked.
+//! Where a scene has light in free space too, surfaces and space meet without a seam: functions on
+//! surfaces have a share of the light that goes to zero with the cover that they give ([`share`]),
+//! and kernel `probe` puts in the rest. \[L08\] has no such place: all that it draws is baked.
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
@@ -19,8 +22,9 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// A half holds no more; what is brighter must not become infinite.
 pub const LARGEST_HALF: f32 = 65_504.0;
 
-/// The usual [`SplatParams::seam`] of a scene with light in free space. Of places on baked surfaces next to none have less cover (`--test probes` prints how many), so that they
-/// look as they do without probes.
+/// The usual [`SplatParams::seam`] of a scene with light in free space. Of places on baked surfaces
+/// next to none have less cover (`--test probes` prints how many), so that they look as they do
+/// without probes.
 pub const SEAM: f32 = 0.5;
 
 /// Smallest cosine between the normals of a function and of a surface that it covers: 46 degrees. A
@@ -38,7 +42,8 @@ fn cover_of(cosine: f32) -> f32 {
     ((cosine - MIN_COVER_COSINE) / (FULL_COVER_COSINE - MIN_COVER_COSINE)).clamp(0.0, 1.0)
 }
 
-/// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all of it from `seam` on.
+/// Share of the light that functions on surfaces have where they cover a place so much: 0 to 1, all
+/// of it from `seam` on.
 #[must_use]
 pub fn share(cover: f32, seam: f32) -> f32 {
     if cover >= seam {
@@ -48,7 +53,8 @@ pub fn share(cover: f32, seam: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no function covers the place.
+/// The vector irradiance of the flat basis at `x`, for surfaces that face `n`. None where no
+/// function covers the place.
 #[must_use]
 pub fn splat_vector(
     points: &[Point],
@@ -60,7 +66,8 @@ pub fn splat_vector(
     splat_covered(points, display, values, x, n).map(|(e, _)| e)
 }
 
-/// The same, with the cover: the sum of the weights there, of functions that face about as `n` does.
+/// The same, with the cover: the sum of the weights there, of functions that face about as `n`
+/// does.
 #[must_use]
 pub fn splat_covered(
     points: &[Point],
@@ -106,8 +113,9 @@ pub fn splat(
     splat_vector(points, display, values, x, n).map(|e| e.dot(n).max(Vec3::ZERO))
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB: irradiance × `scale`; alpha: the [`share`]
-/// that this has, 1 where it is all; where nothing covers the texel all is 0.
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB:
+/// irradiance × `scale`; alpha: the [`share`] that this has, 1 where it is all; where nothing
+/// covers the texel all is 0.
 #[must_use]
 pub fn splat_pixel(
     params: &SplatParams,
@@ -131,7 +139,8 @@ pub fn splat_pixel(
     }
 }
 
-/// Entry point `nodes`, for one node of a list: its light, where no scene before covered it, in the axes of the world.
+/// Entry point `nodes`, for one node of a list: its light, where no scene before covered it, in the
+/// axes of the world.
 pub fn splat_node(
     params: &SplatParams,
     scene: &BakedScene,

@@ -1,11 +1,15 @@
-//! Subsplats (\[N09\] §3.3): where on the screen indirect light is evaluated. What the kernels `pyramid`, `refine`, `splat` (nodes) and `upsample` share: settings,
-//! parameters, levels, and the node that a subsplat's light is kept in.
+//! Subsplats (\[N09\] §3.3): where on the screen indirect light is evaluated. What the kernels
+//! `pyramid`, `refine`, `splat` (nodes) and `upsample` share: settings, parameters, levels, and the
+//! node that a subsplat's light is kept in.
 //!
-//! Level k divides the screen into cells of 2^k pixels; every cell has one node, its upper left pixel. Nodes are nested: that of a cell is also that of one of its children, so that refining
-//! a cell costs three evaluations, and interpolating between nodes gives back what was evaluated. \[N09\] evaluates at the middles of cells, which are neither.
+//! Level k divides the screen into cells of 2^k pixels; every cell has one node, its upper left
+//! pixel. Nodes are nested: that of a cell is also that of one of its children, so that refining a
+//! cell costs three evaluations, and interpolating between nodes gives back what was evaluated.
+//! \[N09\] evaluates at the middles of cells, which are neither.
 //!
-//! A node holds *vector* irradiance (in the axes of the view's world): a pixel takes the cosine with its own normal. So detail of normals needs no subsplats and none of the
-//! modulation by which \[N09\] Eq. (3) stands in for it (which is there too, see [`SubsplatSettings::detail`]).
+//! A node holds *vector* irradiance (in the axes of the view's world): a pixel takes the cosine
+//! with its own normal. So detail of normals needs no subsplats and none of the modulation by which
+//! \[N09\] Eq. (3) stands in for it (which is there too, see [`SubsplatSettings::detail`]).
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
@@ -17,13 +21,15 @@ use half::f16;
 pub const COARSEST: u32 = 6;
 /// Most levels, the pixels among them.
 pub const LEVELS: usize = COARSEST as usize + 1;
-/// Of four pixels one may be evaluated by itself; where more would have to, the rest is interpolated from what is least unlike.
+/// Of four pixels one may be evaluated by itself; where more would have to, the rest is
+/// interpolated from what is least unlike.
 pub const PIXELS_PER_DIRECT_EVALUATION: u32 = 4;
 
 /// How discontinuities of depth are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthTest {
-    /// How far a pixel is from the plane through its neighbors, in parts of its distance, times the cell's edge in pixels: slanted planes are none. Ours.
+    /// How far a pixel is from the plane through its neighbors, in parts of its distance, times the
+    /// cell's edge in pixels: slanted planes are none. Ours.
     Plane(f32),
     /// Farthest less nearest depth over the nearest (\[N09\] §3.2.1, there in units of length).
     MinMax(f32),
@@ -43,9 +49,11 @@ pub enum NormalTest {
 /// Where indirect light is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SubsplatSettings {
-    /// Level at which every node is evaluated, and every cell is refined once: cells of 2^coarsest pixels; 2 to [`COARSEST`].
+    /// Level at which every node is evaluated, and every cell is refined once: cells of 2^coarsest
+    /// pixels; 2 to [`COARSEST`].
     pub coarsest: u32,
-    /// Level below which no cell is refined: 1 at least, and below `coarsest`. Single pixels are evaluated where nothing around is [`alike`](Self::alike).
+    /// Level below which no cell is refined: 1 at least, and below `coarsest`. Single pixels are
+    /// evaluated where nothing around is [`alike`](Self::alike).
     pub finest: u32,
     /// Test of depth.
     pub depth: DepthTest,
@@ -53,12 +61,15 @@ pub struct SubsplatSettings {
     pub normal: NormalTest,
     /// Test the four diagonal neighbors too (\[N09\] §5.2).
     pub diagonal: bool,
-    /// A cell is refined where a node's light is this far from what its surroundings foretold, in parts of the light (\[N09\] §3.3.1 compares neighbors, which refines
-    /// where light merely slopes). Infinite for never.
+    /// A cell is refined where a node's light is this far from what its surroundings foretold, in
+    /// parts of the light (\[N09\] §3.3.1 compares neighbors, which refines where light merely
+    /// slopes). Infinite for never.
     pub light: f32,
-    /// A pixel is evaluated by itself where no more than this share of its surroundings is of its own surface.
+    /// A pixel is evaluated by itself where no more than this share of its surroundings is of its
+    /// own surface.
     pub alike: f32,
-    /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not refined; 0 for none, as vectors need none.
+    /// α of \[N09\] Eq. (3): darkens what is seen at a slant, in place of detail that was not
+    /// refined; 0 for none, as vectors need none.
     pub detail: f32,
 }
 
@@ -135,7 +146,8 @@ pub struct SubsplatParams {
     pub detail: f32,
     /// 1 to test diagonal neighbors.
     pub diagonal: u32,
-    /// Where each level's cells start; those of level 0, the pixels that are evaluated by themselves, last: two vectors of four, the last not used.
+    /// Where each level's cells start; those of level 0, the pixels that are evaluated by
+    /// themselves, last: two vectors of four, the last not used.
     pub starts: [[u32; 4]; 2],
 }
 
@@ -147,7 +159,8 @@ pub mod state {
     pub const COVERED: u32 = 2;
     /// Evaluated here, not interpolated.
     pub const EVALUATED: u32 = 4;
-    /// Bits that hold what is missing: the part of the light that functions on surfaces leave to light in free space, in 255ths.
+    /// Bits that hold what is missing: the part of the light that functions on surfaces leave to
+    /// light in free space, in 255ths.
     pub const MISSING: u32 = 0xff00;
 
     /// These bits, for a share of the light that is there.
@@ -161,8 +174,9 @@ pub mod state {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Node {
-    /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x, y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that
-    /// was foretold; the last word holds the state.
+    /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x,
+    /// y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that was
+    /// foretold; the last word holds the state.
     pub words: [u32; 6],
 }
 
@@ -209,7 +223,8 @@ impl Node {
         self.words[5]
     }
 
-    /// Part of its light that is missing, 0 to 1: all of a node that no function on a surface covers.
+    /// Part of its light that is missing, 0 to 1: all of a node that no function on a surface
+    /// covers.
     #[must_use]
     pub fn missing(&self) -> f32 {
         if self.is(state::COVERED) {

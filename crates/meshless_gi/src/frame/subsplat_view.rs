@@ -1,4 +1,5 @@
-//! What a view shows by subsplats, on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes) and `upsample` in the order in which the device runs them.
+//! What a view shows by subsplats, on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes) and
+//! `upsample` in the order in which the device runs them.
 
 use super::pyramid::{Picture, pyramid};
 use super::refine::{refine, start, unpack_cell};
@@ -36,7 +37,8 @@ pub struct Subsplats {
     pub counts: SubsplatCounts,
 }
 
-/// Runs the kernels of the screen. `evaluate` is asked for the light at a pixel, and puts it into the node.
+/// Runs the kernels of the screen. `evaluate` is asked for the light at a pixel, and puts it into
+/// the node.
 #[must_use]
 pub fn subsplats(
     params: &SubsplatParams,

@@ -1,8 +1,12 @@
-//! Kernel `upsample`: light between nodes, from coarse to fine (\[N09\] §3.5). Entry points: `upsample` fills a level from the next coarser one, before its own nodes are evaluated: what it
-//! foretells is what evaluation is compared with. `resolve` does the same for pixels, and lists those whose surroundings say too little of them; `fill` puts these in when they were evaluated.
+//! Kernel `upsample`: light between nodes, from coarse to fine (\[N09\] §3.5). Entry points:
+//! `upsample` fills a level from the next coarser one, before its own nodes are evaluated: what it
+//! foretells is what evaluation is compared with. `resolve` does the same for pixels, and lists
+//! those whose surroundings say too little of them; `fill` puts these in when they were evaluated.
 //!
-//! \[N09\] interpolates among texels that hold data and trusts that discontinuities were refined to the last pixel. Ours weighs each node by whether it lies on the pixel's own
-//! surface ([`alike`]), so that an edge costs a few pixels and not all along it. Where all nodes around are alike, a cubic interpolation reaches further, else a linear one.
+//! \[N09\] interpolates among texels that hold data and trusts that discontinuities were refined to
+//! the last pixel. Ours weighs each node by whether it lies on the pixel's own surface ([`alike`]),
+//! so that an edge costs a few pixels and not all along it. Where all nodes around are alike, a
+//! cubic interpolation reaches further, else a linear one.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
@@ -12,7 +16,8 @@ use super::splat::LARGEST_HALF;
 use super::subsplat::{Levels, Node, SubsplatParams, state};
 use glam::Vec3;
 
-/// Nodes whose distance from the other's plane is up to half of this part of the depth ([`Seen::reach`]) are on one surface, up to all of it partly.
+/// Nodes whose distance from the other's plane is up to half of this part of the depth
+/// ([`Seen::reach`]) are on one surface, up to all of it partly.
 pub const PLANE: f32 = 0.01;
 /// Cosine between normals up to which nodes say nothing of one another.
 pub const TURNED: f32 = 0.5;
@@ -30,8 +35,10 @@ pub fn alike(a: &Seen, b: &Seen) -> f32 {
     plane * normal
 }
 
-/// The nodes of a midpoint, as steps and weights: a cubic's first, then those of a linear interpolation. Along an edge the four-point scheme (−1, 9, 9, −1)/16; in
-/// the middle of a cell 5/16 of each corner and −1/32 of the eight next to them, which gives quadratics back exactly too.
+/// The nodes of a midpoint, as steps and weights: a cubic's first, then those of a linear
+/// interpolation. Along an edge the four-point scheme (−1, 9, 9, −1)/16; in the middle of a cell
+/// 5/16 of each corner and −1/32 of the eight next to them, which gives quadratics back exactly
+/// too.
 const EDGE: [(i32, f32); 4] = [(-1, -0.0625), (0, 0.5625), (1, 0.5625), (2, -0.0625)];
 const MIDDLE: [(i32, i32, f32); 12] = [
     (0, 0, 0.3125),
@@ -59,7 +66,8 @@ struct Between {
     whole: bool,
 }
 
-/// Light at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd, from the nodes of level `k` + 1.
+/// Light at cell (x, y) of level `k` (0 for pixels), of which one coordinate at least is odd, from
+/// the nodes of level `k` + 1.
 fn between(
     params: &SubsplatParams,
     levels: &Levels,
@@ -151,8 +159,9 @@ fn between(
 }
 
 impl Between {
-    /// State bits: known where enough of the weight is of one surface, and all of that has light. That there is none takes all nodes around: single
-    /// places that no function covers must not spread over surroundings that are not known.
+    /// State bits: known where enough of the weight is of one surface, and all of that has light.
+    /// That there is none takes all nodes around: single places that no function covers must not
+    /// spread over surroundings that are not known.
     fn state(&self, params: &SubsplatParams) -> u32 {
         if self.weight <= params.alike {
             0
@@ -265,7 +274,8 @@ pub fn fill(
     }
 }
 
-/// A pixel of this light: E⃗·n with its own normal, darkened at a slant as \[N09\] Eq. (3) says where that is asked for.
+/// A pixel of this light: E⃗·n with its own normal, darkened at a slant as \[N09\] Eq. (3) says
+/// where that is asked for.
 fn texel(
     params: &SubsplatParams,
     picture: &Picture<'_>,

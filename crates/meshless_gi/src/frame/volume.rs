@@ -1,13 +1,19 @@
-//! Kernel `volume`: light in free space as Bevy's irradiance volumes hold it, an ambient cube a voxel, for what no G-buffer shows: forward cameras, several samples a pixel,
-//! transparent surfaces. From the probes' values, behind `apply`, to a texture.
+//! Kernel `volume`: light in free space as Bevy's irradiance volumes hold it, an ambient cube a
+//! voxel, for what no G-buffer shows: forward cameras, several samples a pixel, transparent
+//! surfaces. From the probes' values, behind `apply`, to a texture.
 //!
-//! An engine reads such a volume by the normal of a surface and between eight voxels, of which some lie in the wall. So the light for a normal is that of the voxel that lies one further along the
-//! normal, where the free space before such a surface is: a voxel in a wall holds for each side what is before that side. Beside a baked wall, in front of it or inside, it is the wall's own
-//! (`volume_faces`). A voxel that has a wall before the one ahead keeps its own light, and says how far it is to walls (`volume_ways`), so that what lies beyond is not lit by it (`volume_read`).
+//! An engine reads such a volume by the normal of a surface and between eight voxels, of which some
+//! lie in the wall. So the light for a normal is that of the voxel that lies one further along the
+//! normal, where the free space before such a surface is: a voxel in a wall holds for each side
+//! what is before that side. Beside a baked wall, in front of it or inside, it is the wall's own
+//! (`volume_faces`). A voxel that has a wall before the one ahead keeps its own light, and says how
+//! far it is to walls (`volume_ways`), so that what lies beyond is not lit by it (`volume_read`).
 //!
-//! The light of each voxel's middle is summed once, from shares that depend on no light (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not the voxels'
-//! (a level that is turned) a side reads the voxel whose middle is nearest to the place before it. The steps to them are the same from every voxel, so that the kernel, with a thread a voxel, hands
-//! its light on to the sides that read it; the twin asks from the side.
+//! The light of each voxel's middle is summed once, from shares that depend on no light
+//! (`volume_places`), and the sides of the voxels around read it. Where the engine's axes are not
+//! the voxels' (a level that is turned) a side reads the voxel whose middle is nearest to the place
+//! before it. The steps to them are the same from every voxel, so that the kernel, with a thread a
+//! voxel, hands its light on to the sides that read it; the twin asks from the side.
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
@@ -30,8 +36,9 @@ pub struct VolumeParams {
     pub scale: f32,
     /// The world's axes as unit vectors of the local space, the fourth floats not used.
     pub axes: [[f32; 4]; 3],
-    /// For each side how many voxels along each edge it is to the one ahead, [`AHEAD`], and to the eight beside that one. Sides: along each axis, and then away from it. The fourth numbers are not
-    /// used.
+    /// For each side how many voxels along each edge it is to the one ahead, [`AHEAD`], and to the
+    /// eight beside that one. Sides: along each axis, and then away from it. The fourth numbers are
+    /// not used.
     pub steps: [[[i32; 4]; 9]; 6],
 }
 
@@ -41,7 +48,8 @@ impl VolumeParams {
     pub fn new(shape: &VoxelGrid, local_from_world: &Mat4) -> Self {
         let axes = [Vec3::X, Vec3::Y, Vec3::Z]
             .map(|v| local_from_world.transform_vector3(v).normalize_or_zero());
-        // A voxel further is one along its longest edge. To the nearest voxel, from the middle of one.
+        // A voxel further is one along its longest edge. To the nearest voxel, from the middle of
+        // one.
         let reach = shape.voxel().max_element();
         let nearest = |step: Vec3| (step * reach / shape.voxel() + 0.5).floor().as_ivec3();
         let mut steps = [[[0; 4]; 9]; 6];
@@ -86,7 +94,8 @@ pub struct VolumeValues<'a> {
     pub probes: &'a [VectorIrradiance],
 }
 
-/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_read::read_volume) and [`fog`](super::fog::fog) take them.
+/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_read::read_volume)
+/// and [`fog`](super::fog::fog) take them.
 #[must_use]
 pub fn volume_texels(
     params: &VolumeParams,
@@ -100,9 +109,11 @@ pub fn volume_texels(
         .collect()
 }
 
-/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::Ways::stored)). The light of the
-/// voxel's face that the side faces as most; without one that of the voxel ahead, unless a wall stands before it; else the voxel's own, else the mean of those around the one ahead; black where no probe
-/// reaches any of them.
+/// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in
+/// lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::Ways::stored)).
+/// The light of the voxel's face that the side faces as most; without one that of the voxel ahead,
+/// unless a wall stands before it; else the voxel's own, else the mean of those around the one
+/// ahead; black where no probe reaches any of them.
 #[must_use]
 pub fn volume(
     params: &VolumeParams,
@@ -111,7 +122,8 @@ pub fn volume(
     texel: UVec3,
 ) -> [f32; 4] {
     let size = UVec3::from(params.size);
-    // Surfaces that face an axis have the lower half, those that face away from it the upper one; axes lie behind one another.
+    // Surfaces that face an axis have the lower half, those that face away from it the upper one;
+    // axes lie behind one another.
     let axis = (texel.z / size.z) as usize;
     let away = texel.y >= size.y;
     let voxel = texel % size;
@@ -142,8 +154,10 @@ pub fn volume(
         .to_array()
 }
 
-/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own normal, so that sides at an angle to it together show it as it is. None where no face faces as `n` does: within 60 degrees in the
-/// air; a voxel in the ground has no light but that of the walls that it has a face of.
+/// The light of the wall whose face `n` faces most, the first of those: the wall's for its own
+/// normal, so that sides at an angle to it together show it as it is. None where no face faces as
+/// `n` does: within 60 degrees in the air; a voxel in the ground has no light but that of the walls
+/// that it has a face of.
 fn on_a_wall(
     places: &VoxelWeights,
     values: &[VectorIrradiance],

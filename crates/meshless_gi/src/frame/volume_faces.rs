@@ -1,10 +1,15 @@
-//! The walls beside a volume's voxels: what a side that faces as a wall does takes from which functions on surfaces. Found with the places of a volume (`volume_places`), for kernel `volume`.
+//! The walls beside a volume's voxels: what a side that faces as a wall does takes from which
+//! functions on surfaces. Found with the places of a volume (`volume_places`), for kernel `volume`.
 //!
-//! An engine lights a wall between the eight voxels around each of its places, in front of it and inside. Light in free space there comes from probes that lie some way off, and the wall's own
-//! functions know better: so a voxel whose middle lies within a voxel of a wall has a face, the place on the wall that is nearest to it, with the shares that kernel `splat` would take there
-//! (\[L08\] Eq. (3), squared weights over radii). Both layers of voxels have the same place, and between them the wall looks as a display of it does.
+//! An engine lights a wall between the eight voxels around each of its places, in front of it and
+//! inside. Light in free space there comes from probes that lie some way off, and the wall's own
+//! functions know better: so a voxel whose middle lies within a voxel of a wall has a face, the
+//! place on the wall that is nearest to it, with the shares that kernel `splat` would take there
+//! (\[L08\] Eq. (3), squared weights over radii). Both layers of voxels have the same place, and
+//! between them the wall looks as a display of it does.
 //!
-//! A face has its wall's normal and no side: which sides of the voxel read it depends on how the level stands in the world.
+//! A face has its wall's normal and no side: which sides of the voxel read it depends on how the
+//! level stands in the world.
 
 use super::splat::SEAM;
 use super::volume_places::{MAX_SHARES, VoxelGrid};
@@ -14,7 +19,8 @@ use crate::samples::Point;
 use bytemuck::{Pod, Zeroable};
 use glam::{UVec3, Vec3, Vec4};
 
-/// A side reads a face where the cosine between them is more: 60 degrees, so that all three sides by which an engine may see a wall show its light.
+/// A side reads a face where the cosine between them is more: 60 degrees, so that all three sides
+/// by which an engine may see a wall show its light.
 pub const FACING: f32 = 0.5;
 /// Cosines that differ by less are the same, and the first face counts: rounding decides nothing.
 pub const SAME: f32 = 1e-4;
@@ -22,11 +28,13 @@ pub const SAME: f32 = 1e-4;
 const ALIKE: f32 = 0.866_025_4;
 /// Most faces of a voxel.
 pub const MAX_FACES: usize = 6;
-/// Most shares of all faces of a volume: what WebGPU binds at most, 128 MiB. Voxels behind the one that would be over have no faces.
+/// Most shares of all faces of a volume: what WebGPU binds at most, 128 MiB. Voxels behind the one
+/// that would be over have no faces.
 const MAX_TOTAL: usize = 1 << 24;
 /// No function.
 const NONE: u32 = u32::MAX;
-/// A function stands for the wall up to this part of its radius: one that covers alone covers well as far as that.
+/// A function stands for the wall up to this part of its radius: one that covers alone covers well
+/// as far as that.
 const CORE: f32 = 0.5;
 
 /// A place on a wall beside a voxel. 16 bytes.
@@ -90,7 +98,8 @@ impl Faces {
         &self.shares[self.faces[face].start as usize..end.unwrap_or(self.shares.len())]
     }
 
-    /// Adds the faces of the next voxel, whose middle is `x`: the places `beside` it. Says how many functions were looked at.
+    /// Adds the faces of the next voxel, whose middle is `x`: the places `beside` it. Says how many
+    /// functions were looked at.
     pub(super) fn find(
         &mut self,
         beside: &[Beside],
@@ -100,7 +109,8 @@ impl Faces {
     ) -> u64 {
         let mut looks = 0;
         for wall in beside.iter().filter(|b| !b.is_beyond(beside, x)) {
-            // Where it is nothing but functions that end there, the middle of the one that was found.
+            // Where it is nothing but functions that end there, the middle of the one that was
+            // found.
             for at in [wall.at, points[wall.point as usize].x()] {
                 looks += display.grid.near(at).len() as u64;
                 if self.add(points, display, at, wall.n) {
@@ -165,7 +175,8 @@ impl Beside {
         (x - self.at).dot(self.n)
     }
 
-    /// Whether the wall stands in the next room: the middle `x` lies behind it, and before another one that faces away from it.
+    /// Whether the wall stands in the next room: the middle `x` lies behind it, and before another
+    /// one that faces away from it.
     pub fn is_beyond(&self, all: &[Self], x: Vec3) -> bool {
         let depth = -self.height(x);
         let between = |other: &Self| {
@@ -176,7 +187,8 @@ impl Beside {
     }
 }
 
-/// For each voxel of a volume the functions that stand for the walls beside it: of those that face alike the nearest.
+/// For each voxel of a volume the functions that stand for the walls beside it: of those that face
+/// alike the nearest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Walls {
     /// The functions of each voxel; the last ones may be none.
@@ -186,7 +198,9 @@ pub(super) struct Walls {
 }
 
 impl Walls {
-    /// Goes on with the functions of a scene until about `most` voxels were looked at, each as often as a function may stand beside it. Says how many it were; 0 when all functions are seen.
+    /// Goes on with the functions of a scene until about `most` voxels were looked at, each as
+    /// often as a function may stand beside it. Says how many it were; 0 when all functions are
+    /// seen.
     pub fn find(
         &mut self,
         shape: &VoxelGrid,
@@ -226,7 +240,8 @@ impl Walls {
     fn enter(&mut self, shape: &VoxelGrid, points: &[Point], planes: &[[f32; 4]], j: u32) -> u64 {
         let point = &points[j as usize];
         let n = point.n();
-        // An interpolation on the wall reads the middles of voxels that are less than one away along each edge.
+        // An interpolation on the wall reads the middles of voxels that are less than one away
+        // along each edge.
         let reach = n.abs().dot(shape.voxel());
         let aside = CORE * point.radius * (1.0 - n * n).max(Vec3::ZERO).map(f32::sqrt);
         let around = shape.voxel() + aside;
@@ -261,7 +276,8 @@ impl Walls {
     }
 }
 
-/// The place nearest to `x` that a function stands for: on its plane, within [`CORE`] of its radius, and before its clip planes.
+/// The place nearest to `x` that a function stands for: on its plane, within [`CORE`] of its
+/// radius, and before its clip planes.
 fn on_wall(point: &Point, planes: &[[f32; 4]], x: Vec3) -> Vec3 {
     let (center, n, radius) = (point.x(), point.n(), CORE * point.radius);
     let from = x - center;

@@ -1,8 +1,11 @@
-//! The voxels of a volume as places in free space, and what each place takes from which probes: shares that depend on no light. They are found once a volume (`find`, some of them a call where
+//! The voxels of a volume as places in free space, and what each place takes from which probes:
+//! shares that depend on no light. They are found once a volume (`find`, some of them a call where
 //! there are many), so that kernel `volume` is a short sum a voxel and looks nothing up.
 //!
-//! A share is a probe's squared weight, as `probe` takes it (\[L08\] Eq. (3) in space), in parts of the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
-//! below half of the smallest part is left out. A place's light is the sum of its shares' light over the sum of the parts, so rounding makes neither more light nor less.
+//! A share is a probe's squared weight, as `probe` takes it (\[L08\] Eq. (3) in space), in parts of
+//! the place's largest one: the probe's index in the high 20 bits, the part in the low 12. What is
+//! below half of the smallest part is left out. A place's light is the sum of its shares' light
+//! over the sum of the parts, so rounding makes neither more light nor less.
 
 use super::layout::VectorIrradiance;
 use super::probe::ProbeIrradiance;
@@ -42,7 +45,8 @@ pub struct VoxelGrid {
 }
 
 impl VoxelGrid {
-    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_PLACES`].
+    /// `size` voxels from `low` to `high`, meters. None where that is no box or there are no
+    /// voxels, more than [`MAX_VOXELS`] along an edge or more than [`MAX_PLACES`].
     #[must_use]
     pub fn new([low, high]: [Vec3; 2], size: UVec3) -> Option<Self> {
         let edges = high - low;
@@ -59,8 +63,9 @@ impl VoxelGrid {
         })
     }
 
-    /// Returns the box around a bake, divided into voxels of `voxel` meters, of half the distance between its probes for
-    /// `None` or what is no length, and into at most `max_voxels`. `None` for a bake without light in free space.
+    /// Returns the box around a bake, divided into voxels of `voxel` meters, of half the distance
+    /// between its probes for `None` or what is no length, and into at most `max_voxels`. `None`
+    /// for a bake without light in free space.
     #[must_use]
     pub fn around(scene: &BakedScene, voxel: Option<f32>, max_voxels: u32) -> Option<Self> {
         let probes = scene.probes.as_ref()?;
@@ -115,7 +120,8 @@ impl VoxelGrid {
         self.size * UVec3::new(1, 2, 3)
     }
 
-    /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each edge; none where there are none.
+    /// The first and the last voxel whose middle lies in the box from `low` to `high`, along each
+    /// edge; none where there are none.
     #[must_use]
     pub fn between(&self, low: Vec3, high: Vec3) -> Option<[UVec3; 2]> {
         let at = |x: Vec3| (x - self.low) / self.voxel - 0.5;
@@ -137,8 +143,9 @@ impl VoxelGrid {
     }
 }
 
-/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about, and larger ones where they would be more than `most` or [`MAX_PLACES`], or more than [`MAX_VOXELS`]
-/// along an edge.
+/// How many voxels a box of these edges, meters, is divided into: cubes of `edge` meters, about,
+/// and larger ones where they would be more than `most` or [`MAX_PLACES`], or more than
+/// [`MAX_VOXELS`] along an edge.
 #[must_use]
 pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
     let edges = edges.max(Vec3::splat(f32::MIN_POSITIVE));
@@ -155,7 +162,8 @@ pub fn voxels_of(edges: Vec3, edge: f32, most: u32) -> UVec3 {
     count(edge)
 }
 
-/// What each place of a volume takes from which probes, and from which functions of the walls beside it.
+/// What each place of a volume takes from which probes, and from which functions of the walls
+/// beside it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelWeights {
     shape: VoxelGrid,
@@ -190,7 +198,9 @@ impl VoxelWeights {
         places
     }
 
-    /// Goes on until about `most` functions of probes and surfaces were looked at, each as often as it may reach a place, or all is found, which it says. The same `scene` for all calls. Deterministic for any number of threads.
+    /// Goes on until about `most` functions of probes and surfaces were looked at, each as often as
+    /// it may reach a place, or all is found, which it says. The same `scene` for all calls.
+    /// Deterministic for any number of threads.
     pub fn find(&mut self, scene: &BakedScene, most: u64) -> bool {
         let all = self.shape.voxels();
         let (points, display) = (&scene.points, &scene.display);
@@ -261,7 +271,8 @@ impl VoxelWeights {
         &self.ways
     }
 
-    /// The light at a place that is found; none where no probe reaches. `values` are those of the probes, [`PROBE_ROWS`] each.
+    /// The light at a place that is found; none where no probe reaches. `values` are those of the
+    /// probes, [`PROBE_ROWS`] each.
     #[must_use]
     pub fn light(&self, values: &[VectorIrradiance], place: u32) -> Option<ProbeIrradiance> {
         let at = place as usize;
@@ -401,7 +412,8 @@ mod tests {
             ways: Vec::new(),
             looks: 0,
         };
-        // Every third is strong, and there are more of them than a place takes; the weak ones would round to nothing.
+        // Every third is strong, and there are more of them than a place takes; the weak ones would
+        // round to nothing.
         let mut reaching: Vec<(u32, f32)> = (0..120)
             .map(|j| {
                 (

@@ -1,7 +1,9 @@
-//! What an engine reads of a volume that kernel `volume` wrote: the twin of the module that takes the place of Bevy's (`shaders/engine/irradiance_volume.wgsl`). Behind the kernels: it runs at each pixel of
-//! what is drawn forward. Kernel [`fog`](super::fog) reads it likewise.
+//! What an engine reads of a volume that kernel `volume` wrote: the twin of the module that takes
+//! the place of Bevy's (`shaders/engine/irradiance_volume.wgsl`). Behind the kernels: it runs at
+//! each pixel of what is drawn forward. Kernel [`fog`](super::fog) reads it likewise.
 //!
-//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place (`volume_ways`) are left out. So neither a thin wall nor a floor between two storeys lets light
+//! Between eight voxels as a sampler reads them, but those that have a wall nearer than the place
+//! (`volume_ways`) are left out. So neither a thin wall nor a floor between two storeys lets light
 //! through, and no place is dark because the next room is.
 
 use glam::{UVec3, Vec3};
@@ -17,8 +19,10 @@ pub const BEYOND: f32 = 0.03;
 /// Where so little is left of the eight voxels, all of them count.
 pub const MIN: f32 = 1e-3;
 
-/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white one, in the texels' unit. `size` counts the voxels along each edge, `place` is in voxels from the
-/// volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z last.
+/// The light at a place for a surface that faces `n`, a unit vector of the world: that of a white
+/// one, in the texels' unit. `size` counts the voxels along each edge, `place` is in voxels from
+/// the volume's corner, `texels` are those of [`volume`](super::volume::volume), x first and z
+/// last.
 #[must_use]
 pub fn read_volume(size: [u32; 3], texels: &[[f32; 4]], place: Vec3, n: Vec3) -> Vec3 {
     let voxels = UVec3::from(size);

@@ -1,8 +1,11 @@
-//! How far the ways from a voxel's middle are free: six numbers a voxel, along the edges of the grid and against them, up to the next voxel. Found with the places of a volume (`volume_places`),
-//! handed on by kernel `volume` and read where a surface looks its light up (`volume_read`): a voxel behind a wall lights nothing before it.
+//! How far the ways from a voxel's middle are free: six numbers a voxel, along the edges of the
+//! grid and against them, up to the next voxel. Found with the places of a volume
+//! (`volume_places`), handed on by kernel `volume` and read where a surface looks its light up
+//! (`volume_read`): a voxel behind a wall lights nothing before it.
 //!
-//! Voxels in the ground have middles that no wall of the room above comes down to. So a voxel behind a surface also looks along that surface, from just before it: what stands on the ground there
-//! bounds the ways below it too.
+//! Voxels in the ground have middles that no wall of the room above comes down to. So a voxel
+//! behind a surface also looks along that surface, from just before it: what stands on the ground
+//! there bounds the ways below it too.
 
 use super::volume_faces::FACING;
 use super::volume_places::VoxelGrid;
@@ -14,7 +17,8 @@ use glam::Vec3;
 pub const FREE: u8 = 255;
 /// A wall at the next voxel's middle.
 pub const WHOLE: f32 = 254.0;
-/// How far before a surface the ways along it run, and from how far behind a voxel's middle its own start, voxels.
+/// How far before a surface the ways along it run, and from how far behind a voxel's middle its own
+/// start, voxels.
 const LIFT: f32 = 0.05;
 /// Ways start as much behind a middle, voxels: a wall through the middle bounds both sides.
 const BEHIND: f32 = 1e-3;
@@ -23,7 +27,8 @@ const BEHIND: f32 = 1e-3;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct WallDistances {
-    /// How far it is to a wall, in 254ths of a voxel, or [`FREE`]. Along each edge, and then against it.
+    /// How far it is to a wall, in 254ths of a voxel, or [`FREE`]. Along each edge, and then
+    /// against it.
     pub sides: [u8; 6],
     /// 0 for a middle between the two sides of a wall, which lights nothing; else [`FREE`].
     lights: u8,
@@ -42,7 +47,8 @@ impl Default for WallDistances {
 }
 
 impl WallDistances {
-    /// Of a voxel with middle `x`, meters. `behind` are the surfaces beside it that it lies behind: how far, meters, and their normals.
+    /// Of a voxel with middle `x`, meters. `behind` are the surfaces beside it that it lies behind:
+    /// how far, meters, and their normals.
     pub(super) fn find(
         shape: &VoxelGrid,
         bvh: &Bvh,
@@ -89,7 +95,8 @@ impl WallDistances {
         }
     }
 
-    /// Whether something stands before the middle of the voxel that lies `step` voxels along each edge away.
+    /// Whether something stands before the middle of the voxel that lies `step` voxels along each
+    /// edge away.
     #[must_use]
     pub fn ends_before(&self, step: [i32; 3]) -> bool {
         let ends = |axis: usize| match step[axis] {
@@ -99,8 +106,10 @@ impl WallDistances {
         (0..3).any(ends)
     }
 
-    /// What kernel `volume` stores for a side beside its light: -2 where all ways of the voxel are free, else a quarter and the length of that side's way, voxels, with the minus sign that tells it
-    /// from an engine's own volumes; a free way has a little more than 1.25, and a middle that lights nothing an eighth.
+    /// What kernel `volume` stores for a side beside its light: -2 where all ways of the voxel are
+    /// free, else a quarter and the length of that side's way, voxels, with the minus sign that
+    /// tells it from an engine's own volumes; a free way has a little more than 1.25, and a middle
+    /// that lights nothing an eighth.
     #[must_use]
     pub fn stored(&self, side: usize) -> f32 {
         match self.lights {

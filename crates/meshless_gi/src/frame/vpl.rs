@@ -1,13 +1,17 @@
-//! Kernel `vpl`: irradiance from virtual point lights, \[N09\] Eq. (2) with diffuse reflection at both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²), with or without
-//! a shadow ray through a baked scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one place a pixel: the reference display.
+//! Kernel `vpl`: irradiance from virtual point lights, \[N09\] Eq. (2) with diffuse reflection at
+//! both ends: E = Σ Φ ⟨V̂, N_l⟩ ⟨−V̂, N_s⟩ / (π r²), with or without a shadow ray through a baked
+//! scene, which \[N09\] lacks (§5, Fig. 13). On the screen, one place a pixel: the reference
+//! display.
 //!
 //! A light here stands for a piece of surface, not for a point, and two terms say so:
-//! - r² + R² for r², where R is the radius of a disk as widely spread as the piece. On the axis of an even, flat disk this is exact at every distance; \[N09\]
-//!   bounds r² from below by a constant, which "all RSM approaches" share and Fig. 13 shows.
-//! - The mean of ⟨V̂, N⟩ over normals spread evenly about N_l, in place of the one value at a mean normal: a piece of a ball shines round its edge, and its
-//!   light adds up to its flux within 2 %.
+//! - r² + R² for r², where R is the radius of a disk as widely spread as the piece. On the axis of
+//!   an even, flat disk this is exact at every distance; \[N09\] bounds r² from below by a
+//!   constant, which "all RSM approaches" share and Fig. 13 shows.
+//! - The mean of ⟨V̂, N⟩ over normals spread evenly about N_l, in place of the one value at a mean
+//!   normal: a piece of a ball shines round its edge, and its light adds up to its flux within 2 %.
 //!
-//! Nearer than four radii, neither will do where light and surface stand at an angle, as beside an object on the floor: there a flat light is a square.
+//! Nearer than four radii, neither will do where light and surface stand at an angle, as beside an
+//! object on the floor: there a flat light is a square.
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
@@ -25,19 +29,23 @@ pub const DISK: f32 = 2.0;
 /// Shadow rays start so many times [`lift`] off the surface: the place comes from a depth buffer.
 pub const LIFTS: f32 = 4.0;
 
-/// Squares of the distance over the squared radius of a light between which `near` goes over to the point's formula.
+/// Squares of the distance over the squared radius of a light between which `near` goes over to the
+/// point's formula.
 pub const NEAR_SQUARES: [f32; 2] = [9.0, 16.0];
 /// Squared lengths of the mean normal between which a light becomes flat enough for `near`.
 pub const NEAR_FLAT: [f32; 2] = [0.8, 0.9];
-/// A square that rises above the horizon by less than this, over half its edge and times the cosine between the two normals, fades.
+/// A square that rises above the horizon by less than this, over half its edge and times the cosine
+/// between the two normals, fades.
 pub const FADE: f32 = 0.1;
 /// No edge of a square and no form factor is shorter, in single precision.
 pub const SHORTEST: f32 = 1e-7;
 
-/// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly over a disk about it.
+/// The mean of max(0, V̂·N) over unit normals N whose mean is `normal`: for normals spread evenly
+/// over a disk about it.
 ///
-/// Where all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the mean over cosines spread evenly ±w. The width is √(3σ²)
-/// of the cosine's variance at the horizon, (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
+/// Where all of them face V̂ it is linear, V̂·`normal`, and exact; where none does, 0; between, the
+/// mean over cosines spread evenly ±w. The width is √(3σ²) of the cosine's variance at the horizon,
+/// (1 − m²)/2 for a length m near 1, and 1 for m = 0, where all directions are alike.
 #[must_use]
 #[inline]
 pub fn facing(normal: Vec3, v: Vec3) -> f32 {
@@ -54,11 +62,12 @@ pub fn facing(normal: Vec3, v: Vec3) -> f32 {
     above * above / (4.0 * w)
 }
 
-/// What one light gives at `x` to surfaces that face `n`, unshadowed, as a vector g in 1/m²: the vector irradiance is flux · g, and g·n is not negative. Zero
-/// where it gives nothing.
+/// What one light gives at `x` to surfaces that face `n`, unshadowed, as a vector g in 1/m²: the
+/// vector irradiance is flux · g, and g·n is not negative. Zero where it gives nothing.
 ///
-/// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a light whose normals hardly differ, it is the form factor
-/// of a square of that size (`near`); between three and four radii, a mixture.
+/// Far from the light that is \[N09\] Eq. (2) with the two terms above. Nearer than four radii of a
+/// light whose normals hardly differ, it is the form factor of a square of that size (`near`);
+/// between three and four radii, a mixture.
 #[must_use]
 #[inline]
 pub fn share(light: &Vpl, x: Vec3, n: Vec3) -> Vec3 {
@@ -90,10 +99,12 @@ fn step(low: f32, high: f32, v: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward` from the place, has the normal `normal` and the area of a disk
-/// of squared radius `disk`. Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of equal form factor, whose cosines
-/// are spread as [`facing`]'s are. What hardly rises above the horizon of a surface that looks the
-/// same way fades, so that rounding lights no flat surface by itself.
+/// The form factor of a square of even radiosity over its area, 1/m²: the square lies at `toward`
+/// from the place, has the normal `normal` and the area of a disk of squared radius `disk`.
+/// Lambert's sum over the edges; what the surface's horizon cuts off is estimated as for a ball of
+/// equal form factor, whose cosines are spread as [`facing`]'s are. What hardly rises above the
+/// horizon of a surface that looks the same way fades, so that rounding lights no flat surface by
+/// itself.
 fn near(toward: Vec3, normal: Vec3, disk: f32, n: Vec3) -> Vec3 {
     if normal.dot(toward) >= 0.0 {
         return Vec3::ZERO;
@@ -144,7 +155,8 @@ pub fn start(params: &VplParams, x: Vec3, n: Vec3) -> Vec3 {
     at + turned / turned.length().max(f32::MIN_POSITIVE) * (LIFTS * lift(at, params.extent))
 }
 
-/// What of a light the baked scene lets through to the place with this [`start`], whose share of the light's flux would be `arrives`.
+/// What of a light the baked scene lets through to the place with this [`start`], whose share of
+/// the light's flux would be `arrives`.
 #[must_use]
 #[inline]
 pub fn reaches(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives: f32) -> f32 {
@@ -162,8 +174,9 @@ pub fn reaches(params: &VplParams, bvh: &Bvh, light: &Vpl, start: Vec3, arrives:
     }
 }
 
-/// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the surface's horizon: its dot product with `n` is the sum
-/// of \[N09\] Eq. (2), W/m². `bvh` shadows them unless `params.nodes` is 0.
+/// The vector irradiance of the lights at (`x`, `n`) of their space, as far as they stand above the
+/// surface's horizon: its dot product with `n` is the sum of \[N09\] Eq. (2), W/m². `bvh` shadows
+/// them unless `params.nodes` is 0.
 #[must_use]
 pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -> VectorIrradiance {
     let mut sum = VectorIrradiance::default();
@@ -192,8 +205,9 @@ pub fn vpl_at(params: &VplParams, lights: &[Vpl], bvh: &Bvh, x: Vec3, n: Vec3) -
     sum
 }
 
-/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer over what is there already. RGB: irradiance × `scale`; alpha: 1
-/// where something is known of it, as before or because light arrived.
+/// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer over what
+/// is there already. RGB: irradiance × `scale`; alpha: 1 where something is known of it, as before
+/// or because light arrived.
 #[must_use]
 pub fn vpl_pixel(
     params: &VplViewParams,
@@ -229,7 +243,8 @@ pub fn place(params: &VplViewParams, pixel: [u32; 2], depth: f32) -> Vec3 {
     h.truncate() / h.w
 }
 
-/// Entry point `vpl_nodes`, for one node of a list: adds to what baked scenes gave it, if any was asked; else the node holds what was foretold, which goes.
+/// Entry point `vpl_nodes`, for one node of a list: adds to what baked scenes gave it, if any was
+/// asked; else the node holds what was foretold, which goes.
 pub fn vpl_node(
     params: &VplViewParams,
     lit: &VplParams,
@@ -264,7 +279,8 @@ pub fn vpl_node(
 mod tests {
     use super::*;
 
-    /// The light that leaves a patch in all directions adds up to its flux, however its normals are spread.
+    /// The light that leaves a patch in all directions adds up to its flux, however its normals are
+    /// spread.
     #[test]
     fn a_light_gives_what_it_has() {
         for m in [1.0, 0.99, 0.9, 0.7, 0.5, 0.2, 0.0] {

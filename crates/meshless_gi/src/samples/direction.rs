@@ -1,14 +1,16 @@
-//! Directions over a hemisphere or a sphere: a Fibonacci lattice with a random shift, warped to a density between uniform and
-//! cosine. A lattice converges faster than random points, its shift keeps the estimate unbiased, and the density keeps both
-//! the normal and the tangential parts of a vector irradiance bounded: cosine sampling alone divides the latter by a cosine
-//! that goes to zero.
+//! Directions over a hemisphere or a sphere: a Fibonacci lattice with a random shift, warped to a
+//! density between uniform and cosine. A lattice converges faster than random points, its shift
+//! keeps the estimate unbiased, and the density keeps both the normal and the tangential parts of a
+//! vector irradiance bounded: cosine sampling alone divides the latter by a cosine that goes to
+//! zero.
 
 use glam::{Vec2, Vec3};
 
 /// Share of the cosine density; the rest is uniform over the hemisphere. Every choice is unbiased.
 const COSINE_SHARE: f32 = 0.75;
 
-/// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff et al. 2017, branchless).
+/// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff et al. 2017,
+/// branchless).
 #[must_use]
 pub fn tangents(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1.0f32.copysign(n.z);
@@ -20,7 +22,8 @@ pub fn tangents(n: Vec3) -> (Vec3, Vec3) {
     )
 }
 
-/// Point `i` of the Fibonacci lattice of `count` points in [0, 1)², moved by `shift` around the torus.
+/// Point `i` of the Fibonacci lattice of `count` points in [0, 1)², moved by `shift` around the
+/// torus.
 #[must_use]
 pub fn lattice(i: u32, count: u32, shift: Vec2) -> Vec2 {
     /// 2³² over the golden ratio: the lattice's second coordinate in integers, exact for any count.
@@ -54,8 +57,8 @@ pub fn uniform_sphere(u: Vec2) -> Vec3 {
     Vec3::new(r * c, r * s, z)
 }
 
-/// A direction of the upper hemisphere and its weight w = 1 / (π N p): Σ w · f(ω) · ω estimates (1/π) ∫ f(ω) ω dω with
-/// `count` directions.
+/// A direction of the upper hemisphere and its weight w = 1 / (π N p): Σ w · f(ω) · ω estimates
+/// (1/π) ∫ f(ω) ω dω with `count` directions.
 #[must_use]
 pub fn gather_direction(i: u32, count: u32, shift: Vec2) -> (Vec3, f32) {
     let u = lattice(i, count, shift);
@@ -99,8 +102,9 @@ mod tests {
         })
     }
 
-    /// The closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4): without bias over all shifts, and with
-    /// at most half the error that as many independent directions of the same density have.
+    /// The closed forms (1/π) ∫ ω dω = (0, 0, 1) and (1/π) ∫ ω (ω·x)² dω = (0, 0, 1/4): without
+    /// bias over all shifts, and with at most half the error that as many independent directions of
+    /// the same density have.
     #[test]
     fn gather_weights_integrate_closed_forms() {
         const SHIFTS: u32 = 400;
@@ -116,7 +120,8 @@ mod tests {
                     lattice_error += o.length_squared();
                 }
                 let shifts: Vec<Vec2> = (0..count).map(|_| Vec2::new(r.unit(), r.unit())).collect();
-                // One direction of a lattice of one is one random direction; its weight is for a set of one.
+                // One direction of a lattice of one is one random direction; its weight is for a
+                // set of one.
                 let (first, second) = moments(count, |i| {
                     let (d, w) = gather_direction(0, 1, shifts[i as usize]);
                     (d, w / count as f32)

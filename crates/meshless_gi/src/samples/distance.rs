@@ -1,4 +1,5 @@
-//! Distances between surface points: the anisotropic distance of [L08] Eq. (10) and the symmetric 5D one of Eq. (11).
+//! Distances between surface points: the anisotropic distance of [L08] Eq. (10) and the symmetric
+//! 5D one of Eq. (11).
 
 use glam::Vec3;
 

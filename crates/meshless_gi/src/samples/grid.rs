@@ -1,8 +1,9 @@
-//! A flat hashed grid: which functions cover a place. One look-up is one hash and one contiguous list; the arrays are
-//! the GPU's own layout, so that a kernel and its CPU twin walk the same bytes (design: no R-tree, [L08] §2.1
-//! "Efficient Reconstruction" replaced).
+//! A flat hashed grid: which functions cover a place. One look-up is one hash and one contiguous
+//! list; the arrays are the GPU's own layout, so that a kernel and its CPU twin walk the same bytes
+//! (design: no R-tree, [L08] §2.1 "Efficient Reconstruction" replaced).
 //!
-//! Built from boxes: each box is entered in every cell that it touches. An entry list starts with its length.
+//! Built from boxes: each box is entered in every cell that it touches. An entry list starts with
+//! its length.
 
 use crate::scene::Bounds;
 use bytemuck::{Pod, Zeroable};
@@ -15,7 +16,8 @@ use rayon::prelude::*;
 pub struct GridSlot {
     /// Integer coordinates of the cell.
     pub cell: [i32; 3],
-    /// Index into `entries` of the list's length, which the list follows; [`GridSlot::EMPTY`] for a free slot.
+    /// Index into `entries` of the list's length, which the list follows; [`GridSlot::EMPTY`] for a
+    /// free slot.
     pub start: u32,
 }
 
@@ -65,8 +67,9 @@ impl HashedGrid {
         cell - IVec3::new(above(0), above(1), above(2))
     }
 
-    /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it touches. Empty or
-    /// non-finite boxes are left out. `cell_size` should be about the size of a box: what would have more than 2³¹ entries stays empty.
+    /// Enters the box of each index `0..count`, as `bounds` gives it, in every cell that it
+    /// touches. Empty or non-finite boxes are left out. `cell_size` should be about the size of a
+    /// box: what would have more than 2³¹ entries stays empty.
     #[must_use]
     pub fn build(count: usize, cell_size: f32, bounds: impl Fn(usize) -> Bounds) -> Self {
         Self::build_within(count, cell_size, bounds, u64::MAX).unwrap_or(Self {
@@ -82,7 +85,8 @@ impl HashedGrid {
         })
     }
 
-    /// As [`build`](Self::build), but None, and nothing allocated, where that would take more than `most_bytes` of memory.
+    /// As [`build`](Self::build), but None, and nothing allocated, where that would take more than
+    /// `most_bytes` of memory.
     #[must_use]
     pub fn build_within(
         count: usize,
@@ -155,7 +159,8 @@ impl HashedGrid {
         })
     }
 
-    /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell; an index whose box spans cells comes more than once.
+    /// Calls `each` with the indices entered in any cell that `bounds` touches, cell after cell; an
+    /// index whose box spans cells comes more than once.
     pub fn for_each_in(&self, bounds: Bounds, mut each: impl FnMut(u32)) {
         let (lo, hi) = (
             Self::cell(bounds.min, self.cell_size),

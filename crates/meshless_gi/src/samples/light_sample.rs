@@ -9,7 +9,8 @@ use glam::{Vec2, Vec3};
 pub struct LightSample {
     /// Position, meters.
     pub position: [f32; 3],
-    /// Unit normal on the octahedron, two signed normalized 16-bit numbers (WGSL's `unpack2x16snorm`); 5e-5 exact.
+    /// Unit normal on the octahedron, two signed normalized 16-bit numbers (WGSL's
+    /// `unpack2x16snorm`); 5e-5 exact.
     pub normal: u32,
 }
 

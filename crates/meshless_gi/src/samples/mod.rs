@@ -1,4 +1,5 @@
-//! Where light is known: surface points that light can reach, spread as Poisson disks, and how to find the ones near a place.
+//! Where light is known: surface points that light can reach, spread as Poisson disks, and how to
+//! find the ones near a place.
 
 mod direction;
 mod distance;

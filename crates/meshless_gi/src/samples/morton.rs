@@ -1,5 +1,6 @@
-//! An order in which what is near in space is near in memory: Morton's curve through the scene's box. Receivers that follow each other then
-//! cast rays through the same part of the tree and meet the same senders, in the bake and on the GPU.
+//! An order in which what is near in space is near in memory: Morton's curve through the scene's
+//! box. Receivers that follow each other then cast rays through the same part of the tree and meet
+//! the same senders, in the bake and on the GPU.
 
 use super::Candidate;
 use crate::scene::Bounds;
@@ -39,7 +40,8 @@ mod tests {
             min: Vec3::splat(-1.0),
             max: Vec3::ONE,
         };
-        // 512 cells of the box in the curve's order: each run of eight fills a cube of two by two by two, and so do the runs of 64.
+        // 512 cells of the box in the curve's order: each run of eight fills a cube of two by two
+        // by two, and so do the runs of 64.
         let mut cells: Vec<Vec3> = (0..512)
             .map(|i| Vec3::new((i % 8) as f32, (i / 8 % 8) as f32, (i / 64) as f32))
             .collect();

@@ -1,5 +1,6 @@
-//! Importance particles ([L08] §2.3): surface points that light can reach from a viewpoint. Particles start at the viewpoints and
-//! reflect about; every bounce but the first few leaves a candidate.
+//! Importance particles ([L08] §2.3): surface points that light can reach from a viewpoint.
+//! Particles start at the viewpoints and reflect about; every bounce but the first few leaves a
+//! candidate.
 
 use super::{Random, cosine_hemisphere, tangents, uniform_sphere};
 use crate::scene::{Geometry, Ray, Surface};
@@ -29,8 +30,9 @@ pub struct TracedParticles {
     pub rays: u64,
 }
 
-/// Traces the particles numbered `particles` from `viewpoints` (particle k starts at viewpoint k mod their number). `drop_first`
-/// says whether the first bounces are dropped; an open scene, where particles escape at once, cannot afford it.
+/// Traces the particles numbered `particles` from `viewpoints` (particle k starts at viewpoint k
+/// mod their number). `drop_first` says whether the first bounces are dropped; an open scene, where
+/// particles escape at once, cannot afford it.
 ///
 /// The result depends on the numbers alone, not on threads.
 pub fn trace_particles(
@@ -107,8 +109,10 @@ fn trace_one(
     (out, rays)
 }
 
-/// Candidates around the given points of `surfaces`: what rays meet that start above a random place near each, no farther from it than `reach`
-/// meters. `rounds` rays for each point; round after round over all points, so that any first part of the result is spread over all of them. Also says how many rays it took.
+/// Candidates around the given points of `surfaces`: what rays meet that start above a random place
+/// near each, no farther from it than `reach` meters. `rounds` rays for each point; round after
+/// round over all points, so that any first part of the result is spread over all of them. Also
+/// says how many rays it took.
 #[must_use]
 pub fn local_candidates(
     geometry: &dyn Geometry,

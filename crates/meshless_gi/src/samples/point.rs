@@ -3,7 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-/// A surface point with the radius of its basis function. 32 bytes, the layout of `Point` in the shaders.
+/// A surface point with the radius of its basis function. 32 bytes, the layout of `Point` in the
+/// shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Point {

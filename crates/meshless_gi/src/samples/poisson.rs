@@ -1,10 +1,13 @@
-//! Poisson disks under the 5D distance ([L08] §2.3): one independent set of points a level, radius halved from level to level.
+//! Poisson disks under the 5D distance ([L08] §2.3): one independent set of points a level, radius
+//! halved from level to level.
 //!
-//! Dart throwing: importance candidates are tried in order; one is accepted when no accepted point of its level is nearer than R
-//! under [L08] Eq. (11), and, where asked for, when it is open enough. A level is full after 2000 failures in a row ([L08]).
+//! Dart throwing: importance candidates are tried in order; one is accepted when no accepted point
+//! of its level is nearer than R under [L08] Eq. (11), and, where asked for, when it is open
+//! enough. A level is full after 2000 failures in a row ([L08]).
 //!
-//! That leaves one place in about 2000 without a point, most of them on strips too thin to be hit: the edges of ledges and steps, which show. So a
-//! level that has to cover everything then looks around from each of its points, and takes what is still bare.
+//! That leaves one place in about 2000 without a point, most of them on strips too thin to be hit:
+//! the edges of ledges and steps, which show. So a level that has to cover everything then looks
+//! around from each of its points, and takes what is still bare.
 
 use super::openness::{OPENNESS_RAYS, openness};
 use super::particles::{Candidate, local_candidates, trace_particles};
@@ -16,7 +19,8 @@ use glam::{IVec3, Vec3};
 const FAILURES: u32 = 2000;
 /// Particles traced at a time.
 const BATCH: u64 = 4096;
-/// Particles after which a level ends whatever happens: a scene in which candidates are this rare is out of reach.
+/// Particles after which a level ends whatever happens: a scene in which candidates are this rare
+/// is out of reach.
 const MAX_PARTICLES: u64 = 1 << 18;
 
 /// Rays from each point that look for bare places.
@@ -27,7 +31,8 @@ const LOOKS: u64 = 16;
 pub struct DiskSettings {
     /// Disk radius R, meters.
     pub radius: f32,
-    /// Reject candidates whose openness is below R / 6 (\[L08\] §2.3). Where not, the level covers everything.
+    /// Reject candidates whose openness is below R / 6 (\[L08\] §2.3). Where not, the level covers
+    /// everything.
     pub open_only: bool,
     /// Most points the level may have.
     pub most: usize,
@@ -48,8 +53,8 @@ pub struct PoissonSamples {
     pub truncated: bool,
 }
 
-/// Accepted points by hash of their cell: chains, because points come one by one. A bucket may hold several cells' points; the
-/// distance test sorts them out.
+/// Accepted points by hash of their cell: chains, because points come one by one. A bucket may hold
+/// several cells' points; the distance test sorts them out.
 struct Buckets {
     cell: f32,
     heads: Vec<u32>,
@@ -167,7 +172,8 @@ fn throw_particles(
         );
         first += BATCH;
         out.rays += traced.rays;
-        // A particle's bounces are near one another; a shuffle makes the failures in a row mean what they should.
+        // A particle's bounces are near one another; a shuffle makes the failures in a row mean
+        // what they should.
         for i in (1..traced.candidates.len()).rev() {
             traced.candidates.swap(i, order.below(i + 1));
         }
@@ -199,7 +205,8 @@ fn throw_particles(
     (out, buckets)
 }
 
-/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under \[L08\] Eq. (11), `most` at most.
+/// Throws all of `candidates`, in order, and keeps those that are at least `radius` apart under
+/// \[L08\] Eq. (11), `most` at most.
 #[must_use]
 pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<Candidate> {
     let mut points: Vec<Candidate> = Vec::new();
@@ -216,8 +223,9 @@ pub fn throw_darts(candidates: Vec<Candidate>, radius: f32, most: usize) -> Vec<
     points
 }
 
-/// Those of `points`, places (meters) and unit normals, that are left when all of them are thrown in `order` and at least `radius` apart under \[L08\] Eq. (11):
-/// their numbers, in that order. Every other one is nearer than `radius` to one of them.
+/// Those of `points`, places (meters) and unit normals, that are left when all of them are thrown
+/// in `order` and at least `radius` apart under \[L08\] Eq. (11): their numbers, in that order.
+/// Every other one is nearer than `radius` to one of them.
 #[must_use]
 pub fn thin_out(points: &[(Vec3, Vec3)], order: &[u32], radius: f32) -> Vec<u32> {
     let mut kept: Vec<u32> = Vec::new();

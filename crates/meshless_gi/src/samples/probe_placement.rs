@@ -1,8 +1,11 @@
-//! Where light is known off the surfaces: places in free space, where what moves may come. From geometry to the centers of the probes' basis.
+//! Where light is known off the surfaces: places in free space, where what moves may come. From
+//! geometry to the centers of the probes' basis.
 //!
-//! Free space is what paths of light cross. Importance particles ([L08] §2.3) and short ways up from the surfaces that they reach give candidates; none
-//! can lie inside of solid things. A candidate becomes a probe where no probe within the spacing *sees* it: both sides of a thin wall get their own, and
-//! what lies round a corner too. Those with the most room around them are asked first.
+//! Free space is what paths of light cross. Importance particles ([L08] §2.3) and short ways up
+//! from the surfaces that they reach give candidates; none can lie inside of solid things. A
+//! candidate becomes a probe where no probe within the spacing *sees* it: both sides of a thin wall
+//! get their own, and what lies round a corner too. Those with the most room around them are asked
+//! first.
 
 use super::{Random, cosine_hemisphere, lattice, tangents, trace_particles, uniform_sphere};
 use crate::scene::{Geometry, Ray};
@@ -47,7 +50,8 @@ pub struct ProbePlacement {
     pub rays: u64,
 }
 
-/// Spreads probes over the free space of `geometry` that can be reached from `viewpoints`. The same for any number of threads.
+/// Spreads probes over the free space of `geometry` that can be reached from `viewpoints`. The same
+/// for any number of threads.
 #[must_use]
 pub fn fill_free_space(
     geometry: &dyn Geometry,

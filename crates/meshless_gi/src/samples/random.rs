@@ -1,5 +1,6 @@
-//! Random numbers of the baked path: counter based, so that sample k of stream (seed, a, b) is the same whoever draws it
-//! and on whichever thread (design D5). SplitMix64 finaliser; our own so that no dependency can change a bake.
+//! Random numbers of the baked path: counter based, so that sample k of stream (seed, a, b) is the
+//! same whoever draws it and on whichever thread (design D5). SplitMix64 finaliser; our own so that
+//! no dependency can change a bake.
 
 /// A reproducible stream of random numbers.
 #[derive(Clone, Copy, Debug)]

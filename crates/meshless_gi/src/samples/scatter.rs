@@ -1,4 +1,5 @@
-//! Points spread evenly over a mesh: how a level of triangles becomes a point cloud. Uniform by area, thinned to Poisson disks of one radius.
+//! Points spread evenly over a mesh: how a level of triangles becomes a point cloud. Uniform by
+//! area, thinned to Poisson disks of one radius.
 
 use super::{Candidate, Random, throw_darts};
 use crate::scene::{Geometry, Hit, PlyPoints, Ray, TriangleMesh};
@@ -10,8 +11,9 @@ const DARTS: f64 = 16.0;
 /// No more darts than this.
 const MAX: f64 = 3e8;
 
-/// Points on `mesh` of which no two on one surface are nearer than `spacing` (meters), with the normals of the triangles' fronts and their reflectances there.
-/// `None` where that would be too many, or `spacing` is no length. The same arguments give the same points.
+/// Points on `mesh` of which no two on one surface are nearer than `spacing` (meters), with the
+/// normals of the triangles' fronts and their reflectances there. `None` where that would be too
+/// many, or `spacing` is no length. The same arguments give the same points.
 #[must_use]
 pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints> {
     let corners: Vec<[Vec3; 3]> = (0..mesh.len()).filter_map(|i| mesh.triangle(i)).collect();
@@ -27,7 +29,8 @@ pub fn scatter(mesh: &TriangleMesh, spacing: f32, seed: u64) -> Option<PlyPoints
     }
     let dart = |k: u64| {
         let mut random = Random::new(seed, 0x73_63_61_74, k);
-        // Two numbers, because one in single precision is too coarse to choose among a million triangles.
+        // Two numbers, because one in single precision is too coarse to choose among a million
+        // triangles.
         let at = (f64::from(random.unit()) + f64::from(random.unit()) * 2f64.powi(-24)) * area;
         let index = sums.partition_point(|s| *s < at).min(corners.len() - 1);
         let [a, b, c] = corners[index];

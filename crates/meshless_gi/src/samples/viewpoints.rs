@@ -40,7 +40,8 @@ pub fn find_viewpoints(geometry: &dyn Geometry, seed: u64) -> (Vec<Vec3>, u64) {
     let mut rays = TRIED * u64::from(RAYS);
     let seen: u32 = inside.iter().map(|v| v.hits).sum();
     let fronts: u32 = inside.iter().map(|v| v.fronts).sum();
-    // Winding is trusted when fronts clearly prevail; from free space one sees fronts if winding means anything.
+    // Winding is trusted when fronts clearly prevail; from free space one sees fronts if winding
+    // means anything.
     let trusted = f64::from(fronts) > 0.6 * f64::from(seen);
     let enclosed = RAYS / 4;
     let mut kept: Vec<&View> = inside
@@ -107,7 +108,8 @@ fn look_around(
         .collect()
 }
 
-/// At most `count` of the places, each as far as possible from those before it (farthest point first).
+/// At most `count` of the places, each as far as possible from those before it (farthest point
+/// first).
 fn spread(places: impl Iterator<Item = Vec3>, count: usize) -> Vec<Vec3> {
     let mut left: Vec<(Vec3, f32)> = places.map(|p| (p, f32::INFINITY)).collect();
     let mut out: Vec<Vec3> = Vec::new();

@@ -1,5 +1,6 @@
-//! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU alike. The triangles of occluders, which a game opens and
-//! shuts, stand behind all others and carry what passes them.
+//! A flat binary BVH over triangles: what the frame's shadow rays walk, on the CPU and on the GPU
+//! alike. The triangles of occluders, which a game opens and shuts, stand behind all others and
+//! carry what passes them.
 
 use super::Ray;
 use bytemuck::{Pod, Zeroable};
@@ -55,8 +56,8 @@ impl Bvh {
     /// Most occluders: one bit each of what a walk has crossed.
     pub const MAX_OCCLUDERS: usize = 64;
 
-    /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle that stays, else the product of the gains of the occluders in
-    /// between, each once.
+    /// Which part of the light passes along `ray` with t in (0, `ray.max_t`): 0 behind any triangle
+    /// that stays, else the product of the gains of the occluders in between, each once.
     #[must_use]
     pub fn passes(&self, ray: &Ray) -> f32 {
         let (mut passes, mut crossed) = (1.0, 0u64);
@@ -74,7 +75,8 @@ impl Bvh {
         passes
     }
 
-    /// The occluders that `ray` crosses with t in (0, `ray.max_t`), bit k for number k; what stays is looked through.
+    /// The occluders that `ray` crosses with t in (0, `ray.max_t`), bit k for number k; what stays
+    /// is looked through.
     #[must_use]
     pub fn crossed(&self, ray: &Ray) -> u64 {
         let mut crossed = 0;
@@ -85,7 +87,8 @@ impl Bvh {
         crossed
     }
 
-    /// How far `ray` comes before it meets something, meters, occluders among it, open or not; `ray.max_t` where it meets nothing.
+    /// How far `ray` comes before it meets something, meters, occluders among it, open or not;
+    /// `ray.max_t` where it meets nothing.
     #[must_use]
     pub fn distance(&self, ray: &Ray) -> f32 {
         let mut ray = *ray;
@@ -120,13 +123,15 @@ impl Bvh {
         }
     }
 
-    /// Shows `meet` the triangles that `ray` meets, in no order, until it says that it has seen enough.
+    /// Shows `meet` the triangles that `ray` meets, in no order, until it says that it has seen
+    /// enough.
     #[inline]
     fn walk(&self, ray: &Ray, mut meet: impl FnMut(&BvhTriangle) -> bool) {
         if self.nodes.is_empty() {
             return;
         }
-        // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts as one that it crosses very late.
+        // No infinities, so that nothing is 0 · ∞: an axis that the ray hardly moves along counts
+        // as one that it crosses very late.
         let guard = |d: f32| {
             if d.abs() < Self::SMALLEST {
                 Self::SMALLEST
@@ -173,7 +178,8 @@ fn bit_of(triangle: &BvhTriangle) -> u64 {
     }
 }
 
-/// A ray's own coordinate system, in which it runs along z: Woop, Benthin & Wald 2013. A ray through a shared edge meets one of its triangles.
+/// A ray's own coordinate system, in which it runs along z: Woop, Benthin & Wald 2013. A ray
+/// through a shared edge meets one of its triangles.
 struct Shear {
     /// Which axis becomes x, y and z.
     axes: [usize; 3],

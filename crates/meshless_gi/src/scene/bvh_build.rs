@@ -1,9 +1,11 @@
-//! Building the two hierarchies of a triangle mesh: the flat binary [`Bvh`] of the frame's shadow rays, and the wide
-//! compressed one that the bake casts closest hits through. Both come from obvhs; nothing of its types leaves the scene
-//! module, and vectors cross as arrays, because its glam may be another version than ours.
+//! Building the two hierarchies of a triangle mesh: the flat binary [`Bvh`] of the frame's shadow
+//! rays, and the wide compressed one that the bake casts closest hits through. Both come from
+//! obvhs; nothing of its types leaves the scene module, and vectors cross as arrays, because its
+//! glam may be another version than ours.
 //!
-//! Boxes are padded so that the box test is conservative for the watertight triangle test behind it. Trees of a depth that
-//! no fixed stack could walk (possible with contrived input) are replaced by balanced ones.
+//! Boxes are padded so that the box test is conservative for the watertight triangle test behind
+//! it. Trees of a depth that no fixed stack could walk (possible with contrived input) are replaced
+//! by balanced ones.
 
 use super::bvh::{Bvh, BvhNode, BvhTriangle};
 use glam::Vec3;
@@ -21,8 +23,9 @@ use std::time::Duration;
 /// A triangle's vertices in meters.
 pub(super) type Corners = [Vec3; 3];
 
-/// Units in the last place of the scene's largest coordinate by which a box is padded on each side: the vertices that the
-/// triangle test sees and the slabs that the box test sees are both rounded relative to that coordinate.
+/// Units in the last place of the scene's largest coordinate by which a box is padded on each side:
+/// the vertices that the triangle test sees and the slabs that the box test sees are both rounded
+/// relative to that coordinate.
 const PADDING: f32 = 4.0 * f32::EPSILON;
 /// The deepest binary tree that the walk in [`Bvh::occluded`] has stack for.
 const DEEPEST: usize = 60;
@@ -53,7 +56,8 @@ fn padded(triangles: &[Corners]) -> Vec<Padded> {
     triangles.iter().map(boxed).collect()
 }
 
-/// The hierarchy for closest hits. No triangles make an empty one, in which every walk finds nothing.
+/// The hierarchy for closest hits. No triangles make an empty one, in which every walk finds
+/// nothing.
 pub(super) fn build_wide(triangles: &[Corners]) -> CwBvh {
     let boxes = padded(triangles);
     if boxes.is_empty() {
@@ -106,8 +110,9 @@ impl Bvh {
 }
 
 impl Bvh {
-    /// This BVH with the triangles of occluders behind its own, the `k`-th of `occluders` as number k and open. The tree is one level deeper: its root has what stays on
-    /// one side, and what moves on the other.
+    /// This BVH with the triangles of occluders behind its own, the `k`-th of `occluders` as number
+    /// k and open. The tree is one level deeper: its root has what stays on one side, and what
+    /// moves on the other.
     #[must_use]
     pub fn with_occluders(self, occluders: &[Vec<[Vec3; 3]>]) -> Self {
         let all: Vec<Corners> = occluders.iter().flatten().copied().collect();
@@ -258,7 +263,8 @@ mod tests {
     use super::*;
     use crate::scene::Ray;
 
-    /// Triangles whose sizes and distances grow by powers of two, which makes greedy builders lean to one side.
+    /// Triangles whose sizes and distances grow by powers of two, which makes greedy builders lean
+    /// to one side.
     fn lopsided(count: usize) -> Vec<Corners> {
         let at = |i: usize| f32::powi(1.5, i as i32 % 40) + (i / 40) as f32 * 1e-3;
         (0..count)
@@ -273,7 +279,8 @@ mod tests {
     }
 
     fn check(triangles: &[Corners], bvh: &Bvh, order: &[u32]) {
-        // Every triangle once, inside its leaf and all boxes above it; children side by side behind their parent.
+        // Every triangle once, inside its leaf and all boxes above it; children side by side behind
+        // their parent.
         let mut sorted = order.to_vec();
         sorted.sort_unstable();
         assert!(sorted.iter().copied().eq(0..triangles.len() as u32));

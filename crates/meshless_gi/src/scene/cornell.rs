@@ -1,4 +1,5 @@
-//! The built-in scene: a Cornell box, for the demo, the examples and tests. Colored walls that a lamp's light bleeds from, two blocks that shade.
+//! The built-in scene: a Cornell box, for the demo, the examples and tests. Colored walls that a
+//! lamp's light bleeds from, two blocks that shade.
 
 use super::{Material, TriangleMesh};
 use glam::{Quat, Vec3};
@@ -16,8 +17,8 @@ const WHITE: Vec3 = Vec3::new(0.73, 0.71, 0.68);
 const RED: Vec3 = Vec3::new(0.61, 0.06, 0.05);
 const GREEN: Vec3 = Vec3::new(0.12, 0.42, 0.09);
 
-/// A room of 2 m, open toward +Z, red on the left, green on the right, with two blocks on its floor. The floor is at y = 0, its center in the
-/// origin.
+/// A room of 2 m, open toward +Z, red on the left, green on the right, with two blocks on its
+/// floor. The floor is at y = 0, its center in the origin.
 #[must_use]
 pub fn cornell_box() -> Vec<Quad> {
     let v = Vec3::new;

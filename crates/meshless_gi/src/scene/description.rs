@@ -1,6 +1,8 @@
-//! SCENE.json: which geometry files make a scene, and its lights. Read by the tool and by the tests of accuracy.
+//! SCENE.json: which geometry files make a scene, and its lights. Read by the tool and by the tests
+//! of accuracy.
 //!
-//! Fields that are not known are ignored; values that light can't have are errors that name their place.
+//! Fields that are not known are ignored; values that light can't have are errors that name their
+//! place.
 
 use super::{InputBudget, Light, SceneError, SkyRadiance};
 use glam::Vec3;
@@ -91,7 +93,8 @@ impl SceneDescription {
         Self::parse(&text, &path.display().to_string(), folder)
     }
 
-    /// Reads a description from text. `file` is what errors call it, `folder` what file names are relative to.
+    /// Reads a description from text. `file` is what errors call it, `folder` what file names are
+    /// relative to.
     pub fn parse(text: &[u8], file: &str, folder: &Path) -> Result<Self, SceneError> {
         if text.len() as u64 > MAX_BYTES {
             return Err(SceneError::TooLarge {

@@ -41,8 +41,8 @@ impl Bounds {
     }
 }
 
-/// A ray. [`Ray::new`] is the only way to make one: it removes negative zeros from the direction, which the
-/// wide BVH would miss.
+/// A ray. [`Ray::new`] is the only way to make one: it removes negative zeros from the direction,
+/// which the wide BVH would miss.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Start, in meters.
@@ -96,7 +96,8 @@ pub struct Surface {
     pub position: Vec3,
     /// Unit geometric normal on the side the ray came from.
     pub normal: Vec3,
-    /// Diffuse reflectance, linear RGB, each in [0, 1]. Black on the back of a single-sided material.
+    /// Diffuse reflectance, linear RGB, each in [0, 1]. Black on the back of a single-sided
+    /// material.
     pub albedo: Vec3,
     /// Emitted radiosity M = π · radiance, W/m². Black on the back of a single-sided material.
     pub emission: Vec3,
@@ -115,25 +116,29 @@ pub struct Site {
     pub lit: bool,
 }
 
-/// What a material's factors are multiplied with at a hit: the textures alone, the side seen, and what metal leaves.
+/// What a material's factors are multiplied with at a hit: the textures alone, the side seen, and
+/// what metal leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaterialTerms {
     /// Index of the material among [`Geometry::materials`].
     pub material: u32,
     /// Diffuse reflectance for a base color of one. Black on the back of a single-sided material.
     pub albedo: Vec3,
-    /// Emitted radiance for an emissive factor of one. Black on the back of a single-sided material.
+    /// Emitted radiance for an emissive factor of one. Black on the back of a single-sided
+    /// material.
     pub emission: Vec3,
 }
 
-/// Where a function ends at a surface: a plane, and how far light for one side may be asked for beyond it.
+/// Where a function ends at a surface: a plane, and how far light for one side may be asked for
+/// beyond it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Barrier {
     /// Unit normal, toward the start of the ray that met it.
     pub normal: Vec3,
     /// A position on the plane, meters.
     pub position: Vec3,
-    /// Half of the thickness of an occluder, meters, whose middle the plane is; none for what stays, which nothing is drawn inside of.
+    /// Half of the thickness of an occluder, meters, whose middle the plane is; none for what
+    /// stays, which nothing is drawn inside of.
     pub half_thickness: Option<f32>,
 }
 
@@ -147,7 +152,8 @@ pub trait Geometry: Sync {
     /// The closest hit with `t` in (0, `ray.max_t`). Cut-out texels are passed through.
     fn cast(&self, ray: &Ray) -> Option<Hit>;
 
-    /// True when anything lies strictly between `from` and `to`. Callers keep both ends off the surfaces.
+    /// True when anything lies strictly between `from` and `to`. Callers keep both ends off the
+    /// surfaces.
     fn occluded(&self, from: Vec3, to: Vec3) -> bool;
 
     /// The surface where `ray` met `hit`.
@@ -163,22 +169,26 @@ pub trait Geometry: Sync {
         }
     }
 
-    /// The material where `ray` met `hit`; none where the geometry has no materials that could change.
+    /// The material where `ray` met `hit`; none where the geometry has no materials that could
+    /// change.
     fn coating(&self, _ray: &Ray, _hit: &Hit) -> Option<MaterialTerms> {
         None
     }
 
-    /// The materials that [`coating`](Self::coating) names: names and factors. The same names may come again.
+    /// The materials that [`coating`](Self::coating) names: names and factors. The same names may
+    /// come again.
     fn materials(&self) -> Vec<(String, MaterialFactors)> {
         Vec::new()
     }
 
-    /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and [`cast`](Self::cast) knows nothing of them.
+    /// The occluders that `ray` passes before its end, bit k for number k: they stand open, and
+    /// [`cast`](Self::cast) knows nothing of them.
     fn crossed(&self, _ray: &Ray) -> u64 {
         0
     }
 
-    /// The same geometry with all occluders shut, where there are any: functions end at them as at walls, open or not.
+    /// The same geometry with all occluders shut, where there are any: functions end at them as at
+    /// walls, open or not.
     fn shut(&self) -> Option<&dyn Geometry> {
         None
     }
@@ -193,13 +203,15 @@ pub trait Geometry: Sync {
         }
     }
 
-    /// A length, in meters, by which a ray's start is lifted off a surface at `p` so that it cannot meet it again.
+    /// A length, in meters, by which a ray's start is lifted off a surface at `p` so that it cannot
+    /// meet it again.
     fn lift(&self, p: Vec3) -> f32 {
         mesh_lift(self.bounds().size().max_element(), p)
     }
 
-    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it, meters; 0 for smooth surfaces. A frame knows no geometry but
-    /// triangles, and lifts its shadow rays for rounding alone: places that are to be lit by one stand so far above the surface.
+    /// What of [`lift`](Self::lift) is due to parts of the surface near `p` that rise over it,
+    /// meters; 0 for smooth surfaces. A frame knows no geometry but triangles, and lifts its shadow
+    /// rays for rounding alone: places that are to be lit by one stand so far above the surface.
     fn roughness(&self, _p: Vec3) -> f32 {
         0.0
     }

@@ -1,12 +1,14 @@
-//! Analytic implicit surfaces as [`Geometry`]: the proof that nothing in basis or transport leans on triangles ([L08] §5.1).
+//! Analytic implicit surfaces as [`Geometry`]: the proof that nothing in basis or transport leans
+//! on triangles ([L08] §5.1).
 //!
-//! A scene is a list of shapes, each the zero set of a function that never overstates the distance to it and is positive
-//! outside. Rays march by that distance, which can't step over a surface. Where the distance becomes small, or the ray
-//! starts next to a surface, steps of a fixed smallest size look for a change of sign instead, and bisection finds the root:
-//! a ray that starts on a surface leaves it without being caught by it, and one that grazes is decided by a sign.
+//! A scene is a list of shapes, each the zero set of a function that never overstates the distance
+//! to it and is positive outside. Rays march by that distance, which can't step over a surface.
+//! Where the distance becomes small, or the ray starts next to a surface, steps of a fixed smallest
+//! size look for a change of sign instead, and bisection finds the root: a ray that starts on a
+//! surface leaves it without being caught by it, and one that grazes is decided by a sign.
 //!
-//! Limits: features thinner than [`ImplicitScene::tolerance`] can be missed; a ray that touches a surface without
-//! passing through it counts as a miss.
+//! Limits: features thinner than [`ImplicitScene::tolerance`] can be missed; a ray that touches a
+//! surface without passing through it counts as a miss.
 
 use super::{Bounds, Geometry, Hit, Ray, Surface};
 use core::f32::consts::PI;
@@ -41,7 +43,8 @@ pub enum Shape {
         /// Half its edges.
         half: Vec3,
     },
-    /// The room inside a box along the axes: everything outside of the box is solid, its surface faces inwards.
+    /// The room inside a box along the axes: everything outside of the box is solid, its surface
+    /// faces inwards.
     Room {
         /// Its center.
         center: Vec3,
@@ -174,8 +177,8 @@ pub struct ImplicitScene {
 }
 
 impl ImplicitScene {
-    /// The union of `objects`. Half-spaces have no bounds of their own: they count as far as the other shapes reach.
-    /// Albedo is clamped to [0, 1].
+    /// The union of `objects`. Half-spaces have no bounds of their own: they count as far as the
+    /// other shapes reach. Albedo is clamped to [0, 1].
     #[must_use]
     pub fn new(mut objects: Vec<ImplicitObject>) -> Self {
         for object in &mut objects {
@@ -227,7 +230,8 @@ impl ImplicitScene {
             1e6
         };
         let end = ray.max_t.min(reach);
-        // On which side the ray starts is decided a step ahead, off the surface that it may start on.
+        // On which side the ray starts is decided a step ahead, off the surface that it may start
+        // on.
         let smallest = 8.0 * self.tolerance;
         let mut before = smallest;
         let mut d = self.distance(ray.at(before)).0;

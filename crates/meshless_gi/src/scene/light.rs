@@ -12,7 +12,8 @@ pub enum Light {
         position: Vec3,
         /// W/sr.
         intensity: Vec3,
-        /// Meters at which the smooth window (1 − (d/range)⁴…) ends, as Bevy's shader has it; infinite for none.
+        /// Meters at which the smooth window (1 − (d/range)⁴…) ends, as Bevy's shader has it;
+        /// infinite for none.
         range: f32,
     },
     /// Shines in a cone. Falloff: clamp((cos t − cos outer)/(cos inner − cos outer), 0, 1)².

@@ -1,4 +1,5 @@
-//! A level's geometry from a file of any kind that can be read: triangles, points, or a description that names several of them.
+//! A level's geometry from a file of any kind that can be read: triangles, points, or a description
+//! that names several of them.
 
 use super::{
     InputBudget, MeshProblems, SceneError, TriangleMesh, load_gltf_within, load_ply_within,
@@ -19,8 +20,9 @@ pub struct LoadedGeometry {
     pub notes: Vec<String>,
 }
 
-/// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene description whose geometry is joined. Points without normals face the `viewpoints`
-/// (meters, in free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
+/// Reads `.ply` as points and anything else as glTF. With the feature `cli` a `.json` is a scene
+/// description whose geometry is joined. Points without normals face the `viewpoints` (meters, in
+/// free space) that their surface lies around: see [`PointCloud::new`](super::PointCloud::new).
 ///
 /// # Errors
 /// See [`SceneError`].

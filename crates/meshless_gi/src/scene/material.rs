@@ -30,7 +30,8 @@ impl Wrap {
     }
 }
 
-/// An image of 8 bits a channel with straight alpha. (0, 0) is the first texel's upper left corner, as in glTF.
+/// An image of 8 bits a channel with straight alpha. (0, 0) is the first texel's upper left corner,
+/// as in glTF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: u32,
@@ -40,8 +41,8 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of `width` × `height` texels, row by row from the top. None where the numbers do not fit together or
-    /// there is no texel at all.
+    /// A texture of `width` × `height` texels, row by row from the top. None where the numbers do
+    /// not fit together or there is no texel at all.
     #[must_use]
     pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>, wrap: [Wrap; 2]) -> Option<Self> {
         let count = u64::from(width) * u64::from(height);
@@ -123,8 +124,9 @@ impl Texture {
         (a * (1.0 - f.x) + b * f.x) * (1.0 - f.y) + (c * (1.0 - f.x) + d * f.x) * f.y
     }
 
-    /// False only where no texel that a triangle with these coordinates can see has an alpha of at least `least`: the box
-    /// around the triangle is looked at, and a box of very many texels is taken to hold one.
+    /// False only where no texel that a triangle with these coordinates can see has an alpha of at
+    /// least `least`: the box around the triangle is looked at, and a box of very many texels is
+    /// taken to hold one.
     #[must_use]
     pub fn may_reach_alpha(&self, corners: [Vec2; 3], least: f32) -> bool {
         const MAX: i64 = 1 << 14;
@@ -154,7 +156,8 @@ impl Texture {
     }
 }
 
-/// sRGB codes as linear values (IEC 61966-2-1), by a power function that gives the same bits on every machine.
+/// sRGB codes as linear values (IEC 61966-2-1), by a power function that gives the same bits on
+/// every machine.
 pub(super) fn srgb_table() -> &'static [f32; 256] {
     static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
     TABLE.get_or_init(|| {
@@ -171,7 +174,8 @@ pub(super) fn srgb_table() -> &'static [f32; 256] {
 }
 
 /// A diffuse material, as glTF's metallic-roughness model has it without its specular part.
-/// Textures are indices into the textures of the mesh; each reads its own texture coordinates ([`super::TriangleUvs`]).
+/// Textures are indices into the textures of the mesh; each reads its own texture coordinates
+/// ([`super::TriangleUvs`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Linear RGB in [0, 1], and alpha.
@@ -190,7 +194,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Where alpha is below this there is no surface. None: alpha means nothing.
     pub alpha_cutoff: Option<f32>,
-    /// What it is called; empty for no name. Light knows nothing of it, and neither does the content's hash.
+    /// What it is called; empty for no name. Light knows nothing of it, and neither does the
+    /// content's hash.
     pub name: String,
 }
 

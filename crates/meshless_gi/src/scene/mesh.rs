@@ -1,8 +1,10 @@
-//! Triangle meshes as [`Geometry`]: closest hits through obvhs's compressed wide BVH, the watertight test at its leaves.
+//! Triangle meshes as [`Geometry`]: closest hits through obvhs's compressed wide BVH, the
+//! watertight test at its leaves.
 //!
-//! Surfaces are flat: the normal is the triangle's own, for light to stay on the side of the true surface. Triangles lie in
-//! memory in the order in which the BVH meets them. Of two hits at the same distance the triangle with the lower index
-//! wins, so that an answer does not depend on the order of traversal.
+//! Surfaces are flat: the normal is the triangle's own, for light to stay on the side of the true
+//! surface. Triangles lie in memory in the order in which the BVH meets them. Of two hits at the
+//! same distance the triangle with the lower index wins, so that an answer does not depend on the
+//! order of traversal.
 
 use super::bvh_build::build_wide;
 use super::geometry::mesh_lift;
@@ -25,7 +27,8 @@ const FARTHEST: f32 = 1e9;
 /// Radiances from here on, in W/(m² sr), are taken for damage: sums of them overflow.
 const BRIGHTEST: f32 = 1e18;
 
-/// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can have.
+/// Texture coordinates of a triangle's three corners, for each texture that a [`Material`] can
+/// have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TriangleUvs {
     /// For the base color.
@@ -83,9 +86,10 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
-    /// A mesh of plain materials. `triangles` are corners in meters, counter-clockwise seen from the front; `material_of`
-    /// has each triangle's index into `materials`, and triangles beyond its end get the default material.
-    /// Triangles that no ray could meet are left out and counted in [`Self::problems`]; the others keep their order.
+    /// A mesh of plain materials. `triangles` are corners in meters, counter-clockwise seen from
+    /// the front; `material_of` has each triangle's index into `materials`, and triangles beyond
+    /// its end get the default material. Triangles that no ray could meet are left out and counted
+    /// in [`Self::problems`]; the others keep their order.
     #[must_use]
     pub fn new(triangles: Vec<[Vec3; 3]>, material_of: Vec<u32>, materials: Vec<Material>) -> Self {
         Self::textured(triangles, material_of, materials, Vec::new(), Vec::new())
@@ -172,7 +176,8 @@ impl TriangleMesh {
         }
     }
 
-    /// A mesh from vertices and indices; triangles whose indices are out of range are dropped and counted.
+    /// A mesh from vertices and indices; triangles whose indices are out of range are dropped and
+    /// counted.
     #[must_use]
     pub fn indexed(
         vertices: &[Vec3],
@@ -298,8 +303,8 @@ impl TriangleMesh {
         self.problems.bad_index += count;
     }
 
-    /// The hierarchy that the frame's shadow rays walk. It knows no textures: a triangle that alpha cuts away whole is left
-    /// out, one that alpha cuts in part is whole.
+    /// The hierarchy that the frame's shadow rays walk. It knows no textures: a triangle that alpha
+    /// cuts away whole is left out, one that alpha cuts in part is whole.
     #[must_use]
     pub fn bvh(&self) -> Bvh {
         let kept = |i: &usize| {
@@ -330,7 +335,8 @@ impl TriangleMesh {
         }
     }
 
-    /// The textures at a hit: of the base color (white without one), how metallic the surface is, and of the emission (white without one).
+    /// The textures at a hit: of the base color (white without one), how metallic the surface is,
+    /// and of the emission (white without one).
     fn texels(&self, face: &Face, hit: &Hit) -> (Vec3, f32, Vec3) {
         let material = &self.materials[face.material as usize];
         let (mut color, mut metallic, mut glow) = (Vec3::ONE, material.metallic, Vec3::ONE);
@@ -381,7 +387,8 @@ impl TriangleMesh {
         *hasher.finalize().as_bytes()
     }
 
-    /// The unit that the wide walk measures distances along `ray` in: ten thousandth parts of the mesh's size, in lengths of the ray's direction.
+    /// The unit that the wide walk measures distances along `ray` in: ten thousandth parts of the
+    /// mesh's size, in lengths of the ray's direction.
     fn walk_unit(&self, ray: &Ray) -> f32 {
         let length = ray.direction.abs().max_element();
         let unit = 1e-4 * self.bounds.size().max_element() / length;
@@ -423,7 +430,8 @@ fn interpolate(corners: [Vec2; 3], [u, v]: [f32; 2]) -> Vec2 {
     a + (b - a) * u + (c - a) * v
 }
 
-/// The unit normal on the side from which the corners run counter-clockwise; none where there is no area.
+/// The unit normal on the side from which the corners run counter-clockwise; none where there is no
+/// area.
 fn normal([a, b, c]: &[Vec3; 3]) -> Option<Vec3> {
     let [a, b, c]: [DVec3; 3] = [*a, *b, *c].map(Vec3::as_dvec3);
     let cross = (b - a).cross(c - a);
@@ -446,7 +454,8 @@ pub(super) fn is_usable(corners: &[Vec3; 3]) -> bool {
     within_reach(corners) && normal(corners).is_some()
 }
 
-/// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that is the front.
+/// Where a ray meets a face, the face's normal on the side that the ray came from, and whether that
+/// is the front.
 fn arrive(face: &Face, ray: &Ray, hit: &Hit) -> (Vec3, Vec3, bool) {
     let [a, b, c] = face.corners;
     let outward = normal(&face.corners).unwrap_or(-ray.direction);
@@ -509,10 +518,12 @@ fn power_of_two(x: f32) -> f32 {
     f32::from_bits(x.to_bits() & 0x7f80_0000)
 }
 
-/// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that is nearly zero must not
-/// count as larger than it is, or a ray along a wall would miss the wall behind.
+/// A ray for obvhs. Vectors cross as arrays. Inverses are exact where they can be: a component that
+/// is nearly zero must not count as larger than it is, or a ray along a wall would miss the wall
+/// behind.
 ///
-/// Distances are in `unit`s, a power of two: the walk looks into no box that ends before 1e-4 of them, whatever the size of the level.
+/// Distances are in `unit`s, a power of two: the walk looks into no box that ends before 1e-4 of
+/// them, whatever the size of the level.
 fn traversal_ray(ray: &Ray, unit: f32) -> obvhs::ray::Ray {
     const SMALLEST: f32 = 1e-18;
     let guarded = |d: f32| {
@@ -545,7 +556,8 @@ impl Geometry for TriangleMesh {
     }
 
     fn cast(&self, ray: &Ray) -> Option<Hit> {
-        /// The walk goes on this little beyond the closest hit, so that another triangle at the same distance is seen.
+        /// The walk goes on this little beyond the closest hit, so that another triangle at the
+        /// same distance is seen.
         const BEYOND: f32 = 1.0 + 8.0 * f32::EPSILON;
         if self.faces.is_empty() || !usable(ray) {
             return None;

@@ -13,7 +13,8 @@ pub struct MeshProblems {
     pub bad_material: u64,
     /// Materials whose reflectance was not within [0, 1]: clamped.
     pub albedo_clamped: u64,
-    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m² sr): it was lowered to that.
+    /// Materials whose emission was not finite or negative: it was dropped; or beyond 10¹⁸ W/(m²
+    /// sr): it was lowered to that.
     pub bad_emission: u64,
     /// Materials that named a texture that is not there: used without it.
     pub bad_texture: u64,

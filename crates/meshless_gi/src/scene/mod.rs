@@ -1,5 +1,5 @@
-//! What light meets. Basis and transport know a scene only through [`Geometry`] (\[L08\] §5.1); everything here may be
-//! swapped for another representation without touching them.
+//! What light meets. Basis and transport know a scene only through [`Geometry`] (\[L08\] §5.1);
+//! everything here may be swapped for another representation without touching them.
 //!
 //! Lengths are meters, right-handed, Y up; light is linear RGB.
 

@@ -1,5 +1,6 @@
-//! Occluders: doors and lifts, which a game opens and shuts. The rays of a bake pass them as if they stood open, and say which they crossed; functions alone end at
-//! them, as at walls. Serves [`bake`](crate::bake) with a geometry around the level's own.
+//! Occluders: doors and lifts, which a game opens and shuts. The rays of a bake pass them as if
+//! they stood open, and say which they crossed; functions alone end at them, as at walls. Serves
+//! [`bake`](crate::bake) with a geometry around the level's own.
 
 use super::mesh::{FaceParts, is_usable};
 use super::{
@@ -19,8 +20,10 @@ pub struct Occluder {
     pub boxes: Vec<Shutter>,
 }
 
-/// What stands in the way of light in place of a box, inside of which what is drawn may lie anywhere: its middle across the thinnest edge, and those of the four sides around that no wall adjoins. From one
-/// large side to the other it is as closed as the box, and what lies inside is before one of them.
+/// What stands in the way of light in place of a box, inside of which what is drawn may lie
+/// anywhere: its middle across the thinnest edge, and those of the four sides around that no wall
+/// adjoins. From one large side to the other it is as closed as the box, and what lies inside is
+/// before one of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
     bounds: Bounds,
@@ -30,7 +33,8 @@ pub struct Shutter {
     sides: [bool; 4],
 }
 
-/// Corners of the middle, in halves of the two other edges. Side k runs from corner k to the next one.
+/// Corners of the middle, in halves of the two other edges. Side k runs from corner k to the next
+/// one.
 const CORNERS: [(f32, f32); 4] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
 /// Rays that look for a wall along a side.
 const LOOKS: usize = 9;
@@ -112,7 +116,8 @@ impl Shutter {
 }
 
 impl Occluder {
-    /// Triangles that stand in the way of light: its own, and for each box its middle and the sides around.
+    /// Triangles that stand in the way of light: its own, and for each box its middle and the sides
+    /// around.
     #[must_use]
     pub fn shapes(&self) -> Vec<[Vec3; 3]> {
         let boxes = self.boxes.iter().flat_map(Shutter::triangles);
@@ -131,8 +136,9 @@ pub struct MeshNode {
 }
 
 impl TriangleMesh {
-    /// The mesh without what the nodes of these names and all below them hold, and that: one occluder a name, empty where no node is called so. A triangle below several
-    /// of them belongs to the nearest.
+    /// The mesh without what the nodes of these names and all below them hold, and that: one
+    /// occluder a name, empty where no node is called so. A triangle below several of them belongs
+    /// to the nearest.
     #[must_use]
     pub fn hold_out(&self, names: &[&str]) -> (Self, Vec<Occluder>) {
         let mut out: Vec<Occluder> = (names.iter())
@@ -173,7 +179,8 @@ pub struct OccluderGeometry<'a> {
 struct Shut<'a> {
     open: &'a dyn Geometry,
     doors: TriangleMesh,
-    /// The boxes, and for each of the doors' triangles the one that it is of, with whether it is a side.
+    /// The boxes, and for each of the doors' triangles the one that it is of, with whether it is a
+    /// side.
     shutters: Vec<Shutter>,
     of: Vec<Option<(u32, bool)>>,
 }
@@ -182,7 +189,8 @@ struct Shut<'a> {
 const DOOR: u32 = 1 << 31;
 
 impl<'a> OccluderGeometry<'a> {
-    /// `open` without the occluders, and those; no more than [`Bvh::MAX_OCCLUDERS`], the others are left out.
+    /// `open` without the occluders, and those; no more than [`Bvh::MAX_OCCLUDERS`], the others are
+    /// left out.
     #[must_use]
     pub fn new(open: &'a dyn Geometry, occluders: &[Occluder]) -> Self {
         let occluders = &occluders[..occluders.len().min(Bvh::MAX_OCCLUDERS)];
@@ -218,7 +226,8 @@ impl<'a> OccluderGeometry<'a> {
 }
 
 impl Shut<'_> {
-    /// Where functions end at a door's `primitive`: at the middle between its two sides, as seen from the ray's start.
+    /// Where functions end at a door's `primitive`: at the middle between its two sides, as seen
+    /// from the ray's start.
     fn door(&self, ray: &Ray, hit: &Hit) -> Barrier {
         let surface = self.doors.surface(ray, hit);
         let own = Barrier {
@@ -347,7 +356,8 @@ impl Geometry for Shut<'_> {
 }
 
 impl FaceParts {
-    /// Where each triangle's node is among those of several parts, of which `first` come from the parts before.
+    /// Where each triangle's node is among those of several parts, of which `first` come from the
+    /// parts before.
     pub(super) fn nodes_behind(&self, first: u32) -> (Vec<MeshNode>, Vec<u32>) {
         let nodes = self.nodes.iter().map(|node| MeshNode {
             name: node.name.clone(),
@@ -433,7 +443,8 @@ mod tests {
         assert!(rest.shut().is_none());
     }
 
-    /// A box in a frame is its middle; with nothing around it, its sides too, and both hold back what crosses it.
+    /// A box in a frame is its middle; with nothing around it, its sides too, and both hold back
+    /// what crosses it.
     #[test]
     fn boxes_are_their_middle_and_the_sides_that_no_wall_adjoins() {
         let bounds = Bounds {

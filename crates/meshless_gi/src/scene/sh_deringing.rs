@@ -1,19 +1,25 @@
-//! A sky without ringing: the radiance of [`SkyRadiance`] that is nowhere below zero and otherwise as it was, for levels that see the sky through openings.
+//! A sky without ringing: the radiance of [`SkyRadiance`] that is nowhere below zero and otherwise
+//! as it was, for levels that see the sky through openings.
 //!
-//! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the other. A surface in the open never knows, because the cosine takes what rings away
-//! \[RH01\]; one that sees only that part of the sky has negative light, in a channel or in all, and a strange color. \[Sl08\] multiplies the degrees by a window
-//! until nothing is negative, which also flattens what was right. Here the series moves to the nearest one, by the mean square over directions, that is nowhere negative
-//! and has the same mean. That is a convex problem of sixteen numbers: by the S-lemma c + d·ω + ω·Q ω ≥ 0 on the unit sphere exactly if
+//! Nine numbers that are fitted to a sky with something bright on one side fall below zero on the
+//! other. A surface in the open never knows, because the cosine takes what rings away \[RH01\]; one
+//! that sees only that part of the sky has negative light, in a channel or in all, and a strange
+//! color. \[Sl08\] multiplies the degrees by a window until nothing is negative, which also
+//! flattens what was right. Here the series moves to the nearest one, by the mean square over
+//! directions, that is nowhere negative and has the same mean. That is a convex problem of sixteen
+//! numbers: by the S-lemma c + d·ω + ω·Q ω ≥ 0 on the unit sphere exactly if
 //!
 //! M(t) = ((Q + t I, d/2), (dᵀ/2, c − t))
 //!
-//! is positive semidefinite for some t (\[BV04\] appendix B.2). It is solved by alternating directions (\[BP11\] §3.1, scaled form), each step a closed form; what the last step
-//! leaves below zero goes by drawing the series toward its mean.
+//! is positive semidefinite for some t (\[BV04\] appendix B.2). It is solved by alternating
+//! directions (\[BP11\] §3.1, scaled form), each step a closed form; what the last step leaves
+//! below zero goes by drawing the series toward its mean.
 
 use super::SkyRadiance;
 use nalgebra::{Matrix4, SymmetricEigen};
 
-/// Mean squares over the sphere: <(d·ω)²> = |d|²/3, <(ω·Q ω)²> = 2 |Q|²/15 with the sum of all nine squares.
+/// Mean squares over the sphere: <(d·ω)²> = |d|²/3, <(ω·Q ω)²> = 2 |Q|²/15 with the sum of all nine
+/// squares.
 const FIRST: f64 = 1.0 / 3.0;
 const SECOND: f64 = 2.0 / 15.0;
 /// The method's penalty, in units of these weights.
@@ -29,9 +35,12 @@ const MAX: f64 = 10.0;
 type Terms = [f64; SkyRadiance::TERMS];
 
 impl SkyRadiance {
-    /// The nearest sky that shines with no negative light from anywhere and has the same mean, channel by channel (see the module); itself where nothing of it is negative. Radiance in W/(m² sr), as before.
+    /// The nearest sky that shines with no negative light from anywhere and has the same mean,
+    /// channel by channel (see the module); itself where nothing of it is negative. Radiance in
+    /// W/(m² sr), as before.
     ///
-    /// For levels that see the sky through windows, streets and courts. In the open it takes some per cent of accuracy away. A channel of negative mean becomes black; a sky with coefficients
+    /// For levels that see the sky through windows, streets and courts. In the open it takes some
+    /// per cent of accuracy away. A channel of negative mean becomes black; a sky with coefficients
     /// that are no numbers is given back as it is.
     #[must_use]
     pub fn without_ringing(&self) -> Self {
@@ -62,13 +71,15 @@ fn nearest(terms: &Terms) -> Option<Terms> {
     if best(terms) >= -NEAR {
         return None;
     }
-    // Terms that no sky has, a thousand times its mean, come nearer first: they meet the same end in fewer steps, and no square overflows.
+    // Terms that no sky has, a thousand times its mean, come nearer first: they meet the same end
+    // in fewer steps, and no square overflows.
     let size = terms.iter().fold(0.0f64, |a, b| a.max(b.abs()));
     let wanted = terms.map(|t| t * (MAX / size).min(1.0));
     let (mut found, mut t) = (wanted, 0.0);
     let (mut near, mut dual) = (semidefinite(&matrix(&found, t)), Matrix4::zeros());
     for _ in 0..STEPS {
-        // The series and t, against what is semidefinite: M's squares count d/2 twice, and Q's part is without trace.
+        // The series and t, against what is semidefinite: M's squares count d/2 twice, and Q's part
+        // is without trace.
         let to: Matrix4<f64> = near - dual;
         t = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)] + 1.0 - to[(3, 3)]) / 4.0;
         let trace = (to[(0, 0)] + to[(1, 1)] + to[(2, 2)]) / 3.0;
@@ -119,7 +130,8 @@ fn semidefinite(m: &Matrix4<f64>) -> Matrix4<f64> {
     parts.recompose()
 }
 
-/// The smallest eigenvalue of M(t) for the t where it is largest: at least zero exactly if a channel of mean one is nowhere negative.
+/// The smallest eigenvalue of M(t) for the t where it is largest: at least zero exactly if a
+/// channel of mean one is nowhere negative.
 fn best(terms: &Terms) -> f64 {
     let value = |t: f64| SymmetricEigen::new(matrix(terms, t)).eigenvalues.min();
     let size = 1.0 + terms.iter().map(|t| t.abs()).sum::<f64>();
@@ -204,8 +216,9 @@ mod tests {
         assert!(found.mean.y == 0.0 && found.terms.iter().all(|t| t.y == 0.0));
     }
 
-    /// Nothing that is nowhere negative and has this mean is nearer: from what was found, no such series lies on the side of what was asked for. Squares of linear forms, which all others are sums
-    /// of, stand for all.
+    /// Nothing that is nowhere negative and has this mean is nearer: from what was found, no such
+    /// series lies on the side of what was asked for. Squares of linear forms, which all others are
+    /// sums of, stand for all.
     #[test]
     fn no_other_is_nearer() {
         let mut random = Random::new(5, 2, 3);
@@ -253,7 +266,8 @@ mod tests {
         assert!(moved > 10, "{moved}");
     }
 
-    /// A sky with a low sun's glow on one side, seen in the open and through openings: as it comes, by \[Sl08\]'s window and here.
+    /// A sky with a low sun's glow on one side, seen in the open and through openings: as it comes,
+    /// by \[Sl08\]'s window and here.
     #[test]
     fn through_openings_colors_are_those_of_the_sky() {
         let ways = ways(20_000);
@@ -265,7 +279,8 @@ mod tests {
             share * (Vec3::new(0.15, 0.2, 0.26) + glow * Vec3::new(5.2, 2.0, 0.6))
         };
         let fitted = SkyRadiance::of_map(ways.iter().map(|w| (*w, 1.0, sky(*w))));
-        // The window 1 / (1 + λ (l (l + 1))²) of the least λ that leaves nothing negative, channel by channel.
+        // The window 1 / (1 + λ (l (l + 1))²) of the least λ that leaves nothing negative, channel
+        // by channel.
         let mut windowed = fitted;
         for channel in 0..3 {
             let by = |lambda: f32| {

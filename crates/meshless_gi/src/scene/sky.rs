@@ -1,8 +1,9 @@
-//! The radiance of the sky as nine numbers a color: spherical harmonics up to the second degree \[RH01\], which hold all that diffuse surfaces see of it but
-//! for a hundredth.
+//! The radiance of the sky as nine numbers a color: spherical harmonics up to the second degree
+//! \[RH01\], which hold all that diffuse surfaces see of it but for a hundredth.
 //!
-//! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and without trace, as probes have it (`transport::probes`): the nine polynomials 1; x, y, z; x² − z², y² − z², 2xy, 2xz,
-//! 2yz and the coefficients c; d; Q_xx, Q_yy, Q_xy, Q_xz, Q_yz. A uniform sky is c alone.
+//! L(ω) = c + d·ω + ω·Q ω, with Q symmetric and without trace, as probes have it
+//! (`transport::probes`): the nine polynomials 1; x, y, z; x² − z², y² − z², 2xy, 2xz, 2yz and the
+//! coefficients c; d; Q_xx, Q_yy, Q_xy, Q_xz, Q_yz. A uniform sky is c alone.
 
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
@@ -51,14 +52,16 @@ impl SkyRadiance {
         ]
     }
 
-    /// Radiance from direction `way`, of unit length. The series may fall below zero beside something very bright.
+    /// Radiance from direction `way`, of unit length. The series may fall below zero beside
+    /// something very bright.
     #[must_use]
     pub fn toward(&self, way: Vec3) -> Vec3 {
         let terms = self.terms.iter().zip(Self::polynomials(way));
         self.mean + terms.map(|(term, p)| *term * p).sum::<Vec3>()
     }
 
-    /// The sky that has three colors straight up (+Y), at the horizon and straight down, and between them the only polynomial of the second degree in the height.
+    /// The sky that has three colors straight up (+Y), at the horizon and straight down, and
+    /// between them the only polynomial of the second degree in the height.
     #[must_use]
     pub fn gradient(zenith: Vec3, horizon: Vec3, ground: Vec3) -> Self {
         // L = horizon + b y + a y²; y² = 1/3 + (y² − 1/3), and Q = a diag(−1/3, 2/3, −1/3).
@@ -70,8 +73,9 @@ impl SkyRadiance {
         sky
     }
 
-    /// The nine coefficients of a map: `samples` are directions of unit length, the solid angle that each stands for (steradians, relative: they are scaled to the
-    /// sphere's), and the radiance there. Black without samples.
+    /// The nine coefficients of a map: `samples` are directions of unit length, the solid angle
+    /// that each stands for (steradians, relative: they are scaled to the sphere's), and the
+    /// radiance there. Black without samples.
     #[must_use]
     pub fn of_map(samples: impl IntoIterator<Item = (Vec3, f32, Vec3)>) -> Self {
         let mut sum = [[0.0f64; 3]; 9];
@@ -81,7 +85,8 @@ impl SkyRadiance {
                 continue;
             }
             sphere += f64::from(angle);
-            // By duality: with unit sphere averages <1> = 1, <ω ωᵀ> = I/3, and <(ω ωᵀ − I/3) ω·Qω> = 2Q/15.
+            // By duality: with unit sphere averages <1> = 1, <ω ωᵀ> = I/3, and <(ω ωᵀ − I/3) ω·Qω>
+            // = 2Q/15.
             let Vec3 { x, y, z } = way;
             let square = [x * x - 1.0 / 3.0, y * y - 1.0 / 3.0, x * y, x * z, y * z];
             let factors = [1.0, 3.0 * x, 3.0 * y, 3.0 * z]
@@ -103,7 +108,8 @@ impl SkyRadiance {
         }
     }
 
-    /// The same sky for one who sees it turned: `turn` takes directions of the old axes to those of the new ones, without scale.
+    /// The same sky for one who sees it turned: `turn` takes directions of the old axes to those of
+    /// the new ones, without scale.
     #[must_use]
     pub fn turned(&self, turn: Mat3) -> Self {
         let mut out = Self::from(self.mean);
@@ -145,7 +151,8 @@ impl SkyRadiance {
         self.mean.is_finite() && self.terms.iter().all(|t| t.is_finite())
     }
 
-    /// Irradiance of a plane of normal `n` that nothing hides, W/m²: \[RH01\] Eq. (12) in these polynomials.
+    /// Irradiance of a plane of normal `n` that nothing hides, W/m²: \[RH01\] Eq. (12) in these
+    /// polynomials.
     #[must_use]
     pub fn irradiance(&self, n: Vec3) -> Vec3 {
         let factors = [2.0 / 3.0; 3].into_iter().chain([0.25; 5]);

@@ -1,5 +1,5 @@
-//! The built-in statue: a knot on a pedestal in the Cornell box, without the blocks. A closed shape with thin, curved and hidden parts, for point clouds: the
-//! demo and tests scatter points over it.
+//! The built-in statue: a knot on a pedestal in the Cornell box, without the blocks. A closed shape
+//! with thin, curved and hidden parts, for point clouds: the demo and tests scatter points over it.
 
 use super::{Material, TriangleMesh, cornell_box, mesh_of_quads};
 use glam::{DVec2, DVec3, Vec3};
@@ -13,7 +13,8 @@ const TURN: u32 = 96;
 /// Meters for one unit of the knot's equation; half the width of its tube in meters.
 const SIZE: f64 = 0.16;
 const TUBE: f64 = 0.1;
-/// The pedestal's profile: radius and height of each ring, meters, from the floor to the middle of its top.
+/// The pedestal's profile: radius and height of each ring, meters, from the floor to the middle of
+/// its top.
 const PROFILE: [[f64; 2]; 8] = [
     [0.34, 0.0],
     [0.34, 0.08],
@@ -25,7 +26,8 @@ const PROFILE: [[f64; 2]; 8] = [
     [0.0, 0.46],
 ];
 
-/// The statue alone, standing on y = 0 over the origin; corners are counter-clockwise as seen from outside. It is open below, where it stands.
+/// The statue alone, standing on y = 0 over the origin; corners are counter-clockwise as seen from
+/// outside. It is open below, where it stands.
 #[must_use]
 pub fn statue() -> TriangleMesh {
     let (pedestal, knot) = (pedestal(), knot());
@@ -34,7 +36,8 @@ pub fn statue() -> TriangleMesh {
     TriangleMesh::new([pedestal, knot].concat(), material_of, materials)
 }
 
-/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its center in the origin.
+/// The Cornell box with the [`statue`] in place of its blocks. The floor is at y = 0, its center in
+/// the origin.
 #[must_use]
 pub fn statue_room() -> TriangleMesh {
     let walls = mesh_of_quads(&cornell_box()[..5]);
@@ -47,7 +50,8 @@ fn turned(part: f64) -> DVec2 {
     DVec2::new(libm::cos(angle), libm::sin(angle))
 }
 
-/// A surface over a grid of `rows` × `columns` pieces; the columns close to a ring. Triangles without area are left out by the mesh.
+/// A surface over a grid of `rows` × `columns` pieces; the columns close to a ring. Triangles
+/// without area are left out by the mesh.
 fn grid(rows: u32, columns: u32, at: impl Fn(u32, u32) -> DVec3) -> Vec<[Vec3; 3]> {
     let corner = |i: u32, j: u32| at(i, j % columns).as_vec3();
     let pieces = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j)));
@@ -75,7 +79,8 @@ fn knot() -> Vec<[Vec3; 3]> {
         let [one, two, three] = [1.0, 2.0, 3.0].map(|k| turned(k * part));
         DVec3::new(one.y + 2.0 * two.y, one.x - 2.0 * two.x, -three.y) * SIZE
     };
-    // Its lowest point is three units below its middle; the tube sinks into the pedestal by a tenth.
+    // Its lowest point is three units below its middle; the tube sinks into the pedestal by a
+    // tenth.
     let foot = DVec3::Y * (PROFILE[7][1] + 3.0 * SIZE + 0.9 * TUBE);
     grid(ALONG, AROUND, |i, j| {
         let part = f64::from(i % ALONG) / f64::from(ALONG);

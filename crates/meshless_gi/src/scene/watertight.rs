@@ -1,12 +1,15 @@
-//! The watertight ray-triangle test of Woop, Benthin & Wald 2013 ([WBW13]): a ray that passes an edge or a vertex of a
-//! closed mesh meets at least one of the triangles around it. The closest-hit casts of the bake end here.
+//! The watertight ray-triangle test of Woop, Benthin & Wald 2013 ([WBW13]): a ray that passes an
+//! edge or a vertex of a closed mesh meets at least one of the triangles around it. The closest-hit
+//! casts of the bake end here.
 //!
-//! The triangle is moved into a system in which the ray starts at the origin and runs along z ([WBW13] §3.2). There the
-//! three edge functions are 2D cross products of the sheared vertices, which two triangles that share an edge compute
-//! from the same numbers with opposite sign. Where one of them is exactly zero in single precision it is computed again
-//! in double precision, whose products of single-precision numbers are exact, so that its sign is right ([WBW13] §3.3).
+//! The triangle is moved into a system in which the ray starts at the origin and runs along z
+//! ([WBW13] §3.2). There the three edge functions are 2D cross products of the sheared vertices,
+//! which two triangles that share an edge compute from the same numbers with opposite sign. Where
+//! one of them is exactly zero in single precision it is computed again in double precision, whose
+//! products of single-precision numbers are exact, so that its sign is right ([WBW13] §3.3).
 //!
-//! Deviation from the paper: distances are compared after the division, so that ties can be told from near misses.
+//! Deviation from the paper: distances are compared after the division, so that ties can be told
+//! from near misses.
 
 use super::Ray;
 use glam::Vec3;
@@ -37,7 +40,8 @@ impl WatertightRay {
     #[must_use]
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        // Let z be the axis along which the ray moves most; swap x and y where that turns the winding.
+        // Let z be the axis along which the ray moves most; swap x and y where that turns the
+        // winding.
         let d = ray.direction;
         let a = d.abs();
         let z = if a.x > a.y && a.x > a.z {

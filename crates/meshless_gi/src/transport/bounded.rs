@@ -1,27 +1,33 @@
 //! Rule `bounded`: rows that lose nothing, with a bound on what they blur (design D3).
 //!
-//! A row is a cut through the sender hierarchy. It starts as the full gather at the finest senders; then groups of siblings hand their
-//! mass to their common parent, the groups that change least first. Handing a group over replaces Σ_c a_c f_c by f_k Σ_c a_c; what it changes is
-//! Σ_c a_c (f_c − f_k), which the training lights measure: root mean square over the lights, relative to each light's own root mean square over the
-//! level. The row stops where the root of the sum of squares over all groups reaches ε. Mass is handed over, never thrown away: the row
-//! sum stays as it was gathered, so truncation neither darkens nor brightens.
+//! A row is a cut through the sender hierarchy. It starts as the full gather at the finest senders;
+//! then groups of siblings hand their mass to their common parent, the groups that change least
+//! first. Handing a group over replaces Σ_c a_c f_c by f_k Σ_c a_c; what it changes is Σ_c a_c (f_c
+//! − f_k), which the training lights measure: root mean square over the lights, relative to each
+//! light's own root mean square over the level. The row stops where the root of the sum of squares
+//! over all groups reaches ε. Mass is handed over, never thrown away: the row sum stays as it was
+//! gathered, so truncation neither darkens nor brightens.
 //!
-//! A change is estimated as the product of what the even rays and the odd rays say of it, four times: the noise of the two is
-//! independent and cancels in the mean, so that noise does not make links (design D4). To it comes a share of what the group
-//! would change if each sender were lit on its own, as strongly as lamps light it at all ([`Training::exposure`]): it guards against lights unlike
-//! the training lights.
+//! A change is estimated as the product of what the even rays and the odd rays say of it, four
+//! times: the noise of the two is independent and cancels in the mean, so that noise does not make
+//! links (design D4). To it comes a share of what the group would change if each sender were lit on
+//! its own, as strongly as lamps light it at all ([`Training::exposure`]): it guards against lights
+//! unlike the training lights.
 //!
-//! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see [`super::l08`].
+//! \[L08\]'s rule drops links below a fixed ε instead and is kept as the baseline, see
+//! [`super::l08`].
 
 use super::gather::Gathered;
 use super::training::{TRAINING_LIGHTS, Training};
 use glam::Vec3A;
 
-/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets centimeter-scale light beside ledges go
-/// unseen, four times as much makes twice the links for no less error.
+/// Share of the single senders' change in the estimate. Measured on three levels: half of it lets
+/// centimeter-scale light beside ledges go unseen, four times as much makes twice the links for no
+/// less error.
 const GUARD: f32 = 0.25;
 
-/// The sender hierarchy as a tree: every sender below the coarsest level belongs to the parent that weighs most.
+/// The sender hierarchy as a tree: every sender below the coarsest level belongs to the parent that
+/// weighs most.
 #[derive(Debug)]
 pub struct SenderTree {
     /// The parent of each sender; its own index at a root.
@@ -33,7 +39,8 @@ pub struct SenderTree {
 }
 
 impl SenderTree {
-    /// From each sender's parent (its own index at a root). `level_starts` bounds the sender levels.
+    /// From each sender's parent (its own index at a root). `level_starts` bounds the sender
+    /// levels.
     #[must_use]
     pub fn new(parents: &[u32], level_starts: &[u32]) -> Self {
         let parent = parents.to_vec();
@@ -60,7 +67,8 @@ impl SenderTree {
 /// Room for [`cut_row`]; one a thread.
 #[derive(Default)]
 pub struct CutScratch {
-    /// Per sender: 0 nothing here, 1 carries mass in the row, 2 split (some descendants are kept finer).
+    /// Per sender: 0 nothing here, 1 carries mass in the row, 2 split (some descendants are kept
+    /// finer).
     state: Vec<u8>,
     everything: Vec<u32>,
     /// Parent in the high half, child in the low one.
@@ -86,7 +94,8 @@ pub struct CutMeasure<'a> {
     pub epsilon: f32,
 }
 
-/// Cuts the gathered row of a receiver with normal `n`: hands mass up in `gathered` and returns the links kept, senders ascending.
+/// Cuts the gathered row of a receiver with normal `n`: hands mass up in `gathered` and returns the
+/// links kept, senders ascending.
 pub fn cut_row(
     gathered: &mut Gathered,
     tree: &SenderTree,
@@ -127,8 +136,9 @@ pub fn cut_row(
             let split = members.iter().any(|&m| state[child(m)] == 2);
             if !split {
                 let change = group_change(gathered, tree, n, measure.training, parent, members);
-                // What a link less costs; a lone child saves nothing here but opens the way further up. Changes are not negative, so their
-                // bits sort as they do; of equals the first comes first.
+                // What a link less costs; a lone child saves nothing here but opens the way further
+                // up. Changes are not negative, so their bits sort as they do; of equals the first
+                // comes first.
                 let rank = change / (members.len() as f32 - 0.75);
                 order.push(u64::from(rank.abs().to_bits()) << 32 | groups.len() as u64);
                 groups.push(Group {
@@ -323,7 +333,8 @@ mod tests {
                     "ε {epsilon}: {before} became {after}"
                 );
                 assert!(links.is_sorted_by_key(|l| l.0));
-                // The two halves are equal here, so what the rule measures is exact; groups add at worst coherently, and there are ten.
+                // The two halves are equal here, so what the rule measures is exact; groups add at
+                // worst coherently, and there are ten.
                 #[expect(
                     clippy::needless_range_loop,
                     reason = "t picks one light out of every sender's row"

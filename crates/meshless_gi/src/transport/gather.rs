@@ -1,10 +1,11 @@
 //! The hemispherical gather of [L08] Eq. (16): all links of one receiver from one set of rays.
 //!
-//! Deviation (design D1): reflectance stays out of the link and 1/π goes in, F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, so that links are
-//! geometry only, dimensionless, and |F_ij| ≤ 1.
+//! Deviation (design D1): reflectance stays out of the link and 1/π goes in, F_ij = (1/π) ∫
+//! B_j(r(x_i, ω)) ω dω, so that links are geometry only, dimensionless, and |F_ij| ≤ 1.
 //!
-//! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map and no allocation per ray
-//! (design D4). Two half sums, of even and of odd rays, tell real variation from noise.
+//! One shared accumulator a thread, dense over the senders, with a list of what was touched: no map
+//! and no allocation per ray (design D4). Two half sums, of even and of odd rays, tell real
+//! variation from noise.
 
 use super::occluded_links::Part;
 use crate::basis::{Hierarchy, WeightEntry};
@@ -76,7 +77,8 @@ pub struct Gathered {
     pub touched: Vec<u32>,
     /// (1/π) ∫ ω dω over the directions that met nothing.
     pub sky: Vec3A,
-    /// What of the sums, and of the sky (as the sender behind the last), crossed occluders: ray after ray.
+    /// What of the sums, and of the sky (as the sender behind the last), crossed occluders: ray
+    /// after ray.
     pub parts: Vec<Part>,
     /// The part of the normal component that met a surface which no sender covers.
     pub uncovered: f32,
@@ -167,8 +169,8 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     let start = x + n * scene.geometry.lift(x);
     let mut random = Random::new(scene.seed, 0x67_61_74_68, i as u64);
     let shift = Vec2::new(random.unit(), random.unit());
-    // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy; the ratio mends it, so that a
-    // closed room of unit radiosity gathers exactly 1.
+    // The lattice misses the hemisphere's closed form Σ w cos θ = 1 by rounding and discrepancy;
+    // the ratio mends it, so that a closed room of unit radiosity gathers exactly 1.
     let mut directions = std::mem::take(&mut out.directions);
     directions.clear();
     directions.extend((0..scene.rays).map(|k| gather_direction(k, scene.rays, shift)));
@@ -230,8 +232,9 @@ pub fn gather(scene: &GatherScene<'_>, i: usize, out: &mut Gathered) {
     out.hits = hits;
 }
 
-/// What receiver `i` at (`x`, `n`) sees where no light comes back: (1/π) ∫ ω dω over the directions that meet nothing, and the part along the normal that meets the back of a
-/// single-sided surface. By the rays that [`gather`] casts.
+/// What receiver `i` at (`x`, `n`) sees where no light comes back: (1/π) ∫ ω dω over the directions
+/// that meet nothing, and the part along the normal that meets the back of a single-sided surface.
+/// By the rays that [`gather`] casts.
 #[must_use]
 pub fn look_out(
     geometry: &dyn Geometry,
@@ -260,8 +263,9 @@ pub fn look_out(
     (sky / whole, unlit / whole)
 }
 
-/// What the terms of a sky that is not uniform give receiver `i` at (`x`, `n`): (1/π) ∫ p_k(ω) ω dω over the directions that meet nothing, by the rays that
-/// [`gather`] casts. What of it crosses occluders is told to `part`, ray after ray.
+/// What the terms of a sky that is not uniform give receiver `i` at (`x`, `n`): (1/π) ∫ p_k(ω) ω dω
+/// over the directions that meet nothing, by the rays that [`gather`] casts. What of it crosses
+/// occluders is told to `part`, ray after ray.
 #[must_use]
 pub fn look_up(
     geometry: &dyn Geometry,
@@ -298,7 +302,8 @@ pub fn look_up(
     terms.map(|t| t / whole)
 }
 
-/// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something: the yardstick for everything else.
+/// Casts the rays of receiver `i` at (`x`, `n`) as [`gather`] does and says how many hit something:
+/// the yardstick for everything else.
 #[must_use]
 pub fn cast_only(geometry: &dyn Geometry, x: Vec3, n: Vec3, i: usize, rays: u32, seed: u64) -> u64 {
     let (t, b) = tangents(n);

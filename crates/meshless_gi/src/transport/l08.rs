@@ -1,11 +1,13 @@
-//! Rule `l08`: the adaptive refinement of \[L08\] Figure 5 as published, the baseline that rule `bounded` is measured against.
+//! Rule `l08`: the adaptive refinement of \[L08\] Figure 5 as published, the baseline that rule
+//! `bounded` is measured against.
 //!
-//! Links are differences on both sides: senders carry differences to coarser levels (\[L08\] Eq. (7)), receivers encode what their parents do not
-//! already say (Eq. (17)). A link to a coarsest sender is kept when its magnitude exceeds ε; one to a finer sender when also its
-//! variation among the sender's neighbors does; a receiver's children are looked at when any of its links was kept.
+//! Links are differences on both sides: senders carry differences to coarser levels (\[L08\] Eq.
+//! (7)), receivers encode what their parents do not already say (Eq. (17)). A link to a coarsest
+//! sender is kept when its magnitude exceeds ε; one to a finer sender when also its variation among
+//! the sender's neighbors does; a receiver's children are looked at when any of its links was kept.
 //!
-//! Deviations: reflectance is not in the link (design D1); a level is worked on in parallel, which Figure 5's queue allows because it
-//! holds the levels one after another.
+//! Deviations: reflectance is not in the link (design D1); a level is worked on in parallel, which
+//! Figure 5's queue allows because it holds the levels one after another.
 
 use super::gather::{GatherScene, Gathered, gather};
 use super::refine::{RawRow, RefinedOperator, share};
@@ -14,7 +16,8 @@ use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Same-level functions that cover each sender's point: the neighbors of \[L08\] §2.1 ("B_i(p_n) ≠ 0"), both ways.
+/// Same-level functions that cover each sender's point: the neighbors of \[L08\] §2.1 ("B_i(p_n) ≠
+/// 0"), both ways.
 #[must_use]
 pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> Vec<Vec<u32>> {
     let count = hierarchy.level_starts[sender_levels] as usize;
@@ -38,7 +41,8 @@ pub fn neighbors(hierarchy: &crate::basis::Hierarchy, sender_levels: usize) -> V
 /// Row, sky, uncovered and unlit part, row sum, and the time of gathering and of deciding.
 type Gathered1 = (RawRow, Vec3A, [f32; 2], f32, [Duration; 2]);
 
-/// The rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser levels.
+/// The rows of \[L08\] Figure 5 with threshold `epsilon`. `parents` are those of all coarser
+/// levels.
 pub fn refine_l08(
     scene: &GatherScene<'_>,
     parents: &Weights,
@@ -77,7 +81,8 @@ pub fn refine_l08(
                     for &j in &touched {
                         links[j as usize] = gathered.link(j);
                     }
-                    // The coarsest level partitions what was seen, so its links sum to the row's mass.
+                    // The coarsest level partitions what was seen, so its links sum to the row's
+                    // mass.
                     let sum: Vec3A = touched
                         .iter()
                         .filter(|&&j| j < coarsest)
@@ -137,7 +142,8 @@ pub fn refine_l08(
                 out.sky.push(sky.into());
                 out.rows.push(row);
             } else {
-                // Not looked at: the sky as the parents see it, level weights summing to one over the coarser levels that cover it.
+                // Not looked at: the sky as the parents see it, level weights summing to one over
+                // the coarser levels that cover it.
                 out.missed.push(0.0);
                 let row = parents.row(i);
                 let total: f32 = row.iter().map(|w| w.weight).sum();

@@ -1,4 +1,5 @@
-//! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse operator that comes out.
+//! How light travels: the gather, which receivers get a row, what a row keeps, and the sparse
+//! operator that comes out.
 
 pub mod bounded;
 pub mod fmm;

@@ -1,4 +1,5 @@
-//! Several bounces, baked: the Neumann series S = T + T² + … of [L08] Eq. (15), with reflectance inside.
+//! Several bounces, baked: the Neumann series S = T + T² + … of [L08] Eq. (15), with reflectance
+//! inside.
 //!
 //! [L08] §3.2 computes "the second and subsequent bounces (T² and onwards) using only the coarsest functions as receivers". Here the series is
 //! taken between the gathers: D = Σ_{m=1}^{k} (ρG)^m, from the senders' direct radiosity to the further radiosity of the coarsest points. The frame
@@ -25,8 +26,9 @@ pub struct BounceScene<'a> {
     pub senders: usize,
 }
 
-/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the largest of their row and color are handed to the
-/// others of the row in proportion, so that each row keeps its sum.
+/// The series up to `bounces` reflections beyond the first. Entries below `epsilon` times the
+/// largest of their row and color are handed to the others of the row in proportion, so that each
+/// row keeps its sum.
 #[must_use]
 pub fn bounce_operator(scene: &BounceScene<'_>, bounces: u32, epsilon: f32) -> BounceOperator {
     let coarsest = scene.normals.len();

@@ -1,8 +1,10 @@
-//! Which parts of a link pass occluders: what a gather notes of its rays, a row of its links, and the operator in twelve bytes a part.
+//! Which parts of a link pass occluders: what a gather notes of its rays, a row of its links, and
+//! the operator in twelve bytes a part.
 //!
-//! A link is the sum of its parts, one for each set of occluders that rays crossed together: F_ij = Σ_m F_ij^m, the first of them through none at all. With the gains g_k in
-//! [0, 1] of a frame it is F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k: exact for any gains of any number of occluders in a row. Links that no occluder is in the way of have no
-//! parts, and cost nothing.
+//! A link is the sum of its parts, one for each set of occluders that rays crossed together: F_ij =
+//! Σ_m F_ij^m, the first of them through none at all. With the gains g_k in [0, 1] of a frame it is
+//! F_ij(g) = Σ_m F_ij^m Π_{k ∈ m} g_k: exact for any gains of any number of occluders in a row.
+//! Links that no occluder is in the way of have no parts, and cost nothing.
 
 use super::{Link, SenderTree};
 use bytemuck::{Pod, Zeroable};
@@ -20,7 +22,8 @@ pub struct Part {
     pub value: Vec3A,
 }
 
-/// Sums the parts of the same link through the same occluders, in their order; ascending by link, then by occluders.
+/// Sums the parts of the same link through the same occluders, in their order; ascending by link,
+/// then by occluders.
 pub fn merge_parts(parts: &mut Vec<Part>) {
     parts.sort_by_key(|p| (p.sender, p.crossed));
     parts.dedup_by(|next, first| {
@@ -32,8 +35,9 @@ pub fn merge_parts(parts: &mut Vec<Part>) {
     });
 }
 
-/// The parts of a row after its cut, which handed each sender's mass to the nearest of itself and its ancestors that is `kept`; what is with none of them rounded to
-/// nothing. Numbers behind the senders are the sky's.
+/// The parts of a row after its cut, which handed each sender's mass to the nearest of itself and
+/// its ancestors that is `kept`; what is with none of them rounded to nothing. Numbers behind the
+/// senders are the sky's.
 pub(super) fn cut_parts(
     tree: &SenderTree,
     parts: &[Part],
@@ -63,7 +67,8 @@ pub(super) fn cut_parts(
 pub struct PackedLinkTerm {
     /// Index of the link.
     pub link: u32,
-    /// x in the low half, y in the high half, both f16, relative to the row's scale as in a [`Link`].
+    /// x in the low half, y in the high half, both f16, relative to the row's scale as in a
+    /// [`Link`].
     pub xy: u32,
     /// z as f16 in the low half, the index of the set in the high half.
     pub z_set: u32,
@@ -95,14 +100,15 @@ impl PackedLinkTerm {
 /// A packed part whose set has no index yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnindexedLinkTerm {
-    /// As [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the low half of [`PackedLinkTerm::z_set`].
+    /// As [`PackedLinkTerm::link`], [`PackedLinkTerm::xy`] and the low half of
+    /// [`PackedLinkTerm::z_set`].
     pub packed: PackedLinkTerm,
     /// The occluders on the way.
     pub crossed: u64,
 }
 
-/// The parts of a link relative to its row's `scale`, packed; what passes no occluder first. The `parts` are those of the link, ascending; the link is their sum and what
-/// `whole` has beyond it.
+/// The parts of a link relative to its row's `scale`, packed; what passes no occluder first. The
+/// `parts` are those of the link, ascending; the link is their sum and what `whole` has beyond it.
 pub(super) fn pack_parts(
     link: u32,
     whole: Vec3,
@@ -131,8 +137,8 @@ pub fn link_of_parts(parts: impl Iterator<Item = Vec3>, sender: u32) -> Link {
     Link::pack(parts.sum(), 1.0, sender as u16)
 }
 
-/// The sets of occluders that occur, ascending, the empty one first; and the parts of several operators with their indices. None where there are more sets than an index
-/// holds.
+/// The sets of occluders that occur, ascending, the empty one first; and the parts of several
+/// operators with their indices. None where there are more sets than an index holds.
 #[must_use]
 pub fn number_sets<const N: usize>(
     parts: [&[UnindexedLinkTerm]; N],

@@ -1,8 +1,9 @@
 //! The sparse transport operator in the layout that bake, asset, frame and GPU share.
 //!
-//! A row belongs to a point (same index) and lists links to senders. A link holds geometry only (design D1):
-//! F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, a dimensionless 3-vector with |F_ij| ≤ 1 ([L08] Eq. (16) without ρ). The vector
-//! irradiance at the point is E⃗_i = Σ_j F_ij b_j, with b_j the sender's radiosity coefficient in W/m².
+//! A row belongs to a point (same index) and lists links to senders. A link holds geometry only
+//! (design D1): F_ij = (1/π) ∫ B_j(r(x_i, ω)) ω dω, a dimensionless 3-vector with |F_ij| ≤ 1 ([L08]
+//! Eq. (16) without ρ). The vector irradiance at the point is E⃗_i = Σ_j F_ij b_j, with b_j the
+//! sender's radiosity coefficient in W/m².
 
 use super::pca::Compression;
 use bytemuck::{Pod, Zeroable};
@@ -20,10 +21,12 @@ pub struct Link {
 }
 
 impl Link {
-    /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the sky (the last nine, where the bake knows its terms).
+    /// Most senders an operator may have: a link has 16 bits for the index, and the last one is the
+    /// sky (the last nine, where the bake knows its terms).
     pub const MAX_SENDERS: usize = 65_535;
 
-    /// Packs `vector / scale` and `sender`. `scale` must be positive and no component larger than it.
+    /// Packs `vector / scale` and `sender`. `scale` must be positive and no component larger than
+    /// it.
     #[must_use]
     pub fn pack(vector: Vec3, scale: f32, sender: u16) -> Self {
         let v = vector / scale;
@@ -60,8 +63,9 @@ pub struct Row {
     pub count: u32,
     /// Multiplies every link's vector.
     pub scale: f32,
-    /// The least tier of a frame that uses the row (design D11), from 1 on; in frames of lower tiers the point takes its value from its parents. 0 where it
-    /// always does: the point has no row of its own.
+    /// The least tier of a frame that uses the row (design D11), from 1 on; in frames of lower
+    /// tiers the point takes its value from its parents. 0 where it always does: the point has no
+    /// row of its own.
     pub tier: u32,
 }
 
@@ -77,13 +81,16 @@ impl Row {
 /// Which coefficients of a sender the links multiply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum SenderForm {
-    /// Radiosity averaged over the sender's support, the pulled values f_j; rows stand alone and keep their mass
-    /// (rule `bounded`). An inactive point takes the weighted mean of its parents one level up.
+    /// Radiosity averaged over the sender's support, the pulled values f_j; rows stand alone and
+    /// keep their mass (rule `bounded`). An inactive point takes the weighted mean of its parents
+    /// one level up.
     Averages,
-    /// Differences to the coarser levels, α_j of \[L08\] Eq. (7); rows are differences too, Eq. (17) (rule `l08`).
+    /// Differences to the coarser levels, α_j of \[L08\] Eq. (7); rows are differences too, Eq.
+    /// (17) (rule `l08`).
     Differences,
-    /// Coefficients of the senders' radiosity in bases of direct light, one basis a cluster ([`Compression`]); rows stand alone, and an inactive point takes
-    /// the weighted mean of its parents, as with averages (rule `pca`, \[P14\] Eq. (10)).
+    /// Coefficients of the senders' radiosity in bases of direct light, one basis a cluster
+    /// ([`Compression`]); rows stand alone, and an inactive point takes the weighted mean of its
+    /// parents, as with averages (rule `pca`, \[P14\] Eq. (10)).
     Components,
 }
 
@@ -102,11 +109,14 @@ pub struct Operator {
     pub form: SenderForm,
     /// One row a point.
     pub rows: Vec<Row>,
-    /// All links: tier after tier, row after row within a tier, senders ascending within a row. The links of a tier and those below it are a prefix. The sender
-    /// with the index "number of senders" (of columns, in the form of components) is the sky: its coefficient is π times the sky's radiance. Behind it stand the
-    /// eight terms of a sky that is not uniform ([`SkyRadiance`](crate::scene::SkyRadiance)), where the bake knows them.
+    /// All links: tier after tier, row after row within a tier, senders ascending within a row. The
+    /// links of a tier and those below it are a prefix. The sender with the index "number of
+    /// senders" (of columns, in the form of components) is the sky: its coefficient is π times the
+    /// sky's radiance. Behind it stand the eight terms of a sky that is not uniform
+    /// ([`SkyRadiance`](crate::scene::SkyRadiance)), where the bake knows them.
     pub links: Vec<Link>,
-    /// From senders to the columns that links of the form of components name in place of senders; None in every other form.
+    /// From senders to the columns that links of the form of components name in place of senders;
+    /// None in every other form.
     pub compression: Option<Compression>,
 }
 
@@ -114,7 +124,8 @@ impl Operator {
     /// Most tiers of an operator.
     pub const MAX_TIERS: u32 = 16;
 
-    /// How many coefficients links may name, the sky's not counted: columns in the form of components, else the `senders`.
+    /// How many coefficients links may name, the sky's not counted: columns in the form of
+    /// components, else the `senders`.
     #[must_use]
     pub fn coefficients(&self, senders: usize) -> usize {
         self.compression
@@ -160,7 +171,8 @@ pub fn row_order(rows: &[Row]) -> Vec<u32> {
     order
 }
 
-/// Sets where the rows' links start, from their tiers and counts. Answers with the number of links, None where there are more than 32 bits count.
+/// Sets where the rows' links start, from their tiers and counts. Answers with the number of links,
+/// None where there are more than 32 bits count.
 #[must_use]
 pub fn place_links(rows: &mut [Row]) -> Option<u32> {
     let order = row_order(rows);
@@ -186,9 +198,9 @@ pub struct BounceLink {
     pub sender: u32,
 }
 
-/// The baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last gather: from the
-/// senders' direct radiosity to the further radiosity of the coarsest points (\[L08\] §3.2: "using only the coarsest
-/// functions as receivers").
+/// The baked second and later bounces, S = T + T² + … (\[L08\] Eq. (15)) without its first and last
+/// gather: from the senders' direct radiosity to the further radiosity of the coarsest points
+/// (\[L08\] §3.2: "using only the coarsest functions as receivers").
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BounceOperator {
     /// Where each coarsest point's entries start; one more than there are coarsest points.

@@ -6,7 +6,8 @@ use super::{Link, Operator, Row, SenderForm, row_order};
 use crate::scene::SkyRadiance;
 use glam::{Vec3, Vec3A};
 
-/// An operator and the largest error that packing put on any link, relative to the largest link of its row.
+/// An operator and the largest error that packing put on any link, relative to the largest link of
+/// its row.
 pub struct Packed {
     /// The operator.
     pub operator: Operator,
@@ -16,8 +17,10 @@ pub struct Packed {
     pub error: f32,
 }
 
-/// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes
-/// each active row's last link, to the sender `senders` (see [`Operator::links`]); `terms`, where there are any, those behind it. In the form of components, `senders` counts columns.
+/// Packs the rows, tier after tier. `tiers` says from which tier on each active row is used
+/// ([`assign_tiers`](super::assign_tiers)). `sky`, where given, becomes each active row's last
+/// link, to the sender `senders` (see [`Operator::links`]); `terms`, where there are any, those
+/// behind it. In the form of components, `senders` counts columns.
 #[must_use]
 pub fn pack(
     rows: &[RawRow],
@@ -53,7 +56,8 @@ pub fn pack(
                 .chain(terms.clone())
         };
         let parts = &rows[i].parts;
-        // The rest of a link beyond its parts may be larger than the link: parts of a probe have signs.
+        // The rest of a link beyond its parts may be larger than the link: parts of a probe have
+        // signs.
         let rests =
             all().map(|(j, v)| v - parts_of(parts, j).iter().map(|p| p.value).sum::<Vec3A>());
         let sizes = all().map(|l| l.1).chain(parts.iter().map(|p| p.value));

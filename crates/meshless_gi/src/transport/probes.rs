@@ -1,15 +1,21 @@
-//! Rows of places in free space: from the senders' radiosity to the light that arrives at a probe from all around, in spherical harmonics up to the
-//! second degree. After the operator's own rows, before packing; the operator is the same, and so are its senders.
+//! Rows of places in free space: from the senders' radiosity to the light that arrives at a probe
+//! from all around, in spherical harmonics up to the second degree. After the operator's own rows,
+//! before packing; the operator is the same, and so are its senders.
 //!
-//! A surface of normal n held at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the convolution theorem of \[RH01\] (Eqs. (7)-(9): the cosine
-//! keeps π, 2π/3 and π/4 of the degrees 0, 1 and 2, and 99 % of its energy lies there) that is E(n) = c + d·n + n·Q n with
+//! A surface of normal n held at the probe receives E(n) = ∫ L(ω) max(0, n·ω) dω. By the
+//! convolution theorem of \[RH01\] (Eqs. (7)-(9): the cosine keeps π, 2π/3 and π/4 of the degrees
+//! 0, 1 and 2, and 99 % of its energy lies there) that is E(n) = c + d·n + n·Q n with
 //!
-//! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω, symmetric and without trace: nine numbers.
+//! - c = (1/4) ∫ L dω, d = (1/2) ∫ L ω dω, Q = (15/32) ∫ L (ω ωᵀ − I/3) dω, symmetric and without
+//!   trace: nine numbers.
 //!
-//! With the radiosity b = π L of what a direction meets a link holds (1/π) times these integrals over the sender's function, as links of surfaces do (design D1).
-//! Nine numbers are three vectors, and a probe three rows of the usual kind: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel `apply` knows nothing of it.
+//! With the radiosity b = π L of what a direction meets a link holds (1/π) times these integrals
+//! over the sender's function, as links of surfaces do (design D1). Nine numbers are three vectors,
+//! and a probe three rows of the usual kind: d; (c, Q_xx, Q_yy); (Q_xy, Q_xz, Q_yz). The kernel
+//! `apply` knows nothing of it.
 //!
-//! The cut through the senders' tree is that of [`super::bounded`], by what it does to c, for the three rows together.
+//! The cut through the senders' tree is that of [`super::bounded`], by what it does to c, for the
+//! three rows together.
 
 use super::bounded::{CutMeasure, CutScratch, cut_row};
 use super::gather::{GatherScene, Gathered};
@@ -33,13 +39,15 @@ pub struct ProbeGather {
     pub sky: Vec<Vec3>,
     /// The same of the terms of a sky that is not uniform; empty where nobody asked.
     pub terms: Vec<[Vec3; SkyRadiance::TERMS]>,
-    /// Part of the directions that met a surface which no sender covers, or the back of one, in the mean over all probes.
+    /// Part of the directions that met a surface which no sender covers, or the back of one, in the
+    /// mean over all probes.
     pub lost: f64,
     /// Rays that it took.
     pub rays: u64,
 }
 
-/// The nine numbers of a direction, of weight 1/N each: they integrate to (1/π) times c, d and Q of a radiosity of one.
+/// The nine numbers of a direction, of weight 1/N each: they integrate to (1/π) times c, d and Q of
+/// a radiosity of one.
 fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     let square = way * way - 1.0 / 3.0;
     let q = 1.875 * weight;
@@ -50,7 +58,9 @@ fn harmonics(way: Vec3, weight: f32) -> [Vec3A; PROBE_ROWS] {
     ]
 }
 
-/// Gathers and cuts the rows of the probes at `places`, with the terms of a sky that is not uniform where `sky_terms` asks for them. None where `told`, which hears how much is done, says stop. The same for any number of threads.
+/// Gathers and cuts the rows of the probes at `places`, with the terms of a sky that is not uniform
+/// where `sky_terms` asks for them. None where `told`, which hears how much is done, says stop. The
+/// same for any number of threads.
 pub fn probe_rows(
     scene: &GatherScene<'_>,
     places: &[Vec3],

@@ -1,16 +1,18 @@
-//! A gathered row as refinement remembers it: read again for every child, by the hundred million, so in eight bytes a link. Comes from [`super::gather`],
-//! serves [`super::refine`]; nothing of it is baked.
+//! A gathered row as refinement remembers it: read again for every child, by the hundred million,
+//! so in eight bytes a link. Comes from [`super::gather`], serves [`super::refine`]; nothing of it
+//! is baked.
 
 use super::gather::Gathered;
 use glam::Vec3;
 
-/// The links of a row before it was cut, in parts of the largest component's 32 767th: an error of 2e-5 of the largest link, which the noise of
-/// the gather hides.
+/// The links of a row before it was cut, in parts of the largest component's 32 767th: an error of
+/// 2e-5 of the largest link, which the noise of the gather hides.
 #[derive(Debug, Default)]
 pub struct QuantizedRow {
     /// What the largest component is, over 32 767; dimensionless.
     unit: f32,
-    /// x, y, z in units, and the sender: there are no more than 65 536, see [`Link::MAX_SENDERS`](super::Link::MAX_SENDERS).
+    /// x, y, z in units, and the sender: there are no more than 65 536, see
+    /// [`Link::MAX_SENDERS`](super::Link::MAX_SENDERS).
     links: Vec<[i16; 4]>,
 }
 

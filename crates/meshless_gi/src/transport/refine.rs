@@ -1,14 +1,17 @@
 //! Which receivers get a row, and where there are more of them: the driver of rule `bounded`.
 //!
-//! Like [L08] Figure 5 it goes down the receiver hierarchy level by level and refines only where it must. Where [L08] looks at single links,
-//! this looks at what a whole row says: each receiver is gathered and what its parents say is subtracted ([L08] Eq. (17)); the error that
-//! their mean would make is estimated from the difference (see [`super::training`]). Receivers of a level that covers everything whose
-//! error is below a tolerance take their parents' mean (the `flatten` kernel interpolates). Rows that are kept stand alone: they replace the
-//! interpolated value, so nothing cancels and nothing is lost.
+//! Like [L08] Figure 5 it goes down the receiver hierarchy level by level and refines only where it
+//! must. Where [L08] looks at single links, this looks at what a whole row says: each receiver is
+//! gathered and what its parents say is subtracted ([L08] Eq. (17)); the error that their mean
+//! would make is estimated from the difference (see [`super::training`]). Receivers of a level that
+//! covers everything whose error is below a tolerance take their parents' mean (the `flatten`
+//! kernel interpolates). Rows that are kept stand alone: they replace the interpolated value, so
+//! nothing cancels and nothing is lost.
 //!
-//! Where receivers of the finest level still differ from their parents, a finer level is added around them, and so on: beside ledges and in
-//! corners light changes over centimeters. A receiver of level l stands for a surface of R_l², so the tolerance doubles from level to
-//! level: what remains is spread evenly over the surface.
+//! Where receivers of the finest level still differ from their parents, a finer level is added
+//! around them, and so on: beside ledges and in corners light changes over centimeters. A receiver
+//! of level l stands for a surface of R_l², so the tolerance doubles from level to level: what
+//! remains is spread evenly over the surface.
 
 use super::bounded::{CutMeasure, CutScratch, SenderTree, cut_row};
 use super::gather::{GatherScene, GatherSettings, Gathered, gather};
@@ -23,7 +26,8 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// The vector irradiance at a point for each training lamp, and for a sky of unit radiosity, by the even and by the odd rays.
+/// The vector irradiance at a point for each training lamp, and for a sky of unit radiosity, by the
+/// even and by the odd rays.
 type Response = [[Vec3A; TRAINING_LIGHTS + 1]; 2];
 
 /// A row before packing.
@@ -31,7 +35,8 @@ type Response = [[Vec3A; TRAINING_LIGHTS + 1]; 2];
 pub struct RawRow {
     /// Senders and their F_ij, senders ascending.
     pub links: Vec<(u32, Vec3A)>,
-    /// What of them, of the sky and of its terms crosses occluders: ascending by sender, then by occluders.
+    /// What of them, of the sky and of its terms crosses occluders: ascending by sender, then by
+    /// occluders.
     pub parts: Vec<Part>,
     /// False where the point takes its value from its parents.
     pub active: bool,
@@ -44,7 +49,8 @@ pub struct RefinedOperator {
     pub rows: Vec<RawRow>,
     /// (1/π) ∫ ω dω over the sky, for every point.
     pub sky: Vec<Vec3>,
-    /// For every point, the share of its gathered light that met a surface which no sender covers, or an unlit back; 0 where nothing was gathered.
+    /// For every point, the share of its gathered light that met a surface which no sender covers,
+    /// or an unlit back; 0 where nothing was gathered.
     pub missed: Vec<f32>,
     /// Mean share of the gathered light that met a surface which no sender covers.
     pub uncovered: f64,
@@ -78,8 +84,9 @@ impl RefinedOperator {
 pub struct BoundedSettings {
     /// Bound on what a row blurs, relative to the light's root mean square, see [`super::bounded`].
     pub epsilon: f32,
-    /// Difference to the parents' value, relative to the root mean square of the light, below which a receiver of the finest level that covers
-    /// everything needs no row and no finer receivers around it.
+    /// Difference to the parents' value, relative to the root mean square of the light, below which
+    /// a receiver of the finest level that covers everything needs no row and no finer receivers
+    /// around it.
     pub tolerance: f32,
     /// Levels whose points always get a row.
     pub always: usize,
@@ -146,8 +153,10 @@ struct Known {
     leaves: Vec<QuantizedRow>,
 }
 
-/// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest level still differ from what their parents
-/// say. With a `basis` rows are written in it (rule `pca`) and not cut. `progress` is told how much is done and may stop the work by answering false; then nothing comes back.
+/// Gathers and cuts the rows of all receivers, and adds finer receivers where those of the finest
+/// level still differ from what their parents say. With a `basis` rows are written in it (rule
+/// `pca`) and not cut. `progress` is told how much is done and may stop the work by answering
+/// false; then nothing comes back.
 pub fn refine_bounded(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
@@ -289,8 +298,8 @@ pub fn refine_bounded(
     Some(out)
 }
 
-/// Adds a level around the receivers of the finest level whose error is above `tolerance`, those with the largest errors first. Returns how
-/// many points it has.
+/// Adds a level around the receivers of the finest level whose error is above `tolerance`, those
+/// with the largest errors first. Returns how many points it has.
 fn add_level(
     gathering: &GatherSettings<'_>,
     receivers: &mut Receivers<'_>,
@@ -301,7 +310,8 @@ fn add_level(
     let l = receivers.hierarchy.levels.len();
     let hierarchy = &*receivers.hierarchy;
     let level = hierarchy.level(l - 1);
-    // A single error is a product of two noisy sums, and the largest of many would be those with the luckiest noise: the mean around each one is asked.
+    // A single error is a product of two noisy sums, and the largest of many would be those with
+    // the luckiest noise: the mean around each one is asked.
     let means: Vec<f32> = level
         .clone()
         .into_par_iter()
@@ -445,7 +455,8 @@ fn receive(
     }
 }
 
-/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link, and is `kept`.
+/// Notes where each sender's mass went: to the nearest of itself and its ancestors that has a link,
+/// and is `kept`.
 fn note_handed(handed: &TruncationMass, tree: &SenderTree, masses: &[(u32, f32)], kept: &[bool]) {
     for &(j, mass) in masses {
         let mut k = j;
@@ -458,8 +469,9 @@ fn note_handed(handed: &TruncationMass, tree: &SenderTree, masses: &[(u32, f32)]
     }
 }
 
-/// What single senders' links differ from those that the parents in `row` say, squared and weighed by exposure: the parents' rows before they
-/// were cut, and those of the points that they in turn inherit from. The product of what the even and the odd rays say.
+/// What single senders' links differ from those that the parents in `row` say, squared and weighed
+/// by exposure: the parents' rows before they were cut, and those of the points that they in turn
+/// inherit from. The product of what the even and the odd rays say.
 fn single_errors(
     compared: &mut Compared,
     done: &RefinedOperator,
@@ -510,7 +522,8 @@ pub(super) fn share([first, second]: [Duration; 2]) -> f64 {
     first.as_secs_f64() / (first + second).as_secs_f64().max(1e-9)
 }
 
-/// What the even and the odd rays of a gathered row say for each training lamp, and the row's mass. The sky is not split.
+/// What the even and the odd rays of a gathered row say for each training lamp, and the row's mass.
+/// The sky is not split.
 fn respond(gathered: &Gathered, signals: &TrainingRadiosity) -> (Response, Vec3A) {
     let mut response = [[Vec3A::ZERO; TRAINING_LIGHTS + 1]; 2];
     let mut row_sum = Vec3A::ZERO;
@@ -549,8 +562,9 @@ fn interpolate_sky(sky: &[Vec3], parents: &[WeightEntry]) -> Vec3A {
         .sum()
 }
 
-/// Mean square over the training lamps of the difference: the product of what the two halves say, whose noise is independent. The
-/// part along the normal counts whole; the tangential part, which only normal maps see, a tenth of its square.
+/// Mean square over the training lamps of the difference: the product of what the two halves say,
+/// whose noise is independent. The part along the normal counts whole; the tangential part, which
+/// only normal maps see, a tenth of its square.
 fn difference(found: &Response, expected: &Response, n: Vec3A, sky: f32) -> f32 {
     let mut sum = 0.0;
     for t in 0..=TRAINING_LIGHTS {

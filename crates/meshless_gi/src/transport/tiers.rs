@@ -1,15 +1,20 @@
 //! Tiers of the operator (design D11): which rows a cheaper frame leaves out.
 //!
-//! Under rule `bounded` rows stand alone, and a point without a row takes the weighted mean of its parents (kernel `flatten`), a sender in a sweep too. So every
-//! set of rows that holds those without parents is an operator, and the tiers are a nested series of such sets.
+//! Under rule `bounded` rows stand alone, and a point without a row takes the weighted mean of its
+//! parents (kernel `flatten`), a sender in a sweep too. So every set of rows that holds those
+//! without parents is an operator, and the tiers are a nested series of such sets.
 //!
-//! The rows of coarser levels come first, and the rows of one level as they lie evenly over the surface. What an interpolation loses falls with the square of the spacing,
-//! its square by sixteen from level to level, while a row costs about as much on every level; and a part of a level that is spread evenly leaves light out
-//! on no side: tiers are neither darker nor brighter, but where light sits in places smaller than the points are apart. The other order that was tried, by the loss that refinement measures at each row (times the
-//! surface that shows it, over its links), is no better at equal links and darkens: where light bends gently the loss drowns in the noise of the rays, and just
-//! there thousands of rows are left out at once.
+//! The rows of coarser levels come first, and the rows of one level as they lie evenly over the
+//! surface. What an interpolation loses falls with the square of the spacing, its square by sixteen
+//! from level to level, while a row costs about as much on every level; and a part of a level that
+//! is spread evenly leaves light out on no side: tiers are neither darker nor brighter, but where
+//! light sits in places smaller than the points are apart. The other order that was tried, by the
+//! loss that refinement measures at each row (times the surface that shows it, over its links), is
+//! no better at equal links and darkens: where light bends gently the loss drowns in the noise of
+//! the rays, and just there thousands of rows are left out at once.
 //!
-//! Rule `l08` has one tier: its rows are differences, every point below takes part of them ([L08] Eq. (17)), and ε has left out what is small already.
+//! Rule `l08` has one tier: its rows are differences, every point below takes part of them ([L08]
+//! Eq. (17)), and ε has left out what is small already.
 
 use super::SenderForm;
 use super::refine::RawRow;
@@ -21,10 +26,12 @@ pub const TIERS: u32 = 4;
 /// Links of the first tier, relative to all of them, where the rows without parents have no more.
 const FIRST: f64 = 0.125;
 
-/// The tier of each point's row, 1 to [`TIERS`]: from the one on a frame uses it. Of points without rows the number means nothing.
+/// The tier of each point's row, 1 to [`TIERS`]: from the one on a frame uses it. Of points without
+/// rows the number means nothing.
 ///
-/// `level_starts` bounds the levels' points, which lie along a curve that leaves no places behind (Morton order); `parents` has a row a point. The tiers hold about an eighth,
-/// a quarter, half and all of the links.
+/// `level_starts` bounds the levels' points, which lie along a curve that leaves no places behind
+/// (Morton order); `parents` has a row a point. The tiers hold about an eighth, a quarter, half and
+/// all of the links.
 #[must_use]
 pub fn assign_tiers(
     rows: &[RawRow],
@@ -48,7 +55,8 @@ pub fn assign_tiers(
     for bounds in level_starts.windows(2) {
         let level = bounds[0] as usize..bounds[1] as usize;
         let mut optional: Vec<usize> = level.filter(|i| active(i) && !needed(i)).collect();
-        // Weyl's sequence of the golden ratio: the first of its numbers, however many, are spread evenly.
+        // Weyl's sequence of the golden ratio: the first of its numbers, however many, are spread
+        // evenly.
         optional.sort_by_key(|&i| ((i as u32).wrapping_mul(0x9e37_79b9), i));
         for i in optional {
             while tier < TIERS && used >= targets[tier as usize - 1] {
@@ -61,7 +69,8 @@ pub fn assign_tiers(
     tiers
 }
 
-/// Links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from what is needed where that is more, to all of them.
+/// Links of each tier but the last: a geometric series from [`FIRST`] of `all`, or from what is
+/// needed where that is more, to all of them.
 fn targets(all: u64, needed: u64) -> [u64; TIERS as usize - 1] {
     let first = (needed as f64 / all.max(1) as f64).max(FIRST);
     let step = libm::cbrt(first);
@@ -74,7 +83,8 @@ mod tests {
     use crate::basis::WeightEntry;
     use glam::Vec3A;
 
-    /// 20 points that need their rows, 2000 that do not, every fifth of those without one; four links a row.
+    /// 20 points that need their rows, 2000 that do not, every fifth of those without one; four
+    /// links a row.
     fn rows() -> (Vec<RawRow>, Weights, [u32; 4]) {
         let rows = (0..2020)
             .map(|i| match i < 20 || i % 5 != 0 {

@@ -1,9 +1,12 @@
-//! What refinement knows of the lights to come: a handful of training lamps, and how brightly lamps make each sender shine at all.
+//! What refinement knows of the lights to come: a handful of training lamps, and how brightly lamps
+//! make each sender shine at all.
 //!
-//! An error of a row matters where light is. The training lamps measure the coherent part of an error, that of light which covers many senders at once;
-//! sixteen of them cannot have lit every corner. So for every sender there is also its exposure, the root mean square of its radiosity over many more
-//! lamps: an error that sits in single senders, as beside a lit ledge, counts with the square of their exposures as if each were lit on its
-//! own. All are relative: each lamp is scaled so that the root mean square of its indirect irradiance over the coarsest points is one.
+//! An error of a row matters where light is. The training lamps measure the coherent part of an
+//! error, that of light which covers many senders at once; sixteen of them cannot have lit every
+//! corner. So for every sender there is also its exposure, the root mean square of its radiosity
+//! over many more lamps: an error that sits in single senders, as beside a lit ledge, counts with
+//! the square of their exposures as if each were lit on its own. All are relative: each lamp is
+//! scaled so that the root mean square of its indirect irradiance over the coarsest points is one.
 
 use super::bounded::SenderTree;
 use super::gather::{GatherScene, Gathered, gather};

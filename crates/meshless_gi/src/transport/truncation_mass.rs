@@ -1,15 +1,19 @@
-//! What rows handed to each coarse sender, and the mean that it has to be for them: the pull rows of rule `bounded` (design D3).
+//! What rows handed to each coarse sender, and the mean that it has to be for them: the pull rows
+//! of rule `bounded` (design D3).
 //!
-//! A row that hands mass to a parent puts the parent's mean in place of what its children say. Receivers do not see all children alike: those that
-//! look into the lit yard are themselves seen from the yard, and a mean by area darkens what comes from there by per cents. So the mean is taken by
-//! the mass that the rows of the senders' own points handed over. Over all of them truncation then loses nothing, for any light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with
-//! f_k = Σ_c m_c f_c / Σ_c m_c and m_c = Σ_i a_ic.
+//! A row that hands mass to a parent puts the parent's mean in place of what its children say.
+//! Receivers do not see all children alike: those that look into the lit yard are themselves seen
+//! from the yard, and a mean by area darkens what comes from there by per cents. So the mean is
+//! taken by the mass that the rows of the senders' own points handed over. Over all of them
+//! truncation then loses nothing, for any light: Σ_i Σ_c a_ic f_c = Σ_i a_ik f_k with f_k = Σ_c m_c
+//! f_c / Σ_c m_c and m_c = Σ_i a_ic.
 
 use super::SenderTree;
 use crate::basis::{WeightEntry, Weights};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Sums are counted in these steps: whole numbers add up alike in any order (design D5). A row's mass is at most one, and 2²⁴ rows fit.
+/// Sums are counted in these steps: whole numbers add up alike in any order (design D5). A row's
+/// mass is at most one, and 2²⁴ rows fit.
 const STEPS: f32 = (1u64 << 40) as f32;
 /// Share of what children show in general, where little was handed over.
 const GENERAL: f32 = 0.01;
@@ -39,8 +43,10 @@ impl TruncationMass {
         }
     }
 
-    /// The mean that each sender is of those below it that handed it mass; of its children by `shown`, which says for every level how much surface each
-    /// sender shows to those farther away than the level's functions reach, as far as there was none. Rows of senders without children are empty.
+    /// The mean that each sender is of those below it that handed it mass; of its children by
+    /// `shown`, which says for every level how much surface each sender shows to those farther away
+    /// than the level's functions reach, as far as there was none. Rows of senders without children
+    /// are empty.
     #[must_use]
     pub fn pull(&self, tree: &SenderTree, shown: &[Vec<f32>]) -> Weights {
         let mut rows: Vec<Vec<WeightEntry>> = vec![Vec::new(); tree.parent.len()];

@@ -29,7 +29,8 @@ impl Size {
     }
 }
 
-/// From where on `ours` stays below the sum over all pairs, between two measured sizes by their logarithms; the first size where it never is above.
+/// From where on `ours` stays below the sum over all pairs, between two measured sizes by their
+/// logarithms; the first size where it never is above.
 fn overtakes(sizes: &[Size], ours: impl Fn(&Size) -> f64) -> Option<f64> {
     let gap = |s: &Size| (ours(s) / s.direct).ln();
     let Some(last) = sizes.iter().rposition(|s| gap(s) > 0.0) else {

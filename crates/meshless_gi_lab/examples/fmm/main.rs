@@ -1,5 +1,6 @@
-//! What the fast multipole method ([G08]) does to error and time: by order, by the number of points, by the care for points that look away from each other, and with
-//! visibility against the reference integrator. Writes `FMM.md` and its charts.
+//! What the fast multipole method ([G08]) does to error and time: by order, by the number of
+//! points, by the care for points that look away from each other, and with visibility against the
+//! reference integrator. Writes `FMM.md` and its charts.
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example fmm -- -o docs/reports [--most POINTS]
@@ -128,7 +129,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Without noise of the reference: the root mean square of the difference over that of what is right.
+/// Without noise of the reference: the root mean square of the difference over that of what is
+/// right.
 fn nrmse(values: &[Vec3], right: &[Vec3]) -> f64 {
     errors(values, right, &vec![Vec3::ZERO; right.len()]).nrmse
 }
@@ -225,7 +227,8 @@ fn slacks() -> Result<Vec<Slack>, Box<dyn Error>> {
     Ok(out)
 }
 
-/// Numbers of points: from a thousand on two an octave, so that no fit hangs on how full the leaves of one of them happen to be.
+/// Numbers of points: from a thousand on two an octave, so that no fit hangs on how full the leaves
+/// of one of them happen to be.
 fn numbers(most: usize) -> Vec<usize> {
     let large = (0..=20).map(|k| (1000.0 * f64::powf(2.0, f64::from(k) / 2.0)) as usize);
     let all = [60, 120, 250, 500].into_iter().chain(large);
@@ -235,8 +238,8 @@ fn numbers(most: usize) -> Vec<usize> {
 fn sizes(most: usize) -> Result<Vec<Size>, Box<dyn Error>> {
     let numbers = numbers(most);
     let mut out: Vec<Size> = Vec::new();
-    // Round after round over all sizes, and the fastest run counts: what else the machine does for a while does not hit one of them alone. What takes microseconds
-    // is run more often.
+    // Round after round over all sizes, and the fastest run counts: what else the machine does for
+    // a while does not hit one of them alone. What takes microseconds is run more often.
     for round in 0..ROUNDS {
         for (k, &points) in numbers.iter().enumerate() {
             let room = with_ball(points);

@@ -1,4 +1,5 @@
-//! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light, by error, time of a frame, bytes and time of the bake.
+//! Both kinds of operator on the same axes, on a level: links to senders and bases of direct light,
+//! by error, time of a frame, bytes and time of the bake.
 
 use super::document::LEVEL;
 use meshless_gi::bake::{Progress, Settings, TransportMethod};
@@ -13,7 +14,8 @@ use std::time::Duration;
 /// No bake begins that would end later than this.
 const LIMIT: Duration = Duration::from_mins(8);
 
-/// Of a full report what changes the rule or its threshold at draft, bases of light without added levels too, as links to senders are tried.
+/// Of a full report what changes the rule or its threshold at draft, bases of light without added
+/// levels too, as links to senders are tried.
 fn choose(base: &Settings) -> Vec<Variant> {
     let mut all = full(base);
     all.retain(|v| {

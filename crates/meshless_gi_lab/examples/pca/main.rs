@@ -1,12 +1,15 @@
-//! Principal components ([P14]) measured: soft shadows of a panel from precomputed visibility, and transfer by bases of direct light, by the number of coefficients, beside the
-//! reference integrator. Writes the document, its charts and pictures:
+//! Principal components ([P14]) measured: soft shadows of a panel from precomputed visibility, and
+//! transfer by bases of direct light, by the number of coefficients, beside the reference
+//! integrator. Writes the document, its charts and pictures:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example pca -- -o docs/reports [--part visibility|transfer|level] [--bakes FOLDER] [path/to/level]
 //! ```
 //!
-//! makes `docs/reports/PCA.md` and `docs/reports/pca/`, or one part of three anew and leaves the others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the level (a `.glb`, or a folder with `L0.json` that names one) both
-//! kinds of operator are compared; the Cornell box where none is given.
+//! makes `docs/reports/PCA.md` and `docs/reports/pca/`, or one part of three anew and leaves the
+//! others. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise. On the
+//! level (a `.glb`, or a folder with `L0.json` that names one) both kinds of operator are compared;
+//! the Cornell box where none is given.
 
 mod beside;
 mod document;
@@ -93,7 +96,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen from, and what it is to cut clusters.
+/// Rays beside memory at draft on a level, below a panel at the first place that light can be seen
+/// from, and what it is to cut clusters.
 fn raced(name: &str, mesh: &TriangleMesh) -> Result<(Vec<Race>, Vec<Cut>), Box<dyn Error>> {
     let recipe = Recipe {
         preset: Preset::Draft,

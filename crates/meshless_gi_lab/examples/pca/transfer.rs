@@ -1,4 +1,5 @@
-//! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and the sparse operator beside it, each against the reference integrator.
+//! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and
+//! the sparse operator beside it, each against the reference integrator.
 
 use meshless_gi::asset::BakedScene;
 use meshless_gi::bake::{Baked, Preset, Progress, Recipe, TransportMethod, bake_scene};
@@ -41,7 +42,8 @@ pub struct Made {
 /// What was measured on one level.
 pub struct Transfer {
     pub name: String,
-    /// At draft: links to senders, and series by the number of coefficients, one for each size of clusters.
+    /// At draft: links to senders, and series by the number of coefficients, one for each size of
+    /// clusters.
     pub senders: Made,
     pub by_count: Vec<(u32, Vec<Made>)>,
     /// At medium: links to senders, and ten coefficients in about 64 clusters.
@@ -75,7 +77,8 @@ fn made(
     }
 }
 
-/// Measures a level, of which `medium` is the bake by rule `bounded` at medium, and the seconds that it took.
+/// Measures a level, of which `medium` is the bake by rule `bounded` at medium, and the seconds
+/// that it took.
 pub fn measure(
     name: &str,
     level: &TriangleMesh,

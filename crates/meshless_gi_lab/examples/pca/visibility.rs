@@ -1,4 +1,5 @@
-//! Soft shadows: light of a rectangle in the penumbra, by the number of coefficients, beside the reference integrator.
+//! Soft shadows: light of a rectangle in the penumbra, by the number of coefficients, beside the
+//! reference integrator.
 
 use glam::Vec3;
 use meshless_gi::asset::BakedScene;
@@ -42,7 +43,8 @@ pub fn lamp(name: &str) -> Light {
     }
 }
 
-/// Panels that the constants of [`soft`] were not chosen with: elsewhere, of other sizes and other shapes.
+/// Panels that the constants of [`soft`] were not chosen with: elsewhere, of other sizes and other
+/// shapes.
 pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     let panel = |center: [f32; 3], u: f32, v: f32| Light::Rect {
         center: center.into(),
@@ -65,8 +67,10 @@ pub fn other_lamps(name: &str) -> [(&'static str, Light); 2] {
     }
 }
 
-/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place, (iii) what is missing
-/// and what would be there without shadows are splatted, and their quotient, the missing share, is taken, as the kernel `shade` does.
+/// Errors of irradiance at `places` from memory, in three ways of display: (i) what arrives is
+/// splatted, (ii) what is missing is splatted and taken from the unshadowed light of the place,
+/// (iii) what is missing and what would be there without shadows are splatted, and their quotient,
+/// the missing share, is taken, as the kernel `shade` does.
 fn compare(
     scene: &BakedScene,
     visibility: &Visibility,
@@ -184,7 +188,8 @@ pub struct Cut {
     pub clusters: usize,
     pub bytes: usize,
     pub seconds: f64,
-    /// Root mean square of how far visible fractions from memory and by rays are apart, at the points.
+    /// Root mean square of how far visible fractions from memory and by rays are apart, at the
+    /// points.
     pub apart: f64,
     /// NRMSE in the penumbra, and by rays at the same points.
     pub penumbra: f64,
@@ -242,7 +247,8 @@ fn remembering(scene: &BakedScene) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// Runs both at the points that remember and that the panel would light, with one sample, which is what `project` asks of a point light, and with [`SAMPLES`].
+/// Runs both at the points that remember and that the panel would light, with one sample, which is
+/// what `project` asks of a point light, and with [`SAMPLES`].
 pub fn race(
     name: &str,
     mesh: &TriangleMesh,

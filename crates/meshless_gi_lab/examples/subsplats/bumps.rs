@@ -1,5 +1,6 @@
-//! What vectors at nodes are worth ([N09] §4.3, Fig. 11): a ball and a wall whose normals are bumpy, from nodes that hold vector irradiance, and from nodes that hold the
-//! irradiance of their own normal, with and without Eq. (3).
+//! What vectors at nodes are worth ([N09] §4.3, Fig. 11): a ball and a wall whose normals are
+//! bumpy, from nodes that hold vector irradiance, and from nodes that hold the irradiance of their
+//! own normal, with and without Eq. (3).
 
 use super::experiments::SMALL;
 use super::subsplat_support::{Measured, Stage, View, from};
@@ -84,8 +85,9 @@ fn bump(view: &mut View<'_>) {
     view.expose(scale);
 }
 
-/// What nodes with one irradiance each give. Between nodes light is interpolated part by part, and each pixel takes its normal's: with all of the irradiance along one axis
-/// of the six, a pixel whose normal has that axis gives back what was interpolated.
+/// What nodes with one irradiance each give. Between nodes light is interpolated part by part, and
+/// each pixel takes its normal's: with all of the irradiance along one axis of the six, a pixel
+/// whose normal has that axis gives back what was interpolated.
 fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Measured) {
     let params = view.params(settings);
     let picture = view.picture();

@@ -1,4 +1,5 @@
-//! The experiments: views of every level, tests of discontinuities along a path ([N09] Fig. 9), resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
+//! The experiments: views of every level, tests of discontinuities along a path ([N09] Fig. 9),
+//! resolutions and thresholds (Table 2, Fig. 10), thresholds of light, bumps.
 
 use super::bumps::{self, Bumpy};
 use super::gloss;

@@ -1,4 +1,5 @@
-//! Virtual lights on a screen: gloss refined for each light ([N09] Table 1, §3.3.1), and numbers of lights at several resolutions ([N09] Fig. 14).
+//! Virtual lights on a screen: gloss refined for each light ([N09] Table 1, §3.3.1), and numbers of
+//! lights at several resolutions ([N09] Fig. 14).
 
 use super::gloss_support::{Scene, room, share, virtual_lights};
 use glam::Vec3;
@@ -29,7 +30,8 @@ const LIGHTS: [u32; 3] = [16, 64, 256];
 const FINEST: [u32; 4] = [4, 3, 2, 1];
 const QUARTER: [u32; 2] = [480, 270];
 
-/// A column of Table 1: lights, then for each resolution what [N09]'s lists hold, how long they took to refine, and what ours evaluate.
+/// A column of Table 1: lights, then for each resolution what [N09]'s lists hold, how long they
+/// took to refine, and what ours evaluate.
 pub struct Column {
     lights: u32,
     theirs: Vec<(u64, f64)>,
@@ -43,7 +45,8 @@ pub struct Row {
     ways: [(f64, f64, f32); 3],
 }
 
-/// Diffuse light of so many lights: seconds at full resolution, then share of the evaluations and seconds for each finest level.
+/// Diffuse light of so many lights: seconds at full resolution, then share of the evaluations and
+/// seconds for each finest level.
 pub struct Diffuse {
     lights: u32,
     full: f64,

@@ -1,10 +1,12 @@
-//! Subsplats ([N09]) measured: how many, how far from full resolution, for how much of its time, and what each setting is worth. Writes the document and its charts:
+//! Subsplats ([N09]) measured: how many, how far from full resolution, for how much of its time,
+//! and what each setting is worth. Writes the document and its charts:
 //!
 //! ```text
 //! cargo run --release -p meshless_gi_lab --example subsplats -- -o docs/reports [--bakes FOLDER] [LEVEL_FOLDER...]
 //! ```
 //!
-//! makes `docs/reports/SUBSPLATS.md` and `docs/reports/subsplats/`. A level's folder holds `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
+//! makes `docs/reports/SUBSPLATS.md` and `docs/reports/subsplats/`. A level's folder holds
+//! `L0.json`; its name is one whose views are known. The cluttered room is made here, and always
 //! measured, first. `FOLDER/NAME.mgi` spares a bake at medium, which is written there otherwise.
 
 mod bumps;

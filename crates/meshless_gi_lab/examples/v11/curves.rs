@@ -1,4 +1,5 @@
-//! The charts: errors against the number of points, and the curves B(ζ), D(u) of [V11] Figures 11-13 for every basis and density.
+//! The charts: errors against the number of points, and the curves B(ζ), D(u) of [V11] Figures
+//! 11-13 for every basis and density.
 
 use super::{Experiment, SHOWN, slug};
 use glam::DVec3;
@@ -10,7 +11,8 @@ use meshless_gi_lab::accuracy::{
 use std::error::Error;
 use std::f64::consts::TAU;
 
-/// The bases of the charts that show several, in the order of their colors. The widest Gaussians leave every frame: they have their own charts.
+/// The bases of the charts that show several, in the order of their colors. The widest Gaussians
+/// leave every frame: they have their own charts.
 const SEVERAL: [Basis; 6] = [
     Basis::Ours,
     Basis::Shepard,

@@ -5,8 +5,8 @@
 //! cargo run --release -p meshless_gi_lab --example v11 -- -o DIR
 //! ```
 //!
-//! makes `DIR/V11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every density in `DIR/v11/all/`. With `--short`, as for `docs/`, without
-//! the latter.
+//! makes `DIR/V11.md` and what it shows in `DIR/v11/`, and the curves of every basis at every
+//! density in `DIR/v11/all/`. With `--short`, as for `docs/`, without the latter.
 
 mod curves;
 mod document;

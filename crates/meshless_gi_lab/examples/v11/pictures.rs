@@ -21,7 +21,8 @@ const CAMERA: Camera = Camera {
     vertical_angle: 0.62,
 };
 
-/// Writes the pictures at one density: `total_BASIS.png`, `reflected_BASIS.png`, and `…_solution.png`.
+/// Writes the pictures at one density: `total_BASIS.png`, `reflected_BASIS.png`, and
+/// `…_solution.png`.
 pub fn write(made: &Experiment) -> Result<(), Box<dyn Error>> {
     let folder = made.folder.join("v11");
     let shown = made.sets.iter().find(|set| set.spacing == SHOWN);

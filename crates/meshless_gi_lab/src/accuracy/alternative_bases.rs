@@ -1,10 +1,14 @@
-//! The rivals of [V11] §VI: Shepard's inverse square and Gaussian radial functions, both over the normal-sensitive distance; and [L08]'s own multilevel
-//! functions behind the same interface, so that the three can be compared. Only `accuracy/` uses them: what a bake uses is in `shepard.rs` and `flat.rs`.
+//! The rivals of [V11] §VI: Shepard's inverse square and Gaussian radial functions, both over the
+//! normal-sensitive distance; and [L08]'s own multilevel functions behind the same interface, so
+//! that the three can be compared. Only `accuracy/` uses them: what a bake uses is in `shepard.rs`
+//! and `flat.rs`.
 //!
-//! The Gaussian functions neither sum to one nor are 1 at their own and 0 at the other points: whoever wants to pass through values has to solve for
-//! the coefficients. [V11] gives no method; we solve the dense system by LU. "Site distance divided by the nominal radius" (§VI) makes functions so wide
-//! that the system is next to singular; §V says that functions are "nearly zero" at the nominal radius, which makes them four times as narrow. Both are
-//! there: [`GaussianBasis::new`] takes the width in nominal radii.
+//! The Gaussian functions neither sum to one nor are 1 at their own and 0 at the other points:
+//! whoever wants to pass through values has to solve for the coefficients. [V11] gives no method;
+//! we solve the dense system by LU. "Site distance divided by the nominal radius" (§VI) makes
+//! functions so wide that the system is next to singular; §V says that functions are "nearly zero"
+//! at the nominal radius, which makes them four times as narrow. Both are there:
+//! [`GaussianBasis::new`] takes the width in nominal radii.
 
 use super::dense::Lu;
 use glam::{DVec3, Vec3};
@@ -15,12 +19,14 @@ use rayon::prelude::*;
 const NEIGHBORS: usize = 10;
 /// Where the Gaussian counts as zero ([V11] §V.A).
 const GAUSSIAN_END: f64 = 4.0;
-/// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how much more each time that does not help.
+/// What is added to the diagonal of a Gaussian system that is singular as it stands, and by how
+/// much more each time that does not help.
 const RIDGE: [f64; 2] = [1e-12, 100.0];
 /// More than this on the diagonal of ones is no interpolation any more.
 const MAX_RIDGE: f64 = 1e-2;
 
-/// What is known at a point: three channels of a scalar, and the vectors whose parts along the point's normal they are.
+/// What is known at a point: three channels of a scalar, and the vectors whose parts along the
+/// point's normal they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointSample {
     /// A value a channel, W/m².
@@ -29,7 +35,8 @@ pub struct PointSample {
     pub vector: [DVec3; 3],
 }
 
-/// A function on surfaces: three channels at a place and for its unit normal. None where it is not defined.
+/// A function on surfaces: three channels at a place and for its unit normal. None where it is not
+/// defined.
 pub type SurfaceField<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<DVec3> + Sync + 'a>;
 
 /// Why there is no function through the samples.
@@ -67,7 +74,8 @@ pub trait PointBasis: Sync {
     /// Where the samples are not one a point or not finite.
     fn fit(&self, samples: &[PointSample]) -> Result<SurfaceField<'_>, PointBasisError>;
 
-    /// What had to be added to the diagonal of the basis' system, whose own entries there are 1, to solve it; 0 where there is none, or it is regular.
+    /// What had to be added to the diagonal of the basis' system, whose own entries there are 1, to
+    /// solve it; 0 where there is none, or it is regular.
     fn ridge(&self) -> f64 {
         0.0
     }
@@ -91,7 +99,8 @@ pub fn check_samples(points: usize, samples: &[PointSample]) -> Result<(), Point
     }
 }
 
-/// The normal-sensitive distance of \[V11\] Eq. (15), meters: |p − q| over the cosine of the normals; infinite where they are 90° or more apart.
+/// The normal-sensitive distance of \[V11\] Eq. (15), meters: |p − q| over the cosine of the
+/// normals; infinite where they are 90° or more apart.
 #[must_use]
 pub fn site_distance(x_p: Vec3, n_p: Vec3, x_q: Vec3, n_q: Vec3) -> f64 {
     let cosine = f64::from(n_p.dot(n_q));
@@ -111,7 +120,8 @@ fn check_points(points: &[(Vec3, Vec3)]) -> Result<(), PointBasisError> {
     }
 }
 
-/// Shepard's interpolation with inverse squared site distances over all points, ϕ^S of \[V11\] Eqs. (14), (16).
+/// Shepard's interpolation with inverse squared site distances over all points, ϕ^S of \[V11\] Eqs.
+/// (14), (16).
 #[derive(Clone, Debug)]
 pub struct ShepardBasis(Vec<(Vec3, Vec3)>);
 
@@ -147,7 +157,8 @@ impl PointBasis for ShepardBasis {
     }
 }
 
-/// Gaussian radial functions over the site distance, ϕ^G of \[V11\] Eqs. (12), (17), with the coefficients that pass through the samples.
+/// Gaussian radial functions over the site distance, ϕ^G of \[V11\] Eqs. (12), (17), with the
+/// coefficients that pass through the samples.
 #[derive(Clone, Debug)]
 pub struct GaussianBasis {
     points: Vec<(Vec3, Vec3)>,
@@ -158,9 +169,10 @@ pub struct GaussianBasis {
 }
 
 impl GaussianBasis {
-    /// The basis of points (x, n), each function's standard deviation being `width` times its nominal radius: the site distance to the tenth nearest
-    /// other point (to the farthest, where fewer face the same way). Where the system is singular as far as rounding tells, something is added to its
-    /// diagonal, see [`PointBasis::ridge`].
+    /// The basis of points (x, n), each function's standard deviation being `width` times its
+    /// nominal radius: the site distance to the tenth nearest other point (to the farthest, where
+    /// fewer face the same way). Where the system is singular as far as rounding tells, something
+    /// is added to its diagonal, see [`PointBasis::ridge`].
     ///
     /// # Errors
     /// Where a point is not finite, or the system stays singular.
@@ -257,13 +269,15 @@ impl PointBasis for GaussianBasis {
     }
 }
 
-/// The multilevel functions of \[L08\] Eqs. (1)-(7): the first level takes the samples, each further one the differences that are left at its points. One
-/// level is what \[V11\] calls Lehtinen's basis.
+/// The multilevel functions of \[L08\] Eqs. (1)-(7): the first level takes the samples, each
+/// further one the differences that are left at its points. One level is what \[V11\] calls
+/// Lehtinen's basis.
 #[derive(Clone, Copy, Debug)]
 pub struct MultilevelBasis<'a>(pub &'a [LevelBasis]);
 
 impl MultilevelBasis<'_> {
-    /// F_l(p) of \[L08\] Eq. (6) over `levels`, whose coefficients lie behind one another. None where no level covers the place.
+    /// F_l(p) of \[L08\] Eq. (6) over `levels`, whose coefficients lie behind one another. None
+    /// where no level covers the place.
     fn sum(
         levels: &[LevelBasis],
         coefficients: &[DVec3],
@@ -366,7 +380,8 @@ mod tests {
                 assert!((found - sample.value).length() < 1e-6);
             }
         }
-        // Shepard's functions sum to one, and beside a point they are flat; narrow Gaussians have holes.
+        // Shepard's functions sum to one, and beside a point they are flat; narrow Gaussians have
+        // holes.
         let between = Vec3::new(3.5, 0.0, 3.6);
         let at = |basis: &dyn PointBasis| {
             let field = basis.fit(&samples).expect("one a point");

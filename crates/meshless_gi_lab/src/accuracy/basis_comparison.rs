@@ -1,14 +1,18 @@
 //! [V11]'s experiment with numbers: each basis writes down the light of the sphere over the disk (`sphere_over_disk.rs`) from samples at the same points, and
 //! is compared with the solution of the integral equations.
 //!
-//! The points are Poisson disks of the project's own sampling, at several spacings. Samples are either the solution's own values at the points, which
-//! shows the basis alone, or, as in [V11] §VII, what iteration in the basis itself gives: λ ← ε + Rλ with R's integrals over the basis functions taken by
-//! quadrature (the paper takes them as point lights). Measured apart for sphere and disk, in parts of the solution's root mean square there:
-//! root mean square error, largest error, bias, and two measures of what [V11] names but does not define, oscillation:
+//! The points are Poisson disks of the project's own sampling, at several spacings. Samples are
+//! either the solution's own values at the points, which shows the basis alone, or, as in [V11]
+//! §VII, what iteration in the basis itself gives: λ ← ε + Rλ with R's integrals over the basis
+//! functions taken by quadrature (the paper takes them as point lights). Measured apart for sphere
+//! and disk, in parts of the solution's root mean square there: root mean square error, largest
+//! error, bias, and two measures of what [V11] names but does not define, oscillation:
 //!
-//! - *oscillation*: the total variation along a meridian of the sphere or a ray of the disk, over that of the solution, less 1, in the mean over the
-//!   azimuths. Negative where an edge or a top is flattened.
-//! - *unevenness*: the root mean square of what differs from the mean over all azimuths, which the solution does not: [V11]'s red line beside its black one.
+//! - *oscillation*: the total variation along a meridian of the sphere or a ray of the disk, over
+//!   that of the solution, less 1, in the mean over the azimuths. Negative where an edge or a top
+//!   is flattened.
+//! - *unevenness*: the root mean square of what differs from the mean over all azimuths, which the
+//!   solution does not: [V11]'s red line beside its black one.
 
 use super::point_set::{Basis, PointSet};
 use super::sphere_over_disk::{Site, Solution, SphereOverDisk};
@@ -43,7 +47,8 @@ pub enum Quantity {
     SolvedIndirect,
 }
 
-/// Errors on one of the surfaces, in parts of the solution's root mean square there (bias: of its mean).
+/// Errors on one of the surfaces, in parts of the solution's root mean square there (bias: of its
+/// mean).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceErrors {
     /// Root mean square error, by area.
@@ -79,7 +84,8 @@ pub struct ComparisonRow {
     pub ridge: f64,
 }
 
-/// The solution's values at points: total, indirect, and indirect with noise, as radiosity; the vectors are β times the vector irradiances.
+/// The solution's values at points: total, indirect, and indirect with noise, as radiosity; the
+/// vectors are β times the vector irradiances.
 #[must_use]
 pub fn exact_samples(solution: &Solution, points: &[(Vec3, Vec3)], seed: u64) -> Vec<PointSample> {
     let sample = |(i, &(x, _)): (usize, &(Vec3, Vec3))| {
@@ -200,8 +206,9 @@ fn errors_of(
     }
 }
 
-/// λ ← ε + Rλ in a basis (\[V11\] Eq. (19)): samples of total and of reflected light at the points that the field through them gives back. The
-/// integral over the field is taken over the grid, exactly enough not to be seen.
+/// λ ← ε + Rλ in a basis (\[V11\] Eq. (19)): samples of total and of reflected light at the points
+/// that the field through them gives back. The integral over the field is taken over the grid,
+/// exactly enough not to be seen.
 ///
 /// # Errors
 /// As [`PointBasis::fit`].
@@ -266,9 +273,10 @@ pub fn solve_in(
     Ok(samples)
 }
 
-/// Compares bases over one set of points with `truth`, one row a basis and quantity. The samples are `known`'s, which is the truth itself but where somebody
-/// wants to see that another answer is noticed. `solved` asks for the iteration in the bases, too. There the plugin's basis iterates as the plugin does:
-/// with scalars (design D1), and vectors for the display.
+/// Compares bases over one set of points with `truth`, one row a basis and quantity. The samples
+/// are `known`'s, which is the truth itself but where somebody wants to see that another answer is
+/// noticed. `solved` asks for the iteration in the bases, too. There the plugin's basis iterates as
+/// the plugin does: with scalars (design D1), and vectors for the display.
 ///
 /// # Errors
 /// Where a Gaussian system cannot be solved.

@@ -1,23 +1,28 @@
-//! Closed forms: light that is known without any simulation, in double precision. What the reference integrator is tested against.
+//! Closed forms: light that is known without any simulation, in double precision. What the
+//! reference integrator is tested against.
 //!
-//! Form factors are those of Howell's catalog \[H10\], by its numbers; enclosures follow from the geometric series of reflections, integrating
-//! spheres from the constant form factor between any two places inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
+//! Form factors are those of Howell's catalog \[H10\], by its numbers; enclosures follow from the
+//! geometric series of reflections, integrating spheres from the constant form factor between any
+//! two places inside a sphere. Angles in radians, lengths in meters, irradiances in W/m².
 
 use core::f64::consts::PI;
 use glam::DVec3;
 
-/// Irradiance straight from a point lamp of `intensity` (W/sr) at `height` above a plane, at `aside` from the lamp's foot: E = I h / (h² + s²)^(3/2), the
-/// inverse square law times Lambert's cosine.
+/// Irradiance straight from a point lamp of `intensity` (W/sr) at `height` above a plane, at
+/// `aside` from the lamp's foot: E = I h / (h² + s²)^(3/2), the inverse square law times Lambert's
+/// cosine.
 #[must_use]
 pub fn lamp_over_plane(intensity: f64, height: f64, aside: f64) -> f64 {
     intensity * height / (height * height + aside * aside).powf(1.5)
 }
 
-/// Irradiance at the foot of a point lamp that hangs `below` a boundless ceiling of reflectance `albedo`, itself `room` above the floor, from one
-/// reflection at the ceiling alone (a black floor). 0 < `below` < `room`.
+/// Irradiance at the foot of a point lamp that hangs `below` a boundless ceiling of reflectance
+/// `albedo`, itself `room` above the floor, from one reflection at the ceiling alone (a black
+/// floor). 0 < `below` < `room`.
 ///
-/// The ceiling's radiosity ρ I h / (h² + s²)^(3/2) seen from H below its center, ∫ B H² 2s / (s² + H²)² ds: with w² = s² + h² and c = H² − h² the integrand is
-/// rational, 2 ρ I h H² ∫_h^∞ dw / (w² (w² + c)²).
+/// The ceiling's radiosity ρ I h / (h² + s²)^(3/2) seen from H below its center, ∫ B H² 2s / (s² +
+/// H²)² ds: with w² = s² + h² and c = H² − h² the integrand is rational, 2 ρ I h H² ∫_h^∞ dw / (w²
+/// (w² + c)²).
 #[must_use]
 pub fn lamp_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) -> f64 {
     let c = room * room - below * below;
@@ -27,7 +32,8 @@ pub fn lamp_below_ceiling(intensity: f64, albedo: f64, below: f64, room: f64) ->
     2.0 * albedo * intensity * below * room * room * integral
 }
 
-/// Form factor of two equal parallel rectangles `a` × `b`, one right above the other at `distance`: \[H10\] C-11. 0.19982 for unit squares.
+/// Form factor of two equal parallel rectangles `a` × `b`, one right above the other at `distance`:
+/// \[H10\] C-11. 0.19982 for unit squares.
 #[must_use]
 pub fn parallel_rectangles(a: f64, b: f64, distance: f64) -> f64 {
     let (x, y) = (a / distance, b / distance);
@@ -37,8 +43,8 @@ pub fn parallel_rectangles(a: f64, b: f64, distance: f64) -> f64 {
     2.0 / (PI * x * y) * (log + arcs - x * x.atan() - y * y.atan())
 }
 
-/// Form factor from a rectangle `edge` × `from` to one of `edge` × `to` that stands on it at a right angle, `edge` being common to both: \[H10\] C-14.
-/// 0.20004 for unit squares.
+/// Form factor from a rectangle `edge` × `from` to one of `edge` × `to` that stands on it at a
+/// right angle, `edge` being common to both: \[H10\] C-14. 0.20004 for unit squares.
 #[must_use]
 pub fn perpendicular_rectangles(edge: f64, from: f64, to: f64) -> f64 {
     let (w, h) = (from / edge, to / edge);
@@ -53,9 +59,10 @@ pub fn perpendicular_rectangles(edge: f64, from: f64, to: f64) -> f64 {
     (arcs + 0.25 * logs) / (PI * w)
 }
 
-/// Irradiance at place `x` with unit normal `n` from a convex polygon of uniform `radiance` (W/(m² sr)) that is wholly above the place's tangent plane and in
-/// full view: half the radiance times the sum over its edges of the angle under which an edge is seen, times the cosine between n and the normal of the
-/// plane of edge and place (\[L60\]). Whichever way the corners go around.
+/// Irradiance at place `x` with unit normal `n` from a convex polygon of uniform `radiance` (W/(m²
+/// sr)) that is wholly above the place's tangent plane and in full view: half the radiance times
+/// the sum over its edges of the angle under which an edge is seen, times the cosine between n and
+/// the normal of the plane of edge and place (\[L60\]). Whichever way the corners go around.
 #[must_use]
 pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
     let to: Vec<DVec3> = corners.iter().map(|&c| (c - x).normalize()).collect();
@@ -70,14 +77,17 @@ pub fn polygon(x: DVec3, n: DVec3, corners: &[DVec3], radiance: f64) -> f64 {
     0.5 * radiance * sum.abs()
 }
 
-/// Irradiance everywhere inside a closed surface that emits `emitted` (radiosity, W/m²) and reflects `albedo` at each of its places, after at most so many
-/// reflections: M Σ ρ^i for i up to `bounces`; without a limit M / (1 − ρ), infinite for a reflectance of one. It equals the radiosity there.
+/// Irradiance everywhere inside a closed surface that emits `emitted` (radiosity, W/m²) and
+/// reflects `albedo` at each of its places, after at most so many reflections: M Σ ρ^i for i up to
+/// `bounces`; without a limit M / (1 − ρ), infinite for a reflectance of one. It equals the
+/// radiosity there.
 #[must_use]
 pub fn enclosure(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     emitted * series(albedo, bounces)
 }
 
-/// What a closed surface reflects of its own emission: [`enclosure`] without the light that comes straight.
+/// What a closed surface reflects of its own emission: [`enclosure`] without the light that comes
+/// straight.
 #[must_use]
 pub fn enclosure_reflected(emitted: f64, albedo: f64, bounces: Option<u32>) -> f64 {
     match bounces {
@@ -93,8 +103,9 @@ pub fn integrating_sphere(power: f64, radius: f64, albedo: f64, bounces: Option<
     enclosure_reflected(power / (4.0 * PI * radius * radius), albedo, bounces)
 }
 
-/// Power (W) of a spot of axial `intensity` (W/sr) with half angles `inner` and `outer`, its edge falling as the square of the cosine's part between them:
-/// 2π I ((1 − cos inner) + (cos inner − cos outer) / 3).
+/// Power (W) of a spot of axial `intensity` (W/sr) with half angles `inner` and `outer`, its edge
+/// falling as the square of the cosine's part between them: 2π I ((1 − cos inner) + (cos inner −
+/// cos outer) / 3).
 #[must_use]
 pub fn spot_power(intensity: f64, inner: f64, outer: f64) -> f64 {
     let (inside, edge) = (inner.cos(), outer.cos());

@@ -1,5 +1,5 @@
-//! Small dense systems of equations: LU with partial pivoting, for the one rival basis that needs to solve one ([V11] ϕ^G). A few thousand unknowns; nothing
-//! on the baked path uses it.
+//! Small dense systems of equations: LU with partial pivoting, for the one rival basis that needs
+//! to solve one ([V11] ϕ^G). A few thousand unknowns; nothing on the baked path uses it.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,12 +14,14 @@ pub(super) struct Lu {
     rows: Vec<Vec<f64>>,
     /// Which row of the matrix each of them was.
     order: Vec<usize>,
-    /// Smallest over largest absolute pivot: about the reciprocal of the condition number, never far below it.
+    /// Smallest over largest absolute pivot: about the reciprocal of the condition number, never
+    /// far below it.
     pub pivots: f64,
 }
 
 impl Lu {
-    /// Factorises a square matrix, row by row. None where it is singular as far as rounding can tell, or not finite.
+    /// Factorises a square matrix, row by row. None where it is singular as far as rounding can
+    /// tell, or not finite.
     pub fn new(mut rows: Vec<Vec<f64>>) -> Option<Self> {
         let n = rows.len();
         let mut order: Vec<usize> = (0..n).collect();

@@ -1,8 +1,10 @@
-//! FLIP, the perceptual difference of two pictures (\[ANA20\]): 0 for equal pictures, 1 for the largest difference. For low-dynamic-range pictures in
-//! linear RGB (values beyond 0..1 are clamped), seen at 67 pixels a degree.
+//! FLIP, the perceptual difference of two pictures (\[ANA20\]): 0 for equal pictures, 1 for the
+//! largest difference. For low-dynamic-range pictures in linear RGB (values beyond 0..1 are
+//! clamped), seen at 67 pixels a degree.
 //!
-//! Two differences of each pixel, ΔE = ΔE_c^(1 − ΔE_f): of colors in an opponent space blurred by the eye's contrast sensitivity, measured by HyAB in L*a*b* with the
-//! Hunt effect, its larger part compressed; and of features, edges and points that one picture has and the other lacks.
+//! Two differences of each pixel, ΔE = ΔE_c^(1 − ΔE_f): of colors in an opponent space blurred by
+//! the eye's contrast sensitivity, measured by HyAB in L*a*b* with the Hunt effect, its larger part
+//! compressed; and of features, edges and points that one picture has and the other lacks.
 
 use super::Image;
 use rayon::prelude::*;
@@ -105,7 +107,8 @@ fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// A kernel that is a product of one along rows and one along columns, both of odd length, applied with the borders repeated.
+/// A kernel that is a product of one along rows and one along columns, both of odd length, applied
+/// with the borders repeated.
 fn convolve(plane: &Plane, w: usize, h: usize, across: &[f32], down: &[f32]) -> Plane {
     if plane.is_empty() {
         return Plane::new();
@@ -196,7 +199,8 @@ fn color_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> Plane {
 fn feature_difference(a: &Plane, b: &Plane, w: usize, h: usize) -> Plane {
     let sigma = 0.5 * 0.082 * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
-    // Both are products of a bell across the feature's direction and, along it, its derivative or what is left of its second one.
+    // Both are products of a bell across the feature's direction and, along it, its derivative or
+    // what is left of its second one.
     let bell = |x: i32| (-((x * x) as f32) / (2.0 * sigma * sigma)).exp();
     let along = |of: &dyn Fn(i32) -> f32| -> Vec<f32> { (-radius..=radius).map(of).collect() };
     let gauss = along(&bell);
@@ -242,7 +246,8 @@ mod tests {
     #[test]
     fn flat_pictures_differ_as_their_colors_do() {
         let of = |a, b| flip(&flat(a), &flat(b));
-        // Green against blue is the largest difference by definition; black against white is 100 by HyAB, 0.967 after compression.
+        // Green against blue is the largest difference by definition; black against white is 100 by
+        // HyAB, 0.967 after compression.
         assert!((of(Vec3::Y, Vec3::Z) - 1.0).abs() < 1e-3);
         assert!((of(Vec3::ZERO, Vec3::ONE) - 0.967).abs() < 2e-3);
         let gray = Vec3::splat(0.2);

@@ -1,4 +1,5 @@
-//! Ground truth that another program computed, read from a table: irradiance at surface places, by numbers of diffuse reflections.
+//! Ground truth that another program computed, read from a table: irradiance at surface places, by
+//! numbers of diffuse reflections.
 
 use super::{Errors, errors};
 use glam::Vec3;
@@ -18,7 +19,8 @@ pub struct GroundTruth {
     pub places: Vec<(Vec3, Vec3)>,
     /// Irradiance straight from the lights, W/m² on the side of the normal.
     pub direct: Vec<Vec3>,
-    /// Irradiance after one to so many reflections as [`BOUNCES`] says, and its standard errors, W/m².
+    /// Irradiance after one to so many reflections as [`BOUNCES`] says, and its standard errors,
+    /// W/m².
     pub indirect: [(Vec<Vec3>, Vec<Vec3>); 4],
 }
 
@@ -58,7 +60,8 @@ pub struct Comparison {
 }
 
 impl GroundTruth {
-    /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must have been made for.
+    /// Compares a baked scene with the truth for the `k`-th of [`BOUNCES`], which `evaluator` must
+    /// have been made for.
     #[must_use]
     pub fn compare(&self, evaluator: &Evaluator<'_>, k: usize) -> Comparison {
         let light: Vec<_> = self
@@ -80,7 +83,8 @@ impl GroundTruth {
         }
     }
 
-    /// Reads a table of comma-separated numbers under a header with `p`, `n`, `direct`, `ind1`, `ind1_se` and so on, three columns each.
+    /// Reads a table of comma-separated numbers under a header with `p`, `n`, `direct`, `ind1`,
+    /// `ind1_se` and so on, three columns each.
     ///
     /// # Errors
     /// [`GroundTruthError`], with the line.

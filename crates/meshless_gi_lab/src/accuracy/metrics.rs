@@ -1,4 +1,5 @@
-//! Errors of irradiances against a reference that has noise of its own, and light where there should be none.
+//! Errors of irradiances against a reference that has noise of its own, and light where there
+//! should be none.
 
 use glam::Vec3;
 
@@ -13,12 +14,14 @@ pub struct Errors {
     pub bias: f64,
     /// 99th percentile of |x − ref| over the root mean square of the reference.
     pub p99: f64,
-    /// Mean of (x − ref)² / (ref² + ε), the reference's own variance subtracted, with ε a hundredth of the reference's mean square: dim places count as
-    /// much as bright ones (\[RKZ11\], whose ε is 0.01 for pictures of values about one; ours has a unit).
+    /// Mean of (x − ref)² / (ref² + ε), the reference's own variance subtracted, with ε a hundredth
+    /// of the reference's mean square: dim places count as much as bright ones (\[RKZ11\], whose ε
+    /// is 0.01 for pictures of values about one; ours has a unit).
     pub rel_mse: f64,
 }
 
-/// Compares `values` with `reference` and its `standard_errors` (zero where it has none), all of equal length.
+/// Compares `values` with `reference` and its `standard_errors` (zero where it has none), all of
+/// equal length.
 #[must_use]
 pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> Errors {
     assert_eq!(values.len(), reference.len());
@@ -64,8 +67,10 @@ pub fn errors(values: &[Vec3], reference: &[Vec3], standard_errors: &[Vec3]) -> 
     }
 }
 
-/// How much light came through a wall: the root mean square of what is too much or too little on its dark side, over the root mean square of the light
-/// on its lit side. Stricter than a ratio of means, in which single bright spots drown. Infinite where the lit side is dark but the dark one is not.
+/// How much light came through a wall: the root mean square of what is too much or too little on
+/// its dark side, over the root mean square of the light on its lit side. Stricter than a ratio of
+/// means, in which single bright spots drown. Infinite where the lit side is dark but the dark one
+/// is not.
 ///
 /// # Panics
 /// Where `dark` and `dark_reference` differ in length.

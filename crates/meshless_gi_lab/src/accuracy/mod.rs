@@ -1,6 +1,6 @@
-//! Metrics of design and documents, the closed forms that the reference integrator is tested against, a test
-//! whether two noisy estimates agree, ground truth from files, alternative bases, a renderer for pictures on
-//! the CPU, and charts.
+//! Metrics of design and documents, the closed forms that the reference integrator is tested
+//! against, a test whether two noisy estimates agree, ground truth from files, alternative bases, a
+//! renderer for pictures on the CPU, and charts.
 
 mod alternative_bases;
 mod basis_comparison;

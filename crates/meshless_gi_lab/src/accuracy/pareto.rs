@@ -1,7 +1,9 @@
-//! Which of many measurements are worth choosing: the Pareto front, and what a front says between its places.
+//! Which of many measurements are worth choosing: the Pareto front, and what a front says between
+//! its places.
 
-/// The places of which no other is at least as good in both coordinates and better in one, where less is better: their numbers, by the first
-/// coordinate. Of equal places the first is taken; places that are not finite are none.
+/// The places of which no other is at least as good in both coordinates and better in one, where
+/// less is better: their numbers, by the first coordinate. Of equal places the first is taken;
+/// places that are not finite are none.
 #[must_use]
 pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..places.len())
@@ -21,7 +23,8 @@ pub fn pareto_front(places: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// What a falling curve through `front` (by x, both coordinates above 0) has at `x`, on straight lines between the logarithms. None outside of it.
+/// What a falling curve through `front` (by x, both coordinates above 0) has at `x`, on straight
+/// lines between the logarithms. None outside of it.
 #[must_use]
 pub fn interpolate_log(front: &[(f64, f64)], x: f64) -> Option<f64> {
     let (first, last) = (front.first()?, front.last()?);

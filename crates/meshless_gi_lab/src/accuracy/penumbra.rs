@@ -1,5 +1,7 @@
-//! Soft shadows of a rectangle, measured: places in its penumbra with the irradiance that the reference integrator finds there, and how far a baked scene with
-//! visibility is from it ([P14] §5). Sits beside the other measures: it reads the frame's kernels, nothing reads it but tests and documents.
+//! Soft shadows of a rectangle, measured: places in its penumbra with the irradiance that the
+//! reference integrator finds there, and how far a baked scene with visibility is from it ([P14]
+//! §5). Sits beside the other measures: it reads the frame's kernels, nothing reads it but tests
+//! and documents.
 
 use super::{Errors, errors};
 use glam::Vec3;
@@ -41,7 +43,8 @@ impl PenumbraSample {
     }
 }
 
-/// Irradiance of a rectangle of one radiance, W/m², at (x, n) by the reference integrator: a random sample in each of 256 strata. Zero for other lights.
+/// Irradiance of a rectangle of one radiance, W/m², at (x, n) by the reference integrator: a random
+/// sample in each of 256 strata. Zero for other lights.
 #[must_use]
 pub fn shadowed_irradiance(
     mesh: &TriangleMesh,
@@ -75,7 +78,8 @@ pub fn shadowed_irradiance(
     sum
 }
 
-/// Places where importance particles of `paths` paths land, that the rectangle `light` of radiance one lights or would light.
+/// Places where importance particles of `paths` paths land, that the rectangle `light` of radiance
+/// one lights or would light.
 #[must_use]
 pub fn shadow_places(
     scene: &BakedScene,
@@ -103,7 +107,8 @@ pub fn shadow_places(
         .collect()
 }
 
-/// What `light` of color one does not give to the points of `scene` by shadow rays at the first `known` points, which are whole levels; the others take the mean of their parents.
+/// What `light` of color one does not give to the points of `scene` by shadow rays at the first
+/// `known` points, which are whole levels; the others take the mean of their parents.
 #[must_use]
 pub fn deficits_by_rays(
     scene: &BakedScene,
@@ -135,7 +140,8 @@ pub fn deficits_by_rays(
     out
 }
 
-/// How far irradiance without the share that `deficits` say is missing is from the reference, at `places`: as the kernel `shade` has it on the screen.
+/// How far irradiance without the share that `deficits` say is missing is from the reference, at
+/// `places`: as the kernel `shade` has it on the screen.
 #[must_use]
 pub fn shadow_errors(
     scene: &BakedScene,

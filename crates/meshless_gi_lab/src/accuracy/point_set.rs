@@ -1,4 +1,5 @@
-//! The bases of [V11]'s experiment over Poisson-disk points on the sphere and the disk: the paper's own, and this project's as the bake and the frame have them.
+//! The bases of [V11]'s experiment over Poisson-disk points on the sphere and the disk: the paper's
+//! own, and this project's as the bake and the frame have them.
 
 use super::sphere_over_disk::SphereOverDisk;
 use super::{
@@ -35,7 +36,8 @@ pub enum Basis {
     Flat,
     /// The flat display basis with a vector irradiance a point, as the plugin has it.
     Ours,
-    /// The same with each point's value moved by what the field misses there: a second pass over the same samples, which the plugin does not have.
+    /// The same with each point's value moved by what the field misses there: a second pass over
+    /// the same samples, which the plugin does not have.
     OursTwice,
 }
 
@@ -94,7 +96,8 @@ impl PointSet {
             levels,
             sender_levels: levels,
             most: vec![1 << 20; levels],
-            // A level's number is added to its seed: the finest has the same one for any number of levels.
+            // A level's number is added to its seed: the finest has the same one for any number of
+            // levels.
             seed: seed.wrapping_sub(levels as u64 - 1),
             sender_overlap: None,
             clip: false,

@@ -1,5 +1,6 @@
-//! What a deferred camera would have drawn of a scene, by casting a ray through the middle of each pixel: depth and G-buffer as Bevy's prepass writes them.
-//! The oracle of everything that works on the screen, and what reflective shadow maps of tests are made of.
+//! What a deferred camera would have drawn of a scene, by casting a ray through the middle of each
+//! pixel: depth and G-buffer as Bevy's prepass writes them. The oracle of everything that works on
+//! the screen, and what reflective shadow maps of tests are made of.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::frame::gbuffer;
@@ -20,7 +21,8 @@ pub struct RaycastView {
 }
 
 impl RaycastView {
-    /// Draws `geometry` as the camera with these matrices sees it. Surfaces that reflect on both sides face the camera.
+    /// Draws `geometry` as the camera with these matrices sees it. Surfaces that reflect on both
+    /// sides face the camera.
     #[must_use]
     pub fn new(geometry: &dyn Geometry, clip_from_world: Mat4, size: [u32; 2]) -> Self {
         let world_from_clip = clip_from_world.inverse();
@@ -57,7 +59,8 @@ impl RaycastView {
         }
     }
 
-    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's: `vertical_angle` in radians, the near plane `near` meters ahead.
+    /// From the world to clip space of a pinhole camera with an infinite far plane, as Bevy's:
+    /// `vertical_angle` in radians, the near plane `near` meters ahead.
     #[must_use]
     pub fn perspective(
         eye: Vec3,

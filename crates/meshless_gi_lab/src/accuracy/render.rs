@@ -1,4 +1,5 @@
-//! Pictures of a scene on the CPU: primary rays through a pinhole camera; what they see is the caller's to say.
+//! Pictures of a scene on the CPU: primary rays through a pinhole camera; what they see is the
+//! caller's to say.
 
 use glam::{Vec2, Vec3};
 use meshless_gi::samples::Random;
@@ -19,7 +20,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The ray through a point of the picture: (0, 0) is its upper left corner, (1, 1) its lower right one.
+    /// The ray through a point of the picture: (0, 0) is its upper left corner, (1, 1) its lower
+    /// right one.
     #[must_use]
     pub fn ray(&self, at: Vec2, aspect: f32) -> Ray {
         let forward = (self.target - self.eye).normalize_or(Vec3::NEG_Z);
@@ -45,7 +47,8 @@ pub struct Image {
 }
 
 impl Image {
-    /// The picture as 8-bit sRGB, three bytes a pixel, after multiplication by `exposure`; what is too bright is clipped.
+    /// The picture as 8-bit sRGB, three bytes a pixel, after multiplication by `exposure`; what is
+    /// too bright is clipped.
     #[must_use]
     pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
         let encode = |linear: f32| {
@@ -65,9 +68,10 @@ impl Image {
     }
 }
 
-/// Renders a picture with `samples` rays a pixel, jittered. `shade` gives the radiance at what a ray meets; it gets the ray,
-/// the surface and random numbers of its own. `background` gives the radiance of a direction in which there is nothing.
-/// The result does not depend on the number of threads.
+/// Renders a picture with `samples` rays a pixel, jittered. `shade` gives the radiance at what a
+/// ray meets; it gets the ray, the surface and random numbers of its own. `background` gives the
+/// radiance of a direction in which there is nothing. The result does not depend on the number of
+/// threads.
 #[must_use]
 pub fn render(
     geometry: &dyn Geometry,
@@ -136,7 +140,8 @@ mod tests {
             Vec3::splat(-1.0)
         });
         let ball = picture.pixels.iter().filter(|p| p.x >= 0.0).count();
-        // The rim is seen under asin(1/4); its image is a disk of radius tan(asin(1/4)) · 40 pixels.
+        // The rim is seen under asin(1/4); its image is a disk of radius tan(asin(1/4)) · 40
+        // pixels.
         let disk = std::f32::consts::PI * (40.0 * 0.25f32.asin().tan()).powi(2);
         assert!(
             (ball as f32 / disk - 1.0).abs() < 0.05,

@@ -1,19 +1,25 @@
-//! The scene of [V11] §VIII with a known answer: a sphere over a disk under light from straight above, as two coupled integral equations.
+//! The scene of [V11] §VIII with a known answer: a sphere over a disk under light from straight
+//! above, as two coupled integral equations.
 //!
-//! By symmetry the radiosity depends on one number each: B(ζ) on the sphere, by latitude, and D(u) on the disk, by radius ([V11] Eqs. (20), (21)):
+//! By symmetry the radiosity depends on one number each: B(ζ) on the sphere, by latitude, and D(u)
+//! on the disk, by radius ([V11] Eqs. (20), (21)):
 //!
-//! B(ζ) = B*(ζ) + β ∫₀ᴿ D(u) ∮ F(u, τ, ζ) dτ u du,  D(u) = D*(u) + β ∫ B(ζ) ∮ F(u, τ, ζ) dτ r² cos ζ dζ,
+//! B(ζ) = B*(ζ) + β ∫₀ᴿ D(u) ∮ F(u, τ, ζ) dτ u du, D(u) = D*(u) + β ∫ B(ζ) ∮ F(u, τ, ζ) dτ r² cos ζ
+//! dζ,
 //!
-//! F = max(0, n_p·(q − p)) max(0, n_q·(p − q)) / (π |q − p|⁴) for p on the sphere and q on the disk. Neither surface sees itself, and what a place of the
-//! one does not see of the other lies behind its own horizon, so there is no other visibility ([V11] §VIII).
+//! F = max(0, n_p·(q − p)) max(0, n_q·(p − q)) / (π |q − p|⁴) for p on the sphere and q on the
+//! disk. Neither surface sees itself, and what a place of the one does not see of the other lies
+//! behind its own horizon, so there is no other visibility ([V11] §VIII).
 //!
 //! [`SphereOverDisk::solve`] has the inner integral in closed form, and the outer ones by the midpoint rule over cells that end at the shadow's edge;
 //! its error falls with the square of the cells' size. [`SphereOverDisk::solve_sums`] is [V11]'s own discretization, Eqs. (22), (23): plain sums over
 //! evenly spaced latitudes, radii and azimuths. With its n = 100 the thirteenth radius is 5, just the shadow's edge, and half a cell is lit too little.
 //!
-//! The constants. The paper's text as we have it is damaged; what follows from it otherwise: Eq. (5) must be K = (1/π) cos / d², or the disk would
-//! give the sphere more light than there is; with r = 5, R = 40, h = 20, β = 0.9, μ = 0.9 the largest B⁺ is 0.577 and D* = βμ = 0.81, which is what the axes
-//! of its Figure 10 end above (0.6 and 1), while μ = 1 would not fit under 0.6. h is the height of the sphere's center.
+//! The constants. The paper's text as we have it is damaged; what follows from it otherwise: Eq.
+//! (5) must be K = (1/π) cos / d², or the disk would give the sphere more light than there is; with
+//! r = 5, R = 40, h = 20, β = 0.9, μ = 0.9 the largest B⁺ is 0.577 and D* = βμ = 0.81, which is
+//! what the axes of its Figure 10 end above (0.6 and 1), while μ = 1 would not fit under 0.6. h is
+//! the height of the sphere's center.
 
 use glam::{DVec2, DVec3, Vec3};
 use meshless_gi::scene::{ImplicitObject, ImplicitScene, Light, Shape};
@@ -22,7 +28,8 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Change between two iterations, relative to the direct light, at which the solution stands.
 const STANDS: f64 = 1e-14;
-/// Iterations after which it is given up: with two reflections' gain below one half this is never reached.
+/// Iterations after which it is given up: with two reflections' gain below one half this is never
+/// reached.
 const MAX_ITERATIONS: usize = 1000;
 /// Cells at most: two kernels of this many squared numbers are kept.
 const MAX_CELLS: usize = 8192;
@@ -78,7 +85,8 @@ pub struct Solution {
     pub latitudes: Vec<f64>,
     /// B(ζ) − B*(ζ) there, W/m².
     pub sphere: Vec<f64>,
-    /// The vector irradiance of the reflected light there, W/m²: outwards from the axis, and up. Empty for [`SphereOverDisk::solve_sums`].
+    /// The vector irradiance of the reflected light there, W/m²: outwards from the axis, and up.
+    /// Empty for [`SphereOverDisk::solve_sums`].
     pub vectors: Vec<DVec2>,
     /// The radii u at the middles of the cells, meters, ascending.
     pub radii: Vec<f64>,
@@ -182,10 +190,12 @@ impl SphereOverDisk {
         }]
     }
 
-    /// ∮ (a + b cos τ) / |q − p|⁴ dτ over the azimuths τ at which the sphere's place at `latitude` and the disk's at `u` see each other.
+    /// ∮ (a + b cos τ) / |q − p|⁴ dτ over the azimuths τ at which the sphere's place at `latitude`
+    /// and the disk's at `u` see each other.
     ///
     /// |q − p|² = c − e cos τ. With J = ∫ dτ / (c − e cos τ) = 2 / √(c² − e²) · atan(√((c + e) / (c − e)) tan(τ/2)) and s = sin τ / (c − e cos τ):
-    /// ∫ dτ / (c − e cos τ)² = (e s + c J) / (c² − e²) and ∫ cos τ dτ / (c − e cos τ)² = (c s + e J) / (c² − e²).
+    /// ∫ dτ / (c − e cos τ)² = (e s + c J) / (c² − e²) and ∫ cos τ dτ / (c − e cos τ)² = (c s + e
+    /// J) / (c² − e²).
     fn ring(&self, latitude: f64, u: f64, a: f64, b: f64) -> f64 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -214,7 +224,8 @@ impl SphereOverDisk {
         self.ring(latitude, u, a, u * cosine * y)
     }
 
-    /// What a ring of the disk of one W/m² and one meter of circumference per radian gives the sphere's place as vector irradiance: outwards and up.
+    /// What a ring of the disk of one W/m² and one meter of circumference per radian gives the
+    /// sphere's place as vector irradiance: outwards and up.
     fn vector(&self, latitude: f64, u: f64) -> DVec2 {
         let (sine, cosine) = latitude.sin_cos();
         let (rho, y) = (self.radius * cosine, self.height + self.radius * sine);
@@ -271,7 +282,8 @@ impl SphereOverDisk {
         Ok(solution)
     }
 
-    /// The solution by \[V11\] Eqs. (22), (23) with n = m = k = `n`: evenly spaced latitudes, radii and azimuths, each at the middle of its cell.
+    /// The solution by \[V11\] Eqs. (22), (23) with n = m = k = `n`: evenly spaced latitudes, radii
+    /// and azimuths, each at the middle of its cell.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -294,7 +306,8 @@ impl SphereOverDisk {
         Ok(self.iterate(latitudes, radii, &form, &bands, &rings))
     }
 
-    /// λ ← ε + Rλ until it stands (\[V11\] §VII, Eq. (24)). `form[i][j]` is ∮ F dτ, `bands` and `rings` the measures r² cos ζ dζ and u du.
+    /// λ ← ε + Rλ until it stands (\[V11\] §VII, Eq. (24)). `form[i][j]` is ∮ F dτ, `bands` and
+    /// `rings` the measures r² cos ζ dζ and u du.
     fn iterate(
         &self,
         latitudes: Vec<f64>,
@@ -358,7 +371,8 @@ fn check_cells(cells: usize) -> Result<(), SphereOverDiskError> {
 
 /// The middles of `count` even cells.
 fn middles(from: f64, to: f64, count: usize) -> Vec<f64> {
-    // The product first: the thirteenth of a hundred radii up to 40 is 5, and no rounding puts it beside the shadow's edge.
+    // The product first: the thirteenth of a hundred radii up to 40 is 5, and no rounding puts it
+    // beside the shadow's edge.
     let at = |k: usize| from + (k as f64 + 0.5) * (to - from) / count as f64;
     (0..count).map(at).collect()
 }
@@ -398,8 +412,9 @@ impl Solution {
         self.indirect(site) + self.scene.direct(site)
     }
 
-    /// The vector irradiance of the reflected light at `x`, W/m²: what arrives over the hemisphere of the place's own normal. On the disk, whose places
-    /// all face up, only the part that faces up is told.
+    /// The vector irradiance of the reflected light at `x`, W/m²: what arrives over the hemisphere
+    /// of the place's own normal. On the disk, whose places all face up, only the part that faces
+    /// up is told.
     #[must_use]
     pub fn vector(&self, x: Vec3) -> DVec3 {
         match self.scene.site(x) {
@@ -416,8 +431,8 @@ impl Solution {
         }
     }
 
-    /// The largest difference of the reflected light to a finer solution at this one's own places, relative to that solution's largest value:
-    /// on the sphere, on the disk.
+    /// The largest difference of the reflected light to a finer solution at this one's own places,
+    /// relative to that solution's largest value: on the sphere, on the disk.
     #[must_use]
     pub fn difference(&self, finer: &Self) -> [f64; 2] {
         let most = |values: &[f64]| values.iter().fold(0.0f64, |m, v| m.max(v.abs()));

@@ -1,12 +1,16 @@
-//! Do two estimates agree? A two-sided test that knows the noise of both, for irradiances at many places.
+//! Do two estimates agree? A two-sided test that knows the noise of both, for irradiances at many
+//! places.
 //!
-//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three questions are asked of each color channel: is a single place too far
-//! off (the largest |z|, by Šidák's rule for independent places), are they all together (Σz² against χ²), and do they lean to one side (Σz / √k against
-//! the normal distribution, which finds a small bias that no single place shows). Channels share their paths and are not independent, so that the smallest of the
+//! Differences are divided by their standard error, z = (a − b) / √(σ_a² + σ_b²), and three
+//! questions are asked of each color channel: is a single place too far off (the largest |z|, by
+//! Šidák's rule for independent places), are they all together (Σz² against χ²), and do they lean
+//! to one side (Σz / √k against the normal distribution, which finds a small bias that no single
+//! place shows). Channels share their paths and are not independent, so that the smallest of the
 //! nine probabilities counts nine-fold (Bonferroni's rule, which holds whatever the dependence).
 //!
-//! A place that few paths light has a skewed estimate, and a standard error that is itself a guess (none at all where no path found the light). Such places are
-//! summed up, in their order, until both sums are known to a tenth, which takes some hundred paths; a sum counts as one place.
+//! A place that few paths light has a skewed estimate, and a standard error that is itself a guess
+//! (none at all where no path found the light). Such places are summed up, in their order, until
+//! both sums are known to a tenth, which takes some hundred paths; a sum counts as one place.
 
 use glam::Vec3;
 
@@ -25,7 +29,8 @@ pub struct Estimates<'a> {
 /// What [`agreement`] found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestStatistics {
-    /// How probable differences like these or larger ones are if both estimate the same. 0 where a value is not finite.
+    /// How probable differences like these or larger ones are if both estimate the same. 0 where a
+    /// value is not finite.
     pub p: f64,
     /// Places and sums of places compared, for each channel.
     pub count: [usize; 3],
@@ -39,8 +44,9 @@ pub struct TestStatistics {
     pub at: usize,
 }
 
-/// Compares two estimates. `known` is the relative difference that is no error, on top of noise: what rounding, or rays that start a little above the
-/// surface, are known to cost. Each difference is shortened by that part of the larger value first.
+/// Compares two estimates. `known` is the relative difference that is no error, on top of noise:
+/// what rounding, or rays that start a little above the surface, are known to cost. Each difference
+/// is shortened by that part of the larger value first.
 ///
 /// # Panics
 /// Where lists differ in length.
@@ -114,7 +120,8 @@ impl Pair {
         self.values[0].abs().max(self.values[1].abs())
     }
 
-    /// True where both values are known to a tenth of the larger one, or exactly. What is not a number stands alone.
+    /// True where both values are known to a tenth of the larger one, or exactly. What is not a
+    /// number stands alone.
     fn is_fine(&self) -> bool {
         let most = COARSE * self.size();
         let exact = self.variances == [0.0; 2];
@@ -126,7 +133,8 @@ impl Pair {
         (0..2).any(|k| self.values[k] == 0.0 && self.variances[k] == 0.0) && self.size() > 0.0
     }
 
-    /// z; 0 where the values are equal but for what is known, infinite where they differ without noise or make no sense.
+    /// z; 0 where the values are equal but for what is known, infinite where they differ without
+    /// noise or make no sense.
     fn standardised(&self, known: f64) -> f64 {
         let off = self.values[0] - self.values[1];
         let beyond = off.abs() - known * self.size();
@@ -178,7 +186,8 @@ fn two_sided(z: f64) -> f64 {
     libm::erfc(z.abs() * core::f64::consts::FRAC_1_SQRT_2)
 }
 
-/// Probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes it nearly normal (\[WH31\]).
+/// Probability of χ² above `x` with `k` degrees of freedom, by the cube root that makes it nearly
+/// normal (\[WH31\]).
 fn above_chi_square(x: f64, k: f64) -> f64 {
     let v = 2.0 / (9.0 * k);
     let z = ((x / k).cbrt() - (1.0 - v)) / v.sqrt();
@@ -210,7 +219,8 @@ mod tests {
         (0..12).map(|_| random.unit()).sum::<f32>() - 6.0
     }
 
-    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's standard error; all channels alike, as gray light has it.
+    /// Two noisy estimates of the same at 200 places, the second off by `change` of a place's
+    /// standard error; all channels alike, as gray light has it.
     fn p(run: u64, change: impl Fn(usize) -> f32) -> f64 {
         let mut random = Random::new(1, run, 2);
         let (mut a, mut b, mut s) = (Vec::new(), Vec::new(), Vec::new());
@@ -234,7 +244,8 @@ mod tests {
         let by_chance = failed(0.15, &|_| 0.0);
         assert!((1..=60).contains(&by_chance), "{by_chance} of {runs}");
         assert_eq!(failed(1e-4, &|_| 0.0), 0);
-        // A bias of seven tenths of a standard error everywhere; noise that is half as large again as it says; and one place that is ten off.
+        // A bias of seven tenths of a standard error everywhere; noise that is half as large again
+        // as it says; and one place that is ten off.
         let biased = failed(1e-3, &|_| 0.7);
         let noisier = failed(1e-3, &|i| if i % 2 == 0 { 1.5 } else { -1.5 });
         let single = failed(1e-3, &|i| if i == 77 { 12.0 } else { 0.0 });

@@ -163,7 +163,8 @@ fn against(file: &str, title: String, x: Axis, rows: &[Row], cost: fn(&Row) -> f
     }
 }
 
-/// Error against links: the default rule, the paper's, and bases of direct light where they were tried.
+/// Error against links: the default rule, the paper's, and bases of direct light where they were
+/// tried.
 fn links(name: &str, rows: &[Row]) -> Chart {
     let rules = [
         (TransportMethod::Bounded, "rule bounded (the default)", 0),

@@ -19,7 +19,8 @@ pub struct Part {
     pub report: Report,
     /// Its charts.
     pub figures: Vec<Figure>,
-    /// What stands before the names of the charts' files, relative to the document: a folder with its slash, a prefix.
+    /// What stands before the names of the charts' files, relative to the document: a folder with
+    /// its slash, a prefix.
     pub charts: String,
 }
 

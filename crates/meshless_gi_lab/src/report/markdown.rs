@@ -12,10 +12,12 @@ use std::fmt::Write;
 
 /// Errors that somebody may want to stay below.
 pub const WANTED: [f64; 4] = [0.10, 0.05, 0.03, 0.02];
-/// What the default rule may need of the links of `l08` at equal error, and have of its error at equal links.
+/// What the default rule may need of the links of `l08` at equal error, and have of its error at
+/// equal links.
 const GOALS: (f64, f64) = (1.0 / 3.0, 0.5);
 
-/// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare with: reflections cannot be baked for it.
+/// The cheapest row below an error by the default rule. The paper's rule is a baseline to compare
+/// with: reflections cannot be baked for it.
 pub fn cheapest(rows: &[Row], most: f64, cost: fn(&Row) -> f64) -> Option<&Row> {
     cheapest_of(rows, TransportMethod::Bounded, most, cost)
 }
@@ -39,7 +41,8 @@ pub fn text(name: &str, report: &Report, figures: &[Figure]) -> String {
     out
 }
 
-/// The same without a title, for a document of several levels: charts are in the folder `charts` (with its slash), headings of this level.
+/// The same without a title, for a document of several levels: charts are in the folder `charts`
+/// (with its slash), headings of this level.
 #[must_use]
 pub fn section(report: &Report, figures: &[Figure], charts: &str, heading: usize) -> String {
     let mut out = choice(&report.rows);
@@ -165,7 +168,8 @@ pub fn choice(rows: &[Row]) -> String {
     out
 }
 
-/// From the cheapest to the best of each factor, the baseline among them, and what lowers the error most for what it adds to the bake.
+/// From the cheapest to the best of each factor, the baseline among them, and what lowers the error
+/// most for what it adds to the bake.
 fn factors(rows: &[Row]) -> String {
     let Some(base) = rows.first() else {
         return String::new();
@@ -240,7 +244,8 @@ fn factors(rows: &[Row]) -> String {
     out
 }
 
-/// How many times the error halves for each doubling of the bake's time; none where either hardly changes.
+/// How many times the error halves for each doubling of the bake's time; none where either hardly
+/// changes.
 fn gain(base: &Row, row: &Row) -> Option<f64> {
     let (error, time) = (base.nrmse / row.nrmse, row.bake_seconds / base.bake_seconds);
     (error > 1.05 && time > 1.2 && error.is_finite() && time.is_finite())
@@ -334,7 +339,8 @@ fn rules(compared: &[Compared]) -> String {
     out
 }
 
-/// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where that rule was not tried.
+/// Bases of direct light (rule `pca`) beside links to senders, and which to use when; nothing where
+/// that rule was not tried.
 #[must_use]
 pub fn beside_bases(rows: &[Row]) -> String {
     let compared = compare_with(rows, TransportMethod::Pca);

@@ -43,7 +43,8 @@ pub struct Row {
     pub settings: RowSettings,
     /// The whole bake, without reading the level and writing the file.
     pub bake_seconds: f64,
-    /// A frame after one lamp has moved, on the CPU: projection, all reflections, the operator, flattening. The median of several.
+    /// A frame after one lamp has moved, on the CPU: projection, all reflections, the operator,
+    /// flattening. The median of several.
     pub frame_ms: f64,
     /// The display of a thousand places, on one thread.
     pub splat_ms_per_1000: f64,
@@ -55,7 +56,8 @@ pub struct Row {
     pub points: u64,
     /// Those that send.
     pub senders: u64,
-    /// Error of indirect irradiance against the reference with 4 reflections, its own noise subtracted.
+    /// Error of indirect irradiance against the reference with 4 reflections, its own noise
+    /// subtracted.
     pub nrmse: f64,
     /// Half width of the 95 % confidence interval of it.
     pub nrmse_interval: f64,
@@ -190,7 +192,8 @@ impl<'a> Measured<'a> {
 }
 
 impl Row {
-    /// The error, or what it is at most where the reference's places and noise allow no better answer.
+    /// The error, or what it is at most where the reference's places and noise allow no better
+    /// answer.
     #[must_use]
     pub fn sure_error(&self) -> f64 {
         self.nrmse.max(self.nrmse_interval)

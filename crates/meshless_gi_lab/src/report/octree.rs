@@ -1,4 +1,5 @@
-//! The octree of rule `fmm` beside links: what each of its bakes costs, and what the default rule takes for as little an error.
+//! The octree of rule `fmm` beside links: what each of its bakes costs, and what the default rule
+//! takes for as little an error.
 
 use super::format::{cell, count, megabytes, percent, short};
 use super::measure::Row;

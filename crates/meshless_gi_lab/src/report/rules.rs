@@ -1,4 +1,5 @@
-//! The default rule beside others, that of \[L08\] as published and bases of direct light: links at equal error, and error at equal links, read off the two rules' Pareto fronts.
+//! The default rule beside others, that of \[L08\] as published and bases of direct light: links at
+//! equal error, and error at equal links, read off the two rules' Pareto fronts.
 
 use super::measure::Row;
 use super::variant::Factor;
@@ -44,7 +45,8 @@ pub struct Compared {
     pub error_ratio: Ratio,
 }
 
-/// Links and errors of the rows of a rule that run as many reflections as the reference, which rows those are, by links: the Pareto front.
+/// Links and errors of the rows of a rule that run as many reflections as the reference, which rows
+/// those are, by links: the Pareto front.
 #[must_use]
 pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
     let of_rule: Vec<usize> = (0..rows.len())
@@ -61,7 +63,8 @@ pub fn front(rows: &[Row], rule: TransportMethod) -> Vec<(usize, f64, f64)> {
         .collect()
 }
 
-/// Whether a row's error is one of representation alone: it runs as many reflections as the reference has, by sweeps.
+/// Whether a row's error is one of representation alone: it runs as many reflections as the
+/// reference has, by sweeps.
 #[must_use]
 pub fn comparable(row: &Row) -> bool {
     row.settings.factor != Factor::Bounces

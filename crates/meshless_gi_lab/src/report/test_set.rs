@@ -1,5 +1,6 @@
-//! The exam that every bake of a report sits: irradiance at surface places under lamps that no bake has seen, by the reference integrator. It is computed
-//! once for all bakes, so that they differ by their own errors and not by the reference's noise.
+//! The exam that every bake of a report sits: irradiance at surface places under lamps that no bake
+//! has seen, by the reference integrator. It is computed once for all bakes, so that they differ by
+//! their own errors and not by the reference's noise.
 
 use crate::accuracy::{Errors, errors};
 use glam::Vec3;
@@ -35,16 +36,16 @@ struct Question {
     lamp: Light,
     places: Vec<(Vec3, Vec3)>,
     /// After as many reflections as [`TestSet::bounces`].
-    truth: GroundTruth,
+    truth: ReferenceValues,
     /// After all reflections.
-    all: GroundTruth,
+    all: ReferenceValues,
 }
 
 /// Irradiances and their standard errors, W/m².
 #[derive(Default)]
-struct GroundTruth(Vec<Vec3>, Vec<Vec3>);
+struct ReferenceValues(Vec<Vec3>, Vec<Vec3>);
 
-impl GroundTruth {
+impl ReferenceValues {
     fn new(found: &[Irradiance], scale: f32) -> Self {
         Self(
             found.iter().map(|e| e.indirect * scale).collect(),
@@ -78,7 +79,8 @@ pub struct TestSet {
 pub struct TestScore {
     /// Against the reference with as many reflections as the exam has.
     pub errors: Errors,
-    /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other places.
+    /// Half width of the 95 % confidence interval of the NRMSE: it would be another at other
+    /// places.
     pub interval: f64,
     /// Against the reference with all reflections.
     pub all: Errors,
@@ -87,8 +89,10 @@ pub struct TestScore {
 }
 
 impl TestSet {
-    /// Computes the truth for `bounces` reflections and for all of them. Lamps are white points in free space; each is as strong as makes the root mean
-    /// square of its direct light 1 W/m², so that they count alike. Emissive surfaces are taken as dark. None where no lamp lights anything.
+    /// Computes the truth for `bounces` reflections and for all of them. Lamps are white points in
+    /// free space; each is as strong as makes the root mean square of its direct light 1 W/m², so
+    /// that they count alike. Emissive surfaces are taken as dark. None where no lamp lights
+    /// anything.
     #[must_use]
     pub fn new(
         geometry: &dyn Geometry,
@@ -133,8 +137,8 @@ impl TestSet {
                 strength.is_finite().then(|| Question {
                     lamp: lamp(strength),
                     places,
-                    truth: GroundTruth::new(&some, strength),
-                    all: GroundTruth::new(&all, strength),
+                    truth: ReferenceValues::new(&some, strength),
+                    all: ReferenceValues::new(&all, strength),
                 })
             })
             .collect();
@@ -158,12 +162,13 @@ impl TestSet {
         self.questions.iter().flat_map(|q| q.places.iter().copied())
     }
 
-    /// Standard error of the reference over its values, both as root mean squares: with as many reflections as [`TestSet::bounces`], and with all.
+    /// Standard error of the reference over its values, both as root mean squares: with as many
+    /// reflections as [`TestSet::bounces`], and with all.
     #[must_use]
     pub fn noise(&self) -> (f64, f64) {
-        let of = |truth: fn(&Question) -> &GroundTruth| {
-            let all: Vec<&GroundTruth> = self.questions.iter().map(truth).collect();
-            GroundTruth::noise(&all)
+        let of = |truth: fn(&Question) -> &ReferenceValues| {
+            let all: Vec<&ReferenceValues> = self.questions.iter().map(truth).collect();
+            ReferenceValues::noise(&all)
         };
         (of(|q| &q.truth), of(|q| &q.all))
     }
@@ -187,8 +192,8 @@ impl TestSet {
                 values.push(found.unwrap_or_default());
             }
         }
-        let of = |truth: fn(&Question) -> &GroundTruth| -> GroundTruth {
-            let mut all = GroundTruth::default();
+        let of = |truth: fn(&Question) -> &ReferenceValues| -> ReferenceValues {
+            let mut all = ReferenceValues::default();
             for q in &self.questions {
                 all.0.extend(&truth(q).0);
                 all.1.extend(&truth(q).1);
@@ -196,7 +201,7 @@ impl TestSet {
             all
         };
         let (truth, all) = (of(|q| &q.truth), of(|q| &q.all));
-        let errors_of = |t: &GroundTruth| errors(&values, &t.0, &t.1);
+        let errors_of = |t: &ReferenceValues| errors(&values, &t.0, &t.1);
         let found = errors_of(&truth);
         TestScore {
             errors: found,
@@ -207,8 +212,9 @@ impl TestSet {
     }
 }
 
-/// How many paths each place gets, `paths` in the mean: as many as its noise in a pilot asks for, which makes the least noise of all for so much work. The
-/// pilot's own paths are not used again, so that the reference stays unbiased.
+/// How many paths each place gets, `paths` in the mean: as many as its noise in a pilot asks for,
+/// which makes the least noise of all for so much work. The pilot's own paths are not used again,
+/// so that the reference stays unbiased.
 fn allot(
     geometry: &dyn Geometry,
     lamp: Light,
@@ -257,7 +263,7 @@ fn reference(
 }
 
 /// Half width of the 95 % confidence interval of an NRMSE over places drawn at random.
-fn interval(values: &[Vec3], truth: &GroundTruth, nrmse: f64) -> f64 {
+fn interval(values: &[Vec3], truth: &ReferenceValues, nrmse: f64) -> f64 {
     let square = |v: Vec3| f64::from(v.length_squared());
     let count = values.len().max(2) as f64;
     let power = truth.0.iter().map(|t| square(*t)).sum::<f64>() / count;

@@ -1,11 +1,13 @@
-//! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule beside ours.
+//! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule
+//! beside ours.
 
 use meshless_gi::bake::{BounceMode, Preset, Recipe, Settings, TransportMethod};
 use meshless_gi::frame::FrameSettings;
 use meshless_gi::transport::TIERS;
 use serde::Serialize;
 
-/// Reflections that errors are measured for, and that a frame runs where nothing else is said: the recipes' default.
+/// Reflections that errors are measured for, and that a frame runs where nothing else is said: the
+/// recipes' default.
 pub const BOUNCES: u32 = 4;
 
 /// What a variant changes.
@@ -116,7 +118,8 @@ pub struct Variant {
     pub recipe: Recipe,
     /// What to run.
     pub run: Run,
-    /// About how long the bake takes, in bakes of the baseline: only to keep within a report's time.
+    /// About how long the bake takes, in bakes of the baseline: only to keep within a report's
+    /// time.
     pub cost: f64,
 }
 
@@ -194,7 +197,8 @@ fn epsilon(value: f32, cost: f64) -> Variant {
     Variant::new(Factor::Epsilon, format!("ε {value}"), cost, recipe)
 }
 
-/// The default rule on the very points that the paper's rule gets: what differs then is the rule alone.
+/// The default rule on the very points that the paper's rule gets: what differs then is the rule
+/// alone.
 fn plain(value: f32, cost: f64) -> Variant {
     let mut variant = epsilon(value, cost);
     variant.factor = Factor::Plain;
@@ -291,7 +295,8 @@ fn bounces(count: u32) -> Variant {
     }
 }
 
-/// The tiers below all of them of a preset's bake, which needs no bake where it comes right after that.
+/// The tiers below all of them of a preset's bake, which needs no bake where it comes right after
+/// that.
 fn tiers(preset: Preset) -> impl Iterator<Item = Variant> {
     (1..TIERS).map(move |tier| {
         let recipe = Recipe {
@@ -321,7 +326,8 @@ fn several(preset: Preset, rays: u32, epsilon: f32, cost: f64) -> Variant {
     Variant::new(Factor::Several, name, cost, recipe)
 }
 
-/// A handful of bakes, most important first, for the settings that the baseline got. Those that need no bake of their own come first.
+/// A handful of bakes, most important first, for the settings that the baseline got. Those that
+/// need no bake of their own come first.
 #[must_use]
 pub fn quick(base: &Settings) -> Vec<Variant> {
     let mut all = vec![bounces(1), bounces(2), bounces(8)];

@@ -422,7 +422,8 @@ fn remember(points: &[Point], mesh: &TriangleMesh) -> Visibility {
         .0
 }
 
-/// Two occluders, of one triangle each; half of every third link passes the first, and one way or another the second.
+/// Two occluders, of one triangle each; half of every third link passes the first, and one way or
+/// another the second.
 fn occlude(scene: &mut BakedScene) {
     let count = scene.bvh.triangles.len();
     for (k, triangle) in scene.bvh.triangles[count - 2..].iter_mut().enumerate() {
@@ -449,7 +450,8 @@ fn occlude(scene: &mut BakedScene) {
     });
 }
 
-/// An octree whose four lists all have entries, over a place that has nothing to do with the scene: two walls that face each other, and a floor.
+/// An octree whose four lists all have entries, over a place that has nothing to do with the scene:
+/// two walls that face each other, and a floor.
 fn octree(scene: &BakedScene) -> FmmOperator {
     let r = &mut Random(99);
     let (finest, senders) = (scene.finest_senders(), scene.senders());
@@ -490,7 +492,8 @@ fn octree(scene: &BakedScene) -> FmmOperator {
     operator
 }
 
-/// Clusters of three senders and what is left, with the constant vector and one more of length one each; the sky's column behind them.
+/// Clusters of three senders and what is left, with the constant vector and one more of length one
+/// each; the sky's column behind them.
 fn columns(own: Vec<u32>, senders: u32) -> Compression {
     let mut out = Compression::default();
     let mut push = |member: usize, halves: &[u32], scale: f32| {

@@ -1,4 +1,5 @@
-//! Closed rooms that reflect nearly all light, where every error of a reflection comes back a hundredfold: the furnace, B = M / (1 − ρ).
+//! Closed rooms that reflect nearly all light, where every error of a reflection comes back a
+//! hundredfold: the furnace, B = M / (1 − ρ).
 
 use super::support::{baked, closed, irradiances, mean, mesh, small};
 use glam::Vec3;
@@ -43,7 +44,8 @@ fn furnaces_burn_as_the_series_says() {
             let off = off(&frame, &scene, series(albedo, sweeps + 1));
             assert!(off < 1e-4, "ρ {albedo}, {sweeps} sweeps: off by {off}");
         }
-        // A frame's largest number of sweeps is not enough where walls reflect 99 %: 7.6 % are missing.
+        // A frame's largest number of sweeps is not enough where walls reflect 99 %: 7.6 % are
+        // missing.
         let whole = 1.0 / (1.0 - albedo);
         let missing = off(&frame, &scene, whole);
         assert!(
@@ -96,7 +98,8 @@ fn truncation_and_the_baked_series_neither_gain_nor_lose() {
     }
 }
 
-/// Subdivided octahedron, radius 1, faces toward the inside; every face is a triangle of `rounds` halvings.
+/// Subdivided octahedron, radius 1, faces toward the inside; every face is a triangle of `rounds`
+/// halvings.
 fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     let mut out = Vec::new();
@@ -116,7 +119,8 @@ fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
     out
 }
 
-/// Inside a sphere every place gets the same of what any other reflects: whatever the lamp's place, E = ρ Φ / (A (1 − ρ)) everywhere.
+/// Inside a sphere every place gets the same of what any other reflects: whatever the lamp's place,
+/// E = ρ Φ / (A (1 − ρ)) everywhere.
 #[test]
 fn a_lamp_in_a_sphere_lights_it_evenly() {
     let triangles = sphere(4);
@@ -151,7 +155,8 @@ fn a_lamp_in_a_sphere_lights_it_evenly() {
     );
 }
 
-/// Where all light is reflected for ever there is no answer: the bake lowers what the walls reflect to 99.9 %, and says so.
+/// Where all light is reflected for ever there is no answer: the bake lowers what the walls reflect
+/// to 99.9 %, and says so.
 #[test]
 fn walls_that_reflect_everything_are_guarded() {
     let white = Material::emissive(Vec3::ONE, Vec3::splat(FRAC_1_PI));
@@ -185,8 +190,8 @@ fn walls_that_reflect_everything_are_guarded() {
     }
 }
 
-/// The same walls with one side open: light leaves, and nothing needs to be lowered. The rows at the back see no opening, so that their sums prove
-/// nothing; the iterated bound does.
+/// The same walls with one side open: light leaves, and nothing needs to be lowered. The rows at
+/// the back see no opening, so that their sums prove nothing; the iterated bound does.
 #[test]
 fn an_open_side_is_enough() {
     let mut triangles = super::support::room(Vec3::ZERO, Vec3::splat(2.0));

@@ -1,4 +1,5 @@
-//! Rule `pca`: bases of direct light that are whole, small, of nothing, and of clusters of one; and that bakes by it are sound and all alike.
+//! Rule `pca`: bases of direct light that are whole, small, of nothing, and of clusters of one; and
+//! that bakes by it are sound and all alike.
 
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
@@ -49,7 +50,8 @@ fn more_vectors_come_nearer_to_all_of_them() {
         epsilon: Some(0.0),
         ..pca()
     };
-    // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what sixteen bits do.
+    // A hundred lamps span clusters of forty: a change of basis, that loses nothing but what
+    // sixteen bits do.
     let whole = baked(&level, &of(TransportMethod::Pca, Some(1000))).scene;
     let senders = baked(&level, &of(TransportMethod::Bounded, None)).scene;
     let few = [1, 4, 12].map(|k| baked(&level, &of(TransportMethod::Pca, Some(k))));
@@ -73,7 +75,8 @@ fn more_vectors_come_nearer_to_all_of_them() {
 
 #[test]
 fn even_light_is_kept_whatever_the_examples() {
-    // No lamp, no light from any lamp, one lamp, fewer lamps than vectors, clusters of one and of all.
+    // No lamp, no light from any lamp, one lamp, fewer lamps than vectors, clusters of one and of
+    // all.
     let white = || closed(Material::diffuse(Vec3::splat(0.8)));
     let cases = [
         (white(), Some(0), None),

@@ -1,7 +1,9 @@
-//! The whole chain again in double precision, from the same baked data: how many digits single precision loses at each stage.
+//! The whole chain again in double precision, from the same baked data: how many digits single
+//! precision loses at each stage.
 //!
-//! Stage by stage each gets the single-precision result of the one before, so that its own loss shows alone; in the end the chain runs in double
-//! precision from the lamp to the place. A digit lost is a factor of ten over half a unit in the last place, 6e-8.
+//! Stage by stage each gets the single-precision result of the one before, so that its own loss
+//! shows alone; in the end the chain runs in double precision from the lamp to the place. A digit
+//! lost is a factor of ten over half a unit in the last place, 6e-8.
 
 use super::support::{baked, cornell, irradiances, small};
 use glam::{DVec3, DVec4, Vec3};
@@ -13,7 +15,8 @@ use meshless_gi::samples::F_SQUASH;
 /// Half a unit in the last place of single precision.
 const ROUNDING: f64 = 5.960_464_5e-8;
 
-/// Root mean square of the difference over that of `right`, and the largest difference over the same.
+/// Root mean square of the difference over that of `right`, and the largest difference over the
+/// same.
 fn off(found: &[f64], right: &[f64]) -> (f64, f64) {
     assert_eq!(found.len(), right.len());
     let power: f64 = right.iter().map(|r| r * r).sum();
@@ -238,7 +241,8 @@ fn single_precision_loses_a_digit_or_two() {
     };
     stage("splat", &shown(&frame), &right(&found), 1.5);
 
-    // Everything, after one reflection, eight, and all of 256. Shadows' edges are single precision's, so the chain starts behind them.
+    // Everything, after one reflection, eight, and all of 256. Shadows' edges are single
+    // precision's, so the chain starts behind them.
     for bounces in [1, 8, 256] {
         frame.solve(&scene, &FrameSettings::bounces(bounces));
         let mut direct: Vec<f64> = (0..scene.senders())
@@ -268,7 +272,8 @@ fn single_precision_loses_a_digit_or_two() {
     irradiances(&frame, &scene);
 }
 
-/// A comparison that cannot fail says nothing: light that is off by a part in ten thousand has lost three digits.
+/// A comparison that cannot fail says nothing: light that is off by a part in ten thousand has lost
+/// three digits.
 #[test]
 fn a_lost_digit_is_seen() {
     let right: Vec<f64> = (1..100).map(f64::from).collect();

@@ -1,4 +1,5 @@
-//! What a bake says of its energy, against a second opinion: gain, row sums and reciprocity, computed here again in double precision or in another way.
+//! What a bake says of its energy, against a second opinion: gain, row sums and reciprocity,
+//! computed here again in double precision or in another way.
 
 use super::support::{baked, closed, cornell, small};
 use glam::{DVec3, Vec3};
@@ -44,7 +45,8 @@ fn rows_sum_to_the_hemisphere() {
     assert!(told.row_deviation_rms > 0.01, "{told:?}");
 }
 
-/// By how much light that bounces grows from sweep to sweep in the end: the change of the senders' light between two numbers of sweeps.
+/// By how much light that bounces grows from sweep to sweep in the end: the change of the senders'
+/// light between two numbers of sweeps.
 fn growth(scene: &BakedScene) -> f64 {
     let mut frame = CpuFrame::new(scene);
     let lamp = FrameLight::point(Vec3::new(0.1, 1.2, 0.3), Vec3::ONE, f32::INFINITY);

@@ -14,8 +14,8 @@ fn lamp(x: Vec3, intensity: f32) -> FrameLight {
     FrameLight::point(x, Vec3::splat(intensity), f32::INFINITY)
 }
 
-/// Mean of the light that was reflected once, over that of a lamp of 1 W/sr in a closed room of 2 m that reflects half of it: ρ Φ / A, wherever the
-/// lamp is.
+/// Mean of the light that was reflected once, over that of a lamp of 1 W/sr in a closed room of 2 m
+/// that reflects half of it: ρ Φ / A, wherever the lamp is.
 fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
     frame.set_lights(scene, &[lamp(x, 1.0)]);
     frame.solve(scene, &FrameSettings::bounces(1));
@@ -48,13 +48,15 @@ fn a_lamp_near_a_surface_loses_and_gains_nothing() {
         assert!((mean - 1.0).abs() < 0.03, "{height}: {mean}");
         assert!(least > 0.85 && most < 1.15, "{height}: {least} to {most}");
     }
-    // In the very plane of the floor it shines past it: the other half of its light. Behind it, on nothing.
+    // In the very plane of the floor it shines past it: the other half of its light. Behind it, on
+    // nothing.
     let (mean, least, most) = along(0.0);
     assert!((mean - 0.5).abs() < 0.02 && most - least < 0.02, "{mean}");
     assert_eq!(along(-1e-3).2, 0.0);
 }
 
-/// Each of the walls of a corner is lit as if the lamp were in the middle of it: what shines on the others is lost, and never gained.
+/// Each of the walls of a corner is lit as if the lamp were in the middle of it: what shines on the
+/// others is lost, and never gained.
 #[test]
 fn a_lamp_in_a_corner_loses_what_its_walls_share() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
@@ -68,7 +70,8 @@ fn a_lamp_in_a_corner_loses_what_its_walls_share() {
     }
 }
 
-/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimeter behind one, lights nothing of the room beyond.
+/// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimeter
+/// behind one, lights nothing of the room beyond.
 #[test]
 fn a_lamp_behind_a_wall_lights_nothing_before_it() {
     let mut triangles = room(Vec3::ZERO, Vec3::new(2.0, 2.0, 2.0));

@@ -1,4 +1,5 @@
-//! Levels as artists' tools and broken files make them: what is no triangle is left out and counted, what is an odd one changes no light.
+//! Levels as artists' tools and broken files make them: what is no triangle is left out and
+//! counted, what is an odd one changes no light.
 
 use super::support::{
     Triangles, baked, closed, cornell, irradiances, lit, mesh, quick, room, small, square,
@@ -32,7 +33,8 @@ fn half() -> Material {
 
 #[test]
 fn slivers_and_copies_change_nothing() {
-    // Strips down to a micrometer, a thousandth of what their neighbors measure, and fans of needles.
+    // Strips down to a micrometer, a thousandth of what their neighbors measure, and fans of
+    // needles.
     let strips = walls(|a, u, v| {
         let cuts = [0.0, 0.3, 0.300_000_5, 0.300_5, 0.7, 0.700_000_1, 1.0];
         let pairs = cuts.windows(2);
@@ -302,7 +304,8 @@ fn thin_leaves_keep_their_sides_apart() {
     assert!(e.nrmse < 0.12 && e.bias.abs() < 0.04 && none == 0, "{e:?}");
 }
 
-/// A leaf that hangs in the room under the lamp: bright above, and below it has what the floor sends.
+/// A leaf that hangs in the room under the lamp: bright above, and below it has what the floor
+/// sends.
 #[test]
 fn a_leaf_is_dark_below() {
     let mut triangles = room(Vec3::ZERO, Vec3::splat(2.0));

@@ -79,7 +79,8 @@ fn size_changes_nothing() {
 
 #[test]
 fn far_from_the_origin_light_is_as_good_as_single_precision() {
-    // Meters from the origin, then bounds on the errors of direct and indirect light; from 10 km on the bake warns.
+    // Meters from the origin, then bounds on the errors of direct and indirect light; from 10 km on
+    // the bake warns.
     for (far, most_direct, most_indirect, warned) in [
         (1e3, 1e-3, 0.08, false),
         (1e4, 0.03, 0.08, true),

@@ -1,4 +1,5 @@
-//! Clouds of points as scanners and broken files make them, baked by links and by the octree of rule `fmm`: in a closed room of points each has the light of the closed form.
+//! Clouds of points as scanners and broken files make them, baked by links and by the octree of
+//! rule `fmm`: in a closed room of points each has the light of the closed form.
 
 use super::support::{baked, irradiances, lit, mesh, room, small};
 use glam::{Vec2, Vec3};
@@ -86,7 +87,8 @@ fn copies_and_normals_of_no_length_change_little_or_nothing() {
     closed_form("no normals", &cloud(none), 1.0, 0.1);
 }
 
-/// A scanner that stood still: ten times as many points as the room has, within a tenth of a millimeter, looking everywhere.
+/// A scanner that stood still: ten times as many points as the room has, within a tenth of a
+/// millimeter, looking everywhere.
 #[test]
 fn thousands_of_points_in_one_spot_of_a_room_change_little() {
     let mut all = points();

@@ -18,13 +18,15 @@ fn cornell(places: u32) -> BakedScene {
         .scene
 }
 
-/// Root mean square of the light's second differences along a lamp's path of even steps, over its root mean square.
+/// Root mean square of the light's second differences along a lamp's path of even steps, over its
+/// root mean square.
 fn roughness(scene: &BakedScene) -> f32 {
     const STEPS: usize = 48;
     let mut frame = CpuFrame::new(scene);
     let seen: Vec<Vec<f32>> = (0..STEPS)
         .map(|k| {
-            // Low between the blocks, so that their shadows sweep over walls and floor; 4 mm a step.
+            // Low between the blocks, so that their shadows sweep over walls and floor; 4 mm a
+            // step.
             let x = Vec3::new(-0.1 + 0.004 * k as f32, 0.9, 0.75);
             let lamp = FrameLight::point(x, Vec3::ONE, f32::INFINITY);
             frame.set_lights(scene, &[lamp]);
@@ -43,7 +45,8 @@ fn roughness(scene: &BakedScene) -> f32 {
     (bends / light).sqrt() as f32
 }
 
-/// Where senders are lit at one place each, a shadow's edge jumps from one to the next as the lamp moves, and all light with it; \[L08\] has it so.
+/// Where senders are lit at one place each, a shadow's edge jumps from one to the next as the lamp
+/// moves, and all light with it; \[L08\] has it so.
 #[test]
 fn a_lamp_that_moves_smoothly_gives_light_that_moves_smoothly() {
     let [one, eight] = [1, 8].map(|places| roughness(&cornell(places)));

@@ -1,4 +1,5 @@
-//! A room that stands still, an object that moves in it, and the map that a light draws of the object.
+//! A room that stands still, an object that moves in it, and the map that a light draws of the
+//! object.
 
 use glam::{Mat4, Vec2, Vec3};
 use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
@@ -242,7 +243,8 @@ fn places_on(triangles: &Triangles, count: usize) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
-/// \[N09\]'s own choice, to compare with: a fixed grid of texels, all with the same solid angle (or cross-section); r² at least a constant.
+/// \[N09\]'s own choice, to compare with: a fixed grid of texels, all with the same solid angle (or
+/// cross-section); r² at least a constant.
 pub struct Grid {
     pub lights: Vec<Vpl>,
     pub least: f32,
@@ -256,7 +258,8 @@ impl Grid {
         // Its map holds the walls too: they shadow it.
         let texels = room.texels(side);
         let angle = |x: u32, y: u32| {
-            // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of one.
+            // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of
+            // one.
             let white = meshless_gi::frame::gbuffer::pack(
                 Vec3::ONE,
                 0.0,

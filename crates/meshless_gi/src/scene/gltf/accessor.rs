@@ -1,6 +1,6 @@
-//! Reading accessors: typed arrays inside buffers, with stride, normalized integers (also those of KHR_mesh_quantization)
-//! and sparse substitution. Every count and offset is checked against the bytes that are there before anything is read
-//! or allocated.
+//! Reading accessors: typed arrays inside buffers, with stride, normalized integers (also those of
+//! KHR_mesh_quantization) and sparse substitution. Every count and offset is checked against the
+//! bytes that are there before anything is read or allocated.
 
 use ::gltf::json::accessor::{ComponentType, Type};
 use ::gltf::json::validation::Checked;

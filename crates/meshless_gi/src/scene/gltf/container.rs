@@ -1,4 +1,5 @@
-//! The outside of a glTF file: GLB chunks, data URIs, percent-encoded file names. Nothing here trusts a length.
+//! The outside of a glTF file: GLB chunks, data URIs, percent-encoded file names. Nothing here
+//! trusts a length.
 
 /// The JSON and the binary chunk of a GLB, or all bytes as JSON where it is a plain `.gltf`.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {

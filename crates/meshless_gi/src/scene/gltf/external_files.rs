@@ -2,8 +2,8 @@
 
 use super::container::file_name;
 
-/// Returns the files that a glTF names beside itself: buffers and images that are neither embedded nor
-/// data URIs. Empty for bytes that are no glTF; a reader of those fails with a better message.
+/// Returns the files that a glTF names beside itself: buffers and images that are neither embedded
+/// nor data URIs. Empty for bytes that are no glTF; a reader of those fails with a better message.
 #[must_use]
 pub fn external_files(bytes: &[u8]) -> Vec<String> {
     let Ok(document) = ::gltf::Gltf::from_slice_without_validation(bytes) else {

@@ -16,13 +16,14 @@ const LARGEST_EDGE: u32 = 16_384;
 const MAX_IMAGE: u64 = 1 << 30;
 /// Largest memory for all of an image but its pixels, such as color profiles, bytes.
 const MAX_METADATA: u64 = 1 << 26;
-/// Largest number of pixels in a byte of a file: DEFLATE (RFC 1951) makes 1032 bytes of one at most, and a byte of a
-/// PNG is 8 pixels at most. JPEG has fewer: a block of 64 takes a bit or more.
+/// Largest number of pixels in a byte of a file: DEFLATE (RFC 1951) makes 1032 bytes of one at
+/// most, and a byte of a PNG is 8 pixels at most. JPEG has fewer: a block of 64 takes a bit or
+/// more.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Which texture coordinates a texture reads, and how it moves them (KHR_texture_transform).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct SimilarityTransform {
+pub(super) struct TexturePlacement {
     /// Number of the coordinate set; none where the material has no such texture.
     pub(super) set: Option<u32>,
     offset: Vec2,
@@ -30,7 +31,7 @@ pub(super) struct SimilarityTransform {
     scale: Vec2,
 }
 
-impl SimilarityTransform {
+impl TexturePlacement {
     fn of(info: Option<&Info>) -> Self {
         let Some(info) = info else {
             return Self::default();
@@ -62,18 +63,18 @@ impl SimilarityTransform {
 /// A material with the placements of its base color, metallic and emissive texture.
 pub(super) struct Placed {
     pub(super) material: Material,
-    pub(super) placements: [SimilarityTransform; 3],
+    pub(super) placements: [TexturePlacement; 3],
 }
 
-/// What a primitive without a material has: white, fully metallic says the format, which reflects nothing diffusely;
-/// every viewer shows it white, and so do we.
+/// What a primitive without a material has: white, fully metallic says the format, which reflects
+/// nothing diffusely; every viewer shows it white, and so do we.
 pub(super) fn plain() -> Placed {
     Placed {
         material: Material {
             double_sided: false,
             ..Material::diffuse(Vec3::ONE)
         },
-        placements: [SimilarityTransform::default(); 3],
+        placements: [TexturePlacement::default(); 3],
     }
 }
 
@@ -124,9 +125,9 @@ pub(super) fn material(m: &json::Material, textures: usize) -> Result<Placed, St
             name: m.name.clone().unwrap_or_default(),
         },
         placements: [
-            SimilarityTransform::of(base_info.as_ref()),
-            SimilarityTransform::of(metallic_info.as_ref()),
-            SimilarityTransform::of(m.emissive_texture.as_ref()),
+            TexturePlacement::of(base_info.as_ref()),
+            TexturePlacement::of(metallic_info.as_ref()),
+            TexturePlacement::of(m.emissive_texture.as_ref()),
         ],
     })
 }
@@ -181,7 +182,8 @@ pub(super) fn texture(
     Texture::new(width, height, texels, wrap).ok_or_else(|| wrong("it has no texel".into()))
 }
 
-/// Decodes an image of at most `left` texels. Nothing is allocated for pixels that its bytes cannot hold.
+/// Decodes an image of at most `left` texels. Nothing is allocated for pixels that its bytes cannot
+/// hold.
 fn decode(bytes: &[u8], left: u64) -> Result<(u32, u32, Vec<[u8; 4]>), String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()

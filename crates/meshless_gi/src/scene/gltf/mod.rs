@@ -1,7 +1,8 @@
-//! Reading `.glb` and `.gltf` levels (glTF 2.0): triangles of the default scene in world space, materials, lights.
+//! Reading `.glb` and `.gltf` levels (glTF 2.0): triangles of the default scene in world space,
+//! materials, lights.
 //!
-//! The gltf crate parses the JSON; everything behind an index, an offset or a length is checked here, because its own
-//! readers take them on trust. What is read and what it becomes:
+//! The gltf crate parses the JSON; everything behind an index, an offset or a length is checked
+//! here, because its own readers take them on trust. What is read and what it becomes:
 //!
 //! | glTF | here |
 //! |---|---|
@@ -42,7 +43,8 @@ const MAX_TEXELS: u64 = 1 << 29;
 const MAX_OBJECTS: u64 = 1 << 22;
 /// Nodes may be nested this deep.
 const DEEPEST: usize = 256;
-/// Extensions without which a file may say that it can't be read, and that are read here or do not matter to diffuse light.
+/// Extensions without which a file may say that it can't be read, and that are read here or do not
+/// matter to diffuse light.
 const READABLE: [&str; 4] = [
     "KHR_lights_punctual",
     "KHR_texture_transform",
@@ -68,7 +70,8 @@ pub struct LoadedScene {
     pub notes: Vec<String>,
 }
 
-/// Reads a level. What can't be read at all is [`SceneError::Io`]; all other errors are about what is in the files.
+/// Reads a level. What can't be read at all is [`SceneError::Io`]; all other errors are about what
+/// is in the files.
 pub fn load_gltf(path: impl AsRef<Path>) -> Result<LoadedScene, SceneError> {
     load_gltf_within(path, &mut InputBudget::default())
 }
@@ -93,7 +96,8 @@ pub fn load_gltf_within(
     })
 }
 
-/// Reads a level from bytes. `file` is what errors call it; `resolve` supplies the files that it names.
+/// Reads a level from bytes. `file` is what errors call it; `resolve` supplies the files that it
+/// names.
 pub fn load_gltf_bytes(
     bytes: &[u8],
     file: &str,

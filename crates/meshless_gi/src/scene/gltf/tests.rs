@@ -1,4 +1,5 @@
-//! Levels written here, byte by byte, and what becomes of them; and files that are damaged on purpose.
+//! Levels written here, byte by byte, and what becomes of them; and files that are damaged on
+//! purpose.
 
 use super::*;
 use crate::samples::Random;
@@ -195,7 +196,8 @@ fn materials_textures_and_mirrors() {
         (back.front, back.albedo, back.emission, back.normal),
         (false, Vec3::ZERO, Vec3::ZERO, Vec3::NEG_Z)
     );
-    // Occlusion agrees: through the hole, not through the rest, and not through the single-sided back.
+    // Occlusion agrees: through the hole, not through the rest, and not through the single-sided
+    // back.
     let shadow = |x: f32, from: f32, to: f32| {
         scene
             .mesh

@@ -1,12 +1,14 @@
-//! The body of a `.ply` file: one element after another, as text or as numbers of either byte order.
+//! The body of a `.ply` file: one element after another, as text or as numbers of either byte
+//! order.
 //!
-//! Both readers hand the scalars of each element to one function as `f64`, which holds every type exactly. Lists are passed over; their
-//! length is checked against what is there.
+//! Both readers hand the scalars of each element to one function as `f64`, which holds every type
+//! exactly. Lists are passed over; their length is checked against what is there.
 
 use super::PlyError;
 use super::header::{Element, Encoding, Header, Property, Scalar, line_at, shown};
 
-/// Walks all elements in order and gives the scalars of those named `wanted` to `each`: as many values as properties, lists as 0.
+/// Walks all elements in order and gives the scalars of those named `wanted` to `each`: as many
+/// values as properties, lists as 0.
 pub(super) fn read(
     bytes: &[u8],
     header: &Header,

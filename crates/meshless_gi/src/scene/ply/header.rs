@@ -1,4 +1,5 @@
-//! The header of a `.ply` file: its format, and what each element is made of. Nothing is allocated by what a header announces.
+//! The header of a `.ply` file: its format, and what each element is made of. Nothing is allocated
+//! by what a header announces.
 
 use super::PlyError;
 
@@ -108,7 +109,8 @@ pub(super) struct Header {
     pub(super) lines: usize,
 }
 
-/// The line that starts at `from`, without its end, and where the next one starts. None at the end of the bytes.
+/// The line that starts at `from`, without its end, and where the next one starts. None at the end
+/// of the bytes.
 pub(super) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
     let rest = bytes.get(from..).filter(|rest| !rest.is_empty())?;
     let (line, next) = match rest.iter().position(|b| *b == b'\n') {

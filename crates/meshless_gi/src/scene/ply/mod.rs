@@ -1,5 +1,6 @@
-//! Reading and writing `.ply` files: points with positions and, where they are there, normals and colors. First step of a point cloud's way into a
-//! scene; [`PointCloud`](super::PointCloud) takes what is read here.
+//! Reading and writing `.ply` files: points with positions and, where they are there, normals and
+//! colors. First step of a point cloud's way into a scene; [`PointCloud`](super::PointCloud) takes
+//! what is read here.
 //!
 //! | `.ply` | here |
 //! |---|---|
@@ -11,9 +12,10 @@
 //! | `red green blue` of another type | an error: its range is not known |
 //! | faces, other elements, other properties, lists | passed over; faces are counted and noted: a `.ply` is taken for points |
 //!
-//! The reader is ours and no crate's: the maintained ones of the registry (ply-rs-bw 4.0) merge properties of the same name, so that such a body is
-//! read at wrong places, never end on an element without properties, refuse comments that are not UTF-8, and say of binary bodies not where they
-//! break. The whole format is a header of words and a list of numbers.
+//! The reader is ours and no crate's: the maintained ones of the registry (ply-rs-bw 4.0) merge
+//! properties of the same name, so that such a body is read at wrong places, never end on an
+//! element without properties, refuse comments that are not UTF-8, and say of binary bodies not
+//! where they break. The whole format is a header of words and a list of numbers.
 
 mod body;
 mod header;
@@ -27,7 +29,8 @@ use header::{Header, Scalar};
 use std::path::Path;
 pub use write::{PlyEncoding, write_ply};
 
-/// More points than this are not taken on: their cells would be more triangles than a level may have.
+/// More points than this are not taken on: their cells would be more triangles than a level may
+/// have.
 const MAX_POINTS: u64 = 1 << 23;
 
 /// What is wrong with a `.ply` file, and where.

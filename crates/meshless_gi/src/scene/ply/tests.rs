@@ -36,7 +36,8 @@ fn what_is_written_is_read_again() {
 
 #[test]
 fn files_of_other_programs_are_read() {
-    // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties, 8-bit colors, doubles.
+    // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties,
+    // 8-bit colors, doubles.
     let text = b"ply\r\nformat ascii 1.0\r\ncomment caf\xe9\r\nobj_info 7\r\nelement camera 1\r\nproperty list uchar float k\r\nproperty int id\r\n\
         element vertex 2\r\nproperty double x\r\nproperty double y\r\nproperty double z\r\nproperty uchar red\r\nproperty uchar green\r\n\
         property uchar blue\r\nproperty uchar alpha\r\nproperty list uchar int seen\r\nelement face 1\r\nproperty list uchar int vertex_indices\r\n\
@@ -188,7 +189,8 @@ fn what_is_wrong_is_named_with_its_place() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 4000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Flipped, cut, doubled and spliced bytes: an error or points, of which there are no more than bytes.
+    /// Flipped, cut, doubled and spliced bytes: an error or points, of which there are no more than
+    /// bytes.
     #[test]
     fn changed_bytes_do_no_harm(seed: u64, edits in 1usize..6, which in 0usize..3) {
         let mut bytes = written([PlyEncoding::Ascii, PlyEncoding::LittleEndian, PlyEncoding::BigEndian][which]);

@@ -1,5 +1,5 @@
-//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read again. Colors are written as linear `float`s, so
-//! that they come back bit by bit.
+//! Writing points as a `.ply` file, in each of the format's encodings: what examples and tests read
+//! again. Colors are written as linear `float`s, so that they come back bit by bit.
 
 use glam::Vec3;
 use std::io::Write;
@@ -16,7 +16,8 @@ pub enum PlyEncoding {
     BigEndian,
 }
 
-/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions` (meters); what is missing at their end is written as 0.
+/// Writes points. `normals` and `albedo` (linear RGB) are empty, or as long as `positions`
+/// (meters); what is missing at their end is written as 0.
 ///
 /// # Errors
 /// Those of `to`.

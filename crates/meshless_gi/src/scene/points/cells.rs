@@ -1,18 +1,24 @@
-//! What piece of surface each point of a cloud stands for: a flat, convex cell in its tangent plane. Its area is the point's weight in
-//! [G08] §2.4 and Eq. (9); its outline, a little enlarged, is what rays meet.
+//! What piece of surface each point of a cloud stands for: a flat, convex cell in its tangent
+//! plane. Its area is the point's weight in [G08] §2.4 and Eq. (9); its outline, a little enlarged,
+//! is what rays meet.
 //!
 //! [G08] says of weights only that they are a local property from the normals. Ours: the cell of a point holds what of its tangent plane is nearer to it
 //! than to its neighbors (a Voronoi cell of the neighbors seen along the normal), so that the cells of a flat surface tile it, and their areas sum up to its
 //! area however unevenly it is sampled. Where a surface ends the cell has to end too:
 //!
-//! - **At a crease**, against a neighbor whose normal is turned by more than 40 degrees, at that neighbor's tangent plane, if none of the point's own surface lies
-//!   beyond it: walls meet in their true edges, without gaps and without overhang.
-//! - **At a border**, where the neighbors leave a side open, three quarters of a spacing away. At a hole of a random sample it goes on, up to two spacings. The
-//!   area of both is the mean of their closed neighbors' areas, because each point of an even sample stands for as much surface as any other.
-//! - Neighbors that face the other way (the far side of a thin sheet) and those of another sheet (higher above the plane than apart) do not count.
+//! - **At a crease**, against a neighbor whose normal is turned by more than 40 degrees, at that
+//!   neighbor's tangent plane, if none of the point's own surface lies beyond it: walls meet in
+//!   their true edges, without gaps and without overhang.
+//! - **At a border**, where the neighbors leave a side open, three quarters of a spacing away. At a
+//!   hole of a random sample it goes on, up to two spacings. The area of both is the mean of their
+//!   closed neighbors' areas, because each point of an even sample stands for as much surface as
+//!   any other.
+//! - Neighbors that face the other way (the far side of a thin sheet) and those of another sheet
+//!   (higher above the plane than apart) do not count.
 //!
-//! For rays the cells overlap: by a fiftieth of a spacing, for rounding, and by twice the step between two tangent planes half-way between their
-//! points, so that a noisy cloud has no slits. A ray that starts on a cell has to clear the rims that rise over it: the lift.
+//! For rays the cells overlap: by a fiftieth of a spacing, for rounding, and by twice the step
+//! between two tangent planes half-way between their points, so that a noisy cloud has no slits. A
+//! ray that starts on a cell has to clear the rims that rise over it: the lift.
 
 use super::nearest::{Neighbor, PointTree};
 use core::f64::consts::PI;
@@ -21,12 +27,15 @@ use rayon::prelude::*;
 
 /// Neighbors that may bound a cell.
 const NEIGHBORS: usize = 24;
-/// Neighbors that may bound a cell that those leave open: a hole in a random sample is told from a border by what lies behind it.
+/// Neighbors that may bound a cell that those leave open: a hole in a random sample is told from a
+/// border by what lies behind it.
 const MORE_NEIGHBORS: usize = 96;
-/// How far such a cell reaches, in parts of the farthest of those neighbors' distance of 5.5 spacings: cells at a border close too, but farther away.
+/// How far such a cell reaches, in parts of the farthest of those neighbors' distance of 5.5
+/// spacings: cells at a border close too, but farther away.
 const FARTHER: f64 = 0.42;
-/// A cell reaches no farther than this part of the farthest neighbor's distance: beyond half of it a neighbor may be unknown, but random samples have holes
-/// of up to two spacings, and 24 neighbors lie within 2.8.
+/// A cell reaches no farther than this part of the farthest neighbor's distance: beyond half of it
+/// a neighbor may be unknown, but random samples have holes of up to two spacings, and 24 neighbors
+/// lie within 2.8.
 const REACH: f64 = 0.7;
 /// Normals that enclose a smaller angle are of one surface: its cosine, 40 degrees.
 const SAME: f64 = 0.766;
@@ -48,7 +57,8 @@ pub(super) struct Cell {
     pub(super) area: f32,
     /// How far a ray's start has to be lifted off the cell to clear its neighbors' rims, meters.
     pub(super) lift: f32,
-    /// Corners, meters, counter-clockwise as seen from where the normal points. Empty where the point stands for no surface.
+    /// Corners, meters, counter-clockwise as seen from where the normal points. Empty where the
+    /// point stands for no surface.
     pub(super) outline: Vec<Vec3>,
     /// Distance between neighbors, meters.
     pub(super) spacing: f32,
@@ -129,7 +139,8 @@ struct Plane {
     creases: Vec<Bound>,
 }
 
-/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's place in `own`, a crease, or nothing.
+/// Corners counter-clockwise; with each, what bounds the edge that starts there: a neighbor's place
+/// in `own`, a crease, or nothing.
 type Polygon = Vec<(DVec2, u8)>;
 /// The tag of an edge on a crease.
 const CREASE: u8 = u8::MAX - 1;
@@ -242,7 +253,8 @@ impl Plane {
         polygon
     }
 
-    /// The cell. `border` is the area of a cell that is open somewhere; without it such a cell is not finished.
+    /// The cell. `border` is the area of a cell that is open somewhere; without it such a cell is
+    /// not finished.
     fn cell(&self, border: Option<f64>) -> Cell {
         let bare = self.bounded(0.0, 0.0);
         let closed = bare.iter().all(|(_, tag)| *tag != OPEN);

@@ -1,9 +1,12 @@
-//! A cloud of points as a surface: positions, normals (given or estimated), reflectances and areas as plain arrays, and the mesh of flat cells that rays
-//! meet. In the flow it stands where a level's triangles stand: read from a `.ply` ([`load_ply`]), joined with other geometry, baked.
+//! A cloud of points as a surface: positions, normals (given or estimated), reflectances and areas
+//! as plain arrays, and the mesh of flat cells that rays meet. In the flow it stands where a
+//! level's triangles stand: read from a `.ply` ([`load_ply`]), joined with other geometry, baked.
 //!
-//! The cells are triangles of an ordinary [`TriangleMesh`], and no discs with an intersection of their own. A disc reaches over every edge by its radius, covers its
-//! neighbors two- or threefold, and would need a second kind of primitive in the frame's shadow rays and on the device; the cells tile the surface,
-//! end where it ends, and all that works on triangles works on them: what the bake meets is what the frame shadows with, bit by bit.
+//! The cells are triangles of an ordinary [`TriangleMesh`], and no discs with an intersection of
+//! their own. A disc reaches over every edge by its radius, covers its neighbors two- or threefold,
+//! and would need a second kind of primitive in the frame's shadow rays and on the device; the
+//! cells tile the surface, end where it ends, and all that works on triangles works on them: what
+//! the bake meets is what the frame shadows with, bit by bit.
 //!
 //! Points reflect on both sides: a `.ply` has no material that could say otherwise.
 
@@ -25,9 +28,11 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
 
-/// Coordinates from here on, in meters, are taken for damage: no level is as large, and what is left of single precision there is 64 m.
+/// Coordinates from here on, in meters, are taken for damage: no level is as large, and what is
+/// left of single precision there is 64 m.
 const FARTHEST: f32 = 1e9;
-/// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are numbered by 32 bits.
+/// Most points of a cloud: the corners of their cells, [`cells::MAX_CORNERS`] each at most, are
+/// numbered by 32 bits.
 const MAX_POINTS: usize = (1 << 31) / cells::MAX_CORNERS;
 /// What a point without a color reflects.
 const GRAY: Vec3 = Vec3::splat(0.5);
@@ -66,7 +71,8 @@ pub enum PointsError {
         /// How many of that.
         others: usize,
     },
-    /// The points are there, but so close together that their cells have no area in single precision.
+    /// The points are there, but so close together that their cells have no area in single
+    /// precision.
     #[error("the points are so close together that they have no area")]
     NoArea,
 }
@@ -109,9 +115,11 @@ pub struct PointCloud {
 }
 
 impl PointCloud {
-    /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what surface each stands for. Points keep their order. Where there are
-    /// no normals, a closed part of the surface that one of `viewpoints` (meters, in free space) lies in faces it; other parts face outwards, or what they lie around. Points
-    /// without a color reflect a half. The same points give the same cloud on any number of threads.
+    /// A cloud of points as a file has them: cleans them, estimates what is missing, finds what
+    /// surface each stands for. Points keep their order. Where there are no normals, a closed part
+    /// of the surface that one of `viewpoints` (meters, in free space) lies in faces it; other
+    /// parts face outwards, or what they lie around. Points without a color reflect a half. The
+    /// same points give the same cloud on any number of threads.
     ///
     /// # Errors
     /// See [`PointsError`].
@@ -207,21 +215,25 @@ impl PointCloud {
         self.positions.is_empty()
     }
 
-    /// Corners, meters, of the flat convex cell of point `i`, counter-clockwise as seen from where its normal points. It overlaps its neighbors' cells a
-    /// little. Empty where the point stands for no surface.
+    /// Corners, meters, of the flat convex cell of point `i`, counter-clockwise as seen from where
+    /// its normal points. It overlaps its neighbors' cells a little. Empty where the point stands
+    /// for no surface.
     #[must_use]
     pub fn outline(&self, i: usize) -> &[Vec3] {
         &self.corners[self.corners_of(i)]
     }
 
-    /// Distance between point `i` and its neighbors, meters, about; 0 where the point stands for no surface.
+    /// Distance between point `i` and its neighbors, meters, about; 0 where the point stands for no
+    /// surface.
     #[must_use]
     pub fn spacing(&self, i: usize) -> f32 {
         self.spacings.get(i).copied().unwrap_or(0.0)
     }
 
-    /// A normal for each corner of each cell, in the order of the points and their [`outline`](Self::outline)s: the mean of those of the points around it, without those beyond a crease. Cells
-    /// that meet in a corner have nearly the same normal there, so that light drawn with it changes smoothly from cell to cell.
+    /// A normal for each corner of each cell, in the order of the points and their
+    /// [`outline`](Self::outline)s: the mean of those of the points around it, without those beyond
+    /// a crease. Cells that meet in a corner have nearly the same normal there, so that light drawn
+    /// with it changes smoothly from cell to cell.
     #[must_use]
     pub fn corner_normals(&self) -> Vec<Vec3> {
         let tree = PointTree::new(&self.positions);
@@ -255,7 +267,8 @@ impl PointCloud {
         }
     }
 
-    /// All points in parts that lie together, of `most` points at most (1 at least): ascending indices.
+    /// All points in parts that lie together, of `most` points at most (1 at least): ascending
+    /// indices.
     #[must_use]
     pub fn parts(&self, most: usize) -> Vec<Vec<u32>> {
         parts::parts(&self.positions, most)
@@ -267,7 +280,8 @@ impl PointCloud {
         self.positions.iter().fold(Bounds::EMPTY, |b, x| b.join(*x))
     }
 
-    /// The cells as triangles, for rays, and which point each triangle belongs to. Cells too small for single precision are left out.
+    /// The cells as triangles, for rays, and which point each triangle belongs to. Cells too small
+    /// for single precision are left out.
     #[must_use]
     pub fn mesh(&self) -> (TriangleMesh, Vec<u32>) {
         let mut materials = Vec::new();
@@ -335,7 +349,8 @@ fn fan(corners: &[Vec3]) -> impl Iterator<Item = [Vec3; 3]> + '_ {
     others.windows(2).map(|pair| [corners[0], pair[0], pair[1]])
 }
 
-/// Points that are finite, and of those at one place with similar normals the first: their indices in order.
+/// Points that are finite, and of those at one place with similar normals the first: their indices
+/// in order.
 fn usable(points: &PlyPoints, problems: &mut PointProblems) -> Vec<u32> {
     let fine = |x: &Vec3| x.is_finite() && x.abs().max_element() < FARTHEST;
     let mut order: Vec<u32> = (0..points.positions.len() as u32)

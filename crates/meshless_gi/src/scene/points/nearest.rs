@@ -1,7 +1,9 @@
-//! The nearest points of a point: a balanced tree of halves (k-d tree). Serves normals, areas and lifts of a point cloud.
+//! The nearest points of a point: a balanced tree of halves (k-d tree). Serves normals, areas and
+//! lifts of a point cloud.
 //!
-//! Halves are halves by count, so that any distribution gives a tree of depth log₂ N: a million points in one spot too. The tree is the order of the
-//! points alone: the middle of a range splits it, and the longest side of the range's box says along which axis.
+//! Halves are halves by count, so that any distribution gives a tree of depth log₂ N: a million
+//! points in one spot too. The tree is the order of the points alone: the middle of a range splits
+//! it, and the longest side of the range's box says along which axis.
 
 use glam::Vec3;
 
@@ -47,7 +49,8 @@ impl PointTree {
         Self { entries, axes }
     }
 
-    /// The up to `count` nearest points of `x`, nearest first; `without` is left out. `out` is emptied first.
+    /// The up to `count` nearest points of `x`, nearest first; `without` is left out. `out` is
+    /// emptied first.
     pub(super) fn nearest(
         &self,
         x: Vec3,
@@ -61,7 +64,8 @@ impl PointTree {
         }
     }
 
-    /// The nearest point that is nearer to `x` than the square root of `square`: what [`nearest`](Self::nearest) finds first, without looking farther.
+    /// The nearest point that is nearer to `x` than the square root of `square`: what
+    /// [`nearest`](Self::nearest) finds first, without looking farther.
     pub(super) fn nearest_within(&self, x: Vec3, square: f32) -> Option<Neighbor> {
         let mut best = Neighbor {
             index: u32::MAX,

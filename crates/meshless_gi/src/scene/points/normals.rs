@@ -1,15 +1,20 @@
-//! Normals of points that have none: the plane through a point's neighbors, turned so that neighbors agree, and then to the outside.
+//! Normals of points that have none: the plane through a point's neighbors, turned so that
+//! neighbors agree, and then to the outside.
 //!
-//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbors spread least; a minimum spanning tree over neighbors
-//! carries the side along where their planes agree best. Three deviations. A neighbor's normal is mirrored in the plane between the two points before
-//! both are compared: on a circle, over the edge of a box and in the corner of a room the mirrored normal is the own one, so that sides are carried over
-//! creases, where [HDD92] compares normals of 90 degrees. The tree is never walked: a union-find that holds, for each point, whether it is turned
-//! against its root, is joined in the order of the edges' weights. And planes across creases, which lie between both surfaces and would round every
-//! corner of a room, are replaced by that of a neighbor that fits its own surroundings, if the point lies in it.
+//! Hoppe et al. 1992 ([HDD92] §3.2, §3.3): the normal is the direction in which the neighbors
+//! spread least; a minimum spanning tree over neighbors carries the side along where their planes
+//! agree best. Three deviations. A neighbor's normal is mirrored in the plane between the two
+//! points before both are compared: on a circle, over the edge of a box and in the corner of a room
+//! the mirrored normal is the own one, so that sides are carried over creases, where [HDD92]
+//! compares normals of 90 degrees. The tree is never walked: a union-find that holds, for each
+//! point, whether it is turned against its root, is joined in the order of the edges' weights. And
+//! planes across creases, which lie between both surfaces and would round every corner of a room,
+//! are replaced by that of a neighbor that fits its own surroundings, if the point lies in it.
 //!
-//! Which of its two sides a part (connected through neighbors) shows is not in the data. A part is turned outwards: the sum of (x − center)·n over its
-//! points, times three its volume, is positive. A part that lies around the points of other parts faces them. Where viewpoints are given, a part that
-//! surrounds it faces it.
+//! Which of its two sides a part (connected through neighbors) shows is not in the data. A part is
+//! turned outwards: the sum of (x − center)·n over its points, times three its volume, is positive.
+//! A part that lies around the points of other parts faces them. Where viewpoints are given, a part
+//! that surrounds it faces it.
 
 use super::nearest::{Neighbor, PointTree};
 use glam::{DVec3, Vec3};
@@ -21,14 +26,16 @@ const PLANE: usize = 16;
 const CANDIDATES: usize = 48;
 /// A plane with this mean squared distance, relative to the square of its size, is flat.
 const FLAT: f64 = 1e-4;
-/// A neighbor's plane is taken where it fits so many times as well; on a curved surface all fit about alike.
+/// A neighbor's plane is taken where it fits so many times as well; on a curved surface all fit
+/// about alike.
 const BETTER: f64 = 0.25;
 /// Neighbors with which a point compares sides.
 const LINKS: usize = 8;
 /// Points of other parts that are looked at to find out whether a part lies around them.
 const PROBES: usize = 32;
 
-/// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbors at another place.
+/// A unit normal for each point; `Vec3::ZERO` where none can be said: fewer than two neighbors at
+/// another place.
 pub(super) fn estimate(points: &[Vec3], tree: &PointTree, viewpoints: &[Vec3]) -> Vec<Vec3> {
     let fits: Vec<Fit> = points
         .par_iter()
@@ -95,8 +102,9 @@ impl Fit {
     }
 }
 
-/// The normal of point `i`: that of its own plane, or of the plane of a neighbor that fits far better around itself and holds the point too. Across a crease
-/// a point's own neighbors lie on two surfaces, and their plane between them.
+/// The normal of point `i`: that of its own plane, or of the plane of a neighbor that fits far
+/// better around itself and holds the point too. Across a crease a point's own neighbors lie on two
+/// surfaces, and their plane between them.
 fn sharpened(
     i: usize,
     fits: &[Fit],
@@ -121,8 +129,8 @@ fn sharpened(
     best.normal
 }
 
-/// Given unit normals, with those that are zero replaced: by the plane of the neighbors, on the side of the nearest neighbor that has a normal.
-/// Counts them in `estimated`.
+/// Given unit normals, with those that are zero replaced: by the plane of the neighbors, on the
+/// side of the nearest neighbor that has a normal. Counts them in `estimated`.
 pub(super) fn complete(
     points: &[Vec3],
     given: Vec<Vec3>,
@@ -146,7 +154,8 @@ pub(super) fn complete(
     out
 }
 
-/// The unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi's rotations, and that eigenvalue.
+/// The unit eigenvector of the smallest eigenvalue of a symmetric matrix, by Jacobi's rotations,
+/// and that eigenvalue.
 fn least_direction(mut m: [[f64; 3]; 3]) -> (Vec3, f64) {
     let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f64]];
     for _ in 0..12 {
@@ -252,8 +261,8 @@ fn agree(points: &[Vec3], normals: &mut [Vec3], tree: &PointTree) -> Vec<u32> {
     found.into_iter().map(|(root, _)| root).collect()
 }
 
-/// What an oriented point shows of itself at `from`, as a solid angle; the sum over a closed part is 4π within it and 0 outside, positive where
-/// the part faces `from`.
+/// What an oriented point shows of itself at `from`, as a solid angle; the sum over a closed part
+/// is 4π within it and 0 outside, positive where the part faces `from`.
 fn solid_angle(from: DVec3, x: Vec3, n: Vec3, area: f64) -> f64 {
     let to = from - x.as_dvec3();
     let square = to.length_squared().max(area);

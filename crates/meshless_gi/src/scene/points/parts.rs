@@ -1,9 +1,11 @@
-//! A cloud in parts that lie together and are of bounded size: what draws or uploads a cloud need not take all of it at once. In the flow it stands beside the cloud.
+//! A cloud in parts that lie together and are of bounded size: what draws or uploads a cloud need
+//! not take all of it at once. In the flow it stands beside the cloud.
 
 use glam::Vec3;
 
-/// Indices of points in parts of `most` at most, each a box's content: what is too many is cut in two across its longest side. No part is empty, every index is in
-/// one, and those of a part ascend.
+/// Indices of points in parts of `most` at most, each a box's content: what is too many is cut in
+/// two across its longest side. No part is empty, every index is in one, and those of a part
+/// ascend.
 pub(super) fn parts(points: &[Vec3], most: usize) -> Vec<Vec<u32>> {
     let most = most.max(1);
     let mut whole: Vec<u32> = (0..points.len() as u32).collect();

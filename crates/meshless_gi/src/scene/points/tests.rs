@@ -1,4 +1,5 @@
-//! Areas against true areas, closed rooms against leaks, starts of rays against acne, and clouds that are none.
+//! Areas against true areas, closed rooms against leaks, starts of rays against acne, and clouds
+//! that are none.
 
 use super::*;
 use crate::samples::{Random, uniform_sphere};
@@ -33,7 +34,8 @@ fn square(count: u64) -> PointCloud {
 #[test]
 fn a_point_without_a_normal_does_not_stand_for_one_that_has_it() {
     let at: Vec<Vec3> = (0..200).map(|i| unit_square(i).extend(0.0)).collect();
-    // Each place twice, first without a normal; what is known looks another way than an estimate would.
+    // Each place twice, first without a normal; what is known looks another way than an estimate
+    // would.
     let known = Vec3::new(0.6, 0.0, 0.8);
     let positions = at.iter().flat_map(|x| [*x, *x]).collect();
     let normals = at.iter().flat_map(|_| [Vec3::ZERO, known]).collect();
@@ -44,7 +46,8 @@ fn a_point_without_a_normal_does_not_stand_for_one_that_has_it() {
     assert_eq!((problems.coincident, problems.normal_estimated), (200, 0));
 }
 
-/// Random points on the faces of a box, normals inwards (`side` -1) or outwards (1), each face `even` by a jittered grid or not.
+/// Random points on the faces of a box, normals inwards (`side` -1) or outwards (1), each face
+/// `even` by a jittered grid or not.
 fn boxed(count: u64, half: Vec3, side: f32, even: bool) -> (Vec<Vec3>, Vec<Vec3>) {
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     let total = 8.0 * (half.x * half.y + half.y * half.z + half.z * half.x);
@@ -136,7 +139,8 @@ fn density_changes_areas_and_not_their_sum() {
         .filter(|i| cloud.positions[*i].x < 0.5)
         .map(|i| cloud.areas[i])
         .sum();
-    // Cells at the step get the areas of their denser neighbors: three hundredths are missing in all.
+    // Cells at the step get the areas of their denser neighbors: three hundredths are missing in
+    // all.
     assert!(
         (left - 0.5).abs() < 0.02 && (total(&cloud) - 1.0).abs() < 0.04,
         "{left} of {}",

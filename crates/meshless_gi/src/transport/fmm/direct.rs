@@ -1,5 +1,6 @@
-//! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares nothing with it but the definition of the kernel and of
-//! what counts as one place ([`COINCIDENT`]).
+//! The sum over all pairs, O(N²): what the fast multipole method is measured against. Shares
+//! nothing with it but the definition of the kernel and of what counts as one place
+//! ([`COINCIDENT`]).
 
 use super::settings::FmmPoint;
 use super::tree::COINCIDENT;
@@ -8,8 +9,10 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-/// Irradiance at `receivers` (indices of points) from all points of radiosity `radiosity`, W/m²: \[G08\] Eq. (4) with max(0, ·), as disks where `disks`
-/// ([`FmmSettings::disks`](super::FmmSettings::disks)), and where a geometry is given only between points that see each other.
+/// Irradiance at `receivers` (indices of points) from all points of radiosity `radiosity`, W/m²:
+/// \[G08\] Eq. (4) with max(0, ·), as disks where `disks`
+/// ([`FmmSettings::disks`](super::FmmSettings::disks)), and where a geometry is given only between
+/// points that see each other.
 ///
 /// # Panics
 /// Where there is not one radiosity a point, or a receiver is no point.
@@ -72,7 +75,8 @@ struct Rules<'a> {
     geometry: Option<&'a dyn Geometry>,
 }
 
-/// At one point, compiled for AVX2 too, as the method's passes are: what is compared has the same means.
+/// At one point, compiled for AVX2 too, as the method's passes are: what is compared has the same
+/// means.
 #[multiversion(targets("x86_64+avx2"))]
 fn irradiance(x: &FmmPoint, sources: &[Source<'_>], rules: &Rules<'_>) -> DVec3 {
     let position = x.position.as_dvec3();

@@ -1,15 +1,17 @@
-//! The operations of the fast multipole method on one pair of nodes: S-expansion, S→S, S→R, R→R, evaluation (\[G08\] §2.2, §2.3, §3.0.1 to §3.1.6), red, green and blue
-//! together.
+//! The operations of the fast multipole method on one pair of nodes: S-expansion, S→S, S→R, R→R,
+//! evaluation (\[G08\] §2.2, §2.3, §3.0.1 to §3.1.6), red, green and blue together.
 //!
-//! With q = −w B / π of a source at y, its S-expansion about c is M_α = Σ q n_y ((c − y)/s)^α / α!, a vector a term; \[G08\] Eq. (9) with the matrices S M reduced to
-//! n_y. An R-expansion about c is the vector irradiance F(x) = Σ_β L_β ((x − c)/s)^β / β!, W/m², and E(x) = n_x·F. Lengths are in units of a node's own size
-//! s: all numbers stay near one, which single precision needs.
+//! With q = −w B / π of a source at y, its S-expansion about c is M_α = Σ q n_y ((c − y)/s)^α / α!,
+//! a vector a term; \[G08\] Eq. (9) with the matrices S M reduced to n_y. An R-expansion about c is
+//! the vector irradiance F(x) = Σ_β L_β ((x − c)/s)^β / β!, W/m², and E(x) = n_x·F. Lengths are in
+//! units of a node's own size s: all numbers stay near one, which single precision needs.
 
 use super::real::Real;
 use super::tensor::{Derivatives, Six};
 use super::terms::{Terms, count};
 
-/// A term of an expansion: components x, y, z, each in red, green and blue (and a lane that is zero).
+/// A term of an expansion: components x, y, z, each in red, green and blue (and a lane that is
+/// zero).
 pub type Term<T> = [[T; 4]; 3];
 
 /// The tables of one order, and what every operation needs of them.
@@ -103,7 +105,8 @@ impl Expansions {
         }
     }
 
-    /// S→S: adds a child's expansion to its parent's. `v` = (c_parent − c_child) / s_parent, `ratio` = s_child / s_parent.
+    /// S→S: adds a child's expansion to its parent's. `v` = (c_parent − c_child) / s_parent,
+    /// `ratio` = s_child / s_parent.
     #[inline(always)]
     pub fn s_to_s<T: Real>(
         &self,
@@ -127,7 +130,8 @@ impl Expansions {
         }
     }
 
-    /// R→R: adds a parent's expansion to its child's. `v` = (c_child − c_parent) / s_parent, `ratio` = s_child / s_parent.
+    /// R→R: adds a parent's expansion to its child's. `v` = (c_child − c_parent) / s_parent,
+    /// `ratio` = s_child / s_parent.
     #[inline(always)]
     pub fn r_to_r<T: Real>(
         &self,
@@ -163,8 +167,9 @@ impl Expansions {
         inverse
     }
 
-    /// S→R, far list: adds what the S-expansion `source` about c_s is near c_r to the R-expansion there. `r` = c_r − c_s; `sizes` = [s_s, s_r] in the same unit;
-    /// `weight` the part of the light that arrives.
+    /// S→R, far list: adds what the S-expansion `source` about c_s is near c_r to the R-expansion
+    /// there. `r` = c_r − c_s; `sizes` = [s_s, s_r] in the same unit; `weight` the part of the
+    /// light that arrives.
     #[inline(always)]
     pub fn s_to_r<T: Real>(
         &self,
@@ -294,7 +299,8 @@ mod tests {
         }
     }
 
-    /// Sources in a ball of radius 0.5 about the origin, receivers in one of radius 0.5 about (0, 0, 4).
+    /// Sources in a ball of radius 0.5 about the origin, receivers in one of radius 0.5 about (0,
+    /// 0, 4).
     fn case() -> Case {
         let mut random = Random::new(7, 8, 9);
         Case {
@@ -343,7 +349,8 @@ mod tests {
         (off / all).sqrt()
     }
 
-    /// Every way from sources to receivers converges as its ratio of sizes to distance says: (0.5/4 each way, 1/4 both) to the power of order + 1.
+    /// Every way from sources to receivers converges as its ratio of sizes to distance says: (0.5/4
+    /// each way, 1/4 both) to the power of order + 1.
     #[test]
     fn every_way_converges() {
         let case = case();

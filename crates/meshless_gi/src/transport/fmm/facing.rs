@@ -1,15 +1,19 @@
-//! Do all points of two nodes look at each other? \[G08\]'s expansions know no max(0, ·): a pair that looks away from each other would count, negative where one of
-//! the two does and even positive where both do.
+//! Do all points of two nodes look at each other? \[G08\]'s expansions know no max(0, ·): a pair
+//! that looks away from each other would count, negative where one of the two does and even
+//! positive where both do.
 //!
-//! So two nodes meet by expansions only where all their points face each other, but for a `slack`; nodes whose points all look away are dropped; the rest is divided, down
-//! to pairs of points in the near list, where max(0, ·) is exact. For a source at y with n_y = a + e, |e| ≤ spread, and a receiver at x:
-//! n_y·(x − y) = a·x − a·y + e·(x − y), of which a·y lies in the node's slab and a·x is bounded by the receivers themselves ([`Tree::all_beyond`]), so that a wall that
-//! touches another's plane at any angle is still in front of it.
+//! So two nodes meet by expansions only where all their points face each other, but for a `slack`;
+//! nodes whose points all look away are dropped; the rest is divided, down to pairs of points in
+//! the near list, where max(0, ·) is exact. For a source at y with n_y = a + e, |e| ≤ spread, and a
+//! receiver at x: n_y·(x − y) = a·x − a·y + e·(x − y), of which a·y lies in the node's slab and a·x
+//! is bounded by the receivers themselves ([`Tree::all_beyond`]), so that a wall that touches
+//! another's plane at any angle is still in front of it.
 
 use super::tree::{Tree, TreeNode};
 use glam::DVec3;
 
-/// Heights below this over a plane are rounding: points of one wall do not light each other. In units of the scene.
+/// Heights below this over a plane are rounding: points of one wall do not light each other. In
+/// units of the scene.
 const FLAT: f64 = 1e-6;
 
 /// How two nodes look at each other.
@@ -23,7 +27,8 @@ pub enum Facing {
     Mixed,
 }
 
-/// True where no light goes between the nodes, as far as their boxes tell: cheap, and may miss some.
+/// True where no light goes between the nodes, as far as their boxes tell: cheap, and may miss
+/// some.
 #[must_use]
 pub fn surely_away(a: &TreeNode, b: &TreeNode) -> bool {
     let reach = a.center.distance(b.center) + a.radius + b.radius;
@@ -98,7 +103,8 @@ mod tests {
         for turn in [Mat3::IDENTITY, turn] {
             let mut points = Vec::new();
             let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
-            // A floor; a wall that looks along +x and meets it; a ceiling; the wall from behind; floor beside the floor.
+            // A floor; a wall that looks along +x and meets it; a ceiling; the wall from behind;
+            // floor beside the floor.
             square(&mut points, 0.5 * x, x, -z, turn);
             square(&mut points, 0.5 * y, y, z, turn);
             square(&mut points, 0.5 * x + 2.0 * y, -x, -z, turn);

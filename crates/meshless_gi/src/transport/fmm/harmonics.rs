@@ -1,10 +1,13 @@
-//! \[G08\] Eqs. (5)-(9) as they stand: the factorisation of 1/|r_y − r_x|⁴ into normalized spherical harmonics, and of the kernel into receiver's and source's matrices.
+//! \[G08\] Eqs. (5)-(9) as they stand: the factorisation of 1/|r_y − r_x|⁴ into normalized
+//! spherical harmonics, and of the kernel into receiver's and source's matrices.
 //!
-//! The solver's expansions are the same sums in another basis of the same polynomials ([`super::tensor`]); this file is what they are tested against, degree by
-//! degree. Deviation: the printed coefficient of Eq. (5) lacks a π. With ½! = √π/2 the product (n−j+1)! (j+½)! / ((n−j+½)! j!) is rational, and
-//! e_n^j = 4π (n−j+1)! (j+½)! / ((n−j+½)! j!).
+//! The solver's expansions are the same sums in another basis of the same polynomials
+//! ([`super::tensor`]); this file is what they are tested against, degree by degree. Deviation: the
+//! printed coefficient of Eq. (5) lacks a π. With ½! = √π/2 the product (n−j+1)! (j+½)! / ((n−j+½)!
+//! j!) is rational, and e_n^j = 4π (n−j+1)! (j+½)! / ((n−j+½)! j!).
 
-/// Matrices of \[G08\] Eqs. (6)-(8) are contracted over the source's normal already: what is left is a vector at the receiver.
+/// Matrices of \[G08\] Eqs. (6)-(8) are contracted over the source's normal already: what is left
+/// is a vector at the receiver.
 type Vector = [f64; 3];
 
 /// e_n^j of \[G08\] Eq. (5).
@@ -16,14 +19,17 @@ pub fn coefficient(n: usize, j: usize) -> f64 {
     4.0 * core::f64::consts::PI * rising * ratio
 }
 
-/// Normalized spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to `most`: Y_l^m stands at l² + l + m.
+/// Normalized spherical harmonics Y_l^m of a unit direction, real form, m = −l … l for each l up to
+/// `most`: Y_l^m stands at l² + l + m.
 ///
-/// The sum over m of products of real ones equals that of \[G08\]'s complex ones with their conjugates.
+/// The sum over m of products of real ones equals that of \[G08\]'s complex ones with their
+/// conjugates.
 #[must_use]
 pub fn harmonics(most: usize, d: Vector) -> Vec<f64> {
     let [x, y, z] = d;
     let mut out = vec![0.0; (most + 1) * (most + 1)];
-    // cos mφ sin^m θ and sin mφ sin^m θ, by turning on; the associated Legendre functions without sin^m θ.
+    // cos mφ sin^m θ and sin mφ sin^m θ, by turning on; the associated Legendre functions without
+    // sin^m θ.
     let (mut c, mut s) = (1.0f64, 0.0f64);
     let mut diagonal = (0.25 / core::f64::consts::PI).sqrt();
     for m in 0..=most {
@@ -49,7 +55,8 @@ pub fn harmonics(most: usize, d: Vector) -> Vec<f64> {
     out
 }
 
-/// The terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`: their sum goes to 1/|x − y|⁴ where |y| < |x|. Meters⁻⁴.
+/// The terms of \[G08\] Eq. (5) with r_y^n, n = 0 … `order`: their sum goes to 1/|x − y|⁴ where |y|
+/// < |x|. Meters⁻⁴.
 #[must_use]
 pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
     let (rx, ry) = (length(x), length(y));
@@ -71,10 +78,12 @@ pub fn inverse_fourth(order: usize, x: Vector, y: Vector) -> Vec<f64> {
         .collect()
 }
 
-/// What the source at `y` with normal `ny`, weight 1 and radiosity π sends to `x`, by degree in y: \[G08\] Eqs. (6)-(9). Their sum goes to the vector
-/// [n_y·(x − y)] (y − x) / |x − y|⁴, whose product with n_x is the kernel of Eq. (4) times π.
+/// What the source at `y` with normal `ny`, weight 1 and radiosity π sends to `x`, by degree in y:
+/// \[G08\] Eqs. (6)-(9). Their sum goes to the vector [n_y·(x − y)] (y − x) / |x − y|⁴, whose
+/// product with n_x is the kernel of Eq. (4) times π.
 ///
-/// The product of brackets is R M(x) ⊗ S M(y): with u = n_y·x and v = n_y·y it is −u x + (v x + u y) − v y, of degrees 0, 1 and 2 in y.
+/// The product of brackets is R M(x) ⊗ S M(y): with u = n_y·x and v = n_y·y it is −u x + (v x + u
+/// y) − v y, of degrees 0, 1 and 2 in y.
 #[must_use]
 pub fn vector_by_degree(order: usize, x: Vector, y: Vector, ny: Vector) -> Vec<Vector> {
     let scalar = inverse_fourth(order, x, y);
@@ -106,7 +115,8 @@ mod tests {
 
     #[test]
     fn harmonics_are_orthonormal() {
-        // A product rule: exact for the degrees here. 24 heights of the midpoint rule would not be; Gauss-Legendre by Newton.
+        // A product rule: exact for the degrees here. 24 heights of the midpoint rule would not be;
+        // Gauss-Legendre by Newton.
         let (most, heights) = (8usize, 12usize);
         let mut sums = vec![0.0; (most + 1).pow(4)];
         let n = (most + 1).pow(2);
@@ -144,7 +154,8 @@ mod tests {
 
     #[test]
     fn the_sum_converges_to_the_inverse_fourth_power() {
-        // At r_y / r_x = 0.4, with the median over directions: n ≤ 2, n ≤ 8, n ≤ 16. Without the π of the coefficient it converges to a third of it.
+        // At r_y / r_x = 0.4, with the median over directions: n ≤ 2, n ≤ 8, n ≤ 16. Without the π
+        // of the coefficient it converges to a third of it.
         let mut random = Random::new(1, 2, 3);
         let mut found = [const { Vec::new() }; 3];
         for _ in 0..301 {

@@ -7,9 +7,12 @@
 //! | multipole | node | points of a leaf | evaluation of the S-expansion |
 //! | near | points of a leaf | points of a leaf | the kernel itself |
 //!
-//! \[G08\] §2.5 finds them by neighborhood of cells. Here pairs of nodes are divided from the root down until a list takes them, which serves nodes of all sizes and directions: two nodes
-//! meet by expansions where they are well separated, all of whose points face each other ([`super::facing`]) and see each other ([`super::visibility`]); of the lists
-//! that are allowed, the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no light.
+//! \[G08\] §2.5 finds them by neighborhood of cells. Here pairs of nodes are divided from the root
+//! down until a list takes them, which serves nodes of all sizes and directions: two nodes meet by
+//! expansions where they are well separated, all of whose points face each other
+//! ([`super::facing`]) and see each other ([`super::visibility`]); of the lists that are allowed,
+//! the cheapest. Every pair of a source and a receiver is in one list exactly, or exchanges no
+//! light.
 
 use super::facing::{Facing, any_light, facing, surely_away};
 use super::settings::{FmmError, FmmSettings};
@@ -218,7 +221,8 @@ impl Search<'_> {
         }
         out.counts.visited += 1;
         let distance = nt.center.distance(ns.center);
-        // One place exchanges no light with itself, and a node that faces one way none with its own plane.
+        // One place exchanges no light with itself, and a node that faces one way none with its own
+        // plane.
         if distance + nt.radius + ns.radius <= COINCIDENT || surely_away(nt, ns) {
             out.counts.away += 1;
             return;
@@ -248,7 +252,8 @@ impl Search<'_> {
             }
             return;
         }
-        // The larger of the two; its normals count as size where they are what keeps the pair apart.
+        // The larger of the two; its normals count as size where they are what keeps the pair
+        // apart.
         let extent = |n: &TreeNode| n.radius + n.spread * distance.min(1.0);
         if ns.is_leaf() || (!nt.is_leaf() && extent(nt) >= extent(ns)) {
             below.extend(nt.child_range().map(|c| (c as u32, s)));
@@ -282,7 +287,8 @@ impl Search<'_> {
         let direct = POINT_PAIR * lt * ls;
         let allowed = options.into_iter().filter(|o| o.2);
         let best = allowed.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        // Two leaves go to the near list by themselves where that is cheaper; others are not divided for it, unless only one side may be expanded.
+        // Two leaves go to the near list by themselves where that is cheaper; others are not
+        // divided for it, unless only one side may be expanded.
         let cheaper = direct < best.1;
         match nt.is_leaf() && ns.is_leaf() {
             true if cheaper => None,
@@ -291,7 +297,8 @@ impl Search<'_> {
         }
     }
 
-    /// Puts a pair on a list, or finds that nothing is to be put; false where it is to be divided for what lies between.
+    /// Puts a pair on a list, or finds that nothing is to be put; false where it is to be divided
+    /// for what lies between.
     fn take(&self, kind: Kind, (t, s): Pair, whole: bool, out: &mut Found) -> bool {
         let mut weight = 1.0;
         if let Some(visibility) = &self.visibility {

@@ -1,4 +1,5 @@
-//! Light between points by the fast multipole method (\[G08\]): no mesh, no basis, only positions, normals and the surface that each point stands for.
+//! Light between points by the fast multipole method (\[G08\]): no mesh, no basis, only positions,
+//! normals and the surface that each point stands for.
 //!
 //! | file | what |
 //! |---|---|
@@ -15,8 +16,10 @@
 //! | `operator` | the octree as a bake stores it |
 //! | [`direct()`] | the sum over all pairs that it stands in for |
 //!
-//! Where this leaves \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector a term for source and receiver matrices; nodes that face one way, so that the kernel's
-//! max(0, ·) is kept; lists by division of pairs; visibility as a part between nodes, by rays; colors together.
+//! Where this leaves \[G08\]: Cartesian terms (the same space, tested degree by degree); one vector
+//! a term for source and receiver matrices; nodes that face one way, so that the kernel's max(0, ·)
+//! is kept; lists by division of pairs; visibility as a part between nodes, by rays; colors
+//! together.
 
 mod direct;
 pub mod expansion;

@@ -1,5 +1,6 @@
-//! The octree with its lists as a bake stores it, a frame reads it and a device binds it: plain arrays in single precision, that say nothing of how they were found.
-//! Lengths are in units of the scene's side, so that nothing of it depends on the scene's size.
+//! The octree with its lists as a bake stores it, a frame reads it and a device binds it: plain
+//! arrays in single precision, that say nothing of how they were found. Lengths are in units of the
+//! scene's side, so that nothing of it depends on the scene's size.
 
 use super::expansion::Expansions;
 use super::lists::{Entry, Lists};
@@ -90,7 +91,8 @@ pub struct FmmPlace {
     pub share: f32,
     /// Unit normal.
     pub normal: [f32; 3],
-    /// Whose radiosity it sends, and where what it receives goes: an index of the points that the octree was made of.
+    /// Whose radiosity it sends, and where what it receives goes: an index of the points that the
+    /// octree was made of.
     pub point: u32,
     /// (1/π) ∫ ω dω over the sky that it sees, where it receives.
     pub sky: [f32; 3],
@@ -116,7 +118,8 @@ pub struct FmmOperator {
 }
 
 impl FmmOperator {
-    /// Of a tree and its lists; nobody sees a sky yet. `point` says whose radiosity each point of the tree's input sends, and where what it receives goes.
+    /// Of a tree and its lists; nobody sees a sky yet. `point` says whose radiosity each point of
+    /// the tree's input sends, and where what it receives goes.
     #[must_use]
     pub fn new(
         tree: &Tree,
@@ -214,7 +217,8 @@ impl FmmOperator {
         (48 * self.terms() * self.nodes.len()) as u64
     }
 
-    /// About how much a pass computes, in products of three numbers and a color, which is what a link of the sparse operator takes.
+    /// About how much a pass computes, in products of three numbers and a color, which is what a
+    /// link of the sparse operator takes.
     #[must_use]
     pub fn work(&self) -> u64 {
         let p = f64::from(self.order);
@@ -228,7 +232,8 @@ impl FmmOperator {
                 let of = |e: &Entry| self.nodes[e.source as usize].source_range().len() as f64;
                 self.entries[range].iter().map(of).sum()
             };
-            // Six different numbers a derivative, nine products; translations to the parent and back.
+            // Six different numbers a derivative, nine products; translations to the parent and
+            // back.
             work += 3.0 * far.len() as f64 * (pair + 3.0 * terms)
                 + 3.0 * sources(local) * terms
                 + 3.0 * multipole.len() as f64 * receivers * terms

@@ -1,5 +1,5 @@
-//! The upward and the downward pass node by node (\[G08\] §3.0.1 to §3.1.6), in either precision: what threads share out on the CPU, and what the kernels `fmm_up` and
-//! `fmm_down` do on the GPU.
+//! The upward and the downward pass node by node (\[G08\] §3.0.1 to §3.1.6), in either precision:
+//! what threads share out on the CPU, and what the kernels `fmm_up` and `fmm_down` do on the GPU.
 //!
 //! | pass | step | of \[G08\] |
 //! |---|---|---|
@@ -146,7 +146,8 @@ impl<'a, T: Real> Field<'a, T> {
         &self.entries[self.nodes[node].lists()[which].clone()]
     }
 
-    /// The radiosity of the points in the tree's order, which is what all steps take: points near by stand together. Given is that of the tree's input.
+    /// The radiosity of the points in the tree's order, which is what all steps take: points near
+    /// by stand together. Given is that of the tree's input.
     pub fn in_order(&self, radiosity: &[[T; 4]], out: &mut Vec<[T; 4]>) {
         out.clear();
         out.extend(self.points.iter().map(|p| radiosity[p.point as usize]));
@@ -200,7 +201,8 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// The R-expansion of a node, from nothing: its far and local lists, and its parent's expansion. `sources` are all S-expansions.
+    /// The R-expansion of a node, from nothing: its far and local lists, and its parent's
+    /// expansion. `sources` are all S-expansions.
     #[inline(always)]
     pub fn receive(
         &self,
@@ -241,8 +243,9 @@ impl<'a, T: Real> Field<'a, T> {
         }
     }
 
-    /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what arrives there, but for the slack's band. `local` is the leaf's
-    /// R-expansion, `sources` are all S-expansions.
+    /// Vector irradiance at the receivers of a leaf, W/m²: along a point's own normal it is what
+    /// arrives there, but for the slack's band. `local` is the leaf's R-expansion, `sources` are
+    /// all S-expansions.
     #[inline(always)]
     pub fn evaluate(
         &self,

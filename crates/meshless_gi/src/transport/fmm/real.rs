@@ -1,4 +1,5 @@
-//! The two widths in which the expansions are computed: `f64` in a bake and for the errors by order, `f32` for the twins of the GPU's kernels. The code is one.
+//! The two widths in which the expansions are computed: `f64` in a bake and for the errors by
+//! order, `f32` for the twins of the GPU's kernels. The code is one.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 

@@ -8,7 +8,8 @@ use glam::Vec3;
 pub struct FmmPoint {
     /// Meters.
     pub position: Vec3,
-    /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets light.
+    /// Its direction counts; a normal of length zero belongs to a point that neither gives nor gets
+    /// light.
     pub normal: Vec3,
     /// The surface that the point stands for, m²; a point of none gives no light.
     pub weight: f32,
@@ -19,22 +20,27 @@ pub struct FmmPoint {
 /// How exact, and at what cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FmmSettings {
-    /// Highest degree of the expansions, at most [`MAX_ORDER`]. The error of a pair falls like `separation`^(order + 1).
+    /// Highest degree of the expansions, at most [`MAX_ORDER`]. The error of a pair falls like
+    /// `separation`^(order + 1).
     pub order: usize,
     /// Most points of a leaf, s in \[G08\] §2.5; more only where points (nearly) coincide.
     pub leaf: usize,
-    /// Two nodes meet by expansions where their radii together are at most so much of the distance of their centers. In (0, 1).
+    /// Two nodes meet by expansions where their radii together are at most so much of the distance
+    /// of their centers. In (0, 1).
     pub separation: f32,
-    /// Cosine by which points of two nodes may look away from each other while the nodes still meet by expansions: their light is then negative where it should be
-    /// none. What lies in that band of directions is `slack`² of the hemisphere's irradiance at most. 0 allows none, at the cost of more pairs in the near list.
+    /// Cosine by which points of two nodes may look away from each other while the nodes still meet
+    /// by expansions: their light is then negative where it should be none. What lies in that band
+    /// of directions is `slack`² of the hemisphere's irradiance at most. 0 allows none, at the cost
+    /// of more pairs in the near list.
     pub slack: f32,
-    /// True: a source near by is a disk and no point, r⁴ becomes r² (r² + w/π), so that no pair gives more than the source's radiosity. False: the kernel of
-    /// \[G08\] Eq. (4) as it stands.
+    /// True: a source near by is a disk and no point, r⁴ becomes r² (r² + w/π), so that no pair
+    /// gives more than the source's radiosity. False: the kernel of \[G08\] Eq. (4) as it stands.
     pub disks: bool,
     /// Rays between two nodes that decide what they see of each other. Unused without a geometry.
     pub rays: u32,
-    /// Two nodes that see each other in part meet by expansions, with the part that is visible, where their radii together are at most so much of the distance;
-    /// else they are divided. 0 divides down to the leaves. Unused without a geometry.
+    /// Two nodes that see each other in part meet by expansions, with the part that is visible,
+    /// where their radii together are at most so much of the distance; else they are divided. 0
+    /// divides down to the leaves. Unused without a geometry.
     pub penumbra: f32,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -91,7 +97,8 @@ pub enum FmmError {
         /// How many points there are.
         points: usize,
     },
-    /// More entries in the lists than indices of 32 bits reach: larger leaves or a larger separation make fewer.
+    /// More entries in the lists than indices of 32 bits reach: larger leaves or a larger
+    /// separation make fewer.
     #[error("{0} pairs of nodes in the lists, at most 2^32")]
     TooManyPairs(u64),
     /// More points than indices of 32 bits reach.

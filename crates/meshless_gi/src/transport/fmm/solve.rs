@@ -1,7 +1,9 @@
-//! The solver: tree and lists once ([`Fmm::new`]), then any number of passes for any radiosity ([`Fmm::irradiance`]) or bounces until nothing changes ([`Fmm::solve`]).
+//! The solver: tree and lists once ([`Fmm::new`]), then any number of passes for any radiosity
+//! ([`Fmm::irradiance`]) or bounces until nothing changes ([`Fmm::solve`]).
 //!
-//! \[G08\] §3.1.6 runs everything three times, once a color, and iterates three times; here the colors go together and the iteration ends by a tolerance. Results are the same
-//! bits for any number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
+//! \[G08\] §3.1.6 runs everything three times, once a color, and iterates three times; here the
+//! colors go together and the iteration ends by a tolerance. Results are the same bits for any
+//! number of threads (design D5): a node is one thread's, and sums run in the order of the lists.
 
 use super::expansion::Expansions;
 use super::lists::{Lists, lists};
@@ -24,7 +26,8 @@ pub struct FmmSolution {
     pub radiosity: Vec<Vec3>,
     /// Bounces that were computed.
     pub bounces: u32,
-    /// The last bounce's power (radiosity times surface, all colors) over that of all bounces; 1 where there was none, 0 where nothing shines.
+    /// The last bounce's power (radiosity times surface, all colors) over that of all bounces; 1
+    /// where there was none, 0 where nothing shines.
     pub change: f32,
     /// All bounces together.
     pub times: PassTimes,
@@ -93,7 +96,8 @@ impl Fmm {
         &self.expansions
     }
 
-    /// The arrays that a bake stores; `point` says whose radiosity each point of the input sends, and where what it receives goes.
+    /// The arrays that a bake stores; `point` says whose radiosity each point of the input sends,
+    /// and where what it receives goes.
     #[must_use]
     pub fn operator(&self, point: impl Fn(u32) -> u32) -> FmmOperator {
         let FmmSettings { order, disks, .. } = self.settings;
@@ -129,7 +133,8 @@ impl Fmm {
         Ok(())
     }
 
-    /// Irradiance at every point from points of this radiosity (both W/m², in the order of the points), and how long it took.
+    /// Irradiance at every point from points of this radiosity (both W/m², in the order of the
+    /// points), and how long it took.
     ///
     /// # Errors
     /// Where there is not one radiosity a point, or one is negative or not finite.
@@ -157,8 +162,10 @@ impl Fmm {
         (out, times)
     }
 
-    /// Bounces light until the last bounce's power is at most `tolerance` of that of all bounces, or `bounces` are computed: B = M + ρ E(B) as the sum of its
-    /// Neumann series. `emission` is M, W/m² (what lamps make the points reflect at once belongs there too), `albedo` is ρ in \[0, 1\].
+    /// Bounces light until the last bounce's power is at most `tolerance` of that of all bounces,
+    /// or `bounces` are computed: B = M + ρ E(B) as the sum of its Neumann series. `emission` is M,
+    /// W/m² (what lamps make the points reflect at once belongs there too), `albedo` is ρ in \[0,
+    /// 1\].
     ///
     /// # Errors
     /// Where there is not one value of each a point, or one is out of its range.

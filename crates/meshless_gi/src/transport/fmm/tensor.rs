@@ -1,12 +1,16 @@
-//! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y: with them the kernel of \[G08\] Eq. (4) is −n_x·K n_y / π, and source normals
-//! and receiver normals both stay outside.
+//! Derivatives of the kernel's tensor K_ij(r) = r_i r_j / |r|⁴, r = x − y: with them the kernel of
+//! \[G08\] Eq. (4) is −n_x·K n_y / π, and source normals and receiver normals both stay outside.
 //!
-//! **Why not the harmonics themselves.** Expanding about two centers needs translation theorems for {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a
-//! source and a term (n_y, n_y·y, n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. In Cartesian monomials, which span the same polynomials degree by degree,
-//! a translation is a binomial, a source is the vector q n_y, a receiver gets a vector, and the truncation by total degree |α| + |β| ≤ p leaves C(p + 6, 6) products
-//! for a pair. A test below shows degree by degree that it is the sum of \[G08\] Eqs. (5)-(9).
+//! **Why not the harmonics themselves.** Expanding about two centers needs translation theorems for
+//! {r^n Y_{n−2j}^m} with their S M and R M matrices: 16 numbers a source and a term (n_y, n_y·y,
+//! n_y ⊗ y, y (n_y·y)), and coupling coefficients between degrees. In Cartesian monomials, which
+//! span the same polynomials degree by degree, a translation is a binomial, a source is the vector
+//! q n_y, a receiver gets a vector, and the truncation by total degree |α| + |β| ≤ p leaves C(p +
+//! 6, 6) products for a pair. A test below shows degree by degree that it is the sum of \[G08\]
+//! Eqs. (5)-(9).
 //!
-//! The Taylor coefficients t_γ of |r|⁻⁴ follow from the recurrence of \[DK01\] for |r|^−ν with ν = 4, on the unit sphere:
+//! The Taylor coefficients t_γ of |r|⁻⁴ follow from the recurrence of \[DK01\] for |r|^−ν with ν =
+//! 4, on the unit sphere:
 //! |γ| t_γ + (2|γ| + 2) Σ_i r_i t_{γ−e_i} + (|γ| + 2) Σ_i t_{γ−2e_i} = 0; those of K are t times the polynomial (r_i + h_i)(r_j + h_j).
 
 use super::real::Real;
@@ -21,7 +25,8 @@ pub const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 
 /// What [`Derivatives::at`] walks, prepared once an order: where γ − e_i and γ − 2e_i stand.
 #[derive(Clone, Debug)]
 pub struct Derivatives {
-    /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where there is no such term.
+    /// For each γ: places of γ − e_i, of γ − 2e_i, and of γ − e_i − e_j for i < j; [`NONE`] where
+    /// there is no such term.
     down: Vec<[u16; 9]>,
     /// For each γ: the recurrence's two factors, and γ!.
     factors: Vec<[f64; 3]>,
@@ -121,7 +126,8 @@ mod tests {
         (0..3).map(|i| (-y[i]).powi(e[i] as i32)).product()
     }
 
-    /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and of −K(x) n_y that of Eqs. (6)-(9), for every n up to 16.
+    /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and of −K(x) n_y that of
+    /// Eqs. (6)-(9), for every n up to 16.
     #[test]
     fn each_degree_is_the_papers() {
         let terms = Terms::new(16);

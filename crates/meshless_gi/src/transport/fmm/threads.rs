@@ -1,5 +1,7 @@
-//! The passes node after node, shared out to threads: a node is one thread's, so results are the same bits for any number of them (design D5). What a node does is [`Field`]'s; here it is
-//! compiled a second time for AVX2, which an x86-64 processor may have, and which changes no bit either: lanes of colors side by side, sums in the same order, no fused products.
+//! The passes node after node, shared out to threads: a node is one thread's, so results are the
+//! same bits for any number of them (design D5). What a node does is [`Field`]'s; here it is
+//! compiled a second time for AVX2, which an x86-64 processor may have, and which changes no bit
+//! either: lanes of colors side by side, sums in the same order, no fused products.
 
 use super::expansion::{Scratch, Term};
 use super::passes::Field;
@@ -127,7 +129,8 @@ impl<'a, T: Real> Passes<'a, T> {
     }
 }
 
-/// The upward pass's step of a node, in AVX2 where there is: the same bits, as sums keep their order.
+/// The upward pass's step of a node, in AVX2 where there is: the same bits, as sums keep their
+/// order.
 #[multiversion(targets("x86_64+avx2"))]
 fn ascend<T: Real>(
     field: &Field<'_, T>,

@@ -1,7 +1,10 @@
-//! The adaptive octree of \[G08\] §2.5 and §3: one array, level after level from the root; no leaf has more than s points, but where they coincide.
+//! The adaptive octree of \[G08\] §2.5 and §3: one array, level after level from the root; no leaf
+//! has more than s points, but where they coincide.
 //!
-//! Deviation: where normals differ much, a node is divided by them before it is divided in space: into the six faces of a cube of directions, and a face into nine.
-//! Nodes then face one way, which the lists need ([`super::lists`]); a corner of a room is three nodes and not one that faces nowhere. Each set of directions has an octree of its own, on the same cells.
+//! Deviation: where normals differ much, a node is divided by them before it is divided in space:
+//! into the six faces of a cube of directions, and a face into nine. Nodes then face one way, which
+//! the lists need ([`super::lists`]); a corner of a room is three nodes and not one that faces
+//! nowhere. Each set of directions has an octree of its own, on the same cells.
 //!
 //! Everything is in units of the scene: its longest side is one, its smallest corner at the origin.
 
@@ -10,10 +13,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Deepest division in space. A cell is then smaller than single precision tells apart over the scene.
+/// Deepest division in space. A cell is then smaller than single precision tells apart over the
+/// scene.
 pub const DEEPEST: u32 = 21;
-/// Points nearer to each other than this count as one place, and exchange no light: six cells of the deepest division. The radii of two leaves of one such cell each, farther
-/// apart than that, are 0.41 of the distance of their centers at most, so that from that separation on leaves of any number of points that (nearly) coincide meet by expansions.
+/// Points nearer to each other than this count as one place, and exchange no light: six cells of
+/// the deepest division. The radii of two leaves of one such cell each, farther apart than that,
+/// are 0.41 of the distance of their centers at most, so that from that separation on leaves of any
+/// number of points that (nearly) coincide meet by expansions.
 pub const COINCIDENT: f64 = 6.0 / (1u64 << DEEPEST) as f64;
 /// A node whose normals spread less than this about their mean is not divided by them: cos 30°.
 const NARROW: f64 = 0.866;
@@ -64,7 +70,8 @@ pub struct TreeNode {
     pub axis: DVec3,
     /// Least and greatest axis·y over its points: how thick it is that way.
     pub slab: [f64; 2],
-    /// No unit normal is farther from the axis than this, as a length: 2 sin(half the angle), at most 2.
+    /// No unit normal is farther from the axis than this, as a length: 2 sin(half the angle), at
+    /// most 2.
     pub spread: f64,
 }
 
@@ -115,9 +122,11 @@ impl TreeNode {
 /// The octree.
 #[derive(Clone, Debug)]
 pub struct Tree {
-    /// Points in the order of the leaves; those of length-zero normals, and those that neither give nor receive, are not among them.
+    /// Points in the order of the leaves; those of length-zero normals, and those that neither give
+    /// nor receive, are not among them.
     pub points: Vec<TreePoint>,
-    /// Of each of these, its index in the input. Those of a leaf that only give light come first, those that only receive last.
+    /// Of each of these, its index in the input. Those of a leaf that only give light come first,
+    /// those that only receive last.
     pub order: Vec<u32>,
     /// Nodes, level after level.
     pub nodes: Vec<TreeNode>,
@@ -153,7 +162,8 @@ fn face(n: DVec3) -> usize {
     2 * axis + usize::from(n[axis] < 0.0)
 }
 
-/// Which ninth of its face it meets. The middle one holds the axis, so that walls along the axes stay whole.
+/// Which ninth of its face it meets. The middle one holds the axis, so that walls along the axes
+/// stay whole.
 fn part(n: DVec3) -> usize {
     let axis = face(n) / 2;
     let of = |c: f64| {
@@ -351,7 +361,8 @@ impl Tree {
         self.level_starts[l] as usize..self.level_starts[l + 1] as usize
     }
 
-    /// True where d·x ≥ `least` for all of a node's points: exact, and as a rule decided by a few boxes.
+    /// True where d·x ≥ `least` for all of a node's points: exact, and as a rule decided by a few
+    /// boxes.
     #[must_use]
     pub fn all_beyond(&self, node: usize, d: DVec3, least: f64) -> bool {
         let n = &self.nodes[node];

@@ -1,5 +1,6 @@
-//! What two nodes of the octree see of each other: \[G08\] §3 step 3, by rays between their points. \[G08\] takes an answer of yes or no from a method of its own;
-//! here it is a part between 0 and 1, of the light that would go between the nodes if nothing were in the way.
+//! What two nodes of the octree see of each other: \[G08\] §3 step 3, by rays between their points.
+//! \[G08\] takes an answer of yes or no from a method of its own; here it is a part between 0 and
+//! 1, of the light that would go between the nodes if nothing were in the way.
 
 use super::settings::FmmPoint;
 use super::tree::{Tree, TreeNode};
@@ -21,7 +22,8 @@ pub struct Visibility<'a> {
 }
 
 impl Visibility<'_> {
-    /// True where nothing lies between the two points of the tree. Nearer than rays can start apart, nothing does.
+    /// True where nothing lies between the two points of the tree. Nearer than rays can start
+    /// apart, nothing does.
     fn open(&self, tree: &Tree, a: usize, b: usize) -> bool {
         let lifted = |i: usize| {
             let p = &self.points[tree.order[i] as usize];
@@ -33,8 +35,10 @@ impl Visibility<'_> {
         from.distance(to) <= 2.0 * (la + lb) || !self.geometry.occluded(from, to)
     }
 
-    /// The part of the light from the sources of node `b` that arrives at the receivers of `a`, in [0, 1]: the kernel's mean over pairs of points that see each other, by its
-    /// mean over all; 0 where no light would go even so. Also how many rays it took. The same for any order of calls.
+    /// The part of the light from the sources of node `b` that arrives at the receivers of `a`, in
+    /// [0, 1]: the kernel's mean over pairs of points that see each other, by its mean over all; 0
+    /// where no light would go even so. Also how many rays it took. The same for any order of
+    /// calls.
     #[must_use]
     pub fn part(&self, tree: &Tree, a: usize, b: usize) -> (f32, u64) {
         let (na, nb) = (&tree.nodes[a], &tree.nodes[b]);
@@ -52,7 +56,8 @@ impl Visibility<'_> {
         let mut sum = Sum::default();
         if wanted > u64::from(self.rays) || pairs > most {
             let mut random = Random::new(self.seed, a as u64, b as u64);
-            // Pairs that look away from each other, or the wrong way round, say nothing: others are drawn in their place.
+            // Pairs that look away from each other, or the wrong way round, say nothing: others are
+            // drawn in their place.
             for _ in 0..most {
                 let pair = (random.below(xs.len()), random.below(ys.len()));
                 self.add(
@@ -66,7 +71,8 @@ impl Visibility<'_> {
                 }
             }
         }
-        // Few pairs, or so few that look at each other that none of them was drawn: all of those, or as many as there are rays, evenly.
+        // Few pairs, or so few that look at each other that none of them was drawn: all of those,
+        // or as many as there are rays, evenly.
         if sum.rays == 0 {
             let looks = |pair: &(usize, usize)| weight(tree, *pair, (na, nb)).is_some();
             let found: Vec<_> = (0..pairs.min(MAX_PAIRS)).map(at).filter(looks).collect();
@@ -101,7 +107,8 @@ impl Visibility<'_> {
     }
 }
 
-/// The kernel between a receiver and a source and the source's surface, within bounds: near neighbors are not to outweigh all. None where no light goes between them.
+/// The kernel between a receiver and a source and the source's surface, within bounds: near
+/// neighbors are not to outweigh all. None where no light goes between them.
 fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode)) -> Option<f64> {
     let (x, y) = (&tree.points[i], &tree.points[j]);
     let r: DVec3 = x.position - y.position;
@@ -114,7 +121,8 @@ fn weight(tree: &Tree, (i, j): (usize, usize), (na, nb): (&TreeNode, &TreeNode))
     Some(cosines / (near * near) * y.weight)
 }
 
-/// Pairs of points that are looked at one after another, at most, where none of those drawn exchange light. Leaves have fewer, but where points coincide.
+/// Pairs of points that are looked at one after another, at most, where none of those drawn
+/// exchange light. Leaves have fewer, but where points coincide.
 const MAX_PAIRS: u64 = 1 << 16;
 
 /// What the rays of a pair of nodes have said.

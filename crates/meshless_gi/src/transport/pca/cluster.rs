@@ -1,25 +1,32 @@
-//! Clusters of surface points ([P14] §4.1): root points lie as the sample points themselves do, as Poisson disks of a larger radius under the 5D distance
-//! ([L08] Eq. (11)), and each point belongs to the nearest root. Where in the flow: from points (x, n) to the parts that a principal component analysis is
-//! made of, for visibility and for transfer.
+//! Clusters of surface points ([P14] §4.1): root points lie as the sample points themselves do, as
+//! Poisson disks of a larger radius under the 5D distance ([L08] Eq. (11)), and each point belongs
+//! to the nearest root. Where in the flow: from points (x, n) to the parts that a principal
+//! component analysis is made of, for visibility and for transfer.
 //!
-//! \[P14\] names a radius; a recipe here names how many points a cluster should have, and the radius is sought by halving. Roots are chosen among the points, in
-//! shuffled order, until no other fits: every point then has a root nearer than the radius, with a normal less than 90° from its own. A cluster is never empty.
+//! \[P14\] names a radius; a recipe here names how many points a cluster should have, and the
+//! radius is sought by halving. Roots are chosen among the points, in shuffled order, until no
+//! other fits: every point then has a root nearer than the radius, with a normal less than 90° from
+//! its own. A cluster is never empty.
 
 use crate::samples::{Random, distance_5d, thin_out};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Halvings of the logarithm of the radius: from a hundred thousandth of the size to a thousand times it, to 5 %.
+/// Halvings of the logarithm of the radius: from a hundred thousandth of the size to a thousand
+/// times it, to 5 %.
 const HALVINGS: u32 = 9;
-/// Sets of roots are tried with at most so many points in all: for more, a part of them tells how many roots a radius gives.
+/// Sets of roots are tried with at most so many points in all: for more, a part of them tells how
+/// many roots a radius gives.
 const MAX_TRIED: usize = 1 << 16;
 
-/// Points sorted into clusters. Cluster c has the points `members[starts[c]..starts[c + 1]]`, in ascending order.
+/// Points sorted into clusters. Cluster c has the points `members[starts[c]..starts[c + 1]]`, in
+/// ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Clusters {
     /// The root of each cluster, a point.
     pub roots: Vec<u32>,
-    /// Where the members of each cluster start, and the end of the last: one more than there are clusters.
+    /// Where the members of each cluster start, and the end of the last: one more than there are
+    /// clusters.
     pub starts: Vec<u32>,
     /// Points, cluster after cluster.
     pub members: Vec<u32>,
@@ -47,8 +54,8 @@ impl Clusters {
     }
 }
 
-/// Sorts `points`, places (meters) and unit normals, into clusters of about `target` each. Surfaces that face six ways make six clusters at least. The same for
-/// any number of threads.
+/// Sorts `points`, places (meters) and unit normals, into clusters of about `target` each. Surfaces
+/// that face six ways make six clusters at least. The same for any number of threads.
 #[must_use]
 pub fn cluster(points: &[(Vec3, Vec3)], target: usize, seed: u64) -> Clusters {
     if points.is_empty() {

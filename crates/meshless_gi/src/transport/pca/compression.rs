@@ -1,8 +1,10 @@
-//! Senders' light in fewer numbers, as it is baked: c = D b, with a few rows of D for each cluster of senders. Links of an operator in the form of
-//! [`Components`](crate::transport::SenderForm) multiply c ([P14] Eq. (10)).
+//! Senders' light in fewer numbers, as it is baked: c = D b, with a few rows of D for each cluster
+//! of senders. Links of an operator in the form of [`Components`](crate::transport::SenderForm)
+//! multiply c ([P14] Eq. (10)).
 //!
-//! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14] §4.4), relative to the column's scale. All columns of a
-//! cluster share its senders. The last column is the sky alone.
+//! A column of the operator is a row of D: its senders, and sixteen bits for each of them ([P14]
+//! §4.4), relative to the column's scale. All columns of a cluster share its senders. The last
+//! column is the sky alone.
 
 use super::light_basis::LightBasis;
 use bytemuck::{Pod, Zeroable};

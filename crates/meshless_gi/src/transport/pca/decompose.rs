@@ -1,13 +1,14 @@
-//! Principal components of a set of rows: the orthonormal vectors that the rows are most nearly combinations of ([P14] §3.3, Eq. (7) to (9)). Serves the
-//! bases of direct light and of depth.
+//! Principal components of a set of rows: the orthonormal vectors that the rows are most nearly
+//! combinations of ([P14] §3.3, Eq. (7) to (9)). Serves the bases of direct light and of depth.
 //!
 //! [P14] Eq. (7) decomposes A − M = U Σ Vᵀ, with M the mean row; here A is taken as it is: who wants the mean off subtracts it first, for a basis
 //! of light must not. The right singular vectors are the eigenvectors of AᵀA, or follow from those of AAᵀ, whichever is the
 //! smaller; where both are large, of a small matrix again: rows are combined at random into a few more vectors than are asked for, those span nearly all that
 //! the first components do, and two power iterations make up for singular values that fall slowly ([HMT11] Algorithms 4.4 and 5.1).
 //!
-//! A bake is the same on every machine (design D5): products are sums in fixed order, in double precision, the small eigenproblem is nalgebra's with `libm` for
-//! what is not rounded alike everywhere, the random numbers are counted.
+//! A bake is the same on every machine (design D5): products are sums in fixed order, in double
+//! precision, the small eigenproblem is nalgebra's with `libm` for what is not rounded alike
+//! everywhere, the random numbers are counted.
 
 use crate::samples::Random;
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -18,7 +19,8 @@ const WHOLE: usize = 128;
 const MORE: usize = 10;
 /// Power iterations ([HMT11] §4.5).
 const POWERS: usize = 2;
-/// Singular values below this share of the largest are rounding, and their components directions of chance.
+/// Singular values below this share of the largest are rounding, and their components directions of
+/// chance.
 const ROUNDING: f64 = 1e-6;
 /// Steps of the eigenproblem, a row: it needs two or three.
 const STEPS: usize = 64;
@@ -30,7 +32,8 @@ pub struct Components {
     pub length: usize,
     /// The components, one behind the other: orthonormal, in each the largest number positive.
     pub vectors: Vec<f32>,
-    /// Singular values, falling, in the unit of the rows: the squares sum to what the components hold of the rows' squares.
+    /// Singular values, falling, in the unit of the rows: the squares sum to what the components
+    /// hold of the rows' squares.
     pub values: Vec<f32>,
 }
 
@@ -48,8 +51,9 @@ impl Components {
     }
 }
 
-/// The first principal components, `most` at most, of `rows`: numbers of any unit, `length` of them a row, row after row. There are fewer where the rows span
-/// less, and none of rows that are zero; numbers that are not finite count as zero.
+/// The first principal components, `most` at most, of `rows`: numbers of any unit, `length` of them
+/// a row, row after row. There are fewer where the rows span less, and none of rows that are zero;
+/// numbers that are not finite count as zero.
 #[must_use]
 pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Components {
     let empty = Components {
@@ -84,7 +88,8 @@ pub fn decompose(rows: &[f32], length: usize, most: usize, seed: u64) -> Compone
         }
         eigen(&gram, length)
     } else {
-        // A is combined into fewer rows B with BᵀB = AᵀA, or nearly; with those of BBᵀ = W Σ² Wᵀ, V = BᵀW / Σ.
+        // A is combined into fewer rows B with BᵀB = AᵀA, or nearly; with those of BBᵀ = W Σ² Wᵀ, V
+        // = BᵀW / Σ.
         let b = match smaller <= WHOLE || 2 * r >= smaller {
             true => a.rows.iter().map(|&v| f64::from(v)).collect(),
             false => a.range(r, seed),
@@ -203,7 +208,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
-/// Roots of the eigenvalues, falling, with their eigenvectors, of a symmetric matrix with none below zero; without those that are rounding.
+/// Roots of the eigenvalues, falling, with their eigenvectors, of a symmetric matrix with none
+/// below zero; without those that are rounding.
 fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
     let matrix = DMatrix::from_row_slice(n, n, matrix);
     let Some(eigen) = SymmetricEigen::try_new(matrix, f64::EPSILON, STEPS * n.max(1)) else {
@@ -221,7 +227,8 @@ fn eigen(matrix: &[f64], n: usize) -> Vec<(f64, Vec<f64>)> {
     found
 }
 
-/// Makes the columns of `x`, `r` numbers a row, orthonormal; those that depend on others become zero.
+/// Makes the columns of `x`, `r` numbers a row, orthonormal; those that depend on others become
+/// zero.
 fn orthonormalize(x: &mut [f64], r: usize) {
     let mut columns: Vec<Vec<f64>> = Vec::with_capacity(r);
     for j in 0..r {
@@ -238,7 +245,8 @@ fn orthonormalize(x: &mut [f64], r: usize) {
     }
 }
 
-/// Takes off what `vector` has of the orthonormal `others` and gives it the length one. Twice, for the first time leaves roundings; false where nothing is left.
+/// Takes off what `vector` has of the orthonormal `others` and gives it the length one. Twice, for
+/// the first time leaves roundings; false where nothing is left.
 fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
     for _ in 0..2 {
         let before = dot(vector, vector).sqrt();
@@ -261,7 +269,8 @@ fn straighten(others: &[Vec<f64>], vector: &mut [f64]) -> bool {
 mod tests {
     use super::*;
 
-    /// `count` rows of `length`: combinations of `rank` random vectors, the k-th with the amplitude `fall`^k.
+    /// `count` rows of `length`: combinations of `rank` random vectors, the k-th with the amplitude
+    /// `fall`^k.
     fn rows(count: usize, length: usize, rank: usize, fall: f32) -> Vec<f32> {
         let mut random = Random::new(3, count as u64, length as u64);
         let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.unit() - 0.5).collect() };
@@ -279,7 +288,8 @@ mod tests {
         out
     }
 
-    /// Share of the rows' squares that is not in the components; and how far those are from orthonormal.
+    /// Share of the rows' squares that is not in the components; and how far those are from
+    /// orthonormal.
     fn left_out(rows: &[f32], found: &Components) -> (f64, f64) {
         let f = |v: &[f32]| -> Vec<f64> { v.iter().map(|&v| f64::from(v)).collect() };
         let vectors: Vec<Vec<f64>> = (0..found.count()).map(|j| f(found.vector(j))).collect();

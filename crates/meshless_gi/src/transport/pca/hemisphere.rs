@@ -1,7 +1,9 @@
-//! Directions over a hemisphere as a rectangular map of equal solid angles: what the depths of a point are looked up in ([P14] §4.2, §5).
+//! Directions over a hemisphere as a rectangular map of equal solid angles: what the depths of a
+//! point are looked up in ([P14] §4.2, §5).
 //!
-//! \[P14\] spreads its directions evenly and searches the four nearest; here they are the middles of the texels of a map, so that the four nearest of any
-//! direction are a bilinear cell with weights. The map is Shirley and Chiu's concentric one from the square to the disk, and Lambert's
+//! \[P14\] spreads its directions evenly and searches the four nearest; here they are the middles
+//! of the texels of a map, so that the four nearest of any direction are a bilinear cell with
+//! weights. The map is Shirley and Chiu's concentric one from the square to the disk, and Lambert's
 //! from the disk to the hemisphere: both keep areas, neither has a seam.
 
 use glam::Vec3;
@@ -26,7 +28,8 @@ impl Default for HemisphereGrid {
     }
 }
 
-/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², 1e-5 exact (Abramowitz and Stegun 4.4.47): the same numbers on every device, where `atan` is not.
+/// Atan(t) / t for |t| ≤ 1 as a polynomial in t², 1e-5 exact (Abramowitz and Stegun 4.4.47): the
+/// same numbers on every device, where `atan` is not.
 const ARC: [f32; 5] = [0.999_866, -0.330_299_5, 0.180_141, -0.085_133, 0.020_835_1];
 
 impl HemisphereGrid {
@@ -72,7 +75,8 @@ impl HemisphereGrid {
         )
     }
 
-    /// The four texels around unit direction `d` (z up; below the horizon: at it), and their weights, which sum to one.
+    /// The four texels around unit direction `d` (z up; below the horizon: at it), and their
+    /// weights, which sum to one.
     #[must_use]
     #[inline]
     pub fn lookup(self, d: Vec3) -> ([u32; 4], [f32; 4]) {
@@ -122,7 +126,8 @@ mod tests {
                 square += d.z * d.z / grid.len() as f32;
             }
             if grid.len() > 50 {
-                // The closed forms of the uniform hemisphere; centers of texels are off by a part of a texel.
+                // The closed forms of the uniform hemisphere; centers of texels are off by a part
+                // of a texel.
                 let texel = 1.0 / grid.len() as f32;
                 assert!(mean.truncate().length() < 1e-4, "{mean}");
                 assert!((mean.z - 0.5).abs() < texel, "{mean}");

@@ -1,16 +1,24 @@
-//! A basis of direct light for each cluster of senders, and rows of the operator in it ([P14] §4.3).
+//! A basis of direct light for each cluster of senders, and rows of the operator in it ([P14]
+//! §4.3).
 //!
-//! Example lamps say what light on a cluster looks like; its first principal components are the basis D_s (§4.3.1). A gathered row F_i is written in it as it is
-//! gathered, S_i,(s,j) = Σ_k F_ik D_s[j,k]: the full matrix is never made (§4.3.2, where basis vectors light the scene one by one in place of that).
+//! Example lamps say what light on a cluster looks like; its first principal components are the
+//! basis D_s (§4.3.1). A gathered row F_i is written in it as it is gathered, S_i,(s,j) = Σ_k F_ik
+//! D_s[j,k]: the full matrix is never made (§4.3.2, where basis vectors light the scene one by one
+//! in place of that).
 //!
-//! Deviations. The mean over the examples is not taken off (Eq. (10)): transport is linear, twice the light must give twice the light and none none. In its place the first
-//! vector of each basis is constant, and the examples lose their own mean: even light, the energy of any white room, is exact whatever the examples were, and all other
-//! vectors carry no mass. Examples are relative to what comes back of each lamp, so that a lamp beside a wall does not speak for all. Senders carry radiosity
-//! and links geometry (design D1), so that albedo and emission may change; the examples are radiosity too, with the albedo of one color after the other.
+//! Deviations. The mean over the examples is not taken off (Eq. (10)): transport is linear, twice
+//! the light must give twice the light and none none. In its place the first vector of each basis
+//! is constant, and the examples lose their own mean: even light, the energy of any white room, is
+//! exact whatever the examples were, and all other vectors carry no mass. Examples are relative to
+//! what comes back of each lamp, so that a lamp beside a wall does not speak for all. Senders carry
+//! radiosity and links geometry (design D1), so that albedo and emission may change; the examples
+//! are radiosity too, with the albedo of one color after the other.
 //!
-//! Entries that say little are left out (§4.4): those that matter least to the examples first, until what they would add, root of the sum of squares,
-//! reaches ε of the light. What an entry would add is a product of what the even and the odd rays say of it, as in [`bounded`](crate::transport::bounded), so
-//! that noise makes no links. Constant vectors' entries stay: nothing darkens or brightens.
+//! Entries that say little are left out (§4.4): those that matter least to the examples first,
+//! until what they would add, root of the sum of squares, reaches ε of the light. What an entry
+//! would add is a product of what the even and the odd rays say of it, as in
+//! [`bounded`](crate::transport::bounded), so that noise makes no links. Constant vectors' entries
+//! stay: nothing darkens or brightens.
 
 use super::{Clusters, decompose};
 use crate::basis::{WeightEntry, Weights};
@@ -18,7 +26,8 @@ use crate::transport::{Gathered, Link};
 use glam::Vec3A;
 use rayon::prelude::*;
 
-/// Share of the square that is asked of a row's tangential parts, which only normal maps see; as refinement has it.
+/// Share of the square that is asked of a row's tangential parts, which only normal maps see; as
+/// refinement has it.
 const TANGENTIAL: f32 = 0.1;
 
 /// Direct light that examples have put on the senders.
@@ -68,7 +77,8 @@ pub struct CompressScratch {
 }
 
 impl LightBasis {
-    /// Bases of at most `coefficients` vectors (one at least) for `clusters` of the examples' own senders. `pull` says what the other senders are means of.
+    /// Bases of at most `coefficients` vectors (one at least) for `clusters` of the examples' own
+    /// senders. `pull` says what the other senders are means of.
     #[must_use]
     pub fn new(
         examples: &Examples,
@@ -178,8 +188,9 @@ impl LightBasis {
         (self.columns[s + 1] - self.columns[s]) as usize
     }
 
-    /// The gathered row of a receiver with normal `n` in the bases: columns and their S_i, columns ascending, without what examples say is worth less than
-    /// `epsilon` of the light together. With an ε of 0 they are all there.
+    /// The gathered row of a receiver with normal `n` in the bases: columns and their S_i, columns
+    /// ascending, without what examples say is worth less than `epsilon` of the light together.
+    /// With an ε of 0 they are all there.
     pub fn compress(
         &self,
         gathered: &Gathered,
@@ -332,7 +343,8 @@ mod tests {
         out
     }
 
-    /// What the row says of `light` on the senders with light of their own, and what the gather says.
+    /// What the row says of `light` on the senders with light of their own, and what the gather
+    /// says.
     fn both(basis: &LightBasis, row: &[(u32, Vec3A)], of: &Gathered, light: &[f32]) -> [Vec3A; 2] {
         let mut all = [0.0; SENDERS];
         all[2..].copy_from_slice(light);
@@ -418,7 +430,8 @@ mod tests {
 
     #[test]
     fn bases_are_no_larger_than_what_they_are_of() {
-        // A cluster of one has the constant vector; lamps that all do the same one more; fewer lamps than vectors no more than lamps.
+        // A cluster of one has the constant vector; lamps that all do the same one more; fewer
+        // lamps than vectors no more than lamps.
         let counts = |b: &LightBasis| [0, 1, 2].map(|s| b.vectors_of(s).len());
         assert_eq!(counts(&basis(100, 40, noise)), [1, 8, 10]);
         assert_eq!(counts(&basis(100, 3, noise)), [1, 4, 4]);

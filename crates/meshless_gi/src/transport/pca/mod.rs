@@ -1,4 +1,5 @@
-//! Precomputed light after \[P14\]: the points in clusters, and a basis for each of them by principal component analysis.
+//! Precomputed light after \[P14\]: the points in clusters, and a basis for each of them by
+//! principal component analysis.
 
 mod cluster;
 mod compression;

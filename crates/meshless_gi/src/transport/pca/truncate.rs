@@ -1,8 +1,11 @@
-//! Visibility with fewer components than were baked: what the first of them say alone. Where in the flow: beside [`Visibility`], for measures of the error by the number of components (\[P14\] Fig. 4), which
-//! then need one bake and not one each.
+//! Visibility with fewer components than were baked: what the first of them say alone. Where in the
+//! flow: beside [`Visibility`], for measures of the error by the number of components (\[P14\] Fig.
+//! 4), which then need one bake and not one each.
 //!
-//! Principal components are nested: of the same clusters, the first k of a hundred are those that a bake of k finds. What the others said becomes error: for each direction of a cluster the mean square of what is dropped,
-//! over its points, is added to the square of the error that stands there, and each point's share of the error follows what it loses itself.
+//! Principal components are nested: of the same clusters, the first k of a hundred are those that a
+//! bake of k finds. What the others said becomes error: for each direction of a cluster the mean
+//! square of what is dropped, over its points, is added to the square of the error that stands
+//! there, and each point's share of the error follows what it loses itself.
 
 use super::visibility::{
     Visibility, VisibilityCluster, VisiblePoint, from_short, from_snorm, pack, to_snorm,
@@ -20,7 +23,8 @@ impl Visibility {
         };
         let weights = weights(self.grid);
         let dropped = self.dropped(most);
-        // Of each cluster: the sum over directions of the square of its error, and of each component that is dropped the square of its length, as directions count.
+        // Of each cluster: the sum over directions of the square of its error, and of each
+        // component that is dropped the square of its length, as directions count.
         let mut lengths: Vec<(f32, Vec<f32>)> = Vec::with_capacity(dropped.len());
         for (cluster, squares) in self.clusters.iter().zip(&dropped) {
             let count = cluster.components.min(most) as usize;
@@ -92,7 +96,8 @@ impl Visibility {
         out
     }
 
-    /// For each cluster, of the components from `most` on, the mean square of the coefficients with their scales.
+    /// For each cluster, of the components from `most` on, the mean square of the coefficients with
+    /// their scales.
     fn dropped(&self, most: u32) -> Vec<Vec<f32>> {
         let mut sums: Vec<Vec<f32>> = (self.clusters.iter())
             .map(|c| vec![0.0; c.components.saturating_sub(most) as usize])

@@ -1,14 +1,21 @@
-//! What surface points see, as it is kept: hemispherical depth in few numbers ([P14] §4.2, §4.4). Where in the flow: [`bake_visibility`](super::bake_visibility) makes it, the asset holds it,
-//! the frame's soft shadows read it.
+//! What surface points see, as it is kept: hemispherical depth in few numbers ([P14] §4.2, §4.4).
+//! Where in the flow: [`bake_visibility`](super::bake_visibility) makes it, the asset holds it, the
+//! frame's soft shadows read it.
 //!
-//! A depth is the mean of the point's cluster plus the point's coefficients times the cluster's components (\[P14\] Eq. (9)). Where we deviate:
+//! A depth is the mean of the point's cluster plus the point's coefficients times the cluster's
+//! components (\[P14\] Eq. (9)). Where we deviate:
 //!
-//! - **e = d² / (d² + s²) and not d**, with s of each cluster; no hit is e = 1. How near a near thing is does not matter to a lamp, for it hides the lamp anyhow; what tells a lamp from what hangs before
-//!   it is the difference of far depths, and with d, or d / (d + s), the components are spent on the other.
-//! - **Each cluster knows its error**: beside mean and components stands, for each direction, the root mean square of what they leave out, and with each point how much of that it has. It says how soft a
-//!   comparison with a depth must be.
-//! - **Components are signed 8-bit numbers**, means, errors and coefficients signed 16-bit ones, with a scale for each component of each cluster: \[P14\] §4.4 stores 16 bits of all. Components are what
-//!   takes the room, and more directions in the same room are worth more than more exact ones. The error that a cluster knows has their rounding in it.
+//! - **e = d² / (d² + s²) and not d**, with s of each cluster; no hit is e = 1. How near a near
+//!   thing is does not matter to a lamp, for it hides the lamp anyhow; what tells a lamp from what
+//!   hangs before it is the difference of far depths, and with d, or d / (d + s), the components
+//!   are spent on the other.
+//! - **Each cluster knows its error**: beside mean and components stands, for each direction, the
+//!   root mean square of what they leave out, and with each point how much of that it has. It says
+//!   how soft a comparison with a depth must be.
+//! - **Components are signed 8-bit numbers**, means, errors and coefficients signed 16-bit ones,
+//!   with a scale for each component of each cluster: \[P14\] §4.4 stores 16 bits of all.
+//!   Components are what takes the room, and more directions in the same room are worth more than
+//!   more exact ones. The error that a cluster knows has their rounding in it.
 //! - **Sparse coefficients** (\[P14\] §4.4): a mask says which are there.
 
 use super::HemisphereGrid;
@@ -27,9 +34,11 @@ pub struct VisibilityCluster {
     pub tangent: [f32; 3],
     /// Its components, the mean not counted.
     pub components: u32,
-    /// Where its part of [`Visibility::basis`] starts: direction after direction, [`words`](Self::words) each.
+    /// Where its part of [`Visibility::basis`] starts: direction after direction,
+    /// [`words`](Self::words) each.
     pub basis: u32,
-    /// Where its part of [`Visibility::scales`] starts: the mean's, the error's, then each component's.
+    /// Where its part of [`Visibility::scales`] starts: the mean's, the error's, then each
+    /// component's.
     pub scales: u32,
     /// s of e = d² / (d² + s²), meters.
     pub near: f32,
@@ -72,7 +81,8 @@ impl VisiblePoint {
     /// [`VisiblePoint::error`] of a point as wrong as its cluster.
     pub const ONE: u32 = 32;
 
-    /// The error of a point of this mean square in a cluster of that: rounded up, and never nothing.
+    /// The error of a point of this mean square in a cluster of that: rounded up, and never
+    /// nothing.
     pub(super) fn error_of(square: f32, mean: f32) -> u32 {
         if mean > 0.0 {
             ((square / mean).sqrt() * Self::ONE as f32).ceil().max(1.0) as u32
@@ -97,7 +107,8 @@ pub struct Visibility {
     pub clusters: Vec<VisibilityCluster>,
     /// One a point.
     pub points: Vec<VisiblePoint>,
-    /// Of each direction its mean and its error, two signed normalized 16-bit numbers in a word, then its components, four signed normalized 8-bit numbers a word.
+    /// Of each direction its mean and its error, two signed normalized 16-bit numbers in a word,
+    /// then its components, four signed normalized 8-bit numbers a word.
     pub basis: Vec<u32>,
     /// What the numbers of the basis and the coefficients are to be multiplied by.
     pub scales: Vec<f32>,
@@ -128,8 +139,10 @@ impl Visibility {
         kept as f64 / all.max(1) as f64
     }
 
-    /// Says where the arrays of each cluster and point start, one behind the other, from how many components and coefficients they have. Returns how long the
-    /// arrays are: words of the basis, scales, words of the coefficients; none where that is beyond 32 bits, or a point names no cluster.
+    /// Says where the arrays of each cluster and point start, one behind the other, from how many
+    /// components and coefficients they have. Returns how long the arrays are: words of the basis,
+    /// scales, words of the coefficients; none where that is beyond 32 bits, or a point names no
+    /// cluster.
     #[must_use]
     pub fn place(&mut self) -> Option<(usize, usize, usize)> {
         let (mut basis, mut scales) = (0u32, 0u32);
@@ -163,7 +176,8 @@ impl Visibility {
         (self.coefficients[at as usize / 2] >> (16 * (at % 2))) as u16
     }
 
-    /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the error, then one a component. Returns how many numbers these are.
+    /// The coefficients of point `i` with their scales, into `out`: 1 for the mean, 1 for the
+    /// error, then one a component. Returns how many numbers these are.
     #[inline]
     pub fn decode(&self, i: usize, out: &mut [f32; Self::MAX_COMPONENTS as usize + 2]) -> usize {
         let point = &self.points[i];
@@ -182,8 +196,8 @@ impl Visibility {
         cluster.components as usize + 2
     }
 
-    /// e in direction `texel` of a point of `cluster` whose decoded coefficients these are, \[P14\] Eq. (9), and the root mean square error of that for
-    /// the points of the cluster.
+    /// e in direction `texel` of a point of `cluster` whose decoded coefficients these are, \[P14\]
+    /// Eq. (9), and the root mean square error of that for the points of the cluster.
     #[must_use]
     #[inline]
     pub fn reconstruct(
@@ -241,7 +255,8 @@ pub(super) fn pack(numbers: &[u16]) -> impl Iterator<Item = u32> + '_ {
         .map(|pair| u32::from(pair[0]) | u32::from(pair.get(1).copied().unwrap_or(0)) << 16)
 }
 
-/// The axes of a point's directions: x along the tangent of its cluster as far as that lies in the surface, z along its normal.
+/// The axes of a point's directions: x along the tangent of its cluster as far as that lies in the
+/// surface, z along its normal.
 #[must_use]
 #[inline]
 pub fn frame(tangent: Vec3, n: Vec3) -> (Vec3, Vec3) {

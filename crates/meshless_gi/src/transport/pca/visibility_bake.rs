@@ -1,17 +1,27 @@
-//! The bake of what points see ([P14] §4.2, §4.4): depths by rays, compressed by principal component analysis. Where in the flow: from points and geometry to [`Visibility`].
+//! The bake of what points see ([P14] §4.2, §4.4): depths by rays, compressed by principal
+//! component analysis. Where in the flow: from points and geometry to [`Visibility`].
 //!
-//! For each cluster of points: the depths of all its points in all directions of a [`HemisphereGrid`] are rows of a matrix, from which the mean row is taken
-//! (\[P14\] Eq. (7)); the rows are projected onto the first principal components (Eq. (8)). Where we deviate, beside what [`Visibility`] says:
+//! For each cluster of points: the depths of all its points in all directions of a
+//! [`HemisphereGrid`] are rows of a matrix, from which the mean row is taken (\[P14\] Eq. (7)); the
+//! rows are projected onto the first principal components (Eq. (8)). Where we deviate, beside what
+//! [`Visibility`] says:
 //!
-//! - **Directions count with their cosine.** Components minimize the mean square of √cos θ · e, as irradiance counts directions: what lies along a wall is deep, changes
-//!   much from point to point, and hardly lights anything.
-//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from that of its cluster: neighbors look the same way, or else their depths
-//!   would have nothing in common.
-//! - **s follows the cluster**, as it is before any cut: [`NEAR`] times the median of its depths. With one s for a level, what points of a hall's side aisle see is all next to nothing beside the sky.
-//! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the two sides of a pillar see different things, and no fifty components make them alike. The cut goes through
-//!   the points' coefficients of the first component, at the mean ([B98]), so that each half has what looks alike, or at the median where next to nothing would be cut off. A half with no more points than components is exact
-//!   but for rounding.
-//! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out, and components that no point keeps.
+//! - **Directions count with their cosine.** Components minimize the mean square of √cos θ · e, as
+//!   irradiance counts directions: what lies along a wall is deep, changes much from point to
+//!   point, and hardly lights anything.
+//! - **One frame a cluster.** The directions of a point start from its own normal, its tangent from
+//!   that of its cluster: neighbors look the same way, or else their depths would have nothing in
+//!   common.
+//! - **s follows the cluster**, as it is before any cut: [`NEAR`] times the median of its depths.
+//!   With one s for a level, what points of a hall's side aisle see is all next to nothing beside
+//!   the sky.
+//! - **Clusters are cut where their error is large** ([`VisibilitySettings::error`]): points on the
+//!   two sides of a pillar see different things, and no fifty components make them alike. The cut
+//!   goes through the points' coefficients of the first component, at the mean ([B98]), so that
+//!   each half has what looks alike, or at the median where next to nothing would be cut off. A
+//!   half with no more points than components is exact but for rounding.
+//! - **Coefficients too small to move a depth** by [`VisibilitySettings::tolerance`] are left out,
+//!   and components that no point keeps.
 
 use super::visibility::{encode, from_short, from_snorm, pack, to_short, to_snorm};
 use super::{
@@ -66,17 +76,20 @@ pub struct VisibilitySettings {
     pub components: u32,
     /// Points a cluster has about, before any is cut.
     pub cluster_points: u32,
-    /// Root mean square of what is wrong with e, over the points of a cluster and over directions as irradiance counts them, beyond which it is cut in two; infinite for no cuts.
+    /// Root mean square of what is wrong with e, over the points of a cluster and over directions
+    /// as irradiance counts them, beyond which it is cut in two; infinite for no cuts.
     pub error: f32,
-    /// Root mean square, over all directions, of the change in e below which a coefficient is left out.
+    /// Root mean square, over all directions, of the change in e below which a coefficient is left
+    /// out.
     pub tolerance: f32,
     /// Seed of the random numbers.
     pub seed: u64,
 }
 
 impl Default for VisibilitySettings {
-    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000 points a cluster; here twice the directions in half the bits, and clusters of 400 points, or of fewer where
-    /// these see much: docs/reports/PCA.md says why.
+    /// \[P14\] §6 has 2016 directions ([`HemisphereGrid::default`]), 50 coefficients, and §4.1 1000
+    /// points a cluster; here twice the directions in half the bits, and clusters of 400 points, or
+    /// of fewer where these see much: docs/reports/PCA.md says why.
     fn default() -> Self {
         Self {
             grid: HemisphereGrid::of(DIRECTIONS),
@@ -96,7 +109,8 @@ pub(super) fn weights(grid: HemisphereGrid) -> Vec<f32> {
         .collect()
 }
 
-/// Depths, in meters, of all directions of `grid` from (x, n), with the tangent of its cluster; infinite where there is nothing.
+/// Depths, in meters, of all directions of `grid` from (x, n), with the tangent of its cluster;
+/// infinite where there is nothing.
 pub fn depths(
     geometry: &dyn Geometry,
     (x, n): (Vec3, Vec3),
@@ -141,7 +155,8 @@ struct Kept {
     error: u32,
 }
 
-/// Bakes the visibility of `points`, places (meters) and unit normals. Also says how many rays it took. `told` hears how much is done, and says false to stop.
+/// Bakes the visibility of `points`, places (meters) and unit normals. Also says how many rays it
+/// took. `told` hears how much is done, and says false to stop.
 ///
 /// The same for any number of threads.
 ///
@@ -252,7 +267,8 @@ fn look(
     }
 }
 
-/// Compresses what is seen, in as many clusters as its error asks for. None where all that is there, with the `words` of others, is too much.
+/// Compresses what is seen, in as many clusters as its error asks for. None where all that is
+/// there, with the `words` of others, is too much.
 fn divide(
     seen: Seen,
     settings: &VisibilitySettings,
@@ -344,7 +360,8 @@ fn compress(seen: &Seen, settings: &VisibilitySettings, seed: u64) -> (Part, f32
         all.fold(0.0f32, |most, v| most.max(v.abs()))
     };
     let most: Vec<f32> = (0..stride).map(largest_of).collect();
-    // Components are of length one: a coefficient moves e by its own value over the root of the number of directions, in the mean.
+    // Components are of length one: a coefficient moves e by its own value over the root of the
+    // number of directions, in the mean.
     let least = settings.tolerance * (length as f32).sqrt();
     // Components that no point keeps are not stored.
     let used = (most.iter()).rposition(|&v| v >= least && v > 0.0);

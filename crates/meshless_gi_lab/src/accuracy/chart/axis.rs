@@ -1,4 +1,5 @@
-//! Axes of a chart: which part of the numbers they show, where they have ticks, and what is written there.
+//! Axes of a chart: which part of the numbers they show, where they have ticks, and what is written
+//! there.
 
 /// How an axis turns numbers into lengths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,7 +32,8 @@ pub struct Axis {
     pub scale: Scale,
     /// How it writes them.
     pub format: Format,
-    /// From where to where; as the data are where this is none or makes no sense. What lies beyond is cut off.
+    /// From where to where; as the data are where this is none or makes no sense. What lies beyond
+    /// is cut off.
     pub range: Option<(f64, f64)>,
 }
 
@@ -56,14 +58,16 @@ impl Axis {
     }
 }
 
-/// Numbers beyond this, or its inverse on a logarithmic axis, are left out: nothing that is measured reaches it, and differences stay finite.
+/// Numbers beyond this, or its inverse on a logarithmic axis, are left out: nothing that is
+/// measured reaches it, and differences stay finite.
 const MAX: f64 = 1e100;
 
 /// An axis that knows its data.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     scale: Scale,
-    /// Ends in the scale's own measure (the logarithm, or the number itself); the second is the greater.
+    /// Ends in the scale's own measure (the logarithm, or the number itself); the second is the
+    /// greater.
     ends: (f64, f64),
     /// Where ticks are, and their text; without text a small one.
     pub ticks: Vec<(f64, String)>,
@@ -141,7 +145,8 @@ fn span(scale: Scale, data: impl Iterator<Item = f64>) -> (f64, f64) {
     (below.max(-most), (high + room).min(most))
 }
 
-/// Ticks at multiples of 1, 2 or 5 times a power of ten, five to ten of them; the ends go on to the next ticks unless they are fixed.
+/// Ticks at multiples of 1, 2 or 5 times a power of ten, five to ten of them; the ends go on to the
+/// next ticks unless they are fixed.
 fn linear((low, high): (f64, f64), fixed: bool) -> ((f64, f64), Vec<(f64, bool)>) {
     let rough = (high - low) / 6.0;
     let power = libm::pow(10.0, libm::floor(libm::log10(rough)));
@@ -171,7 +176,8 @@ fn linear((low, high): (f64, f64), fixed: bool) -> ((f64, f64), Vec<(f64, bool)>
     (ends, ticks)
 }
 
-/// Ticks of a logarithmic axis: named ones at powers of ten, and at 2 and 5 times those, or at more, where there are few powers; small ones at all multiples.
+/// Ticks of a logarithmic axis: named ones at powers of ten, and at 2 and 5 times those, or at
+/// more, where there are few powers; small ones at all multiples.
 fn log((low, high): (f64, f64)) -> Vec<(f64, bool)> {
     const SETS: [&[f64]; 3] = [&[1.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 5.0, 7.0]];
     let (first, last) = (libm::floor(low) as i32, libm::ceil(high) as i32);

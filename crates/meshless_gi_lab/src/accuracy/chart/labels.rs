@@ -1,4 +1,5 @@
-//! Where the labels of a chart's places go: beside their markers, and not over other markers or labels where that can be helped.
+//! Where the labels of a chart's places go: beside their markers, and not over other markers or
+//! labels where that can be helped.
 
 /// Height of a label, pixels.
 pub const HEIGHT: f64 = 11.0;
@@ -40,8 +41,9 @@ pub fn width(text: &str, size: f64) -> f64 {
     ems * size
 }
 
-/// Chooses the left end and the baseline of a label beside `place`: the near or far side that covers least of `taken`; its area is added to those. None
-/// where it would cover much: a label that nobody can read hides others.
+/// Chooses the left end and the baseline of a label beside `place`: the near or far side that
+/// covers least of `taken`; its area is added to those. None where it would cover much: a label
+/// that nobody can read hides others.
 pub fn put(
     text: &str,
     place: (f64, f64),

@@ -1,8 +1,11 @@
-//! Charts as SVG text: measurements and curves on linear or logarithmic axes, readable in light and dark viewers.
+//! Charts as SVG text: measurements and curves on linear or logarithmic axes, readable in light and
+//! dark viewers.
 //!
-//! A chart is data; [`Chart::svg`] draws it. The same data gives the same text, with coordinates to a tenth of a pixel, so that charts in a repository
-//! differ by what was measured. Colors are those of Okabe and Ito, which people with any kind of color vision tell apart, and each series
-//! has its own marker as well. What cannot be drawn (a number that is none, nothing or less on a logarithmic axis) is left out and counted below the chart.
+//! A chart is data; [`Chart::svg`] draws it. The same data gives the same text, with coordinates to
+//! a tenth of a pixel, so that charts in a repository differ by what was measured. Colors are those
+//! of Okabe and Ito, which people with any kind of color vision tell apart, and each series has its
+//! own marker as well. What cannot be drawn (a number that is none, nothing or less on a
+//! logarithmic axis) is left out and counted below the chart.
 
 mod axis;
 mod labels;
@@ -23,7 +26,8 @@ pub struct Chart {
     pub y: Axis,
     /// What is drawn, the later over the earlier.
     pub series: Vec<Series>,
-    /// Horizontal lines to compare with: their height on the y axis, and what to write on them, if anything.
+    /// Horizontal lines to compare with: their height on the y axis, and what to write on them, if
+    /// anything.
     pub guides: Vec<(f64, String)>,
 }
 
@@ -36,7 +40,8 @@ pub struct Series {
     pub style: Style,
     /// Its places, in the order in which a line joins them.
     pub points: Vec<Mark>,
-    /// Color and marker of the series of this number, instead of its own: for a front or a fit that belongs to another series.
+    /// Color and marker of the series of this number, instead of its own: for a front or a fit that
+    /// belongs to another series.
     pub like: Option<usize>,
 }
 
@@ -49,7 +54,8 @@ pub struct Mark {
     pub y: f64,
     /// Written beside it, where that is not empty and there is room.
     pub label: String,
-    /// Shown by viewers that show such things when the pointer rests on the marker; the label, where this is empty.
+    /// Shown by viewers that show such things when the pointer rests on the marker; the label,
+    /// where this is empty.
     pub hint: String,
 }
 
@@ -63,8 +69,8 @@ pub enum Style {
     Line,
     /// A line with markers.
     LineAndPoints,
-    /// A Pareto front: steps that bound what is not better anywhere, with a ring around each place. Give it the places of the front alone,
-    /// see [`super::pareto_front`].
+    /// A Pareto front: steps that bound what is not better anywhere, with a ring around each place.
+    /// Give it the places of the front alone, see [`super::pareto_front`].
     Front,
 }
 

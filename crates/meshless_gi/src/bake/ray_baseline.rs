@@ -1,0 +1,31 @@
+//! The rays of a bake without anything else: a lower bound of its time.
+
+use super::Settings;
+use crate::asset::BakedScene;
+use crate::scene::Geometry;
+use crate::transport::cast_only;
+use rayon::prelude::*;
+
+/// Casts the rays of the operator's gather and nothing else. Returns the number of rays.
+#[must_use]
+pub fn cast_gather_rays(geometry: &dyn Geometry, scene: &BakedScene, settings: &Settings) -> u64 {
+    let rows = &scene.operator.rows;
+    scene
+        .level_starts
+        .windows(2)
+        .enumerate()
+        .map(|(level, bounds)| {
+            let rays = settings.rays_of_level(level);
+            let active = (bounds[0] as usize..bounds[1] as usize)
+                .into_par_iter()
+                .filter(|&i| rows[i].tier != 0)
+                .map(|i| {
+                    let p = &scene.points[i];
+                    // The hits are used, so that no compiler leaves the work out.
+                    std::hint::black_box(cast_only(geometry, p.x(), p.n(), i, rays, settings.seed));
+                })
+                .count();
+            active as u64 * u64::from(rays)
+        })
+        .sum()
+}
