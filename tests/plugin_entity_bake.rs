@@ -700,10 +700,27 @@ fn occluders_are_entities_by_name_or_component() {
         occluders: ["door", "gate"].map(OccluderDesc::node).into(),
         ..quick()
     };
-    let (_, scene) = bake(&mut app, root, recipe);
+    let (summary, scene) = bake(&mut app, root, recipe);
     let occluders = scene.occluders.as_ref().unwrap();
     assert_eq!(occluders.names, ["door", "gate"]);
     assert!(!occluders.links.is_empty(), "light passes them");
+    let is_open = |w: &GiBakeWarning| matches!(w, GiBakeWarning::OpenOccluder { .. });
+    assert!(!summary.warnings.iter().any(is_open), "both are shut");
+
+    // The bake takes the meshes where they stand: an open door is named.
+    let mut door = app.world_mut().get_mut::<GiOccluder>(by_component).unwrap();
+    door.openness = 0.6;
+    let recipe = Recipe {
+        occluders: vec!["door".into()],
+        ..quick()
+    };
+    let (summary, _) = bake(&mut app, root, recipe);
+    let found: Vec<String> = (summary.warnings.iter())
+        .filter(|w| is_open(w))
+        .map(ToString::to_string)
+        .collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].contains("`door` is 60 % open"), "{found:?}");
 }
 
 #[test]

@@ -1,16 +1,13 @@
-//! Work with a bar on standard error where that is a terminal, and with a line from time to time
-//! where it is none.
+//! Work with a bar on standard error, where that is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use meshless_gi::bake::Progress;
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Parts of a bar.
 const STEPS: u64 = 1000;
-/// Time between two lines where standard error is no terminal.
-const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 fn bar() -> ProgressBar {
     // Hidden where standard error is no terminal.
@@ -34,20 +31,17 @@ pub fn watch_steps<T: Send>(
     work: impl FnOnce(&Progress, &(dyn Fn(String) + Sync)) -> T + Send,
 ) -> T {
     let progress = Progress::default();
+    if !std::io::stderr().is_terminal() {
+        return work(&progress, &|_| ());
+    }
     let bar = bar();
     let done = AtomicBool::new(false);
-    let is_terminal = std::io::stderr().is_terminal();
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            let mut written = Instant::now();
             while !done.load(Ordering::Acquire) {
                 let (stage, share) = progress.get();
                 bar.set_message(stage.name());
                 bar.set_position((share * STEPS as f32) as u64);
-                if !is_terminal && written.elapsed() > LINE_INTERVAL {
-                    eprintln!("{}, {:.0} %", stage.name(), 100.0 * share);
-                    written = Instant::now();
-                }
                 std::thread::park_timeout(Duration::from_millis(100));
             }
             bar.finish_and_clear();
