@@ -110,7 +110,7 @@ impl Textures {
                 }
                 if let Some(texture) = texture(&collected.images[used.image], encoding) {
                     let mut hasher = blake3::Hasher::new();
-                    texture.hash(&mut hasher);
+                    texture.add_to_hash(&mut hasher);
                     let hash = *hasher.finalize().as_bytes();
                     all.insert(key, Hashed { texture, hash });
                 }
@@ -128,7 +128,7 @@ impl Textures {
 /// Hash of a material with its textures and its name: what makes it another material.
 fn surface_hash(surface: &SurfaceMaterial, textures: &Textures) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
-    surface.material.hash(&mut hasher);
+    surface.material.add_to_hash(&mut hasher);
     for texture in textures.of(surface) {
         hasher.update(&texture.map_or([0; 32], |t| t.hash));
     }

@@ -40,7 +40,7 @@ pub(super) fn run(
         });
     }
     // A bake may take minutes: a path that cannot be written is in the log before.
-    if let Some(warning) = save_to.and_then(|path| check(path)) {
+    if let Some(warning) = save_to.and_then(check) {
         warnings.push(warning);
         save_to = None;
     }

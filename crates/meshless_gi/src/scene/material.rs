@@ -148,7 +148,7 @@ impl Texture {
     }
 
     /// Adds everything that a bake reads of it to `hasher`.
-    pub fn hash(&self, hasher: &mut blake3::Hasher) {
+    pub fn add_to_hash(&self, hasher: &mut blake3::Hasher) {
         hasher.update(&self.width.to_le_bytes());
         hasher.update(&self.height.to_le_bytes());
         hasher.update(&self.wrap.map(|w| w as u8));
@@ -259,7 +259,7 @@ impl Material {
     }
 
     /// Adds everything that a bake reads of it to `hasher`.
-    pub fn hash(&self, hasher: &mut blake3::Hasher) {
+    pub fn add_to_hash(&self, hasher: &mut blake3::Hasher) {
         for x in self
             .base_color
             .to_array()

@@ -382,8 +382,12 @@ impl TriangleMesh {
                 hasher.update(bytemuck::cast_slice(&corners));
             }
         }
-        self.materials.iter().for_each(|m| m.hash(&mut hasher));
-        self.textures.iter().for_each(|t| t.hash(&mut hasher));
+        self.materials
+            .iter()
+            .for_each(|m| m.add_to_hash(&mut hasher));
+        self.textures
+            .iter()
+            .for_each(|t| t.add_to_hash(&mut hasher));
         *hasher.finalize().as_bytes()
     }
 

@@ -155,7 +155,6 @@ mod tests {
             links: vec![(3, Vec3A::new(0.5, 0.1, 0.0))],
             parts: vec![part],
             active: true,
-            ..RawRow::default()
         };
         let packed = pack(&[row], &[1], &[Vec3::ZERO], &[], 8, SenderForm::Averages);
         assert_eq!(packed.passing.len(), 2);
