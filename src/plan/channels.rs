@@ -1,5 +1,5 @@
 //! In how many channels a scene's operator is applied: one where its surfaces are gray and all that
-//! shines has one chromaticity, three else. [`InventoryTracker`](super::Surveyor) knows what there
+//! shines has one chromaticity, three else. [`InventoryTracker`](super::InventoryTracker) knows what there
 //! is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a
 //! lamp that blinks in another color.
 

@@ -1,4 +1,4 @@
-//! [`TierSelection`]: the tier of the operator that a scene is lit with, and why. [`TierController`](super::Picker) says it.
+//! [`TierSelection`]: the tier of the operator that a scene is lit with, and why. [`TierController`](super::TierController) says it.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ pub struct TierSelection {
     pub tiers: u32,
     /// It is the octree of rule `fmm`; else, some or all of the links.
     pub octree: bool,
-    /// Links that a solve reads ([`TierCandidate::work`](super::TierChoice::work)).
+    /// Links that a solve reads ([`TierCandidate::work`](super::TierCandidate::work)).
     pub work: u64,
     /// A setting names the tier: nothing else has a say.
     pub forced: bool,

@@ -1,5 +1,5 @@
 //! Which tier of its bake's operator a scene is lit with (design D11): asks the
-//! [picker](crate::plan::Picker) of each root, and tells it what solves cost.
+//! [picker](crate::plan::TierController) of each root, and tells it what solves cost.
 //!
 //! The request stands on the level's root and not on a camera: a scene is solved once for all
 //! cameras that show it.

@@ -28,7 +28,7 @@ use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 pub const NEAREST: f32 = 1e-12;
 
 /// Ways that are free as far as the next voxel have less
-/// ([`WallDistances::stored`](super::Ways::stored)).
+/// ([`WallDistances::stored`](super::WallDistances::stored)).
 pub const FREE_WAY: f32 = -1.252;
 
 /// A level's volume as one view sees it through fog, for `fog_voxels`. 192 bytes.

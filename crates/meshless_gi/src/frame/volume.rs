@@ -110,7 +110,7 @@ pub fn volume_texels(
 }
 
 /// One texel: RGB as the engine multiplies it with a surface's color, cd/m² where lamps are in
-/// lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::Ways::stored)).
+/// lumens; the fourth is how far a way is free ([`WallDistances::stored`](super::WallDistances::stored)).
 /// The light of the voxel's face that the side faces as most; without one that of the voxel ahead,
 /// unless a wall stands before it; else the voxel's own, else the mean of those around the one
 /// ahead; black where no probe reaches any of them.

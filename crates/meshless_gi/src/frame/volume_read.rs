@@ -10,7 +10,7 @@ use glam::{UVec3, Vec3};
 
 /// Voxels without walls near them: all their texels have less.
 pub const OPEN: f32 = -1.999;
-/// What [`WallDistances::stored`](super::Ways::stored) adds to the length of a way.
+/// What [`WallDistances::stored`](super::WallDistances::stored) adds to the length of a way.
 pub const QUARTER: f32 = 0.25;
 /// A place less than this beyond a wall, voxels, is lit as if it were before it.
 pub const BEFORE: f32 = 0.01;
