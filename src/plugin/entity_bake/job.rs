@@ -29,22 +29,21 @@ pub(super) fn run(
     if let Some(path) = save_to
         && let Some(scene) = load(path, &key, (&mesh, &request.recipe), &mut warnings)
     {
-        log(&warnings);
         info!("loaded the bake of {root} from {}", path.display());
         return Ok(BakeOutput {
             scene,
             seconds: began.elapsed().as_secs_f64(),
             loaded: true,
-            logged: warnings,
-            warnings: Vec::new(),
+            logged: Vec::new(),
+            warnings,
         });
     }
     // A bake may take minutes: a path that cannot be written is in the log before.
-    if let Some(warning) = save_to.and_then(check) {
-        warnings.push(warning);
+    let unwritable = save_to.and_then(check);
+    if let Some(warning) = &unwritable {
+        warn!("{warning}");
         save_to = None;
     }
-    log(&warnings);
     info!(
         "baking {root}: {} triangles, {:?}",
         mesh.len(),
@@ -66,7 +65,9 @@ pub(super) fn run(
         "baked {root} in {:.1} s{saved}",
         began.elapsed().as_secs_f64()
     );
-    output.logged = warnings;
+    output.logged = unwritable.into_iter().collect();
+    warnings.append(&mut output.warnings);
+    output.warnings = warnings;
     output.seconds = began.elapsed().as_secs_f64();
     Ok(output)
 }
@@ -125,12 +126,6 @@ fn load(
             });
             None
         }
-    }
-}
-
-fn log(warnings: &[Warning]) {
-    for warning in warnings {
-        warn!("{warning}");
     }
 }
 
