@@ -4,7 +4,7 @@
 //! ```no_run
 //! use bevy::prelude::*;
 //! use bevy_meshless_gi::prelude::*;
-//! use bevy_meshless_gi::scene::{cornell_box, mesh_of_quads};
+//! use bevy_meshless_gi::meshless_gi::scene::{cornell_box, mesh_of_quads};
 //!
 //! fn start(mut commands: Commands) {
 //!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
