@@ -181,8 +181,8 @@ fn behind_walls(
             continue;
         };
         let plane = plane_at(&geometry.barrier(&ray, &wall), radius);
-        let before_it = before(plane, x_j, n_j, radius) > 0.0;
-        if leans(plane) && before_it && !occluders.contains(&plane) {
+        let keeps_center = before(plane, x_j, n_j, radius) > 0.0;
+        if leans(plane) && keeps_center && !occluders.contains(&plane) {
             occluders.push(plane);
         }
         for place in 0..BEHIND {
