@@ -1,11 +1,11 @@
-//! Scenes get what they call for and nothing else: the thirteen scenes of the example `effects` in
+//! Scenes get what they call for and nothing else: the thirteen scenes of the example `pass_costs` in
 //! the running plugin, each with the stages that it names, and with no pipeline or buffer of any
 //! other.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
 mod plugin_support;
-#[path = "../examples/effects/scenes.rs"]
+#[path = "../examples/reports/pass_costs/scenes.rs"]
 mod scenes;
 
 use bevy::prelude::*;

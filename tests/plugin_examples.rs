@@ -79,12 +79,12 @@ fn runs(example: &str, at: &str) {
 
 #[test]
 fn signs_light_a_street() {
-    runs("neon", "2");
+    runs("emissive_signs", "2");
 }
 
 #[test]
 fn somebody_walks_through_a_door() {
-    runs("visitor", "2");
+    runs("doors", "2");
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn exported_room_is_lit_by_its_volume() {
 
 #[test]
 fn what_an_example_does_not_know_is_said() {
-    let run = Command::new(program("visitor"))
+    let run = Command::new(program("doors"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .arg("--nonsense")
         .output()
@@ -130,7 +130,7 @@ fn what_an_example_does_not_know_is_said() {
     let said = String::from_utf8_lossy(&run.stderr);
     assert_eq!(run.status.code(), Some(2), "{said}");
     assert!(
-        said.contains("--nonsense") && said.contains("usage: visitor"),
+        said.contains("--nonsense") && said.contains("usage: doors"),
         "{said}"
     );
 }

@@ -1,7 +1,7 @@
-//! Example `level`: a level that is dropped on the window, one that is none, the camera after a
+//! Example `load_gltf`: a level that is dropped on the window, one that is none, the camera after a
 //! bake, the bar, and saving.
 
-#[path = "../examples/level/main.rs"]
+#[path = "../examples/load_gltf/main.rs"]
 #[allow(dead_code, reason = "the example's own `main` and command line")]
 mod level;
 mod plugin_support;

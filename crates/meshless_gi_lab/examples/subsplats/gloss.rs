@@ -320,7 +320,7 @@ pub fn text(found: &Found, out: &mut String) -> Result<(), Error> {
         out,
         "\n## Numbers of lights ([N09] Fig. 14)\n\n\
          The diffuse light of the same lights by one list of subsplats, from cells of 32 pixels, {} × {} pixels: evaluations of all lights over the pixels, and the time over that of every pixel. The more lights,\n\
-         the less the rest of a frame weighs: with many, the time is the share. `examples/subsplats_gpu.rs` prints the same on a device.\n\n\
+         the less the rest of a frame weighs: with many, the time is the share. `examples/reports/subsplats_gpu.rs` prints the same on a device.\n\n\
          | lights | every pixel |{}\n|---|---|{}",
         QUARTER[0],
         QUARTER[1],

@@ -1,7 +1,7 @@
 //! Any glTF level: bakes in the background while you already walk in it, then lights up.
 //!
 //! ```text
-//! cargo run --release --example level -- path/to/level.glb [draft|medium|high]
+//! cargo run --release --example load_gltf -- path/to/level.glb [draft|medium|high]
 //! ```
 //!
 //! A `.glb` or `.gltf` that is dropped on the window takes the level's place. A file without lights
@@ -89,7 +89,7 @@ fn main() -> ExitCode {
 
 fn usage() -> ExitCode {
     eprintln!(
-        "usage: level LEVEL.glb|LEVEL.gltf [draft|medium|high] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
+        "usage: load_gltf LEVEL.glb|LEVEL.gltf [draft|medium|high] [--screenshot FILE.png [--frames N] [--while-baking] [--press KEY,KEY]]"
     );
     ExitCode::from(2)
 }

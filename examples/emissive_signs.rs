@@ -3,7 +3,7 @@
 //! in which they change. Bevy itself shows a glowing surface and lets it light nothing.
 //!
 //! ```text
-//! cargo run --release --example neon
+//! cargo run --release --example emissive_signs
 //! ```
 //!
 //! The street is made in code and baked, with materials that may change, while the window is
@@ -35,7 +35,7 @@ use meshless_gi::scene::{Material, Quad};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let capture = match Capture::from_command_line("neon") {
+    let capture = match Capture::from_command_line("emissive_signs") {
         Ok(capture) => capture,
         Err(code) => return code,
     };

@@ -3,7 +3,7 @@
 //! in free space falls on it, and its coat colors the floor.
 //!
 //! ```text
-//! cargo run --release --example visitor
+//! cargo run --release --example doors
 //! ```
 //!
 //! Two rooms, made in code and baked while the window is already open; their ceiling and the wall
@@ -38,7 +38,7 @@ use std::f32::consts::PI;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let capture = match Capture::from_command_line("visitor") {
+    let capture = match Capture::from_command_line("doors") {
         Ok(capture) => capture,
         Err(code) => return code,
     };

@@ -4,10 +4,10 @@
 //! FOLDER/EFFECTS.md.
 //!
 //! ```text
-//! cargo run --example effects -- [-o FOLDER]
+//! cargo run --example pass_costs -- [-o FOLDER]
 //! ```
 
-#[path = "../common/mod.rs"]
+#[path = "../../common/mod.rs"]
 mod common;
 mod scenes;
 
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
         [] => None,
         [flag, folder] if flag == "-o" => Some(PathBuf::from(folder)),
         _ => {
-            eprintln!("usage: effects [-o FOLDER]");
+            eprintln!("usage: pass_costs [-o FOLDER]");
             return ExitCode::from(2);
         }
     };
@@ -107,7 +107,7 @@ fn table() -> Result<String, String> {
     }
     Ok(format!(
         "# What scenes call for\n\n\
-         Made by `cargo run --example effects -- -o docs/reports`. Do not edit.\n\n\
+         Made by `cargo run --example pass_costs -- -o docs/reports`. Do not edit.\n\n\
          Thirteen scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite and fog), what there is on the device, and milliseconds of that \
          device's own clock: what all cameras share, what the deferred camera's display takes, and what light in fog takes in the camera that drew it last, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
          buffer; where all is gray, `apply` runs in one channel; `cargo test --test plugin_effects` holds every scene to that.\n\n\

@@ -9,7 +9,7 @@
 //! Without a folder the cluttered room alone, by a draft bake. `FOLDER/NAME.mgi` spares a bake.
 //! Each time is the least of several submissions, waited for.
 
-#[path = "../tests/twins/depth.rs"]
+#[path = "../../tests/twins/depth.rs"]
 mod depth;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
