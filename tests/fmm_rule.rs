@@ -112,7 +112,7 @@ fn room_with_ball() -> TriangleMesh {
 }
 
 #[test]
-fn rooms_of_triangles_of_points_and_of_both_are_lit_like_the_reference() {
+fn fmm_rooms_of_triangles_points_and_both_match_reference() {
     let solid = mesh_of_quads(&cornell_box());
     let points = PointCloud::new(scatter(&solid, 0.035, 1).expect("points"), &[]);
     let rooms = [
@@ -201,7 +201,7 @@ fn quick(rule: TransportMethod, fallback: bool) -> Recipe {
 }
 
 #[test]
-fn links_stand_below_the_octree() {
+fn fmm_bake_has_links_as_lower_tiers() {
     let level = mesh_of_quads(&cornell_box());
     let both = baked(&level, &quick(TransportMethod::Fmm, true));
     let links = baked(&level, &quick(TransportMethod::Bounded, false));
@@ -248,7 +248,7 @@ fn links_stand_below_the_octree() {
 }
 
 #[test]
-fn any_number_of_threads_bakes_the_same_bytes() {
+fn fmm_bake_any_thread_count_writes_equal_bytes() {
     let level = mesh_of_quads(&cornell_box());
     let bytes = |threads| {
         bake_scene(
@@ -268,7 +268,7 @@ fn any_number_of_threads_bakes_the_same_bytes() {
 /// Inside of a closed box of radiosity one all around, E = 1; with all reflections 1 / (1 − ρ) of
 /// what walls emit.
 #[test]
-fn a_closed_room_keeps_its_energy() {
+fn fmm_closed_room_conserves_energy() {
     let furnace = |albedo: f32| {
         let material = Material {
             emissive: Vec3::splat(std::f32::consts::FRAC_1_PI),
@@ -312,7 +312,7 @@ fn a_closed_room_keeps_its_energy() {
 }
 
 #[test]
-fn what_a_recipe_may_not_say() {
+fn invalid_fmm_recipes_are_rejected() {
     type Change = fn(&mut Recipe);
     let wrong: [(&str, Change); 5] = [
         ("order", |r| r.order = Some(17)),

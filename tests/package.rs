@@ -3,7 +3,7 @@
 use std::process::Command;
 
 #[test]
-fn package_has_what_it_needs_to_build_and_no_more() {
+fn package_contains_only_build_files() {
     let run = Command::new(env!("CARGO"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .args(["package", "--list", "--allow-dirty", "--offline"])

@@ -14,7 +14,7 @@ use plugin_support::log::warnings;
 use plugin_support::scenes::{Room, cornell};
 
 #[test]
-fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
+fn plugin_without_renderer_loads_assets_only() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("room.mgi");
     let (room, bake) = cornell();
@@ -72,7 +72,7 @@ fn without_a_renderer_the_plugin_is_inert_and_still_loads_and_reloads() {
 }
 
 #[test]
-fn a_device_that_lacks_what_we_need_gets_a_picture_and_no_indirect_light() {
+fn unsupported_device_renders_without_indirect_light() {
     let mut app = App::new();
     let plugins = headless_plugins().set(RenderPlugin {
         synchronous_pipeline_compilation: true,
@@ -161,7 +161,7 @@ fn asset_points(app: &App, handle: &Handle<GiBakedScene>) -> u64 {
 }
 
 #[test]
-fn a_bake_in_the_background_becomes_the_scenes_light_fails_or_is_canceled() {
+fn background_bake_lights_scene_fails_or_is_cancelled() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
     app.init_resource::<Ends>();

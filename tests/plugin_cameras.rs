@@ -255,7 +255,7 @@ fn both() -> [Stage; 2] {
 }
 
 #[test]
-fn plain_cameras_beside_a_display_show_what_they_show_without_the_plugin() {
+fn cameras_without_gi_match_picture_without_plugin() {
     let mut apps = both();
     // The display has a picture of its own, which is not compared.
     let image = target(&mut apps[0].app);
@@ -275,7 +275,7 @@ fn plain_cameras_beside_a_display_show_what_they_show_without_the_plugin() {
 }
 
 #[test]
-fn changes_at_run_time_reach_plain_cameras() {
+fn runtime_changes_reach_cameras_without_gi() {
     let mut apps = both();
     let first = step(&mut apps, "start", |_| {});
     let moved = step(&mut apps, "mesh_later", |s| {
@@ -343,7 +343,7 @@ fn changes_at_run_time_reach_plain_cameras() {
 }
 
 #[test]
-fn a_camera_that_becomes_a_display_and_plain_again_shows_what_it_showed() {
+fn camera_that_toggles_gi_returns_to_its_picture() {
     let mut apps = both();
     let eye = apps[0].cameras[1];
     step(&mut apps, "plain", |_| {});
@@ -424,7 +424,7 @@ fn camera_of_another_plugin_draws_the_scene() {
 }
 
 #[test]
-fn method_that_a_game_sets_stays() {
+fn renderer_method_of_game_is_kept() {
     let method = |app: &App| {
         format!(
             "{:?}",
@@ -459,7 +459,7 @@ fn with_probes() -> Recipe {
 }
 
 #[test]
-fn masked_materials_in_a_display_with_a_volume_are_lit_once() {
+fn masked_materials_with_volume_are_lit_once() {
     let bake = Room::cornell().bake_as(&with_probes());
     let mut app = app();
     let root = spawn_baked(&mut app, &Room::cornell(), &bake, Transform::IDENTITY);
@@ -513,7 +513,7 @@ fn told(kind: impl Bundle, change: impl Fn(&mut App, Entity)) -> Vec<GiWarning> 
 }
 
 #[test]
-fn bake_that_no_camera_displays_is_told_once() {
+fn bake_without_gi_camera_warns_once() {
     let nothing = |_: &mut App, _: Entity| {};
     assert_eq!(told((), nothing), [GiWarning::NoDisplay]);
     let deferred = (DepthPrepass, NormalPrepass, DeferredPrepass, Msaa::Off);
@@ -541,7 +541,7 @@ fn bake_that_no_camera_displays_is_told_once() {
 }
 
 #[test]
-fn advice_names_both_cures_and_the_volume_first_for_forward_cameras() {
+fn missing_camera_message_names_remedies_volume_first_for_forward() {
     let places = |finding: GiWarning| {
         ["GiIrradianceVolume", "GiCamera"].map(|cure| finding.advice().find(cure))
     };
@@ -556,7 +556,7 @@ fn advice_names_both_cures_and_the_volume_first_for_forward_cameras() {
 }
 
 #[test]
-fn display_that_comes_late_is_not_missed() {
+fn late_gi_camera_does_not_warn() {
     let mut app = app();
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
@@ -585,7 +585,7 @@ fn roughness(picture: &Picture) -> f32 {
 }
 
 #[test]
-fn volume_with_the_default_camera_is_smooth_at_draft() {
+fn volume_at_draft_is_smooth_with_default_camera() {
     let bake = Room::cornell().bake_as(&with_probes());
     let mut shown = [false, true].map(|deferred| {
         let mut app = app();

@@ -51,7 +51,7 @@ fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture,
 }
 
 #[test]
-fn subsplats_show_what_every_pixel_does() {
+fn subsplats_match_per_pixel_display() {
     let mut app = app();
     let (eye, image) = shown(&mut app, view(), GiSplatting::default());
     let (by, full, share) = both(&mut app, eye, &image);
@@ -108,7 +108,7 @@ fn subsplats_show_what_every_pixel_does() {
 }
 
 #[test]
-fn a_flat_view_takes_next_to_none() {
+fn subsplats_of_flat_view_evaluate_few_nodes() {
     let mut app = app();
     let at = Transform::from_xyz(0.1, 1.1, 0.6).looking_at(Vec3::new(0.1, 1.2, -1.0), Vec3::Y);
     let (eye, image) = shown(&mut app, at, GiSplatting::default());
@@ -120,7 +120,7 @@ fn a_flat_view_takes_next_to_none() {
 }
 
 #[test]
-fn nothing_pops_along_a_path() {
+fn subsplats_along_camera_path_are_stable() {
     let mut app = app();
     let (eye, image) = shown(&mut app, view(), GiSplatting::default());
     let mut path = |display: GiSplatting| -> Vec<Picture> {
@@ -160,7 +160,7 @@ fn nothing_pops_along_a_path() {
 }
 
 #[test]
-fn a_ball_that_bounces_light_is_shown_alike() {
+fn reflector_with_subsplats_matches_per_pixel_display() {
     let mut app = app();
     let (eye, image) = shown(&mut app, view(), GiSplatting::default());
     let mesh = Sphere::new(0.25).mesh().ico(12).unwrap();
@@ -193,7 +193,7 @@ fn a_ball_that_bounces_light_is_shown_alike() {
 }
 
 #[test]
-fn two_bakes_share_a_picture() {
+fn subsplats_of_two_bakes_share_picture() {
     let mut app = app();
     spawn_room(&mut app, Transform::from_xyz(-1.3, 0.0, -1.0));
     spawn_room(
@@ -210,7 +210,7 @@ fn two_bakes_share_a_picture() {
 }
 
 #[test]
-fn buffers_come_and_go_with_the_display() {
+fn subsplat_buffers_follow_display_setting() {
     let mut app = app();
     let (eye, image) = shown(&mut app, view(), GiSplatting::Full);
     let full = counters(&app);

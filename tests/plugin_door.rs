@@ -96,7 +96,7 @@ fn stage_lit_from(place: Vec3, room: &Room, scene: Arc<BakedScene>) -> (App, Han
 }
 
 #[test]
-fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
+fn light_follows_door_in_same_frame_and_idles_without_change() {
     let (room, bake) = cornell();
     let (mut app, image) = stage(&room, bake.clone());
     let open = right(&room, &bake, 1.0);
@@ -151,7 +151,7 @@ fn light_follows_a_door_in_its_own_frame_and_nothing_runs_without_a_change() {
 /// The lamp stands before a screen that is drawn in the farther half of an occluder three times as
 /// thick.
 #[test]
-fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
+fn door_in_thick_occluder_is_lit_from_faced_side() {
     let (mut room, bake) = cornell_with(0.06, Some(ProbeSettings::default()));
     let corner = Vec3::new(-0.505, 0.0, -1.0);
     let (thick, high, deep) = (Vec3::X * 0.04, Vec3::Y * 2.0, Vec3::Z * 2.0);
@@ -188,7 +188,7 @@ fn door_in_a_thicker_occluder_is_lit_from_the_side_that_it_faces() {
 }
 
 #[test]
-fn a_level_without_doors_has_nothing_of_them() {
+fn scene_without_occluders_has_no_occluder_buffers() {
     let room = Room::cornell();
     let (mut app, _) = stage(&room, room.bake(1));
     let before = counters(&app);

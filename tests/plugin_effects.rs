@@ -20,7 +20,7 @@ use scenes::{SCENES, bakes, spawn, step};
 const SIZE: UVec2 = UVec2::new(128, 96);
 
 #[test]
-fn every_scene_runs_what_it_calls_for_and_nothing_else() {
+fn scene_runs_only_required_effects() {
     let recipe = Recipe {
         coarse_radius: Some(0.4),
         levels: Some(3),

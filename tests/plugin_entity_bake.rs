@@ -97,7 +97,7 @@ fn gltf_scene_baked_from_entities_equals_the_bake_of_the_file() {
 }
 
 #[test]
-fn picture_lit_by_a_bake_from_entities_is_that_of_the_cpu() {
+fn entity_bake_picture_matches_cpu() {
     let mut app = app();
     keep_ends(&mut app);
     let room = Room::cornell();
@@ -146,7 +146,7 @@ fn minimal_example_has_indirect_light() {
 }
 
 #[test]
-fn meshes_that_cannot_be_used_are_named_and_left_out() {
+fn unusable_meshes_are_named_and_skipped() {
     let mut app = bare_app(&std::env::temp_dir());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
@@ -220,7 +220,7 @@ fn meshes_that_cannot_be_used_are_named_and_left_out() {
 }
 
 #[test]
-fn root_without_usable_meshes_ends_with_an_error_that_names_them() {
+fn entity_bake_without_usable_meshes_returns_named_error() {
     let mut app = bare_app(&std::env::temp_dir());
     let world = app.world_mut();
     let empty = world.spawn(GiBakeRequest::from(Preset::Draft)).id();
@@ -255,7 +255,7 @@ fn root_without_usable_meshes_ends_with_an_error_that_names_them() {
 }
 
 #[test]
-fn later_request_replaces_the_earlier_and_removal_cancels() {
+fn later_bake_request_replaces_earlier_and_removal_cancels() {
     let mut app = bare_app(&std::env::temp_dir());
     let room = Room::cornell();
     let [replaced, despawned, removed] = [0; 3].map(|_| {
@@ -300,7 +300,7 @@ fn later_request_replaces_the_earlier_and_removal_cancels() {
 }
 
 #[test]
-fn mirrored_and_instanced_meshes_keep_their_fronts() {
+fn mirrored_and_instanced_meshes_keep_front_faces() {
     let mut app = bare_app(&std::env::temp_dir());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
@@ -422,7 +422,7 @@ fn room_with_floor(app: &mut App, mesh: Mesh, material: StandardMaterial) -> Ent
 }
 
 #[test]
-fn textures_vertex_colors_and_cutouts_are_those_of_the_material() {
+fn entity_bake_uses_textures_vertex_colors_and_alpha_masks() {
     let mut app = bare_app(&std::env::temp_dir());
     let near = |a: Vec3, b: Vec3| assert!(a.distance(b) < 0.03, "{a} {b}");
     let image = two_texels([255, 255, 255, 255], [0, 0, 0, 255]);
@@ -500,7 +500,7 @@ fn textures_vertex_colors_and_cutouts_are_those_of_the_material() {
 }
 
 #[test]
-fn unreadable_images_are_named_and_their_factors_are_used() {
+fn unreadable_images_are_named_and_use_factors() {
     let mut app = bare_app(&std::env::temp_dir());
     let mut compressed = two_texels([255; 4], [255; 4]);
     compressed.texture_descriptor.format = TextureFormat::Bc1RgbaUnormSrgb;
@@ -539,7 +539,7 @@ fn unreadable_images_are_named_and_their_factors_are_used() {
 }
 
 #[test]
-fn equal_scenes_have_equal_bakes_in_whatever_order_they_were_spawned() {
+fn equal_scenes_any_spawn_order_have_equal_bakes() {
     let mut app = bare_app(&std::env::temp_dir());
     let room = Room::cornell();
     let mut reversed = room.clone();
@@ -555,7 +555,7 @@ fn equal_scenes_have_equal_bakes_in_whatever_order_they_were_spawned() {
 }
 
 #[test]
-fn saved_bake_is_loaded_where_it_matches_and_replaced_where_it_does_not() {
+fn saved_bake_is_loaded_if_matching_and_else_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("bakes/room.mgi");
     let mut app = bare_app(folder.path());
@@ -609,7 +609,7 @@ fn saved_bake_is_loaded_where_it_matches_and_replaced_where_it_does_not() {
 }
 
 #[test]
-fn loaded_bake_of_other_meshes_is_named_once() {
+fn loaded_bake_of_other_meshes_warns_once() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
     let room = Room::cornell();
@@ -651,7 +651,7 @@ fn loaded_bake_of_other_meshes_is_named_once() {
 }
 
 #[test]
-fn scene_file_in_the_place_of_a_bake_is_an_error_that_names_the_bake() {
+fn scene_file_loaded_as_bake_returns_named_error() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("hall.glb"), glb(&Room::cornell())).unwrap();
     let mut app = bare_app(folder.path());
@@ -677,7 +677,7 @@ fn scene_file_in_the_place_of_a_bake_is_an_error_that_names_the_bake() {
 }
 
 #[test]
-fn occluders_are_entities_by_name_or_component() {
+fn occluder_entities_are_found_by_name_or_component() {
     let mut app = bare_app(&std::env::temp_dir());
     let room = Room::cornell();
     let root = room_root(&mut app, &room);
@@ -724,7 +724,7 @@ fn occluders_are_entities_by_name_or_component() {
 }
 
 #[test]
-fn live_materials_keep_the_names_of_the_app() {
+fn dynamic_materials_keep_app_names() {
     let mut app = bare_app(&std::env::temp_dir());
     let root = room_with_floor(&mut app, floor(), default());
     let mut drawn = app.world_mut().query::<&MeshMaterial3d<StandardMaterial>>();
@@ -760,7 +760,7 @@ struct Paint {}
 impl Material for Paint {}
 
 #[test]
-fn surface_of_a_custom_material_is_gray_and_named() {
+fn custom_material_is_gray_and_named() {
     let mut app = bare_app(&std::env::temp_dir());
     app.init_asset::<Paint>();
     // As `MaterialPlugin` does.
@@ -787,7 +787,7 @@ fn surface_of_a_custom_material_is_gray_and_named() {
 }
 
 #[test]
-fn failed_scenes_and_assets_that_never_come_are_named() {
+fn failed_scenes_and_missing_assets_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = bare_app(folder.path());
     let room = Room::cornell();

@@ -78,23 +78,23 @@ fn runs(example: &str, at: &str) {
 }
 
 #[test]
-fn signs_light_a_street() {
+fn emissive_signs_example_lights_street() {
     runs("emissive_signs", "2");
 }
 
 #[test]
-fn somebody_walks_through_a_door() {
+fn doors_example_lights_visitor() {
     runs("doors", "2");
 }
 
 #[test]
-fn the_sun_stands_over_an_atrium() {
+fn time_of_day_example_lights_atrium() {
     runs("time_of_day", "6");
 }
 
 /// Without the plugin: the first run bakes and exports, the second one loads the files.
 #[test]
-fn exported_room_is_lit_by_its_volume() {
+fn exported_volume_example_lights_room_without_plugin() {
     let data = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
     let folder = data.path().to_str().unwrap();
     let lit = drawn("exported", &["--data", folder]);
@@ -121,7 +121,7 @@ fn exported_room_is_lit_by_its_volume() {
 }
 
 #[test]
-fn what_an_example_does_not_know_is_said() {
+fn examples_reject_unknown_arguments() {
     let run = Command::new(program("doors"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .arg("--nonsense")

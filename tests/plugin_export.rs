@@ -129,7 +129,7 @@ fn load(file: &[u8]) -> Image {
 }
 
 #[test]
-fn exported_volume_shows_the_light_of_the_plugins_volume() {
+fn exported_volume_matches_plugin_volume() {
     let bake = bake();
     let export = VolumeExport {
         bounces: Some(Bounces::Count(BOUNCES)),

@@ -274,7 +274,7 @@ fn turned() -> Transform {
 }
 
 #[test]
-fn every_camera_shows_what_the_twin_says() {
+fn fog_of_every_camera_matches_twin() {
     let kinds = [
         ("deferred", Transform::IDENTITY, Kind::Deferred),
         ("deferred_turned", turned(), Kind::Deferred),
@@ -335,7 +335,7 @@ fn trilinear(at: Vec3) -> f32 {
 }
 
 #[test]
-fn a_texture_says_the_density() {
+fn fog_density_texture_scales_light() {
     let mut s = stage(turned(), Kind::Deferred, even());
     let texels = (0..EDGE * EDGE * EDGE)
         .map(|i| density(UVec3::new(i % EDGE, i / EDGE % EDGE, i / (EDGE * EDGE))))
@@ -377,7 +377,7 @@ fn a_texture_says_the_density() {
 
 /// Two levels lie in one place: the first of them lights the fog, and not both.
 #[test]
-fn fog_in_two_levels_is_lit_once() {
+fn fog_in_two_scenes_is_lit_once() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
     let one = s.added();
     let world = s.app.world_mut();
@@ -404,7 +404,7 @@ fn fog_in_two_levels_is_lit_once() {
 }
 
 #[test]
-fn nothing_runs_where_no_fog_is_lit() {
+fn plugin_without_lit_fog_runs_no_fog_pass() {
     let mut s = stage(Transform::IDENTITY, Kind::Deferred, even());
     let lit = counters(&s.app);
     assert_eq!(s.draws(), 2);

@@ -136,7 +136,7 @@ fn deferred() -> impl Bundle {
 }
 
 #[test]
-fn forward_camera_shows_what_a_deferred_one_does() {
+fn forward_camera_matches_deferred() {
     let mut expected = Scene::new(deferred());
     let mut shown = Scene::new(forward());
     let display = shown.picture();
@@ -179,7 +179,7 @@ fn forward_camera_shows_what_a_deferred_one_does() {
 }
 
 #[test]
-fn forward_camera_without_hdr_shows_what_a_deferred_one_does() {
+fn forward_camera_without_hdr_matches_deferred() {
     let expected = Scene::new(deferred()).picture();
     let mut shown = Scene::new((GiForwardCamera::default(), Msaa::Off));
     let display = shown.picture();
@@ -225,7 +225,7 @@ fn forward_camera_follows_light_and_viewport() {
 }
 
 #[test]
-fn transparent_and_transmissive_surfaces_stay_what_they_are() {
+fn transparent_and_transmissive_surfaces_are_unchanged() {
     let pane = StandardMaterial {
         base_color: Color::linear_rgba(0.9, 0.8, 0.2, 0.5),
         alpha_mode: AlphaMode::Blend,
@@ -264,7 +264,7 @@ fn deferred_or(is_forward: bool) -> Scene {
 }
 
 #[test]
-fn without_a_volume_nothing_is_evaluated() {
+fn forward_camera_without_volume_evaluates_nothing() {
     let mut shown = Scene::new(forward());
     assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 0);
     let root = shown.root;

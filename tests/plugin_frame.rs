@@ -19,7 +19,7 @@ use plugin_support::stage::{
 use std::f32::consts::PI;
 
 #[test]
-fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
+fn frame_matches_cpu_for_moved_light_and_moved_root() {
     let mut app = app();
     let (room, bake) = cornell();
     let root = spawn_room(&mut app, Transform::IDENTITY);
@@ -87,7 +87,7 @@ fn the_frame_is_the_cpus_for_a_still_a_moved_lamp_and_a_moved_root() {
 }
 
 #[test]
-fn two_cameras_show_the_same_light_from_two_sides_and_share_its_work() {
+fn two_cameras_share_solve_and_show_equal_light() {
     let mut app = app();
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
@@ -139,7 +139,7 @@ fn two_cameras_show_the_same_light_from_two_sides_and_share_its_work() {
 }
 
 #[test]
-fn the_lit_picture_is_bevys_direct_light_and_ours_added() {
+fn picture_is_sum_of_direct_and_indirect_light() {
     let mut app = app();
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
@@ -190,7 +190,7 @@ fn eight_lamps(app: &mut App) -> Vec<Entity> {
 }
 
 #[test]
-fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
+fn static_lights_cost_nothing_and_one_moved_costs_one() {
     let mut app = app();
     let root = spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
@@ -314,7 +314,7 @@ fn lights_at_rest_cost_nothing_and_one_of_eight_costs_itself() {
 }
 
 #[test]
-fn nothing_exists_where_nothing_is_called_for() {
+fn app_without_scenes_has_no_gpu_resources() {
     let nothing = |app: &App, why: &str| {
         let c = counters(app);
         assert!(c.frame > 0, "frames are counted");
@@ -388,7 +388,7 @@ fn nothing_exists_where_nothing_is_called_for() {
 }
 
 #[test]
-fn a_new_bake_replaces_the_old_one_in_the_next_frame() {
+fn new_bake_replaces_old_in_next_frame() {
     let mut app = app();
     let (room, bake) = cornell();
     let root = spawn_room(&mut app, Transform::IDENTITY);
@@ -463,7 +463,7 @@ fn middle(p: &Picture) -> [f32; 3] {
 }
 
 #[test]
-fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
+fn white_wall_under_sky_matches_bevy_light() {
     let mut app = app();
     let room = Room::wall(0.8);
     // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the
@@ -527,7 +527,7 @@ fn a_white_wall_under_our_sky_is_as_bright_as_under_bevys_lamp() {
 }
 
 #[test]
-fn bevys_units_are_ours_for_every_kind_of_lamp() {
+fn bevy_light_units_match_for_every_light_type() {
     use meshless_gi::frame::project::unshadowed;
     let mut app = app();
     let room = Room::wall(0.6);
@@ -614,7 +614,7 @@ fn bevys_units_are_ours_for_every_kind_of_lamp() {
 }
 
 #[test]
-fn what_would_count_twice_is_told_once() {
+fn double_counting_warns_once() {
     let mut app = app();
     app.insert_resource(GlobalAmbientLight::default());
     spawn_room(&mut app, Transform::IDENTITY);
@@ -642,7 +642,7 @@ fn what_would_count_twice_is_told_once() {
 }
 
 #[test]
-fn two_baked_scenes_share_a_camera() {
+fn two_baked_scenes_add_up_in_one_camera() {
     let mut app = app();
     let (room, bake) = cornell();
     let roots = [-1.4, 1.4]
@@ -684,7 +684,7 @@ fn two_baked_scenes_share_a_camera() {
 }
 
 #[test]
-fn views_side_by_side_on_one_target_each_show_their_own() {
+fn side_by_side_views_on_one_target_are_separate() {
     let mut app = app();
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
@@ -732,7 +732,7 @@ fn views_side_by_side_on_one_target_each_show_their_own() {
 }
 
 #[test]
-fn every_kind_of_light_arrives_and_may_opt_out() {
+fn every_light_type_is_extracted_and_can_opt_out() {
     let mut app = app();
     let (room, bake) = cornell();
     spawn_room(&mut app, Transform::IDENTITY);
@@ -841,7 +841,7 @@ fn every_kind_of_light_arrives_and_may_opt_out() {
 }
 
 #[test]
-fn coefficients_come_back_for_the_gizmos_and_only_then() {
+fn coefficients_are_read_back_only_for_gizmos() {
     use bevy::gizmos::config::GizmoConfigStore;
     let mut app = app();
     let (_, bake) = cornell();

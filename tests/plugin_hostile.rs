@@ -42,7 +42,7 @@ fn finite(p: &Picture, what: &str) {
 }
 
 #[test]
-fn numbers_that_make_no_sense_leave_nothing_behind() {
+fn invalid_values_leave_no_trace() {
     let mut app = app();
     let (root, _, image, lamp_entity) = stage(&mut app);
     run(&mut app, 2);
@@ -103,7 +103,7 @@ fn numbers_that_make_no_sense_leave_nothing_behind() {
 }
 
 #[test]
-fn a_root_without_a_place_is_not_shown_and_gives_its_memory_back() {
+fn root_with_invalid_transform_is_hidden_and_frees_memory() {
     let mut app = app();
     let (root, _, image, _) = stage(&mut app);
     app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
@@ -122,7 +122,7 @@ fn a_root_without_a_place_is_not_shown_and_gives_its_memory_back() {
 }
 
 #[test]
-fn roots_and_cameras_that_are_despawned_and_spawned_again() {
+fn respawned_roots_and_cameras_render_again() {
     let mut app = app();
     let (mut root, mut eye, image, _) = stage(&mut app);
     run(&mut app, 2);
@@ -175,7 +175,7 @@ fn roots_and_cameras_that_are_despawned_and_spawned_again() {
 }
 
 #[test]
-fn a_thousand_lamps_and_then_none() {
+fn thousand_lights_then_none_frees_slots() {
     let mut app = app();
     let (_, _, image, first) = stage(&mut app);
     app.world_mut().despawn(first);
@@ -218,7 +218,7 @@ fn a_thousand_lamps_and_then_none() {
 }
 
 #[test]
-fn an_asset_that_fails_to_load_leaves_nothing_and_may_be_replaced() {
+fn failed_asset_leaves_nothing_and_can_be_replaced() {
     let mut app = app();
     let (root, _, image, _) = stage(&mut app);
     let missing = app
@@ -236,7 +236,7 @@ fn an_asset_that_fails_to_load_leaves_nothing_and_may_be_replaced() {
 }
 
 #[test]
-fn a_camera_that_loses_and_regains_what_it_needs() {
+fn camera_that_regains_prepasses_renders_again() {
     let mut app = app();
     let (_, eye, image, _) = stage(&mut app);
     run(&mut app, 2);
@@ -257,7 +257,7 @@ fn a_camera_that_loses_and_regains_what_it_needs() {
 }
 
 #[test]
-fn a_jittered_camera_lights_the_surfaces_where_they_are() {
+fn jittered_camera_reconstructs_surface_positions() {
     let mut app = app();
     let (_, eye, image, _) = stage(&mut app);
     run(&mut app, 2);
@@ -283,7 +283,7 @@ fn a_jittered_camera_lights_the_surfaces_where_they_are() {
 }
 
 #[test]
-fn every_double_counting_is_found() {
+fn every_double_counting_is_reported() {
     let mut app = app();
     let (_, eye, _, _) = stage(&mut app);
     run(&mut app, 1);
@@ -339,7 +339,7 @@ fn every_double_counting_is_found() {
 }
 
 #[test]
-fn points_normals_and_radii_are_drawn_when_somebody_asks() {
+fn gizmos_are_drawn_only_when_enabled() {
     let mut app = app();
     let (_, _, image, _) = stage(&mut app);
     let store = app.world().resource::<GizmoConfigStore>();

@@ -101,7 +101,7 @@ fn press_save(app: &mut App) {
 }
 
 #[test]
-fn dropped_levels_are_shown_and_other_files_leave_the_level() {
+fn dropped_scenes_load_and_other_files_are_ignored() {
     let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let first = level_file(folders[0].path(), "first.glb");
     let second = level_file(folders[1].path(), "second # level.glb");
@@ -150,7 +150,7 @@ fn dropped_levels_are_shown_and_other_files_leave_the_level() {
 }
 
 #[test]
-fn bake_moves_the_camera_fills_the_bar_and_is_saved() {
+fn dropped_scene_bake_moves_camera_shows_progress_and_is_saved() {
     let folder = tempfile::tempdir().unwrap();
     let file = level_file(folder.path(), "level.glb");
     let mut app = app_of(drop::read(&file).unwrap());

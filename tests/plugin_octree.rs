@@ -87,7 +87,7 @@ impl Stand {
 }
 
 #[test]
-fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
+fn moving_light_uses_octree_if_it_fits_else_links() {
     let (room, bake) = baked(2);
     let tiers = bake.tiers();
     let links = bake.link_tiers();
@@ -160,7 +160,7 @@ fn a_moving_lamp_is_solved_by_the_octree_where_it_fits_and_else_by_links() {
 }
 
 #[test]
-fn a_device_without_room_for_the_octree_uses_the_links_and_says_why() {
+fn device_below_octree_limits_uses_links_with_reason() {
     // No workgroup holds the expansions of this order.
     let (room, bake) = baked(7);
     let links = bake.link_tiers();

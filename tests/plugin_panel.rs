@@ -64,7 +64,7 @@ fn press(app: &mut App, control: Control) {
 }
 
 #[test]
-fn pressed_controls_change_components() {
+fn panel_pressed_controls_change_components() {
     let (mut app, root, eye, lamp) = app_with_panel();
     let tier = GiQuality::Tier(1);
     for control in [
@@ -93,7 +93,7 @@ fn pressed_controls_change_components() {
 }
 
 #[test]
-fn marks_follow_components_that_others_change() {
+fn panel_marks_follow_component_changes() {
     let (mut app, root, eye, lamp) = app_with_panel();
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
     // The tests' cameras show every pixel, and indirect light alone.
@@ -117,7 +117,7 @@ fn marks_follow_components_that_others_change() {
 }
 
 #[test]
-fn controls_follow_lights_and_the_panel_key() {
+fn panel_controls_follow_lights_and_key() {
     let (mut app, root, _, _) = app_with_panel();
     let tiers = app.world().resource::<Assets<GiBakedScene>>();
     let gi = app.world().get::<GiScene>(root).unwrap();

@@ -46,7 +46,7 @@ fn move_to(app: &mut App, entity: Entity, place: Vec3) {
 }
 
 #[test]
-fn the_inventory_follows_what_the_world_has() {
+fn inventory_follows_world() {
     let mut app = app();
     let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
     let second = spawn_lamp(&mut app, -PLACE + 2.0 * Vec3::Y);
@@ -115,7 +115,7 @@ fn the_inventory_follows_what_the_world_has() {
 
 /// The test gives the cost of solves: what one tier cost foretells the other.
 #[test]
-fn costs_are_unknown_then_measured_and_foretell_another_tier() {
+fn costs_are_measured_and_predict_other_tier() {
     let mut app = app();
     let (root, _, _, lamp) = lit_room(&mut app, PLACE);
     run(&mut app, 1);
@@ -166,7 +166,7 @@ fn costs_are_unknown_then_measured_and_foretell_another_tier() {
 
 /// Nothing but the tier changes where a setting forces it, and every other frame says the same.
 #[test]
-fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
+fn forced_tier_changes_only_tier_decision() {
     let mut app = app();
     let (root, eye, _, lamp) = lit_room(&mut app, PLACE);
     run(&mut app, 2);
@@ -218,7 +218,7 @@ fn a_forced_setting_decides_alone_and_nothing_else_flickers() {
 /// Where the device has a clock, its milliseconds come to the plan; how many they are decides
 /// nothing.
 #[test]
-fn the_devices_clock_comes_to_the_plan() {
+fn gpu_timings_reach_plan() {
     let mut app = App::new();
     app.add_plugins((
         headless_plugins(),
@@ -255,7 +255,7 @@ fn the_devices_clock_comes_to_the_plan() {
 /// A room is solved with as many reflections as its surfaces call for, and with another number
 /// where a setting says so.
 #[test]
-fn reflections_are_as_many_as_surfaces_call_for() {
+fn bounce_count_follows_surface_albedo() {
     let mut app = app();
     let (room, bake) = cornell();
     let root = spawn_baked(&mut app, &room, &bake, Transform::IDENTITY);
@@ -316,7 +316,7 @@ fn reflections_are_as_many_as_surfaces_call_for() {
 
 /// The room in gray under a lamp of one color, and what the CPU makes of it in three channels.
 #[test]
-fn gray_rooms_take_one_channel_until_a_light_has_another_color() {
+fn gray_room_uses_monochrome_until_colored_light() {
     let gray = Room::cornell().recolored(|c| Vec3::splat(c.max_element()));
     let bake = gray.bake(1);
     let mut app = app();

@@ -89,7 +89,7 @@ fn shown(mesh: &TriangleMesh, folder: &Path, spawn: impl Fn(&mut App, Entity)) -
 }
 
 #[test]
-fn a_room_of_points_looks_like_the_room() {
+fn point_room_picture_matches_triangle_room() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = room_mesh();
     let points = scatter(&mesh, 0.03, 3).expect("so many fit");
@@ -136,7 +136,7 @@ fn a_room_of_points_looks_like_the_room() {
 /// More points than one mesh should hold: the cloud's entity draws the first part and children the
 /// others, with its material, and they go when the cloud is another.
 #[test]
-fn large_clouds_are_drawn_in_parts() {
+fn large_point_cloud_is_split_into_parts() {
     let folder = tempfile::tempdir().unwrap();
     let mut app = app_in(folder.path());
     let plane = |across: u32| {
@@ -221,7 +221,7 @@ fn large_clouds_are_drawn_in_parts() {
 }
 
 #[test]
-fn broken_points_fail_their_asset_and_nothing_else() {
+fn broken_point_cloud_fails_only_its_asset() {
     let folder = tempfile::tempdir().unwrap();
     let files: [(&str, &[u8]); 3] = [
         ("none.ply", b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n"),

@@ -89,7 +89,7 @@ fn on_cpu_of(room: &Room, bake: &BakedScene, place: Vec3) -> Picture {
 }
 
 #[test]
-fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
+fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
     let bake = bake(true);
     let without = self::bake(false);
     let expected = on_cpu(&bake, LAMP);
@@ -139,7 +139,7 @@ fn what_the_bake_does_not_know_is_lit_at_every_pixel_and_by_subsplats() {
 }
 
 #[test]
-fn a_bake_without_probes_runs_nothing_of_them() {
+fn bake_without_probes_runs_no_probe_pass() {
     let [with, without] = [true, false].map(|probes| {
         let (mut app, image, _) = stage(&bake(probes), GiSplatting::Full);
         run(&mut app, 4);
@@ -170,7 +170,7 @@ fn a_bake_without_probes_runs_nothing_of_them() {
 /// The panel as a mesh that a joint moves: its vertices stand behind the room, and only the joint's
 /// pose brings them into it. The light is that of where it is drawn, in each pose.
 #[test]
-fn skinned_meshes_get_the_light_of_where_their_joints_put_them() {
+fn skinned_mesh_is_lit_at_joint_positions() {
     let bake = bake(true);
     let (mut app, image, _, root) = stage_of(&with_panel(), &bake, GiSplatting::Full);
     let world = app.world_mut();
@@ -229,7 +229,7 @@ fn skinned_meshes_get_the_light_of_where_their_joints_put_them() {
 
 /// Many small things in the air, as particles are that a G-buffer holds.
 #[test]
-fn particles_are_lit_each_by_where_it_is() {
+fn particles_are_lit_at_own_positions() {
     let bake = bake(true);
     let mut room = Room::cornell();
     for k in 0..48 {

@@ -156,12 +156,12 @@ fn load_bake(app: &mut App, path: &str) -> std::sync::Arc<BakedScene> {
     })
 }
 
-/// Name of the environment variable that makes [`process_here`] work.
+/// Name of the environment variable that makes [`process_assets_in_child_process`] work.
 const PROCESS: &str = "MGI_TEST_PROCESS";
 
 /// No test of its own: [`process`] runs it in a process with another asset root and another log.
 #[test]
-fn process_here() {
+fn process_assets_in_child_process() {
     let Some(kind) = std::env::var_os(PROCESS) else {
         return;
     };
@@ -227,10 +227,10 @@ fn load_unprocessed() {
     println!("GIVEN {}", scene.info.given_recipe);
 }
 
-/// Runs [`process_here`] for the project at `root` and returns what it printed.
+/// Runs [`process_assets_in_child_process`] for the project at `root` and returns what it printed.
 fn process(kind: &str, root: &Path) -> String {
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "process_here", "--nocapture"])
+        .args(["--exact", "process_assets_in_child_process", "--nocapture"])
         .env(PROCESS, kind)
         .env("BEVY_ASSET_ROOT", root)
         .env_remove("RUST_BACKTRACE")
@@ -247,7 +247,7 @@ fn bakes(text: &str) -> usize {
 }
 
 #[test]
-fn process_assets_game_without_a_processor_loads_all_and_is_lit() {
+fn process_assets_game_without_processor_loads_all_and_is_lit() {
     let root = tempfile::tempdir().unwrap();
     write_game(root.path());
     assert_eq!(
@@ -293,7 +293,7 @@ fn process_assets_game_without_a_processor_loads_all_and_is_lit() {
 }
 
 #[test]
-fn process_assets_before_and_after_a_game_bakes_once() {
+fn process_assets_before_and_after_game_bakes_once() {
     for first in ["step", "game"] {
         let root = tempfile::tempdir().unwrap();
         write_game(root.path());
@@ -377,7 +377,7 @@ fn process_assets_deleted_source_loses_its_output() {
 }
 
 #[test]
-fn recipe_that_holds_a_bake_is_loaded_without_meta() {
+fn recipe_that_contains_bake_loads_without_meta() {
     let root = tempfile::tempdir().unwrap();
     write_game(root.path());
     process_assets(&build(root.path())).unwrap();

@@ -48,7 +48,7 @@ fn tier(app: &App, stage: &Stage) -> (u32, String) {
 
 /// Each tier is what the CPU makes of it; and the plan says which and why.
 #[test]
-fn a_tier_that_is_asked_for_is_what_is_seen() {
+fn requested_tier_matches_cpu() {
     let mut app = app();
     let stage = stage(&mut app);
     let (room, bake) = cornell();
@@ -119,7 +119,7 @@ fn a_tier_that_is_asked_for_is_what_is_seen() {
 /// A budget holds while lamp and camera move and the load changes under it, and the tier does not
 /// flip.
 #[test]
-fn a_budget_holds_on_a_moving_camera_and_lamp() {
+fn gpu_budget_is_met_while_light_and_camera_move() {
     let mut app = app();
     let stage = stage(&mut app);
     let (_, bake) = cornell();
@@ -196,7 +196,7 @@ fn a_budget_holds_on_a_moving_camera_and_lamp() {
 /// Bevy's timestamps reach the picker where the device has them. How long anything takes is not
 /// looked at, but that no time at all is too little.
 #[test]
-fn the_devices_clock_is_heard() {
+fn gpu_timings_reach_tier_controller() {
     let mut app = App::new();
     app.add_plugins((
         headless_plugins(),

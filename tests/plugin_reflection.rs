@@ -94,7 +94,7 @@ fn registration<'a>(registry: &'a TypeRegistry, name: &str) -> &'a TypeRegistrat
 }
 
 #[test]
-fn every_component_resource_and_setting_is_registered() {
+fn component_resource_and_setting_types_are_registered() {
     let app = app_of_registrations();
     let registry = app.world().resource::<AppTypeRegistry>().read();
     let components = deriving("Component");
@@ -217,7 +217,7 @@ fn full_world() -> App {
 }
 
 #[test]
-fn every_component_in_a_world_is_walked_field_by_field() {
+fn reflected_components_expose_every_field() {
     let mut app = full_world();
     let world = app.world_mut();
     let entities: Vec<Entity> = {
@@ -263,7 +263,7 @@ fn every_component_in_a_world_is_walked_field_by_field() {
 }
 
 #[test]
-fn field_written_by_reflection_is_set_in_the_component() {
+fn field_written_by_reflection_changes_component() {
     let mut app = app();
     let root = app.world_mut().spawn(GiLighting::default()).id();
     let registry = app.world().resource::<AppTypeRegistry>().clone();

@@ -64,7 +64,7 @@ const RED: Ball = Ball {
 const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);
 
 #[test]
-fn cameras_come_with_what_moves_and_go_with_it() {
+fn rsm_cameras_follow_reflectors() {
     let mut app = app();
     room_and_camera(&mut app);
     let lamp = spawn_lamp(&mut app, LAMP);
@@ -255,7 +255,7 @@ fn room_and_ball(ball: Ball) -> Things {
 }
 
 #[test]
-fn every_kind_of_light_bounces_off_a_ball_and_nothing_else_without_any_bake() {
+fn every_light_type_reflects_off_ball_without_bake() {
     let mut app = app();
     let (_, image, ball) = unbaked_room(&mut app);
     run(&mut app, 2);
@@ -371,7 +371,7 @@ fn ran(app: &App) -> [u32; 2] {
 }
 
 #[test]
-fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
+fn static_reflector_is_not_redrawn_and_keeps_light() {
     let mut app = app();
     let (_, image, ball) = unbaked_room(&mut app);
     let asked = GiReflectiveShadowMap::default();
@@ -453,7 +453,7 @@ fn what_stands_still_is_not_drawn_again_and_keeps_its_light() {
 }
 
 #[test]
-fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
+fn specular_shows_reflectors_to_cameras_with_setting() {
     const SMOOTH: [f32; 2] = [0.35, 1.0];
     const BRIGHT: f32 = 1e4;
     let mut app = app();
@@ -559,7 +559,7 @@ fn smooth_surfaces_show_what_moves_to_cameras_that_ask() {
 }
 
 #[test]
-fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
+fn fully_dynamic_scene_has_one_bounce() {
     let mut app = app();
     let (root, image, _) = unbaked_room(&mut app);
     app.world_mut().entity_mut(root).insert(GiReflector);
@@ -583,7 +583,7 @@ fn a_fully_dynamic_scene_has_one_bounce_of_everything() {
 }
 
 #[test]
-fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
+fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     let mut app = app();
     let (_, bake) = cornell();
     let (root, eye, image) = room_and_camera(&mut app);
@@ -691,7 +691,7 @@ fn beside_a_bake_only_what_moves_is_added_and_walls_shadow_it() {
 }
 
 #[test]
-fn materials_that_get_no_indirect_light_are_told_once() {
+fn materials_without_indirect_light_warn_once() {
     use bevy::material::OpaqueRendererMethod;
     let mut app = app();
     let (.., ball) = unbaked_room(&mut app);

@@ -52,7 +52,7 @@ fn stage(app: &mut App, bake: &Arc<BakedScene>, root: Transform) -> (Entity, Han
 }
 
 #[test]
-fn a_sky_that_varies_shines_from_the_worlds_directions() {
+fn directional_sky_follows_world_directions() {
     let (room, bake) = cornell();
     let mut app = app();
     let turn = Quat::from_euler(EulerRot::YXZ, 0.5, 0.2, -0.1);
@@ -103,7 +103,7 @@ fn a_sky_that_varies_shines_from_the_worlds_directions() {
 }
 
 #[test]
-fn materials_change_the_light_in_their_own_frame_and_nothing_runs_without_a_change() {
+fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     let (room, bake) = cornell();
     let mut app = app();
     let (root, image) = stage(&mut app, &bake, Transform::IDENTITY);

@@ -276,7 +276,7 @@ fn cast(app: &mut App, lamp: Entity, soft: Option<GiSoftShadow>) {
 }
 
 #[test]
-fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
+fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     let bake = remembering();
     let mut app = app();
     let (_, image) = direct_room(&mut app, bake.clone(), Transform::IDENTITY, view());
@@ -384,7 +384,7 @@ fn a_panel_casts_the_shadow_that_rays_cast_and_its_light_is_not_doubled() {
 }
 
 #[test]
-fn a_lamp_with_a_radius_in_a_room_that_is_moved_turned_and_scaled() {
+fn soft_shadow_in_transformed_room_matches_rays() {
     let bake = remembering();
     let mut app = app();
     let root = Transform {
@@ -429,7 +429,7 @@ fn a_lamp_with_a_radius_in_a_room_that_is_moved_turned_and_scaled() {
 }
 
 #[test]
-fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
+fn lights_without_soft_shadows_state_reason_and_use_no_memory() {
     let mut app = app();
     let (_, forgetful) = cornell();
     let (_, image) = direct_room(&mut app, forgetful, Transform::IDENTITY, view());
@@ -482,7 +482,7 @@ fn what_casts_no_soft_shadows_says_why_and_holds_nothing() {
 }
 
 #[test]
-fn lamps_without_numbers_and_lamps_in_crowds_are_borne() {
+fn nan_lights_and_many_lights_do_not_panic() {
     let mut app = app();
     let (_, image) = direct_room(&mut app, remembering(), Transform::IDENTITY, view());
     let soft = GiSoftShadow { samples: u32::MAX };

@@ -127,7 +127,7 @@ fn findings(app: &App) -> &[GiWarning] {
 }
 
 #[test]
-fn level_changed_after_its_bake_is_reported_once() {
+fn changed_scene_is_reported_once() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     let changes = Changes::default();
@@ -167,7 +167,7 @@ fn level_changed_after_its_bake_is_reported_once() {
 }
 
 #[test]
-fn level_that_is_not_to_be_checked_is_not_reported() {
+fn unchecked_scene_is_not_reported() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     std::fs::write(assets.join("room.glb"), glb(&moved())).unwrap();
@@ -194,7 +194,7 @@ fn level_that_is_not_to_be_checked_is_not_reported() {
 }
 
 #[test]
-fn bake_of_another_version_is_reported_without_a_level() {
+fn bake_of_other_version_is_reported_without_scene() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     let file = assets.join("room.mgi");
@@ -215,7 +215,7 @@ fn bake_of_another_version_is_reported_without_a_level() {
 }
 
 #[test]
-fn processed_recipe_whose_sources_changed_is_reported() {
+fn processed_recipe_with_changed_sources_is_reported() {
     let root = tempfile::tempdir().unwrap();
     let assets = write_level(root.path());
     let processed = || AssetPlugin {

@@ -144,7 +144,7 @@ impl Shown {
 }
 
 #[test]
-fn both_kinds_of_cameras_show_the_same_light() {
+fn volume_light_matches_deferred_light() {
     let turned = Transform::from_xyz(3.0, -1.0, 2.0).with_rotation(Quat::from_rotation_y(0.6));
     for (name, placed) in [("volume", Transform::IDENTITY), ("volume_turned", turned)] {
         // One sample a pixel in both: what edges look like is not what is compared.
@@ -239,7 +239,7 @@ fn rough(world: &mut World, color: Vec3) -> MeshMaterial3d<StandardMaterial> {
 /// A ball moves from the lit one of two rooms into the door between them: a deferred camera and a
 /// forward one show the same light of it, by the eye's measure (FLIP) and by the light (NRMSE).
 #[test]
-fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
+fn ball_between_rooms_matches_in_forward_and_deferred() {
     let file = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/tests/data/rooms_open/rooms_open.glb"
@@ -328,7 +328,7 @@ fn a_ball_between_two_rooms_looks_alike_to_both_cameras() {
 }
 
 #[test]
-fn a_volume_lights_no_g_buffer() {
+fn volume_does_not_light_gbuffer() {
     let mut s = stage(&bake(true), Transform::IDENTITY, None);
     run(&mut s.app, 4);
     let before = s.picture();
@@ -353,7 +353,7 @@ type Change = fn(&mut StandardMaterial);
 /// Glass, and a forward material, in a view with a G-buffer: a volume lights them as the display
 /// lights the same panel, and nothing else of the picture changes.
 #[test]
-fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
+fn forward_materials_in_deferred_view_are_lit_by_volume() {
     let shown = |change: Change| {
         let mut s = stage(&bake(true), Transform::IDENTITY, None);
         let mut materials = s.app.world_mut().resource_mut::<Assets<StandardMaterial>>();
@@ -424,7 +424,7 @@ fn what_is_drawn_forward_in_a_deferred_view_is_lit_by_a_volume() {
 }
 
 #[test]
-fn volumes_come_and_go_and_need_no_deferred_camera() {
+fn volumes_follow_component_without_deferred_camera() {
     let mut s = stage(&bake(true), Transform::IDENTITY, Some(Msaa::Sample4));
     run(&mut s.app, 4);
     let before = counters(&s.app);
@@ -470,7 +470,7 @@ fn volumes_come_and_go_and_need_no_deferred_camera() {
 }
 
 #[test]
-fn a_bake_without_light_in_free_space_says_so() {
+fn volume_of_bake_without_probes_warns() {
     let mut s = stage(&bake(false), Transform::IDENTITY, Some(Msaa::Sample4));
     s.ask(GiIrradianceVolume::default());
     assert_eq!(

@@ -29,7 +29,7 @@ fn cpu(lights: &[Light]) -> plugin_support::flip::Picture {
 }
 
 #[test]
-fn lamps_that_are_dark_at_first_light_up_when_they_are_switched_on() {
+fn initially_dark_lights_light_up_when_switched_on() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let places = [
@@ -81,7 +81,7 @@ fn lamps_that_are_dark_at_first_light_up_when_they_are_switched_on() {
 }
 
 #[test]
-fn eighty_lamps_and_forty_more() {
+fn eighty_lights_plus_forty_grow_slots() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let place = |i: usize| {
@@ -142,7 +142,7 @@ fn eighty_lamps_and_forty_more() {
 }
 
 #[test]
-fn layers_say_who_shows_and_who_lights() {
+fn render_layers_select_cameras_and_lights() {
     let mut app = app();
     let (root, eye, image) = room_and_camera(&mut app);
     let places = [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)];
@@ -188,7 +188,7 @@ fn layers_say_who_shows_and_who_lights() {
 }
 
 #[test]
-fn a_root_that_turns_with_its_lamps_costs_nothing() {
+fn root_rotating_with_lights_costs_nothing() {
     let mut app = app();
     let (root, ..) = room_and_camera(&mut app);
     for place in [Vec3::new(-0.4, 1.6, 0.3), Vec3::new(0.5, 1.2, 0.5)] {
@@ -207,7 +207,7 @@ fn a_root_that_turns_with_its_lamps_costs_nothing() {
 }
 
 #[test]
-fn what_is_hidden_or_gone_gives_back_what_it_held() {
+fn hidden_or_removed_scene_frees_memory() {
     let mut app = app();
     let (root, eye, _) = room_and_camera(&mut app);
     let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.3));
@@ -271,7 +271,7 @@ fn what_is_hidden_or_gone_gives_back_what_it_held() {
 }
 
 #[test]
-fn a_target_that_changes_its_size_is_followed() {
+fn resized_target_is_followed() {
     let mut app = app();
     let (_, _, image) = room_and_camera(&mut app);
     let place = Vec3::new(0.2, 1.5, 0.4);
@@ -325,7 +325,7 @@ fn texel(app: &mut App, rgba: [u8; 4], format: TextureFormat) -> Handle<Image> {
 }
 
 #[test]
-fn normal_maps_and_base_color_textures_count() {
+fn normal_maps_and_base_color_textures_are_used() {
     let mut app = app();
     let (room, bake) = cornell();
     let (_, _, image) = room_and_camera(&mut app);
@@ -387,7 +387,7 @@ fn normal_maps_and_base_color_textures_count() {
 }
 
 #[test]
-fn indirect_light_comes_before_transparency_and_tonemapping() {
+fn indirect_light_precedes_transparency_and_tonemapping() {
     let mut app = app();
     let (_, eye, image) = room_and_camera(&mut app);
     let place = Vec3::new(0.2, 1.5, 0.4);
@@ -439,7 +439,7 @@ fn indirect_light_comes_before_transparency_and_tonemapping() {
 }
 
 #[test]
-fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
+fn gi_camera_adds_requirements_and_warns_on_removal() {
     let mut app = app();
     spawn_room(&mut app, Transform::IDENTITY);
     let image = target(&mut app);
@@ -475,7 +475,7 @@ fn a_camera_brings_what_it_needs_and_says_when_it_is_taken_away() {
 }
 
 #[test]
-fn sky_emission_and_bounces_change_without_projecting_and_an_entity_may_be_two_lamps() {
+fn sky_emission_and_bounce_changes_skip_projection() {
     let mut app = app();
     let (root, _, image) = room_and_camera(&mut app);
     let place = Transform::from_xyz(0.2, 1.5, 0.4).looking_to(Vec3::new(-0.3, -0.4, -1.0), Vec3::Y);

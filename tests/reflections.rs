@@ -25,7 +25,7 @@ fn light(frame: &CpuFrame, scene: &BakedScene) -> f64 {
 }
 
 #[test]
-fn what_the_picked_number_leaves_out_is_little() {
+fn automatic_bounce_count_truncation_is_small() {
     for (name, fixed) in [("cornell", 0.05), ("rooms_open", 0.12)] {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/{name}"));
         let description = SceneDescription::read(folder.join("L0.json")).unwrap();
@@ -68,7 +68,7 @@ fn what_the_picked_number_leaves_out_is_little() {
 /// A box whose walls return a tenth of the light takes two; a setting takes what it says, within
 /// what a frame ends with.
 #[test]
-fn dark_levels_take_few_and_settings_take_theirs() {
+fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let wall = |origin: Vec3, [u, v]: [Vec3; 2]| Quad {
         corners: [origin, origin + u, origin + u + v, origin + v],
         material: Material::diffuse(Vec3::splat(0.1)),

@@ -698,7 +698,7 @@ fn problems(kernel: &Kernel, source: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_shader_agrees_with_the_rust_side() {
+fn shader_structs_match_rust() {
     for kernel in &KERNELS {
         let found = problems(kernel, kernel.source);
         assert!(found.is_empty(), "{}:\n{}", kernel.name, found.join("\n"));
@@ -706,7 +706,7 @@ fn every_shader_agrees_with_the_rust_side() {
 }
 
 #[test]
-fn a_spoiled_shader_is_noticed() {
+fn shader_struct_mismatch_is_detected() {
     // What is replaced, by what, in which kernel, and a word of the complaint.
     let spoils = [
         (
@@ -843,7 +843,7 @@ fn a_spoiled_shader_is_noticed() {
 }
 
 #[test]
-fn the_table_holds_every_pass_once_and_keeps_to_webgpu() {
+fn pass_table_has_each_pass_once_within_webgpu_limits() {
     for (at, pass) in Pass::ALL.into_iter().enumerate() {
         assert_eq!(pass as usize, at);
         let entries = KERNELS
@@ -890,7 +890,7 @@ fn stems(folder: &str, extension: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
+fn every_kernel_has_shader_and_twin() {
     let kernels: BTreeSet<String> = KERNELS.iter().map(|k| k.name.to_owned()).collect();
     assert_eq!(kernels.len(), KERNELS.len());
     assert_eq!(stems("shaders", "wgsl"), kernels);
@@ -932,7 +932,7 @@ fn every_kernel_has_a_shader_and_a_twin_and_nothing_is_left_over() {
 }
 
 #[test]
-fn every_shader_becomes_spirv() {
+fn shaders_compile_to_spirv() {
     for kernel in &KERNELS {
         let (module, info) = parse(kernel.name, kernel.source).unwrap();
         eprintln!("{}", kernel.name);

@@ -153,7 +153,7 @@ fn projection_problems(
 }
 
 #[test]
-fn project() {
+fn project_kernel_matches_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
@@ -225,7 +225,7 @@ fn project() {
 
 /// More slots than one dispatch takes: rectangles are many patches, and lamps many.
 #[test]
-fn more_lights_than_a_dispatch_takes() {
+fn project_above_dispatch_limit_matches_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
@@ -326,7 +326,7 @@ fn bend(scene: &mut BakedScene, at: usize) {
 }
 
 #[test]
-fn radiosity_pull_apply_flatten() {
+fn frame_of_averages_matches_twin() {
     solve_agrees(
         SenderForm::Averages,
         &settings(0, false),
@@ -352,7 +352,7 @@ fn radiosity_pull_apply_flatten() {
 }
 
 #[test]
-fn push_apply_flatten_of_differences() {
+fn frame_of_differences_matches_twin() {
     const PUSHED: Checked = ("push", Pass::Push, |f| flat(f.differences()), 4, Scale::Rms);
     const APPLIED: Checked = ("apply", Pass::Apply, |f| flat(f.applied()), 12, Scale::Rms);
     const FLAT: Checked = (
@@ -380,7 +380,7 @@ fn push_apply_flatten_of_differences() {
 }
 
 #[test]
-fn compress_apply_flatten_of_components() {
+fn frame_of_components_matches_twin() {
     const COMPRESSED: Checked = (
         "compress",
         Pass::Compress,
@@ -412,7 +412,7 @@ fn compress_apply_flatten_of_components() {
 }
 
 #[test]
-fn live_bounces() {
+fn runtime_bounces_match_twin() {
     const FURTHER: Spoil = |s| {
         s.surfaces[60..150]
             .iter_mut()
@@ -451,7 +451,7 @@ fn under_a_sky() -> BakedScene {
 }
 
 #[test]
-fn a_sky_that_varies() {
+fn directional_sky_matches_twin() {
     let sky = SkyRadiance::gradient(
         Vec3::new(0.2, 0.4, 1.0),
         Vec3::new(0.9, 0.7, 0.5),
@@ -503,7 +503,7 @@ fn orphan(scene: &mut BakedScene, senders: bool) {
 }
 
 #[test]
-fn tiers() {
+fn tiers_match_twin() {
     for tier in 1..=4 {
         let settings = FrameSettings {
             tier,
@@ -523,7 +523,7 @@ fn tiers() {
 }
 
 #[test]
-fn baked_bounces() {
+fn baked_bounces_match_twin() {
     const FURTHER: Checked = (
         "further",
         Pass::Gather,
@@ -554,7 +554,7 @@ fn baked_bounces() {
 }
 
 #[test]
-fn links_that_do_not_fit_one_binding_are_cut() {
+fn links_above_binding_limit_are_split() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
@@ -607,7 +607,7 @@ fn links_that_do_not_fit_one_binding_are_cut() {
 
 /// The whole frame of real bakes, from lights to vector irradiance, the projection included.
 #[test]
-fn bakes_of_the_cornell_box() {
+fn cornell_box_bakes_match_twin() {
     use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
@@ -669,7 +669,7 @@ fn bakes_of_the_cornell_box() {
 /// An octree carries the light alone, and where the device does not hold it the links on the same
 /// points do, if there are any.
 #[test]
-fn an_octree_that_does_not_fit_leaves_the_links() {
+fn octree_above_limit_falls_back_to_links() {
     use bevy_meshless_gi::plan::{FmmLimit, falls_back};
     use meshless_gi::bake::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
@@ -715,7 +715,7 @@ fn an_octree_that_does_not_fit_leaves_the_links() {
 }
 
 #[test]
-fn components_alone_are_compressed() {
+fn only_components_are_compressed() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Components);
@@ -746,7 +746,7 @@ fn components_alone_are_compressed() {
 }
 
 #[test]
-fn what_nobody_asks_for_is_not_made() {
+fn unused_buffers_are_not_created() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_hold_every_row_once_and_fit() {
+    fn link_chunks_contain_each_row_once_within_limit() {
         let rows = rows(&[3, 0, 5, 8, 0, 0, 1, 7, 2]);
         for most in [64, 80, 1000] {
             let parts = cut(&rows, most).unwrap();

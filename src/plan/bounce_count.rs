@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn darker_levels_take_fewer() {
+    fn bounce_count_falls_with_albedo() {
         let found = [0.0, 0.03, 0.031, 0.1, 0.3, 0.5, 0.58, 0.7, 0.8, 0.95, 1.0].map(bounces_at);
         assert_eq!(found, [1, 1, 2, 2, 3, 6, 7, 10, 16, 16, 16]);
         assert_eq!([f32::NAN, f32::INFINITY, 1.5].map(bounces_at), [MAX; 3]);
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reason_says_what_is_left() {
+    fn bounce_reason_states_truncated_fraction() {
         let picked = |bounces, forced, gain| BounceSelection {
             bounces,
             forced,

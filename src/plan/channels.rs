@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn one_channel_from_the_first_light_on_three_at_once_and_one_again_with_patience() {
+    fn color_mode_switches_to_rgb_at_once_and_back_after_hysteresis() {
         let mut picker = ColorModeSelector::new();
         assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
         assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_that_changes_its_color_at_every_period_brings_few_changes() {
+    fn color_mode_of_periodically_colored_light_rarely_changes() {
         for period in [2, STEADY - 1, STEADY + 5] {
             let mut picker = ColorModeSelector::new();
             let (mut before, mut changes) = (Channels::Three, 0);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_decides_alone_and_is_forgotten_with_itself() {
+    fn color_mode_setting_overrides_and_is_removed_with_it() {
         let mut picker = ColorModeSelector::new();
         for colors in [Colors::Dark, Colors::One, Colors::Lights] {
             let three = picker.pick(ColorModeRequest::Three, found(colors));

@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn work_is_counted_in_what_a_stage_reads() {
+    fn stage_work_counts_read_items() {
         let plan = Plan::new(&moving(state(), 1, 3));
         assert_eq!(cost(&plan, Stage::Project).work, Work::Rays(3000));
         assert_eq!(cost(&plan, Stage::Apply).work, Work::Links(200_000));
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_measured_on_one_scene_foretells_another() {
+    fn cost_measured_on_one_scene_predicts_other() {
         let mut model = CostModel::new();
         let mut first = Plan::new(&moving(state(), 0, 1));
         model.price(&mut first);
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_answers_late_and_slots_that_change_give_the_right_rate() {
+    fn cost_rate_with_delayed_timings_and_changed_slots_is_correct() {
         let mut model = CostModel::new();
         // A microsecond a ray; one to four slots in turn; the answers come three frames late.
         let mut late = std::collections::VecDeque::new();
@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_gone_is_forgotten_and_what_is_no_time_left_out() {
+    fn cost_of_removed_scene_is_dropped_and_invalid_time_skipped() {
         let mut model = CostModel::new();
         let plan = Plan::new(&moving(state(), 0, 1));
         let project = plan.costs[0].0;
@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn one_channel_has_a_rate_of_its_own() {
+    fn cost_rate_of_monochrome_is_separate() {
         let mut model = CostModel::new();
         let in_one = |mut state: FrameState| {
             state.scenes[0].channels = Some(ColorModeSelection {
@@ -569,7 +569,7 @@ mod tests {
     }
 
     #[test]
-    fn doors_volumes_and_soft_shadows_are_counted_in_units_of_their_own() {
+    fn cost_of_occluders_volumes_and_soft_shadows_has_own_units() {
         let mut state = state();
         let scene = &mut state.scenes[0];
         (scene.occluders_changed, scene.passages) = (1, 5000);

@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_setting_forces_says_so() {
+    fn decision_forced_by_setting_states_it() {
         let found = of(&state());
         let tier = found.iter().find(|d| d.subject == Subject::Tier(A));
         let tier = tier.expect("a tier").to_string();
@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_that_moves_decides_nothing_else() {
+    fn decision_of_moving_light_changes_nothing_else() {
         let standing = |moves| {
             let mut found = of(&moved(moves));
             found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_told_once_and_an_end_with_patience() {
+    fn decision_change_is_logged_once_and_end_debounced() {
         let mut log = DecisionLog::new();
         let first = log.observe(of(&moved(false)), &|_| None);
         assert_eq!(first.len(), 4, "{first:?}");
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn what_flickers_is_told_as_often_as_the_logarithm_of_the_time() {
+    fn decision_flicker_is_logged_logarithmically() {
         for period in [2, 7, 130, 500] {
             let mut log = DecisionLog::new();
             let mut told = 0;
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_in_a_reason_are_no_news() {
+    fn decision_with_changed_figures_is_not_logged() {
         let mut log = DecisionLog::new();
         let mut now = state();
         log.observe(of(&now), &|_| None);
@@ -477,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_with_names_has_no_numbers() {
+    fn decision_line_with_names_has_no_numbers() {
         let names = |id: u64| {
             Some(format!(
                 "\"{}\"",
@@ -497,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_are_decided_where_links_are() {
+    fn decision_of_color_mode_requires_links() {
         let mut now = state();
         let picked = ColorModeSelection {
             channels: Channels::One(glam::Vec3::ONE),
@@ -523,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn views_say_at_which_pixels() {
+    fn decision_of_view_names_pixel_mode() {
         let mut now = state();
         let told = |state: &FrameState| {
             let found = of(state);

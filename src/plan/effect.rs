@@ -253,14 +253,14 @@ mod tests {
     }
 
     #[test]
-    fn lights_at_rest_leave_only_the_display() {
+    fn static_lights_run_only_display_passes() {
         let plan = Plan::new(&at_rest());
         assert_eq!(stages(&plan), [Stage::Splat, Stage::Composite]);
         assert!(plan.skipped.contains(&(A, None, Skip::AtRest)));
     }
 
     #[test]
-    fn one_of_eight_lights_moves_and_only_its_slot_is_projected() {
+    fn one_moved_light_projects_only_its_slot() {
         let mut state = at_rest();
         state.scenes[0].slots[5] = SlotChange::Geometry;
         let plan = Plan::new(&state);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_color_projects_nothing() {
+    fn changed_light_color_projects_nothing() {
         let mut state = at_rest();
         state.scenes[0].slots[2] = SlotChange::Color;
         let plan = Plan::new(&state);
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_door_that_moves_runs_the_transport() {
+    fn changed_occluder_runs_transport() {
         let mut state = at_rest();
         state.scenes[0].occluders_changed = 1;
         let plan = Plan::new(&state);
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_and_a_lost_light_run_the_transport() {
+    fn changed_settings_or_removed_light_run_transport() {
         for (set, reason) in [
             (
                 (|s| s.settings_changed = true) as fn(&mut SceneState),
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_runs_where_nothing_is_called_for() {
+    fn empty_plan_runs_no_pass() {
         type Change = fn(&mut FrameState);
         let cases: [(Change, Skip); 7] = [
             (|s| s.device_able = false, Skip::DeviceUnable),
@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disabled_view_and_a_view_without_gbuffer_call_for_nothing() {
+    fn disabled_view_or_view_without_gbuffer_runs_no_pass() {
         for change in [
             |v: &mut ViewState| v.enabled = false,
             |v: &mut ViewState| v.has_gbuffer = false,
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_bake_runs_everything_once_and_each_view_composites_what_it_sees() {
+    fn new_bake_runs_all_passes_once_and_views_composite_visible_scenes() {
         let mut state = at_rest();
         state.scenes[0].resident = false;
         // The device holds nothing: what shines is new to it, and what is dark needs no projection.
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_needs_no_bake() {
+    fn dynamic_objects_need_no_bake() {
         let plan = Plan::new(&something_moves());
         assert_eq!(stages(&plan), [Stage::Rsm, Stage::Vpl, Stage::Composite]);
         assert!(plan.active_scenes().is_empty());
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn gloss_is_shown_where_it_is_asked_for_and_something_bounces() {
+    fn specular_runs_where_requested_with_dynamic_objects() {
         let mut state = something_moves();
         assert_eq!(Plan::new(&state).count(Stage::Gloss), 0);
         state.views[0].gloss = true;
@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[test]
-    fn what_rests_is_not_drawn_again_and_stays_in_the_picture() {
+    fn static_reflectors_are_not_redrawn_and_stay_visible() {
         let mut state = something_moves();
         state.bounces_held = true;
         let plan = Plan::new(&state);
@@ -460,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_is_drawn_once_and_lies_over_the_bake_in_every_view() {
+    fn moving_reflectors_are_drawn_once_and_composited_in_every_view() {
         let mut state = at_rest();
         state.bounces = something_moves().bounces;
         use Stage::*;
@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_bounces_nothing_runs_and_the_reason_is_said() {
+    fn plan_without_reflectors_skips_rsm_with_reason() {
         type Change = fn(&mut FrameState);
         let cases: [(Change, Skip); 7] = [
             (|s| s.device_able = false, Skip::DeviceUnable),
@@ -516,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn buffers_go_after_a_while_out_of_view_or_at_once_with_the_asset() {
+    fn buffers_are_released_after_delay_or_with_asset() {
         let mut state = at_rest();
         state.views.clear();
         assert!(Plan::new(&state).release.is_empty());
@@ -528,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_come_back_only_when_asked_for() {
+    fn coefficients_are_read_back_only_on_request() {
         let mut state = at_rest();
         assert_eq!(Plan::new(&state).count(Stage::ReadBack), 0);
         state.scenes[0].read_back = true;
@@ -539,7 +539,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_says_that_the_device_does_not_hold_an_octree() {
+    fn plan_reports_octree_above_device_limit() {
         let mut state = at_rest();
         assert!(Plan::new(&state).linked.is_empty());
         let why = FmmLimit::Order { have: 6, need: 9 };
@@ -551,7 +551,7 @@ mod tests {
     }
 
     #[test]
-    fn every_effect_has_a_name_of_its_own() {
+    fn effect_names_are_unique() {
         let mut names: Vec<_> = EFFECTS.iter().map(|e| e.name).collect();
         names.sort_unstable();
         names.dedup();

@@ -56,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn fog_is_lit_in_every_frame_and_its_light_found_when_it_changes() {
+    fn fog_is_composited_every_frame_and_lit_on_change() {
         use Stage::*;
         let mut state = at_rest();
         assert_eq!(stages(&state), [Fog]);
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn where_no_fog_is_lit_nothing_runs() {
+    fn fog_without_light_runs_no_pass() {
         type Change = fn(&mut FrameState);
         let cases: [Change; 6] = [
             |s| s.fogs.clear(),

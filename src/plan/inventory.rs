@@ -246,7 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_says_what_there_is_and_nothing_else() {
+    fn inventory_lists_only_present_items() {
         let empty = Inventory::default();
         assert!(empty.at_rest());
         assert_eq!(

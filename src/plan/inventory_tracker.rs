@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_that_move_change_color_come_and_go_are_counted() {
+    fn inventory_counts_moved_recolored_added_and_removed_lights() {
         let mut surveyor = InventoryTracker::new();
         let mut lights: Vec<(u32, Light)> = (0..8)
             .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
@@ -509,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn gray_is_what_surfaces_and_lights_are_together() {
+    fn scene_is_gray_if_surfaces_and_lights_are() {
         let (gray, colored) = (bake(true), bake(false));
         let colors = |bake, lights: &[Vec3], sky: Vec3| {
             let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
@@ -555,7 +555,7 @@ mod tests {
     /// A sign with a colored texture that was dark when it was baked, and a wall that was black:
     /// their factors are white now, and what they shine in is not.
     #[test]
-    fn textures_of_live_materials_count_with_their_factors() {
+    fn dynamic_material_textures_count_with_factors() {
         let mut baked = (*bake(true)).clone();
         let senders = baked.senders() as u32;
         for surface in &mut baked.surfaces[..2] {
@@ -609,7 +609,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_says_what_changed_about_it() {
+    fn scene_snapshot_reports_changes() {
         let gray = bake(true);
         let mut surveyor = InventoryTracker::<u32>::new();
         let mut look = |scenes: Vec<SceneSnapshot<'_>>| {

@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_keeps_its_slot_while_others_come_and_go() {
+    fn light_keeps_slot_while_others_change() {
         use SlotChange::{Color, Geometry, None};
         let mut table = SlotTable::new();
         let first = table.update(&[(9, lamp(1.0, 1.0)), (4, lamp(2.0, 1.0))], BOX);
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drift_counts_when_it_has_added_up() {
+    fn accumulated_light_drift_triggers_projection() {
         let mut table = SlotTable::new();
         let start = table.update(&[(1, lamp(1.0, 1.0))], BOX);
         settle(&mut table, &start.changes);
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_light_is_not_projected_wherever_it_goes() {
+    fn moving_dark_light_is_not_projected() {
         let mut table = SlotTable::new();
         let on = table.update(&[(1, lamp(1.0, 1.0))], BOX);
         settle(&mut table, &on.changes);
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn a_light_that_was_dark_at_first_is_projected_when_it_shines() {
+    fn initially_dark_light_is_projected_when_lit() {
         let mut table = SlotTable::new();
         let dark = table.update(&[(1, lamp(1.0, 0.0)), (2, lamp(2.0, 1.0))], BOX);
         assert_eq!(dark.changes, [SlotChange::None, SlotChange::Geometry]);
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn slots_at_the_end_go_with_their_lights() {
+    fn trailing_slots_are_removed_with_lights() {
         let all: Vec<(u64, Vec<FrameLight>)> = (0..100).map(|k| (k, lamp(1.0, 1.0))).collect();
         let mut table = SlotTable::new();
         let first = table.update(&all, BOX);
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_of_a_color_is_no_change_and_adds_up() {
+    fn color_rounding_is_ignored_until_accumulated() {
         let mut table = SlotTable::new();
         let first = table.update(&[(1, lamp(1.0, 1.0))], BOX);
         settle(&mut table, &first.changes);
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_does_not_project_alike() {
+    fn different_lights_have_different_projections() {
         let spot = |direction, inner, range| {
             FrameLight::spot(Vec3::ONE, direction, Vec3::ONE, inner, 0.5, range)
         };
@@ -466,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_with_soft_shadows_that_changed_are_noticed() {
+    fn changed_soft_shadow_lights_are_detected() {
         let panel = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ONE, 16).within(20.0);
         let bulb = SoftLight::sphere(Vec3::Y, 0.1, Vec3::X, 5.0, 16);
         let both = [panel, bulb];
@@ -498,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn forgetting_projects_everything_again() {
+    fn reset_projects_all_lights() {
         let mut table = SlotTable::new();
         let start = table.update(&[(1, lamp(1.0, 1.0)), (2, lamp(2.0, 1.0))], BOX);
         settle(&mut table, &start.changes);

@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn every_corner_of_what_moves_is_in_a_map_that_it_fills() {
+    fn rsm_views_contain_reflector_bounds_tightly() {
         let places = [
             Vec3::new(0.3, -1.0, 0.2),
             Vec3::new(1.5, 0.0, -2.0),
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn things_all_around_a_point_light_take_the_faces_that_show_them() {
+    fn point_light_uses_rsm_faces_with_reflectors() {
         let light = point(Vec3::ZERO);
         let (left, right) = (cube(Vec3::X * -2.0, 0.2), cube(Vec3::X * 2.0, 0.2));
         let views = map_views(&light, &[left, right], 64).unwrap();
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_draws_no_more_than_its_cone() {
+    fn spot_light_rsm_is_limited_to_cone() {
         // A long thing across a narrow cone.
         let wall = Bounds {
             min: Vec3::new(-5.0, -0.1, -3.2),
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_to_be_drawn_the_reason_is_said() {
+    fn rsm_views_without_reflectors_state_reason() {
         let b = [cube(Vec3::X, 0.1)];
         let reason = |light: &FrameLight, b: &[Bounds]| map_views(light, b, 64).unwrap_err();
         assert_eq!(reason(&point(Vec3::ZERO), &[]), Skip::NothingMoves);
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_directional_map_moves_by_whole_texels_and_keeps_its_size() {
+    fn directional_rsm_moves_by_texels_and_keeps_size() {
         let light = sun(Vec3::new(0.3, -1.0, 0.5));
         let still = Vec3::new(0.123, 0.456, -0.789);
         let texel_of = |shift: f32| {
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_hold_what_they_are_for() {
+    fn rsm_size_steps_contain_requested_size() {
         for i in 1..2000 {
             let v = 0.001 * i as f32;
             let s = stepped(v);
@@ -456,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn far_from_the_origin_maps_are_as_good() {
+    fn rsm_views_far_from_origin_are_exact() {
         let far = Vec3::new(1e5, 0.0, -1e5);
         let b = cube(far + Vec3::new(1.0, -2.0, 0.5), 0.3);
         for light in [point(far), sun(Vec3::new(0.1, -1.0, 0.2))] {

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn soft_shadows_run_where_a_lamp_casts_them_and_once() {
+    fn soft_shadows_run_once_for_casting_lights() {
         let mut state = at_rest();
         // A bake that could, and no lamp that asks.
         state.scenes[0].soft.remembers = true;
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn soft_shadows_that_cannot_fall_say_why() {
+    fn soft_shadows_without_data_state_reason() {
         type Change = fn(&mut FrameState);
         let asked = SoftState {
             lights: 1,

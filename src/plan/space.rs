@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn light_in_free_space_runs_where_the_bake_has_it() {
+    fn probe_passes_run_for_bakes_with_probes() {
         use Stage::*;
         let mut state = at_rest();
         state.views.push(deferred());
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_volume_is_written_when_the_light_changed() {
+    fn volume_is_written_on_light_change() {
         use Stage::*;
         let mut state = at_rest();
         // Nobody asks, and no camera is there.

@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tier_is_picked_by_number_and_by_error() {
+    fn tier_is_selected_by_number_or_error() {
         let of = |asked| TierController::new(asked, tiers()).picked();
         assert_eq!(of(Quality::All).tier, 4);
         for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_that_all_links_fit_changes_nothing() {
+    fn tier_within_budget_stays_full() {
         let mut picker = budget(10.0);
         assert!(picker.picked().why.contains("not measured"));
         run(&mut picker, 5000, |i, work| (8.0 + noise(i)) * work);
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_over_the_budget_goes_down_within_a_few_solves_and_once() {
+    fn tier_above_budget_steps_down_once() {
         // 20, 10, 5 and 2.5 ms: the second tier is the highest that fits, with its headroom.
         let mut picker = budget(9.0);
         let seen = run(&mut picker, 20_000, |i, work| {
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn a_noisy_load_at_the_edge_does_not_flip_back_and_forth() {
+    fn tier_with_noisy_load_does_not_oscillate() {
         // Means on both sides of every threshold.
         for k in 0..60 {
             let mean = 6.0 + 0.25 * k as f32;
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_of_the_load_are_followed_both_ways() {
+    fn tier_follows_load_steps_both_ways() {
         let mut picker = budget(10.0);
         let load = |i: u32| if (2000..6000).contains(&i) { 30.0 } else { 7.0 };
         let seen = run(&mut picker, 12_000, |i, work| {
@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_prediction_is_wrong_tries_become_rare() {
+    fn tier_trials_after_wrong_prediction_become_rare() {
         // Nothing fits, for the cost is not the links': down, and no way up.
         let mut picker = budget(4.0);
         run(&mut picker, 5000, |_, work| 5.0 + 0.1 * work);
@@ -456,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn single_spikes_and_what_is_no_time_do_nothing() {
+    fn tier_ignores_spikes_and_invalid_times() {
         let mut picker = budget(10.0);
         run(&mut picker, 3000, |i, work| match i % 10 {
             3 => 60.0,
@@ -475,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn an_octree_above_the_links_is_named() {
+    fn tier_above_links_is_named_octree() {
         let mut all = tiers();
         all[3].octree = true;
         let picked = TierController::new(Quality::All, all.clone()).picked();
@@ -491,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bake_without_tiers_has_one() {
+    fn bake_without_tiers_has_single_tier() {
         let mut picker = TierController::new(Quality::FrameBudget(1.0), Vec::new());
         picker.measured(f32::NAN);
         assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));

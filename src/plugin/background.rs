@@ -80,7 +80,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn what_the_thread_makes_arrives_once() {
+    fn background_result_arrives_once() {
         let (go, wait) = std::sync::mpsc::channel::<()>();
         let mut work =
             Background::spawn("test", move || wait.recv().map_or(0, |()| 7), || 8).unwrap();
@@ -91,14 +91,14 @@ mod tests {
     }
 
     #[test]
-    fn whoever_waits_is_woken() {
+    fn background_waiter_is_woken() {
         let nap = || std::thread::sleep(Duration::from_millis(20));
         let work = Background::spawn("test", nap, || ());
         bevy::tasks::block_on(work.unwrap());
     }
 
     #[test]
-    fn a_panic_is_a_result() {
+    fn background_panic_is_returned() {
         let work = Background::spawn("test", || panic!("as the test wants it"), || 8);
         assert_eq!(bevy::tasks::block_on(work.unwrap()), 8);
     }

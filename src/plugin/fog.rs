@@ -435,7 +435,7 @@ mod tests {
     use bevy::transform::components::Transform;
 
     #[test]
-    fn cubes_meet_where_neither_lies_beyond_a_side_of_the_other() {
+    fn fog_boxes_overlap_unless_separated_by_side() {
         let cube = |x: f32, turn: f32, size: f32| {
             Affine3A::from_scale_rotation_translation(
                 Vec3::splat(size),
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_fog_is_left_out() {
+    fn invalid_fog_volumes_are_skipped() {
         let place = GlobalTransform::from(Transform::from_xyz(1.0, 2.0, 3.0));
         let fog = FogVolume::default();
         assert!(fog_of(&fog, &place).is_some());

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn fog_is_behind_what_is_before_early_post_processing_and_before_the_rest() {
+    fn fog_pass_runs_between_early_and_late_post_processing() {
         let early = Core3dSystems::EarlyPostProcess;
         let mut schedule = Core3d::base_schedule();
         schedule.add_build_pass(FogFirst::default());

@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn advice_names_entity_files_and_command() {
+    fn outdated_scene_message_names_entity_files_and_command() {
         let mut report = LevelReport {
             path: AssetPath::from("levels/room.mgi"),
             level: Some("room.glb".into()),

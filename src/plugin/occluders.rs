@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_least_open_counts() {
+    fn occluder_with_lowest_transmittance_wins() {
         let known = Occluders {
             names: vec!["door".into(), "lift".into(), "gate".into()],
             ..Occluders::default()

@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cubemap_gives_its_sky_back() {
+    fn cubemap_sky_round_trips() {
         let sky = GiSky::gradient(
             LinearRgba::rgb(0.2, 0.4, 1.0),
             LinearRgba::rgb(0.8, 0.7, 0.6),
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sun_in_a_cubemap_rings_unless_told_not_to() {
+    fn cubemap_with_sun_is_deringed_by_default() {
         let sun = Vec3::new(0.8, 0.6, 0.0);
         let shines = |w: Vec3| Vec3::splat(if w.dot(sun) > 0.95 { 10.0 } else { 0.1 });
         let sky = GiSky::from_cubemap(&cubemap(32, shines), 1.0).unwrap();
@@ -263,7 +263,7 @@ mod tests {
     /// A map of 256 texels a side with smaller levels behind each face, in the format of
     /// environment maps: half a dozen bright texels in a dark sky.
     #[test]
-    fn an_environment_map_with_a_small_sun_counts_every_texel() {
+    fn environment_map_with_small_sun_integrates_every_texel() {
         let n = 256u32;
         // 2¹⁰ in red, half of that in green: mantissa 256 and 128, exponent 26 (256 · 2² = 1024).
         let sun = (26u32 << 27) | (128 << 9) | 256;
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_cubemap_is_told() {
+    fn invalid_cubemap_returns_named_error() {
         let mut image = cubemap(4, |_| Vec3::ONE);
         image.data = None;
         image.asset_usage = RenderAssetUsages::RENDER_WORLD;

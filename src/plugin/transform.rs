@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn irradiance_is_the_same_in_both_spaces() {
+    fn irradiance_is_equal_in_local_and_world_space() {
         let at = placement(Transform {
             translation: Vec3::new(5.0, -2.0, 7.0),
             rotation: Quat::from_euler(bevy::math::EulerRot::XYZ, 0.3, 1.1, -0.7),
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_along_one_axis_is_noticed_and_its_mean_taken() {
+    fn non_uniform_scale_is_detected_and_averaged() {
         let at = placement(Transform::from_scale(Vec3::new(1.0, 2.0, 3.0)));
         assert!(at.distorted);
         assert_eq!(at.scale, 2.0);
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn clip_space_comes_back_far_from_the_origin() {
+    fn clip_space_far_from_origin_round_trips() {
         let at =
             placement(Transform::from_xyz(10_000.0, 0.0, 10_000.0).with_scale(Vec3::splat(3.0)));
         let world_from_view = Mat4::from_rotation_translation(

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_module_is_replaced_where_it_is_known_and_asked_for() {
+    fn shader_module_is_replaced_if_known_and_requested() {
         let known = "fn irradiance_volume_light(world_position: vec3<f32>, N: vec3<f32>,\n    clusterable_object_index_ranges: ptr<function, ClusterableObjectIndexRanges>,) -> vec3<f32> {\n    let found = light_probe_iterator_next(&iterator);\n}";
         assert_eq!(become_of(known, true), (OURS.to_owned(), false));
         assert_eq!(become_of(known, false), (format!("{HEAD}{known}"), false));

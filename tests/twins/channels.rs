@@ -26,7 +26,7 @@ fn one(sweeps: u32) -> FrameSettings {
 }
 
 #[test]
-fn one_channel_of_any_scene() {
+fn monochrome_frame_matches_twin() {
     for form in FORMS {
         for sweeps in [0, 2] {
             solve_agrees(
@@ -75,7 +75,7 @@ fn off(scene: &BakedScene, lights: &[FrameLight], right: &CpuFrame, hue: Vec3) -
 }
 
 #[test]
-fn where_all_is_gray_one_channel_says_as_much_as_three() {
+fn monochrome_of_gray_scene_equals_rgb() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     for form in FORMS {
@@ -104,7 +104,7 @@ fn where_all_is_gray_one_channel_says_as_much_as_three() {
 }
 
 #[test]
-fn light_in_free_space_takes_one_channel_too() {
+fn monochrome_probes_match_twin() {
     use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();

@@ -123,7 +123,7 @@ fn scene(order: usize, disks: bool) -> (Fmm, Vec<Vec3>) {
 }
 
 #[test]
-fn fmm_up_and_down() {
+fn fmm_passes_match_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     for (order, disks) in [(0, true), (3, false), (4, true), (6, true)] {
@@ -193,7 +193,7 @@ fn fmm_up_and_down() {
 }
 
 #[test]
-fn an_order_too_high_and_nothing_at_all() {
+fn fmm_order_above_limit_and_empty_input_are_handled() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let empty = |order| {

@@ -205,7 +205,7 @@ fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
 }
 
 #[test]
-fn fog_in_a_picture() {
+fn fog_picture_matches_twin() {
     let Some(harness) = harness() else { return };
     let drawn = Drawn::new();
     let count = drawn.depth.len();

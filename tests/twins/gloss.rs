@@ -251,14 +251,14 @@ fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
 const ROUGHNESS: f32 = 0.25;
 
 #[test]
-fn gloss_of_each_light() {
+fn specular_of_each_light_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
     compare(&scene, &GlossSettings::default(), None);
 }
 
 /// Among the shadows of a baked scene, which is moved into the room.
 #[test]
-fn gloss_among_shadows() {
+fn specular_in_moved_baked_scene_matches_twin() {
     let by = synthetic::scene(SenderForm::Averages);
     let mut scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
     let open = scene.full();
@@ -278,7 +278,7 @@ fn gloss_among_shadows() {
 
 /// More lights than bits.
 #[test]
-fn gloss_of_groups_of_lights() {
+fn specular_of_light_groups_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 200), ROUGHNESS);
     compare(
         &scene,
@@ -294,7 +294,7 @@ fn gloss_of_groups_of_lights() {
 }
 
 #[test]
-fn gloss_of_all_lights_together() {
+fn specular_of_all_lights_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 24), ROUGHNESS);
     let settings = GlossSettings {
         together: true,

@@ -79,7 +79,7 @@ fn vectors(links: &[Link]) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn occluders_shut_and_open() {
+fn occluders_closed_and_open_match_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = scene();
@@ -138,7 +138,7 @@ fn occluders_shut_and_open() {
 }
 
 #[test]
-fn operators_in_parts_are_occluded_too() {
+fn occluded_link_chunks_match_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = scene();
@@ -167,7 +167,7 @@ fn operators_in_parts_are_occluded_too() {
 }
 
 #[test]
-fn a_scene_without_occluders_has_nothing_of_them() {
+fn scene_without_occluders_has_no_occluder_terms() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let plain = bake_box(&recipe(TransportMethod::Bounded, BounceMode::Live));

@@ -171,7 +171,7 @@ fn vpls_differing(gpu: &[Vpl], cpu: &[Vpl]) -> usize {
 }
 
 #[test]
-fn rsm() {
+fn rsm_matches_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);
@@ -274,7 +274,7 @@ fn rsm() {
 }
 
 #[test]
-fn what_asks_for_no_map_makes_none() {
+fn rsm_without_request_is_not_created() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut maps = RsmBuffers::new(&harness.device, 64, 16).unwrap();
@@ -288,7 +288,7 @@ fn what_asks_for_no_map_makes_none() {
 }
 
 #[test]
-fn vpl() {
+fn vpl_matches_twin() {
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = synthetic::scene(SenderForm::Averages);

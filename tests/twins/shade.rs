@@ -251,12 +251,12 @@ fn apart(gpu: &[[f32; 4]], cpu: &[[f32; 4]]) -> usize {
 }
 
 #[test]
-fn shade() {
+fn shade_matches_twin() {
     compare(false);
 }
 
 #[test]
-fn shade_of_mirror_images() {
+fn shade_of_mirrored_scene_matches_twin() {
     compare(true);
 }
 

@@ -50,7 +50,7 @@ pub fn lights() -> [SoftLight; 4] {
 }
 
 #[test]
-fn soft() {
+fn soft_shadows_match_twin() {
     let Some(harness) = harness() else { return };
     let scene = baked();
     let visibility = scene.visibility.as_ref().unwrap();

@@ -360,12 +360,12 @@ fn compare(settings: &SubsplatSettings) {
 }
 
 #[test]
-fn subsplats_of_planes_and_normals() {
+fn subsplats_by_plane_and_normal_match_twin() {
     compare(&SubsplatSettings::default());
 }
 
 #[test]
-fn subsplats_of_minima_and_maxima() {
+fn subsplats_by_extrema_match_twin() {
     compare(&SubsplatSettings {
         coarsest: 6,
         finest: 2,
@@ -378,7 +378,7 @@ fn subsplats_of_minima_and_maxima() {
 }
 
 #[test]
-fn subsplats_of_derivatives_and_curvature() {
+fn subsplats_by_derivatives_and_curvature_match_twin() {
     compare(&SubsplatSettings {
         coarsest: 5,
         depth: DepthTest::Derivative(0.05),
@@ -389,7 +389,7 @@ fn subsplats_of_derivatives_and_curvature() {
 }
 
 #[test]
-fn probe_nodes() {
+fn probe_nodes_match_twin() {
     let Some(harness) = harness() else { return };
     let of = Scene::with_ball();
     let settings = SubsplatSettings::default();
@@ -427,7 +427,7 @@ fn probe_nodes() {
 type Spoil = fn(&mut meshless_gi::asset::Probes);
 
 #[test]
-fn probe() {
+fn probe_kernel_matches_twin() {
     let Some(harness) = harness() else { return };
     let of = Scene::with_ball();
     let kernels = KernelPipelines::new(&harness.device).unwrap();

@@ -12,7 +12,7 @@ use meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid
 use wgpu::{TextureUsages, TextureViewDescriptor};
 
 #[test]
-fn volumes() {
+fn volumes_match_twin() {
     let Some(harness) = harness() else { return };
     let of = Scene::with_ball();
     let kernels = KernelPipelines::new(&harness.device).unwrap();

@@ -189,7 +189,7 @@ fn screen_of(
 }
 
 #[test]
-fn a_volume_is_read_as_its_twin_reads_it() {
+fn volume_read_matches_twin() {
     let Some(harness) = harness() else { return };
     let device = &harness.device;
     let path = concat!(

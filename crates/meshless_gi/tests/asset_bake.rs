@@ -63,7 +63,7 @@ fn small() -> Recipe {
 /// Bakes that are kept are found by the bake version: it must rise with every change of what equal
 /// input bakes to. Where this fails, raise [`BAKE_VERSION`], and take the new digest over.
 #[test]
-fn bake_of_one_version_is_always_the_same() {
+fn bake_of_one_version_has_recorded_hash() {
     let mut scene = baked(&small(), 2);
     // Facts about the bake are no part of it.
     scene.info = BakeInfo {
@@ -81,7 +81,7 @@ fn bake_of_one_version_is_always_the_same() {
 }
 
 #[test]
-fn bakes_come_back_from_their_files() {
+fn bake_file_round_trips() {
     let small = small();
     for recipe in [
         small.clone(),

@@ -211,7 +211,7 @@ fn in_space(frame: &CpuFrame, scene: &BakedScene) -> Vec<f32> {
 }
 
 #[test]
-fn a_shut_door_leaves_nothing_beyond_it() {
+fn closed_door_blocks_all_light() {
     let open_rooms = rooms(Opening::Open);
     let with = baked(&open_rooms, &recipe(vec![door()]));
     let without = baked(&open_rooms, &recipe(Vec::new()));
@@ -284,7 +284,7 @@ fn a_shut_door_leaves_nothing_beyond_it() {
 /// Three rooms in a row, a lamp in the first: either door alone shuts out what lies behind it, and
 /// what lies before it stays lit.
 #[test]
-fn two_doors_in_a_row() {
+fn two_doors_in_sequence_block_independently() {
     let mesh = level(&[3.0, 5.5], Opening::Open);
     let rooms = [[0.02, 2.88], [3.12, 5.38], [5.62, 7.98]].map(|[from, to]| places(from, to));
     let viewpoints = vec![[1.5, 1.3, 1.8], [4.2, 1.3, 1.8], [6.7, 1.3, 1.8]];
@@ -331,7 +331,7 @@ fn two_doors_in_a_row() {
 }
 
 #[test]
-fn a_frame_follows_the_door_and_comes_back() {
+fn frame_follows_door_transmittance_and_returns() {
     let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
     let settings = FrameSettings::bounces(4);
     let mut frame = lit(&scene, &[]);
@@ -393,7 +393,7 @@ fn open_box() -> (TriangleMesh, Recipe) {
 }
 
 #[test]
-fn the_sky_is_shut_out() {
+fn closed_door_blocks_sky() {
     let (mesh, recipe) = open_box();
     let scene = baked(&mesh, &recipe);
     let known = scene.occluders.as_ref().unwrap();
@@ -436,7 +436,7 @@ fn the_sky_is_shut_out() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_occluder_recipes_are_rejected() {
     let mesh = rooms(Opening::Open);
     let fails =
         |recipe: &Recipe| bake_scene(&mesh, recipe, 0, &Progress::default()).expect_err("no bake");
@@ -491,7 +491,7 @@ fn what_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn a_damaged_bake_is_refused() {
+fn damaged_occluder_bake_is_rejected() {
     let scene = baked(&rooms(Opening::Open), &recipe(vec![door()]));
     scene.validate().expect("a sound bake");
     type Damage = fn(&mut BakedScene);

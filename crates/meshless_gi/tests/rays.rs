@@ -136,7 +136,7 @@ fn cases() -> Vec<(&'static str, Triangles, Vec3)> {
 }
 
 #[test]
-fn no_ray_leaves_a_closed_mesh() {
+fn closed_mesh_blocks_every_ray() {
     let cases = cases();
     let each = RAYS / cases.len() as u64 + 1;
     for (name, triangles, center) in &cases {
@@ -149,7 +149,7 @@ fn no_ray_leaves_a_closed_mesh() {
 }
 
 #[test]
-fn a_missing_triangle_is_found() {
+fn missing_triangle_is_detected() {
     for (name, mut triangles, center) in cases() {
         // The triangle that covers most of the view from the middle.
         let seen = |t: &[Vec3; 3]| {
@@ -169,7 +169,7 @@ fn a_missing_triangle_is_found() {
 
 /// Two coincident triangles: the lower index wins, wherever the builder puts them.
 #[test]
-fn ties_go_to_the_lower_index() {
+fn coincident_triangles_hit_lower_index() {
     let mut triangles = sphere(3);
     let count = triangles.len();
     triangles.extend(triangles.clone());
@@ -190,7 +190,7 @@ fn ties_go_to_the_lower_index() {
 
 /// Nothing is met in an empty mesh, and nothing unusual makes a ray fatal.
 #[test]
-fn odd_meshes_and_odd_rays() {
+fn degenerate_meshes_and_rays_do_not_panic() {
     let bad = vec![
         [Vec3::ZERO, Vec3::X, Vec3::NAN],
         [Vec3::ZERO, Vec3::X, 2.0 * Vec3::X],
@@ -236,7 +236,7 @@ fn odd_meshes_and_odd_rays() {
 
 /// `site` is `surface` without its colors, on fronts, on backs and where there is no such hit.
 #[test]
-fn a_site_is_where_its_surface_is() {
+fn hit_point_matches_surface_position() {
     let triangles = sphere(2);
     let sides = [false, true].map(|double_sided| Material {
         double_sided,
@@ -267,7 +267,7 @@ fn a_site_is_where_its_surface_is() {
 }
 
 #[test]
-fn surfaces_a_hair_from_the_start_are_met() {
+fn surface_near_ray_origin_is_hit() {
     // In a level of two meters, a tile of a millimeter from 50 µm away; and the same a thousand
     // times smaller and larger.
     for scale in [1e-3f32, 1.0, 1e3] {

@@ -114,18 +114,18 @@ fn neither_darker_nor_brighter(name: &str) {
 }
 
 #[test]
-fn tiers_of_the_cornell_box() {
+fn tiers_of_cornell_box_are_within_error_bounds() {
     neither_darker_nor_brighter("cornell");
 }
 
 #[test]
-fn tiers_of_open_rooms() {
+fn tiers_of_open_rooms_are_within_error_bounds() {
     neither_darker_nor_brighter("rooms_open");
 }
 
 /// What a frame of a tier needs of the links is a prefix of them.
 #[test]
-fn a_prefix_of_the_links_is_the_operator_of_a_tier() {
+fn tier_operator_is_prefix_of_links() {
     let level = level("cornell");
     let recipe = Recipe {
         levels: Some(4),
@@ -168,7 +168,7 @@ fn a_prefix_of_the_links_is_the_operator_of_a_tier() {
 
 /// Differences are not left out.
 #[test]
-fn the_papers_rule_has_one_tier() {
+fn l08_bake_has_one_tier() {
     let recipe = Recipe {
         rule: TransportMethod::L08,
         levels: Some(3),

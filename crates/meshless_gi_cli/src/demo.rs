@@ -283,7 +283,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lamps_shine_where_they_should() {
+    fn demo_lights_point_at_their_targets() {
         for (place, x) in places().iter().zip([Vec3::ZERO, Vec3::NEG_X, Vec3::X]) {
             let Light::Rect { u, v, .. } = place.lamp else {
                 panic!("{:?}", place.lamp);
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_the_references_is_no_error() {
+    fn reference_noise_is_not_counted_as_error() {
         let noise = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1000) as f32 / 500.0 - 1.0;
         let values = vec![Vec3::ONE; 3000];
         let noisy = |k: usize| move |i: usize| Vec3::splat(1.0 + 0.5 * noise(i * i, k + i));

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_brightest_hundredth_is_white() {
+    fn exposure_maps_brightest_percent_to_white() {
         let light: Vec<Vec3> = (0..200).map(|i| Vec3::splat(i as f32)).collect();
         let half = vec![Vec3::new(0.5, 0.25, 0.0); 200];
         let colors = shown(&light, &half);

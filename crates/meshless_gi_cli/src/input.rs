@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn size_with_unit_is_a_number_of_bytes() {
+    fn size_with_unit_parses_to_bytes() {
         assert_eq!(size("0"), Ok(0));
         assert_eq!(size("1000"), Ok(1000));
         assert_eq!(size("12B"), Ok(12));

@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_are_found_by_name() {
+    fn point_columns_are_found_by_name() {
         let text =
             "\u{feff}nx, ny ,nz,id,px,py,pz\r\n0,0,2,7, 1.50,-2,3e0\r\n\r\n1e-30,0,0,x,0,0,0";
         let places = parse(text).unwrap();
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_place() {
+    fn point_errors_name_line() {
         let head = "px,py,pz,nx,ny,nz\n";
         let why = |text: &str| parse(text).unwrap_err();
         assert!(why("").contains("px,py,pz"));

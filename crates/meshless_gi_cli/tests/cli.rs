@@ -87,7 +87,7 @@ fn baked() -> &'static (TempDir, PathBuf, Value) {
 }
 
 #[test]
-fn statistics_have_their_fields() {
+fn bake_stats_have_contract_fields() {
     let (_, out, stats) = baked();
     let seconds = &stats["seconds"];
     let mut parts = 0.0;
@@ -120,7 +120,7 @@ fn statistics_have_their_fields() {
 }
 
 #[test]
-fn the_same_bytes_for_any_number_of_threads() {
+fn bake_any_thread_count_writes_equal_bytes() {
     let (folder, out, _) = baked();
     let again = folder.path().join("one.mgi");
     let recipe = folder.path().join("quick.gi.ron");
@@ -170,7 +170,7 @@ fn nrmse(values: &[[f64; 3]], reference: &[[f64; 3]]) -> f64 {
 }
 
 #[test]
-fn evaluation_is_near_the_ground_truth() {
+fn eval_is_near_ground_truth() {
     let (folder, bake, _) = baked();
     let truth = fs::read_to_string(data("cornell/L0.csv")).unwrap();
     let out = folder.path().join("out.csv");
@@ -250,7 +250,7 @@ fn evaluation_is_near_the_ground_truth() {
 }
 
 #[test]
-fn points_may_be_few_and_far_off() {
+fn eval_few_and_distant_points_succeed() {
     let (folder, bake, _) = baked();
     let at = |name: &str| folder.path().join(name);
     let (points, out, scene) = (at("p.csv"), at("few.csv"), data("cornell/L0.json"));
@@ -294,7 +294,7 @@ fn points_may_be_few_and_far_off() {
 }
 
 #[test]
-fn wrong_input_of_eval_has_its_exit_code() {
+fn eval_invalid_input_has_exit_code() {
     let (folder, bake, _) = baked();
     let at = |name: &str| text(&folder.path().join(name)).to_string();
     let (scene, points, out) = (data("cornell/L0.json"), data("cornell/L0.csv"), at("e.csv"));
@@ -360,7 +360,7 @@ fn wrong_input_of_eval_has_its_exit_code() {
 }
 
 #[test]
-fn wrong_input_of_bake_has_its_exit_code() {
+fn bake_invalid_input_has_exit_code() {
     let folder = TempDir::new().unwrap();
     let at = |name: &str| text(&folder.path().join(name)).to_string();
     let write = |name: &str, bytes: &[u8]| {
@@ -435,7 +435,7 @@ fn wrong_input_of_bake_has_its_exit_code() {
 }
 
 #[test]
-fn recipes_name_their_level_and_options_go_before_them() {
+fn bake_options_override_recipe() {
     let folder = TempDir::new().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::create_dir(at("levels")).unwrap();
@@ -474,7 +474,7 @@ fn recipes_name_their_level_and_options_go_before_them() {
 }
 
 #[test]
-fn inspect_tells_what_is_there() {
+fn inspect_prints_sections() {
     let (_, bake, stats) = baked();
     let (json, _) = expect(DONE, &["inspect", text(bake), "--json"]);
     let json: Value = serde_json::from_str(&json).expect("JSON");
@@ -491,7 +491,7 @@ fn inspect_tells_what_is_there() {
 }
 
 #[test]
-fn validate_finds_what_is_stale() {
+fn validate_reports_outdated_bake() {
     let folder = TempDir::new().unwrap();
     let at = |name: &str| folder.path().join(name);
     let (level, bake) = (at("level.glb"), at("level.mgi"));
@@ -524,7 +524,7 @@ fn validate_finds_what_is_stale() {
 }
 
 #[test]
-fn a_part_of_a_level_is_an_occluder_by_its_name() {
+fn bake_named_node_becomes_occluder() {
     let folder = tempfile::tempdir().unwrap();
     let (level, out) = (
         data("rooms_open/rooms_open.glb"),
@@ -554,7 +554,7 @@ fn a_part_of_a_level_is_an_occluder_by_its_name() {
 }
 
 #[test]
-fn validate_finds_what_is_damaged() {
+fn validate_reports_damaged_file() {
     let (folder, bake, _) = baked();
     assert!(
         expect(DONE, &["validate", text(bake)])
@@ -586,7 +586,7 @@ fn validate_finds_what_is_damaged() {
 }
 
 #[test]
-fn help_is_a_result() {
+fn help_exits_with_success() {
     for arguments in [&["--help"][..], &["bake", "--help"], &["--version"]] {
         let (out, err) = expect(DONE, arguments);
         assert!(!out.is_empty() && err.is_empty(), "{out}{err}");
@@ -618,7 +618,7 @@ fn help_is_a_result() {
 /// Whoever closes the pipe has read enough; a full disk is an error.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_closed_pipe_is_no_failure_and_a_full_disk_is() {
+fn output_closed_pipe_succeeds_and_full_disk_fails() {
     let (_, bake, _) = baked();
     let run = |stdout: Stdio| {
         let mut child = Command::new(env!("CARGO_BIN_EXE_meshless_gi"))

@@ -29,7 +29,7 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn validate_with_level_names_each_difference() {
+fn validate_with_scene_names_each_difference() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let (level, recipe, bake) = (at("level.glb"), at("level.gi.ron"), at("level.mgi"));

@@ -84,7 +84,7 @@ fn placement(texture: &Path) -> VolumePlacement {
 }
 
 #[test]
-fn exported_volume_has_the_texels_of_the_kernel() {
+fn export_texels_match_kernel() {
     let (folder, bake, _) = bakes();
     let (out, lights) = (folder.path().join("room.ktx2"), data("cornell/L0.json"));
     let (code, text) = export(bake, &lights, &out, &[]);
@@ -138,7 +138,7 @@ fn exported_volume_has_the_texels_of_the_kernel() {
 }
 
 #[test]
-fn export_with_one_thread_has_the_same_bytes() {
+fn export_any_thread_count_writes_equal_bytes() {
     let (folder, bake, _) = bakes();
     let lights = data("cornell/L0.json");
     let bytes = |name: &str, threads: &str| {
@@ -155,7 +155,7 @@ fn export_with_one_thread_has_the_same_bytes() {
 }
 
 #[test]
-fn brighter_light_is_in_the_intensity() {
+fn export_brighter_light_raises_intensity() {
     let (folder, bake, _) = bakes();
     let at = |name: &str| folder.path().join(name);
     let volume = |name: &str, candela: f32| {
@@ -196,7 +196,7 @@ fn brighter_light_is_in_the_intensity() {
 }
 
 #[test]
-fn options_change_the_volume() {
+fn export_options_change_volume() {
     let (folder, bake, _) = bakes();
     let lights = data("cornell/L0.json");
     let volume = |options: &[&str]| {
@@ -223,7 +223,7 @@ fn options_change_the_volume() {
 }
 
 #[test]
-fn wrong_input_of_export_has_its_exit_code() {
+fn export_invalid_input_has_exit_code() {
     let (folder, bake, without) = bakes();
     let at = |name: &str| folder.path().join(name);
     let (lights, out) = (data("cornell/L0.json"), at("wrong.ktx2"));

@@ -79,7 +79,7 @@ const GRAY: &str = r#"{"doubleSided":true,"pbrMetallicRoughness":{"metallicFacto
 const WHITE: &str = r#"{"doubleSided":true,"emissiveFactor":[1,1,1],"pbrMetallicRoughness":{"metallicFactor":0,"baseColorFactor":[1,1,1,1]}}"#;
 
 #[test]
-fn broken_levels_are_told_of() {
+fn bake_of_broken_scene_prints_warnings() {
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let clean = room(Vec3::ZERO, Vec3::splat(2.0));
     // Normals without numbers mean nothing: the triangles have their own.
@@ -107,7 +107,7 @@ fn broken_levels_are_told_of() {
 }
 
 #[test]
-fn a_room_that_would_never_grow_dark_is_told_of() {
+fn bake_of_lossless_room_prints_warning() {
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
     let level = glb(&room(Vec3::ZERO, Vec3::splat(2.0)), Vec3::Y, WHITE);
     let (code, out, err) = bake(folder.path(), &level);

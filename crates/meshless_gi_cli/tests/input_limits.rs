@@ -95,7 +95,7 @@ impl Folder {
 }
 
 #[test]
-fn device_pipe_and_socket_are_refused_by_every_reader() {
+fn readers_reject_device_pipe_and_socket() {
     let folder = Folder::new();
     let pipe = folder.text("pipe");
     assert!(
@@ -155,7 +155,7 @@ fn device_pipe_and_socket_are_refused_by_every_reader() {
 
 /// Readers behind a bake that is whole.
 #[test]
-fn device_beside_a_bake_is_refused() {
+fn readers_after_valid_bake_reject_device() {
     let folder = Folder::new();
     let recipe =
         "(preset: Draft, rays: 16, levels: 2, sender_levels: 1, extra_levels: 0, probes: ())";
@@ -217,7 +217,7 @@ fn device_beside_a_bake_is_refused() {
 }
 
 #[test]
-fn special_file_that_a_level_names_is_refused() {
+fn scene_reference_to_special_file_is_rejected() {
     let folder = Folder::new();
     symlink("/dev/zero", folder.at("zero.bin")).unwrap();
     let buffer = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"zero.bin","byteLength":4}]}"#;
@@ -238,7 +238,7 @@ fn special_file_that_a_level_names_is_refused() {
 }
 
 #[test]
-fn file_above_the_limit_is_refused() {
+fn file_above_limit_is_rejected() {
     let folder = Folder::new();
     for name in ["huge.glb", "huge.ply", "huge.json", "huge.gi.ron"] {
         // 9 GiB that take no room on the disk.
@@ -297,7 +297,7 @@ fn file_above_the_limit_is_refused() {
 
 /// All files of a level count, each time that it names them.
 #[test]
-fn level_that_names_a_file_again_and_again_is_refused() {
+fn scene_with_repeated_file_references_is_rejected() {
     let folder = Folder::new();
     folder.write("a.bin", vec![0; 100_000]);
     let one = r#"{"uri":"a.bin","byteLength":4}"#;
@@ -373,7 +373,7 @@ fn jpeg(width: u16, height: u16) -> Vec<u8> {
 }
 
 #[test]
-fn image_that_claims_more_pixels_than_it_holds_is_refused() {
+fn image_with_excess_declared_pixels_is_rejected() {
     let folder = Folder::new();
     for (name, image) in [
         ("png", png(16_384, 16_384)),
@@ -391,7 +391,7 @@ fn image_that_claims_more_pixels_than_it_holds_is_refused() {
 }
 
 #[test]
-fn gltf_that_claims_more_than_it_holds_is_refused() {
+fn gltf_with_excess_declared_size_is_rejected() {
     let folder = Folder::new();
     let textured = textured(r#""uri":"data:,""#);
     let (start, end) = (
@@ -470,7 +470,7 @@ fn gltf_that_claims_more_than_it_holds_is_refused() {
 }
 
 #[test]
-fn ply_that_claims_more_than_it_holds_is_refused() {
+fn ply_with_excess_declared_size_is_rejected() {
     let folder = Folder::new();
     let points = |format: &str, count: &str, more: &str| {
         format!(
@@ -498,7 +498,7 @@ fn ply_that_claims_more_than_it_holds_is_refused() {
 }
 
 #[test]
-fn deeply_nested_text_is_refused() {
+fn deeply_nested_text_is_rejected() {
     let folder = Folder::new();
     let deep = "[".repeat(1_000_000);
     let recipe = folder.write("deep.gi.ron", format!("(viewpoints: {deep}"));

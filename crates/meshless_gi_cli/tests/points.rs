@@ -51,7 +51,7 @@ fn places(mesh: &TriangleMesh, count: u64) -> Vec<(Vec3, Vec3)> {
 }
 
 #[test]
-fn a_box_of_points_is_lit_like_the_box() {
+fn point_box_matches_triangle_box() {
     let solid = mesh_of_quads(&cornell_box());
     let points = scatter(&solid, SPACING, 1).expect("points");
     let places = places(&solid, 400);
@@ -123,12 +123,12 @@ fn tool(arguments: &[&str], code: i32) -> String {
 }
 
 #[test]
-fn the_tool_takes_points_like_triangles() {
+fn tool_bakes_points_like_triangles() {
     the_tool_takes_points("Bounded");
 }
 
 #[test]
-fn the_tool_takes_points_under_rule_fmm() {
+fn tool_bakes_points_with_fmm() {
     the_tool_takes_points("Fmm");
 }
 
@@ -309,7 +309,7 @@ fn the_tool_takes_points(rule: &str) {
 /// A scan of a room's inside with no normals: seen from within, its surface faces within, in the
 /// bake and where its points are lit.
 #[test]
-fn a_scan_without_normals_faces_where_it_is_seen_from() {
+fn scan_without_normals_faces_viewpoint() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
     let on = |i: u64| {

@@ -48,7 +48,7 @@ fn check_svg(text: &str) {
 }
 
 #[test]
-fn a_quick_report_is_whole() {
+fn quick_report_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path().join("new/report");
     // So little time that the bakes that cost most are left out.
@@ -129,7 +129,7 @@ fn a_quick_report_is_whole() {
 }
 
 #[test]
-fn what_is_wrong_is_said_before_any_work() {
+fn report_invalid_input_fails_before_baking() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let level = data("cornell/cornell.glb");
@@ -258,7 +258,7 @@ fn tiny_sweep() -> Sweep {
 }
 
 #[test]
-fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
+fn report_errors_fall_with_quality_on_common_axes() {
     let level = mesh_of_quads(&cornell_box());
     let steps = Mutex::new(Vec::new());
     let made = sweep(&level, &tiny_sweep(), &Progress::default(), &|step| {
@@ -323,7 +323,7 @@ fn errors_fall_with_care_and_both_rules_stand_on_the_same_axes() {
 }
 
 #[test]
-fn a_level_without_light_or_without_anything_is_an_error() {
+fn report_of_dark_or_empty_scene_fails() {
     let nothing = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
     let made = sweep(&nothing, &tiny_sweep(), &Progress::default(), &|_| ());
     assert!(made.unwrap_err().to_string().contains("no light"));
@@ -361,7 +361,7 @@ fn made_up(rows: &[(TransportMethod, u64, f64, f64)]) -> Report {
 }
 
 #[test]
-fn rules_are_compared_at_equal_error_and_at_equal_links() {
+fn report_compares_rules_at_equal_error_and_links() {
     let (b, l) = (TransportMethod::Bounded, TransportMethod::L08);
     let report = made_up(&[
         (b, 1_000, 0.1, 3.0),
@@ -411,7 +411,7 @@ fn rules_are_compared_at_equal_error_and_at_equal_links() {
 }
 
 #[test]
-fn every_variant_can_be_baked_and_written_as_a_recipe() {
+fn report_variants_bake_and_write_recipes() {
     let base = baseline().recipe.settings(30.0).unwrap();
     let (quick, full) = (quick(&base), full(&base));
     assert!(quick.len() >= 6 && full.len() > 2 * quick.len());

@@ -344,7 +344,7 @@ fn seeds() -> Vec<Seed> {
 }
 
 #[test]
-fn mutations_are_refused_or_harmless() {
+fn mutated_assets_are_rejected_or_harmless() {
     const LIMIT: u64 = 1 << 20;
     let intensity: f64 = std::env::var("MGI_TEST_INTENSITY")
         .ok()
@@ -411,7 +411,7 @@ fn mutations_are_refused_or_harmless() {
 /// Must fail: the harness sees too much memory, and a walk over a scene that validation refuses
 /// does go wrong.
 #[test]
-fn the_harness_would_notice() {
+fn mutation_harness_detects_memory_and_index_errors() {
     let (_, taken) = peak(|| std::hint::black_box(vec![1u8; 3 << 20]).len());
     assert!(taken >= 3 << 20);
     let mut scene = build(&makes()[0]);

@@ -11,7 +11,7 @@ use meshless_gi::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
 use meshless_gi::transport::pca::Compression;
 
 #[test]
-fn scenes_come_back_bit_by_bit() {
+fn scenes_round_trip_bitwise() {
     for make in makes() {
         let scene = build(&make);
         let stats = scene.validate().unwrap();
@@ -30,7 +30,7 @@ fn scenes_come_back_bit_by_bit() {
 }
 
 #[test]
-fn a_grid_that_can_be_built_again_is_left_out() {
+fn reproducible_grid_is_not_stored() {
     let [plain, stored] = [0, 1].map(|i| build(&makes()[i]));
     let sections = |scene: &BakedScene| scene.to_bytes().unwrap()[12];
     // Two for the baked bounces, two for the grid.
@@ -39,7 +39,7 @@ fn a_grid_that_can_be_built_again_is_left_out() {
 
 /// Breaks a valid scene in one place; validation must name that place.
 #[test]
-fn validation_finds_what_is_broken() {
+fn validation_detects_each_broken_field() {
     type Break = fn(&mut BakedScene);
     let breaks: &[(&str, Break)] = &[
         ("points", |s| s.points[1].position[2] = f32::NAN),
@@ -134,7 +134,7 @@ fn validation_finds_what_is_broken() {
 }
 
 #[test]
-fn validation_finds_what_is_broken_in_the_octree() {
+fn validation_detects_broken_octree() {
     type Break = fn(&mut FmmOperator);
     fn leaf(o: &FmmOperator, list: usize) -> usize {
         let found = |n: &FmmNode| n.is_leaf() && !n.lists()[list].is_empty();
@@ -216,7 +216,7 @@ fn validation_finds_what_is_broken_in_the_octree() {
 }
 
 #[test]
-fn validation_finds_what_is_broken_in_the_columns() {
+fn validation_detects_broken_columns() {
     type Break = fn(&mut Compression);
     let breaks: &[(&str, Break)] = &[
         ("columns", |c| c.columns.clear()),
@@ -302,7 +302,7 @@ fn validation_finds_what_is_broken_in_the_columns() {
 }
 
 #[test]
-fn reading_says_what_is_wrong() {
+fn read_errors_name_cause() {
     let good = build(&makes()[0]).to_bytes().unwrap();
     let read = |bytes: &[u8]| BakedScene::from_bytes(bytes, &Limits::default()).unwrap_err();
     assert!(matches!(read(b""), AssetError::NotMgi));
@@ -344,7 +344,7 @@ fn reading_says_what_is_wrong() {
 }
 
 #[test]
-fn files_are_replaced_whole_or_not_at_all() {
+fn files_are_replaced_atomically() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("level.mgi");
     let (a, b) = (build(&makes()[0]), build(&makes()[1]));

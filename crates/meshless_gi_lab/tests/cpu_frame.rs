@@ -86,7 +86,7 @@ fn furnace(to_sky: bool) -> BakedScene {
 /// A sender's light is the mean over its places: with one of four in the shadow it is three
 /// quarters, and none of its own point's.
 #[test]
-fn a_sender_is_lit_at_its_places() {
+fn sender_light_is_mean_over_samples() {
     let mut scene = furnace(false);
     let place = |k: usize| Vec3::new(2.0 + 0.1 * (k % 4) as f32, 0.0, (k / 4) as f32);
     scene.places = Places {
@@ -127,7 +127,7 @@ fn irradiance(scene: &BakedScene, frame: &CpuFrame, i: usize) -> f32 {
 }
 
 #[test]
-fn bounces_are_a_geometric_series() {
+fn bounces_form_geometric_series() {
     let scene = furnace(false);
     let mut frame = CpuFrame::new(&scene);
     for bounces in 1..6 {
@@ -153,7 +153,7 @@ fn bounces_are_a_geometric_series() {
 }
 
 #[test]
-fn baked_bounces_come_on_top_once() {
+fn baked_bounces_are_added_once() {
     let mut scene = furnace(false);
     // All further bounces in closed form: ρ / (1 − ρ) of the direct radiosity.
     scene.bounces = Some(BounceOperator {
@@ -179,7 +179,7 @@ fn baked_bounces_come_on_top_once() {
 }
 
 #[test]
-fn the_sky_shines_through_its_own_links() {
+fn sky_light_uses_sky_links() {
     let scene = furnace(true);
     let mut frame = CpuFrame::new(&scene);
     let settings = FrameSettings {
@@ -193,7 +193,7 @@ fn the_sky_shines_through_its_own_links() {
 }
 
 #[test]
-fn only_what_changed_is_done_again() {
+fn frame_recomputes_only_changes() {
     let scene = synthetic::scene(SenderForm::Averages);
     let mut lights = synthetic::lights();
     let shining = lights.iter().filter(|l| l.kind != FrameLight::NONE).count();
@@ -239,7 +239,7 @@ fn only_what_changed_is_done_again() {
 }
 
 #[test]
-fn the_same_bits_for_any_number_of_threads() {
+fn frame_any_thread_count_has_equal_bits() {
     for form in [SenderForm::Averages, SenderForm::Differences] {
         let scene = synthetic::scene(form);
         let solve = |threads: usize| {
@@ -260,7 +260,7 @@ fn the_same_bits_for_any_number_of_threads() {
 }
 
 #[test]
-fn lamps_shine_as_the_textbook_says() {
+fn direct_light_matches_inverse_square_law() {
     let x = Vec3::new(0.0, 0.0, 0.0);
     let lamp = Vec3::new(1.0, 2.0, 0.0);
     let (square, cosine) = (5.0f32, 2.0 / 5.0f32.sqrt());
@@ -315,7 +315,7 @@ fn lamps_shine_as_the_textbook_says() {
 }
 
 #[test]
-fn direct_light_has_shadows() {
+fn direct_light_is_blocked_by_geometry() {
     let mut scene = furnace(false);
     // A plate of one meter, one meter above the ground.
     scene.bvh = Bvh {
@@ -365,7 +365,7 @@ fn direct_light_has_shadows() {
 }
 
 #[test]
-fn what_no_function_covers_is_none_and_never_nan() {
+fn evaluation_of_uncovered_point_is_none_without_nan() {
     let scene = furnace(false);
     let mut frame = CpuFrame::new(&scene);
     frame.solve(&scene, &FrameSettings::bounces(1));
@@ -394,7 +394,7 @@ fn what_no_function_covers_is_none_and_never_nan() {
 }
 
 #[test]
-fn differences_add_up_to_averages() {
+fn difference_levels_sum_to_averages() {
     let scene = synthetic::scene(SenderForm::Differences);
     let mut frame = CpuFrame::new(&scene);
     frame.set_lights(&scene, &synthetic::lights());

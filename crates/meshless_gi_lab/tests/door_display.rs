@@ -289,21 +289,21 @@ fn check(name: &str, scene: &BakedScene, near_too: bool) {
 }
 
 #[test]
-fn door_in_any_box_is_lit_as_the_reference_has_it() {
+fn door_in_any_box_matches_reference() {
     for (name, half) in BOXES {
         check(name, &baked(Some((half, 0.0))), true);
     }
 }
 
 #[test]
-fn door_without_an_occluder_is_lit_as_the_reference_has_it() {
+fn door_without_occluder_matches_reference() {
     check("none", &baked(None), true);
 }
 
 /// The box's middle lies before the door, where planes that do not lean would have the door lit
 /// from behind.
 #[test]
-fn door_in_the_farther_half_of_its_box_is_lit_from_the_side_that_it_faces() {
+fn door_in_far_half_of_box_is_lit_from_faced_side() {
     let scene = baked(Some((0.06, -0.04)));
     check("off the middle", &scene, false);
     let mut upright = scene.clone();
@@ -319,7 +319,7 @@ fn door_in_the_farther_half_of_its_box_is_lit_from_the_side_that_it_faces() {
 
 /// What forward cameras read beside a shut door: of either room its own light.
 #[test]
-fn volume_beside_a_shut_door_has_the_light_of_its_side() {
+fn volume_at_closed_door_has_light_of_its_side() {
     let scene = baked(Some((0.06, 0.0)));
     let frame = solved(&scene, 0.0);
     let [low, high] = scene.info.bounds.map(Vec3::from);

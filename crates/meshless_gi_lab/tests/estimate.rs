@@ -99,18 +99,18 @@ fn is_honest(name: &'static str) {
 }
 
 #[test]
-fn holds_the_truth_in_the_cornell_box() {
+fn estimate_interval_contains_true_error_in_cornell_box() {
     is_honest("cornell");
 }
 
 #[test]
-fn holds_the_truth_in_open_rooms() {
+fn estimate_interval_contains_true_error_in_open_rooms() {
     is_honest("rooms_open");
 }
 
 /// A largest error makes a bake as fine as it must be, and no finer.
 #[test]
-fn a_largest_error_is_met_with_no_more_care_than_it_takes() {
+fn target_error_is_met_at_lowest_quality_level() {
     let level = level("cornell");
     let bake = |recipe: &Recipe| bake_scene(&level.mesh, recipe, 0, &Progress::default()).unwrap();
     let draft = Recipe {

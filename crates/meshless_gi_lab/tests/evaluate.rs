@@ -7,7 +7,7 @@ use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::errors;
 
 #[test]
-fn what_glows_is_direct_light_and_only_its_reflections_are_indirect() {
+fn emission_counts_as_direct_light() {
     let mut quads = cornell_box();
     // The top of the tall block glows.
     quads[9].material.emissive = Vec3::new(5.0, 4.0, 3.0);
@@ -79,7 +79,7 @@ fn what_glows_is_direct_light_and_only_its_reflections_are_indirect() {
 }
 
 #[test]
-fn lamps_are_as_the_reference_has_them_near_and_far() {
+fn light_types_match_reference_near_and_far() {
     let mesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,
@@ -132,7 +132,7 @@ fn lamps_are_as_the_reference_has_them_near_and_far() {
 }
 
 #[test]
-fn all_bounces_are_more_than_four_and_no_more_than_change_anything() {
+fn automatic_bounces_converge() {
     let mesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {
         preset: Preset::Draft,

@@ -47,7 +47,7 @@ fn on_a_sphere(count: usize, radius: f32, at: Vec3, inward: bool) -> Vec<FmmPoin
 /// The error falls with the order as separation^(order + 1) says, in a room where a third of all
 /// pairs look away from each other.
 #[test]
-fn converges_to_the_direct_sum() {
+fn fmm_converges_to_direct_sum() {
     let room = with_ball(6000);
     let radiosity = glow(&room);
     let all: Vec<u32> = (0..room.points.len() as u32).step_by(3).collect();
@@ -78,7 +78,7 @@ fn converges_to_the_direct_sum() {
 
 /// From inside of a sphere every point sees every other, with the same kernel: E = B.
 #[test]
-fn a_sphere_from_inside_is_even() {
+fn fmm_inside_of_sphere_is_uniform() {
     let count = 5000;
     let points = on_a_sphere(count, 3.0, Vec3::new(40.0, -7.0, 1.0), true);
     let radiosity = vec![Vec3::new(1.0, 2.0, 0.5); count];
@@ -111,7 +111,7 @@ fn a_sphere_from_inside_is_even() {
 /// From outside nobody sees anybody: without care for what looks away two wrong signs would make B
 /// arrive.
 #[test]
-fn a_sphere_from_outside_is_dark() {
+fn fmm_outside_of_sphere_is_dark() {
     let points = on_a_sphere(4000, 1.0, Vec3::ZERO, false);
     for slack in [0.0, 0.03] {
         let settings = FmmSettings { slack, ..exact() };
@@ -126,7 +126,7 @@ fn a_sphere_from_outside_is_dark() {
 
 /// The slack's band of directions holds slack² of a hemisphere's light.
 #[test]
-fn a_slack_costs_little_and_saves_pairs() {
+fn fmm_slack_saves_pairs_within_error_bound() {
     let room = with_ball(6000);
     let radiosity = glow(&room);
     let run = |slack: f32| {
@@ -154,7 +154,7 @@ fn a_slack_costs_little_and_saves_pairs() {
 }
 
 #[test]
-fn any_number_of_threads_gives_the_same_bits() {
+fn fmm_any_thread_count_has_equal_bits() {
     let room = cornell(2000);
     let mesh = mesh_of_quads(&cornell_box());
     let radiosity = glow(&room);
@@ -182,7 +182,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// The Cornell box as points, blocks in the way, lit by a lamp: many bounces against the reference
 /// integrator at the same places.
 #[test]
-fn the_cornell_box_agrees_with_the_reference() {
+fn fmm_cornell_box_matches_reference() {
     let room = cornell(8000);
     let mesh = mesh_of_quads(&cornell_box());
     let lamp = Light::Point {
@@ -255,7 +255,7 @@ fn finite(points: &[FmmPoint], what: &str) -> Vec<Vec3> {
 }
 
 #[test]
-fn hard_cases() {
+fn fmm_degenerate_input_stays_finite() {
     let point = |position: Vec3, normal: Vec3| FmmPoint {
         position,
         normal,
@@ -326,7 +326,7 @@ fn hard_cases() {
 }
 
 #[test]
-fn a_million_points_in_one_spot() {
+fn fmm_coincident_points_do_not_overflow() {
     let start = Instant::now();
     let mut points = vec![
         FmmPoint {
@@ -345,7 +345,7 @@ fn a_million_points_in_one_spot() {
 }
 
 #[test]
-fn bad_input_is_told() {
+fn fmm_invalid_input_returns_named_error() {
     let room = cornell(100);
     let n = room.points.len();
     let fmm = Fmm::new(&room.points, &FmmSettings::default(), None).unwrap();

@@ -167,7 +167,7 @@ fn nrmse(found: &[Vec3], right: &[Vec3]) -> f64 {
 }
 
 #[test]
-fn fog_is_lit_as_the_reference_has_it() {
+fn fog_matches_reference() {
     let (mesh, lights, scene) = rooms();
     let places = places();
     let asymmetries = [0.0, 0.25, 0.5, 0.75];
@@ -232,7 +232,7 @@ fn fog_is_lit_as_the_reference_has_it() {
 
 /// Rays in parts of so many voxels, beside parts of an eighth of a voxel: what is lost.
 #[test]
-fn parts_of_rays_are_short_enough() {
+fn fog_ray_step_error_is_bounded() {
     let (mesh, lights, scene) = rooms();
     let air = Air::new(&scene, &lights, None);
     let bounds = scene.info.bounds.map(Vec3::from);
@@ -301,7 +301,7 @@ fn parts_of_rays_are_short_enough() {
 /// Two rooms with two centimeters between them, a lamp in one: nothing is in the other's fog, up to
 /// its walls.
 #[test]
-fn fog_in_the_next_room_is_dark() {
+fn fog_in_unlit_room_is_dark() {
     let size = Vec3::new(3.0, 2.5, 3.0);
     let low = Vec3::new(3.02, 0.0, 0.0);
     let mut quads = room(Vec3::ZERO, size);

@@ -22,7 +22,7 @@ fn finite(texels: &[[f32; 4]]) {
 /// FLIP 0.01 against full resolution with a tenth of its evaluations; one list for all lights takes
 /// twice as many for a FLIP that is hardly less.
 #[test]
-fn few_evaluations_show_what_full_resolution_shows() {
+fn specular_adaptive_evaluation_matches_full_resolution() {
     let mesh = room();
     for (count, roughness) in [(64, 0.25), (256, 0.25), (64, 0.15)] {
         let scene = Scene::new(SIZE, virtual_lights(&mesh, 64, count), roughness);
@@ -53,7 +53,7 @@ fn few_evaluations_show_what_full_resolution_shows() {
 /// Where every light is asked that was seen at all around a node, the sum of changes is the sum of
 /// the lights. A light that all nodes around see dark is not asked: few notice.
 #[test]
-fn what_is_evaluated_is_exact() {
+fn specular_full_refinement_equals_sum_of_lights() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
     let settings = GlossSettings {
         light: 0.0,
@@ -86,7 +86,7 @@ fn what_is_evaluated_is_exact() {
 
 /// Shadows of the room's own walls: edges of light in the gloss.
 #[test]
-fn hidden_lights_give_no_gloss() {
+fn specular_of_hidden_lights_is_zero() {
     let open = Scene::new(SIZE, virtual_lights(&room(), 32, 48), 0.25);
     let bright: f32 = open.full().iter().map(|t| t[1]).sum();
     let scene = open.shadowed();
@@ -105,7 +105,7 @@ fn hidden_lights_give_no_gloss() {
 }
 
 #[test]
-fn what_is_dull_or_unlit_asks_nothing() {
+fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     let mut scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
     for (i, texel) in scene.drawn.gbuffer.iter_mut().enumerate() {
         let n = gbuffer::normal(*texel);
@@ -129,7 +129,7 @@ fn what_is_dull_or_unlit_asks_nothing() {
 
 /// The direction to the eye comes from the matrix alone: of a pinhole, of parallel rays.
 #[test]
-fn the_eye_is_where_the_picture_is_seen_from() {
+fn view_direction_follows_projection_matrix() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 8), 0.25);
     let eye = scene.view_from_world.inverse().project_point3(Vec3::ZERO);
     let params = scene.params(&GlossSettings::default());
@@ -151,7 +151,7 @@ fn the_eye_is_where_the_picture_is_seen_from() {
 /// Lights on the very surface, without size, without normal, without flux, behind it: no number
 /// that is none, and nothing brighter than the disk's light allows.
 #[test]
-fn nothing_sparkles() {
+fn specular_degenerate_lights_stay_finite_and_bounded() {
     let mut vpls = virtual_lights(&room(), 32, 12);
     let on = |square, normal: Vec3| Vpl {
         position: [2.7, 0.001, 2.5],

@@ -39,7 +39,7 @@ fn stays_dark(scene: &Walled, rules: &[TransportMethod]) {
 }
 
 #[test]
-fn a_room_behind_a_thin_wall_stays_dark() {
+fn room_behind_thin_wall_stays_dark() {
     stays_dark(
         &rooms("2 cm", 0.02, Door::Closed, 256),
         &[TransportMethod::Bounded],
@@ -47,7 +47,7 @@ fn a_room_behind_a_thin_wall_stays_dark() {
 }
 
 #[test]
-fn a_room_behind_a_sheet_stays_dark() {
+fn room_behind_sheet_stays_dark() {
     let scene = rooms("a sheet", 0.0, Door::Closed, 256);
     stays_dark(&scene, &[TransportMethod::L08, TransportMethod::Bounded]);
 }
@@ -55,7 +55,7 @@ fn a_room_behind_a_sheet_stays_dark() {
 /// In the units of the lit room's light: what is wrong behind the wall is less than what is wrong
 /// before it.
 #[test]
-fn behind_a_thin_wall_with_a_door_light_is_as_right_as_before_it() {
+fn room_behind_thin_wall_with_door_is_as_accurate_as_lit_room() {
     let scene = open();
     let with = measure(&scene, TransportMethod::Bounded, true, 64);
     let without = measure(&scene, TransportMethod::Bounded, false, 64);

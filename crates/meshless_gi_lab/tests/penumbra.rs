@@ -87,7 +87,7 @@ fn meets(name: &str, panels: &[Light]) {
 }
 
 #[test]
-fn penumbrae_in_a_box_with_two_blocks() {
+fn penumbrae_in_box_with_blocks_match_reference() {
     meets(
         "cornell",
         &[

@@ -104,7 +104,7 @@ fn mean_and_spread(found: &[(f32, f32)]) -> (f64, f64) {
 /// room its mean is Φ ρ / ((1 − ρ) A). At ρ = 0.9 what one reflection loses through slits between
 /// points counts ten times.
 #[test]
-fn closed_rooms_of_points_keep_their_light() {
+fn closed_point_rooms_conserve_energy() {
     for albedo in [0.5f32, 0.9] {
         let power = 4.0 * PI * f64::from(INTENSITY);
         for (what, points, area, [off, uneven]) in [
@@ -132,7 +132,7 @@ fn closed_rooms_of_points_keep_their_light() {
 /// A noisy scan: half a spacing off in any direction. What cells lose to each other's rims and
 /// slits is what the mean is off.
 #[test]
-fn a_noisy_closed_room_keeps_its_light() {
+fn noisy_closed_point_room_conserves_energy() {
     const SPACING: f32 = 0.04;
     let mut points = cube(SPACING, 0.5);
     for (i, x) in (0..).zip(&mut points.positions) {
@@ -202,7 +202,7 @@ fn seen(level: &TriangleMesh, walls: usize, count: u64) -> [Vec<(Vec3, Vec3)>; 2
 /// it on both. What is left at `Draft` is the recipe's and not the points': the same statue as
 /// triangles is as far off.
 #[test]
-fn a_statue_of_points_and_a_room_of_triangles_light_each_other() {
+fn point_statue_and_triangle_room_exchange_light() {
     let lamp = [Light::Rect {
         center: Vec3::new(0.3, 1.9, 0.5),
         u: Vec3::X * 0.2,

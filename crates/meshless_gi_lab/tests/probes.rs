@@ -90,7 +90,7 @@ fn through_two_rooms() -> Vec<Vec3> {
 }
 
 #[test]
-fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
+fn moving_ball_through_two_rooms_matches_reference() {
     let folder =
         Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
     let description = SceneDescription::read(folder.join("L0.json")).unwrap();
@@ -139,7 +139,7 @@ fn a_ball_through_two_rooms_is_lit_as_the_reference_has_it() {
 /// `rooms_open` with its opening walled up: a ball on the same way has none of the lit room's light
 /// in the other.
 #[test]
-fn a_ball_in_the_sealed_room_is_dark() {
+fn ball_in_sealed_room_stays_dark() {
     let folder =
         Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
     let description = SceneDescription::read(folder.join("L0.json")).unwrap();
@@ -232,7 +232,7 @@ fn solved(scene: &BakedScene, lights: &[FrameLight], sky: f32, sweeps: u32) -> C
 }
 
 #[test]
-fn nothing_comes_through_a_wall_of_any_thickness() {
+fn probes_behind_wall_of_any_thickness_stay_dark() {
     for gap in [0.02, 0.0] {
         let mut quads = room(Vec3::ZERO, Vec3::new(3.0, 2.5, 3.0), 0.7, |_| false);
         let low = Vec3::new(3.0 + gap, 0.0, 0.0);
@@ -271,7 +271,7 @@ fn nothing_comes_through_a_wall_of_any_thickness() {
 /// Behind a wall of two centimeters a volume is black, whatever its voxels; on the lit walls and in
 /// the air it is what the probes say, or the display of the walls. Also where the level is turned.
 #[test]
-fn volumes_are_lit_as_the_room_is_and_dark_behind_its_walls() {
+fn volumes_match_room_and_stay_dark_behind_walls() {
     let size = Vec3::new(3.0, 2.5, 3.0);
     let low = Vec3::new(3.02, 0.0, 0.0);
     let mut quads = room(Vec3::ZERO, size, 0.7, |_| false);
@@ -404,7 +404,7 @@ fn shares_say_what_probes_say(
 }
 
 #[test]
-fn closed_forms() {
+fn probes_match_closed_forms() {
     // A sky over a single quad, from above: half of all directions. E(n) of the upper hemisphere is
     // (1 + n.y) / 2 of all.
     let floor = Quad {
@@ -488,7 +488,7 @@ fn closed_forms() {
 }
 
 #[test]
-fn the_file_keeps_them_and_finds_what_is_damaged() {
+fn probe_data_round_trips_and_damage_is_detected() {
     let mesh = mesh_of_quads(&cornell_box());
     let recipe = Recipe {
         levels: Some(3),
@@ -613,7 +613,7 @@ fn the_file_keeps_them_and_finds_what_is_damaged() {
 /// A dome on the floor is lit by functions of the floor below and by probes above: its light does
 /// not jump between the two.
 #[test]
-fn surfaces_and_space_meet_without_a_seam() {
+fn surface_and_probe_light_join_continuously() {
     let mesh = mesh_of_quads(&cornell_box());
     let scene = baked(&mesh, draft());
     let lamp = Light::Point {

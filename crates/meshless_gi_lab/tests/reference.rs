@@ -31,7 +31,7 @@ fn parallelogram(corner: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
 }
 
 #[test]
-fn lamps_over_a_plane_follow_their_laws() {
+fn lights_over_plane_match_closed_forms() {
     let floor = parallelogram(Vec3::new(-10.0, 0.0, 10.0), 20.0 * Vec3::X, -20.0 * Vec3::Z);
     // A small roof that shades points left of x = -2.
     let roof = parallelogram(Vec3::new(-10.0, 1.0, 5.0), 8.5 * Vec3::X, -10.0 * Vec3::Z);
@@ -101,7 +101,7 @@ fn lamps_over_a_plane_follow_their_laws() {
 }
 
 #[test]
-fn any_number_of_threads_finds_the_same() {
+fn reference_any_thread_count_has_equal_result() {
     let furnace = ImplicitScene::new(vec![ImplicitObject {
         shape: Shape::Cavity {
             center: Vec3::new(1.0, 0.0, 0.0),
@@ -124,7 +124,7 @@ fn any_number_of_threads_finds_the_same() {
 
 /// Sky light on an open plane is π L; half of it under a wall that is very large.
 #[test]
-fn sky_is_what_rays_find_where_there_is_nothing() {
+fn sky_over_open_plane_matches_closed_form() {
     let floor = parallelogram(Vec3::new(-1e4, 0.0, 1e4), 2e4 * Vec3::X, -2e4 * Vec3::Z);
     let wall = parallelogram(Vec3::new(-1e4, 0.0, 0.0), 2e4 * Vec3::X, 1e4 * Vec3::Y);
     let mesh =
@@ -230,7 +230,7 @@ fn agrees(folder: &Path) {
 }
 
 #[test]
-fn ground_truth_of_another_program_agrees() {
+fn reference_matches_external_ground_truth() {
     for name in ["cornell", "rooms_open"] {
         agrees(
             &Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
@@ -243,7 +243,7 @@ fn ground_truth_of_another_program_agrees() {
 /// Ground truth that is not the project's to publish: the folders of the one that
 /// `MESHLESS_GI_REFERENCE` names, or of one beside the project.
 #[test]
-fn unpublished_ground_truth_agrees() {
+fn reference_matches_unpublished_ground_truth() {
     let folder = std::env::var_os("MESHLESS_GI_REFERENCE").map_or_else(
         || Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("../shared/reference"),
         PathBuf::from,

@@ -87,18 +87,18 @@ fn published(name: &str) -> PathBuf {
 }
 
 #[test]
-fn cornell_box_at_medium() {
+fn cornell_box_at_medium_matches_reference() {
     holds(&published("cornell"), 0.06);
 }
 
 #[test]
-fn open_rooms_at_medium() {
+fn open_rooms_at_medium_match_reference() {
     holds(&published("rooms_open"), 0.06);
 }
 
 /// Sponza is not ours to publish: it is looked for beside the project.
 #[test]
-fn sponza_at_medium() {
+fn sponza_at_medium_matches_reference() {
     let folder =
         Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("../shared/reference/sponza");
     if folder.join("L0.json").exists() {
@@ -111,7 +111,7 @@ fn sponza_at_medium() {
 /// Wherever light can reach, the display knows a value; and functions that only reach half as far
 /// would leave holes.
 #[test]
-fn the_display_has_no_holes() {
+fn flat_basis_covers_every_reachable_point() {
     let (_, mesh, _) = load(&published("rooms_open"));
     let scene = baked(&mesh, Preset::Draft);
     let viewpoints: Vec<Vec3> = scene.info.viewpoints.iter().map(|&v| v.into()).collect();

@@ -146,7 +146,7 @@ fn truth(room: &Room) -> Vec<(Vec3, Vec3)> {
 }
 
 #[test]
-fn one_bounce_agrees_with_the_reference() {
+fn rsm_bounce_matches_reference() {
     let case = |name, room, bounds, near| Case {
         name,
         room,
@@ -226,7 +226,7 @@ fn one_bounce_agrees_with_the_reference() {
 /// A ball that goes a millimeter a frame, where a texel is two centimeters wide: the light on the
 /// walls changes as smoothly.
 #[test]
-fn light_does_not_flicker_where_an_object_moves() {
+fn rsm_light_of_slowly_moving_object_is_stable() {
     let eye = Vec3::new(0.5, 2.5, 0.6);
     let middle = Vec3::new(2.2, 1.0, 2.0);
     let frames = 48;
@@ -306,7 +306,7 @@ fn light_does_not_flicker_where_an_object_moves() {
 /// A disk of constant radiosity: on its axis E = B R² / (R² + h²), also with one light, at every
 /// height.
 #[test]
-fn a_lit_disk_gives_its_closed_form() {
+fn rsm_lit_disk_matches_closed_form() {
     let radius = 0.25;
     let corner = |i: u32| {
         let a = i as f32 / 128.0 * std::f32::consts::TAU;
@@ -362,7 +362,7 @@ fn flux_of(lights: &[Vpl]) -> Vec3 {
 /// Strata keep all flux, whatever the numbers of texels and lights, and never share out what is not
 /// there.
 #[test]
-fn no_flux_is_lost_or_made() {
+fn rsm_selection_conserves_flux() {
     let texels = ball_room().texels(64);
     let whole: Vec3 = texels.iter().map(|t| Vec3::from_array(t.flux)).sum();
     assert!(whole.x > 0.0);
@@ -392,7 +392,7 @@ fn no_flux_is_lost_or_made() {
 
 /// Texels that a wall keeps the lamp from reflect nothing; those in front of it all they did.
 #[test]
-fn baked_walls_shadow_the_map() {
+fn rsm_is_shadowed_by_baked_walls() {
     let room = door_room();
     let lit = room.texels(64);
     let light = room.slot();
@@ -422,7 +422,7 @@ fn baked_walls_shadow_the_map() {
 }
 
 #[test]
-fn hard_cases_stay_numbers() {
+fn rsm_degenerate_input_stays_finite() {
     let center = Vec3::new(2.2, 1.0, 2.0);
     let object = mesh(ball(center, 0.5), ORANGE);
     let eye = Vec3::new(0.5, 2.5, 0.6);
@@ -508,7 +508,7 @@ fn hard_cases_stay_numbers() {
 
 /// Far from the world's origin, in a space whose origin is near by, the lights are the same.
 #[test]
-fn a_hundred_kilometers_away_nothing_changes() {
+fn rsm_far_from_origin_is_unchanged() {
     // A power of two, so that the test's own camera is not rounded: places there are known to 8 mm.
     let far = Vec3::new(131_072.0, 0.0, -131_072.0);
     let (eye, center) = (Vec3::new(0.5, 2.5, 0.75), Vec3::new(2.25, 1.0, 2.0));

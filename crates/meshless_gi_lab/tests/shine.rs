@@ -408,35 +408,35 @@ fn a_picture_shines(name: &'static str, parts: fn() -> Parts, preset: Preset) {
 }
 
 #[test]
-fn a_picture_shines_in_the_cornell_box() {
+fn emissive_picture_in_cornell_box_matches_reference() {
     a_picture_shines("cornell", cornell_with_screen, Preset::Draft);
 }
 
 #[test]
-fn a_picture_shines_in_two_rooms() {
+fn emissive_picture_in_two_rooms_matches_reference() {
     a_picture_shines("rooms", rooms_with_screen, Preset::Draft);
 }
 
 #[test]
-fn all_that_shines_in_the_cornell_box() {
+fn dynamic_lighting_in_cornell_box_matches_reference() {
     in_the_cornell_box(Preset::Draft);
 }
 
 #[test]
-fn all_that_shines_in_two_rooms() {
+fn dynamic_lighting_in_two_rooms_matches_reference() {
     in_two_rooms(Preset::Draft);
 }
 
 #[test]
 #[ignore = "takes minutes; .ci/run has it"]
-fn all_that_shines_in_the_cornell_box_at_medium() {
+fn dynamic_lighting_in_cornell_box_at_medium_matches_reference() {
     a_picture_shines("cornell", cornell_with_screen, Preset::Medium);
     in_the_cornell_box(Preset::Medium);
 }
 
 #[test]
 #[ignore = "takes minutes; .ci/run has it"]
-fn all_that_shines_in_two_rooms_at_medium() {
+fn dynamic_lighting_in_two_rooms_at_medium_matches_reference() {
     a_picture_shines("rooms", rooms_with_screen, Preset::Medium);
     in_two_rooms(Preset::Medium);
 }

@@ -56,7 +56,7 @@ fn largest_z(solution: &Solution, truth: &[Irradiance]) -> f64 {
 }
 
 #[test]
-fn monte_carlo_agrees_and_disagrees_with_other_constants() {
+fn monte_carlo_matches_closed_form_and_rejects_other_constants() {
     let places: Vec<(Vec3, Vec3)> = sites().into_iter().map(place).collect();
     let settings = ReferenceSettings {
         paths: 100_000,
@@ -94,7 +94,7 @@ fn monte_carlo_agrees_and_disagrees_with_other_constants() {
 }
 
 #[test]
-fn cells_converge_and_a_hundred_of_the_papers_do_not_reach_a_half_per_cent() {
+fn cells_converge_and_hundred_cells_exceed_half_percent_error() {
     let fine = V11.solve(800).expect("a scene");
     assert!(fine.iterations < 40);
     let error = |s: &Solution| {
@@ -117,7 +117,7 @@ fn cells_converge_and_a_hundred_of_the_papers_do_not_reach_a_half_per_cent() {
 }
 
 #[test]
-fn closed_forms_and_the_axes_of_figure_10() {
+fn sphere_over_disk_matches_closed_forms_of_figure_10() {
     // Without further reflection the lowest place sees a disk of 40 m less one of 5 m from 15 m: F
     // = R²/(R² + d²) − r²/(r² + d²).
     let faint = SphereOverDisk {
@@ -150,7 +150,7 @@ fn closed_forms_and_the_axes_of_figure_10() {
 }
 
 #[test]
-fn what_is_no_scene_is_refused() {
+fn invalid_sphere_over_disk_is_rejected() {
     for bad in [
         SphereOverDisk { radius: 0.0, ..V11 },
         SphereOverDisk {

@@ -166,19 +166,19 @@ fn published(name: &str) -> Stage {
 }
 
 #[test]
-fn cornell_box_beside_full_resolution() {
+fn subsplats_in_cornell_box_match_full_resolution() {
     holds(&published("cornell"), &[0, 1], 0.012, 0.15);
 }
 
 #[test]
-fn open_rooms_beside_full_resolution_and_in_motion() {
+fn subsplats_in_open_rooms_match_full_resolution_in_motion() {
     let stage = published("rooms_open");
     holds(&stage, &[0], 0.011, 0.1);
     pops_at_most(&stage, 0, 0.15, 0.035, 0.004);
 }
 
 #[test]
-fn clutter_beside_full_resolution_and_in_motion() {
+fn subsplats_in_clutter_match_full_resolution_in_motion() {
     let level = clutter();
     let stage = Stage {
         level,
@@ -255,7 +255,7 @@ fn pops_at_most(stage: &Stage, i: usize, largest: f32, most: f32, rms: f64) {
 
 /// A bright wall behind dark things, one of them a pixel wide, and the other way round.
 #[test]
-fn no_light_crosses_an_edge_of_depth() {
+fn subsplats_do_not_leak_across_depth_edges() {
     let near = |x: f32, width: f32| quad(Vec3::new(x, -0.7, -1.0), width * Vec3::X, 1.4 * Vec3::Y);
     let mesh = || mesh_of_quads(&[wall(), near(-0.5, 0.3), near(0.2, 0.004), near(0.4, 0.02)]);
     let behind: fn(Vec3) -> VectorIrradiance =
@@ -285,7 +285,7 @@ fn no_light_crosses_an_edge_of_depth() {
 /// A table top over the floor, seen from far away by parallel rays, and through a lens of five
 /// degrees: the distance is hundreds of times what lies between them.
 #[test]
-fn no_light_crosses_an_edge_seen_from_afar() {
+fn subsplats_do_not_leak_across_distant_edges() {
     let top = |at: Vec3, edge: f32| quad(at, edge * Vec3::X, -edge * Vec3::Z);
     let mesh = || {
         mesh_of_quads(&[
@@ -339,7 +339,7 @@ fn no_light_crosses_an_edge_seen_from_afar() {
 
 /// Bumps in the dark: light that is not there needs no evaluation of every pixel.
 #[test]
-fn dark_bumps_are_not_evaluated_pixel_by_pixel() {
+fn subsplats_of_dark_bumps_stay_coarse() {
     let ridge = |i: i32| {
         let x = 0.1 * i as f32;
         let (low, high) = (Vec3::new(x, -20.0, -4.0), Vec3::new(x + 0.05, -20.0, -3.97));
@@ -360,7 +360,7 @@ fn dark_bumps_are_not_evaluated_pixel_by_pixel() {
 }
 
 #[test]
-fn a_flat_view_refines_next_to_nothing() {
+fn subsplats_of_flat_view_stay_coarse() {
     let stage = ahead(mesh_of_quads(&[wall()]), even);
     let view = View::new(&stage, Vec3::ZERO, Vec3::new(0.3, 0.2, -1.0), SIZE);
     let settings = SubsplatSettings::default();
@@ -384,7 +384,7 @@ fn a_flat_view_refines_next_to_nothing() {
 /// No basis is asked where there is nothing: what is listed are the nodes of the two coarsest
 /// levels.
 #[test]
-fn all_sky_gives_zeros_and_asks_nothing() {
+fn subsplats_of_sky_are_zero_without_evaluation() {
     let stage = ahead(mesh_of_quads(&[wall()]), even);
     let view = View::new(&stage, Vec3::ZERO, Vec3::Z, SIZE);
     let settings = SubsplatSettings::default();
@@ -407,7 +407,7 @@ fn all_sky_gives_zeros_and_asks_nothing() {
 /// \[N09\] §5.2: a cell is divided too where a diagonal neighbor is not continuous, and nowhere
 /// else.
 #[test]
-fn diagonals_divide_what_is_diagonal_to_an_edge() {
+fn subsplats_divide_cells_diagonal_to_edge() {
     let level = clutter();
     let stage = Stage {
         level,
@@ -471,7 +471,7 @@ fn broken(view: &View<'_>, depth: DepthTest, normal: NormalTest) -> usize {
 const NO_NORMAL: [NormalTest; 2] = [NormalTest::MinMax(2.0), NormalTest::Curvature(2.0)];
 
 #[test]
-fn every_test_of_depth_finds_a_step_and_planes_are_none() {
+fn depth_tests_detect_steps_and_accept_planes() {
     let tests = [
         DepthTest::Plane(0.05),
         DepthTest::MinMax(0.05),
@@ -513,7 +513,7 @@ fn every_test_of_depth_finds_a_step_and_planes_are_none() {
 }
 
 #[test]
-fn every_test_of_normals_finds_a_crease() {
+fn normal_tests_detect_creases() {
     // A step of depth is none of their business; floor and wall meet without one.
     let back = quad(Vec3::new(-20.0, -1.0, -4.0), 40.0 * Vec3::X, 20.0 * Vec3::Y);
     let ground = quad(Vec3::new(-20.0, -1.0, 5.0), 40.0 * Vec3::X, -9.0 * Vec3::Z);
@@ -536,7 +536,7 @@ fn every_test_of_normals_finds_a_crease() {
 
 /// \[N09\] Eq. (3), pixel by pixel, from the camera's place.
 #[test]
-fn detail_darkens_what_is_seen_at_a_slant() {
+fn detail_test_matches_equation_3_at_grazing_angles() {
     let stage = ahead(floor(), even);
     let eye = Vec3::new(0.0, 0.5, 0.0);
     let view = View::new(&stage, eye, Vec3::new(0.0, -0.5, -1.0), SIZE);
@@ -568,7 +568,7 @@ fn detail_darkens_what_is_seen_at_a_slant() {
 }
 
 #[test]
-fn any_settings_and_sizes_give_numbers() {
+fn subsplats_of_any_settings_and_sizes_stay_finite() {
     let stage = Stage {
         level: clutter(),
         source: Source::Made(sloping),
@@ -639,7 +639,7 @@ fn any_settings_and_sizes_give_numbers() {
 
 /// One wrong node among ten thousand.
 #[test]
-fn a_spoiled_node_is_found() {
+fn subsplat_comparison_detects_one_wrong_node() {
     let stage = Stage {
         level: clutter(),
         source: Source::Made(sloping),
@@ -664,7 +664,7 @@ fn a_spoiled_node_is_found() {
 
 /// What reflects nothing of the lamp, what is unlit: such pixels are sky to subsplats.
 #[test]
-fn unlit_pixels_stay_without_light() {
+fn unlit_pixels_stay_dark() {
     let stage = ahead(mesh_of_quads(&[wall()]), even);
     let mut view = View::new(&stage, Vec3::ZERO, Vec3::NEG_Z, SIZE);
     for (i, texel) in view.drawn.gbuffer.iter_mut().enumerate() {

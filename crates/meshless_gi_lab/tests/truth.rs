@@ -113,7 +113,7 @@ fn hall(albedo: Vec3, radiance: Vec3) -> TriangleMesh {
 /// In a sphere and in a hall that emit and reflect alike everywhere, the light is M Σ ρ^i, at ρ =
 /// 0.99 a hundred times the emission.
 #[test]
-fn enclosures_glow_as_the_series_says() {
+fn emitting_enclosures_match_geometric_series() {
     let radiance = Vec3::new(1.0, 0.5, 2.0);
     let in_the_hall = [
         (Vec3::new(1.0, 0.0, 0.7), Vec3::Y),
@@ -150,7 +150,7 @@ fn enclosures_glow_as_the_series_says() {
 
 /// Lamps inside a sphere: whatever they shine at, reflected light is the same everywhere.
 #[test]
-fn lamps_in_a_sphere_fill_it_evenly() {
+fn lights_in_sphere_give_uniform_irradiance() {
     let albedo = Vec3::new(0.8, 0.5, 0.9);
     let sphere = cavity(albedo, Vec3::ZERO);
     let intensity = Vec3::new(1.0, 2.0, 0.5);
@@ -207,7 +207,7 @@ fn lamps_in_a_sphere_fill_it_evenly() {
 
 /// A lamp between a floor and a ceiling without end.
 #[test]
-fn a_ceiling_returns_a_lamps_light() {
+fn light_under_ceiling_matches_closed_form() {
     let (room, below) = (3.0f32, 0.8f32);
     let albedo = Vec3::new(0.9, 0.5, 0.2);
     let half_space = |normal: Vec3, offset: f32, albedo: Vec3| ImplicitObject {
@@ -240,7 +240,7 @@ fn a_ceiling_returns_a_lamps_light() {
 
 /// Emitting rectangles, as surfaces and as lamps, at tilted and aligned places.
 #[test]
-fn rectangles_light_as_polygons_do() {
+fn rectangle_emitters_match_polygon_formula() {
     let nothing = TriangleMesh::new(
         Vec::new(),
         Vec::new(),
@@ -318,7 +318,7 @@ fn form_factor(
 }
 
 #[test]
-fn form_factors_of_rectangles() {
+fn rectangle_form_factors_match_closed_forms() {
     let black = Material::diffuse(Vec3::ZERO);
     // The receiver lies at y = 0, `u` along x and `v` along -z; emitters face it.
     for (what, size, corner, u, v, right) in [

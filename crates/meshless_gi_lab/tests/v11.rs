@@ -81,7 +81,7 @@ fn rows(set: &PointSet, known: &Solution, truth: &Solution) -> Vec<ComparisonRow
 }
 
 #[test]
-fn the_bases_stand_as_the_document_says_and_another_reference_is_noticed() {
+fn basis_ranking_matches_document_and_detects_other_reference() {
     let scene = SphereOverDisk::default();
     let solution = scene.solve(400).expect("a scene");
     for seed in [1, 9] {
@@ -99,7 +99,7 @@ fn the_bases_stand_as_the_document_says_and_another_reference_is_noticed() {
 }
 
 #[test]
-fn more_points_are_better_and_the_same_points_give_the_same_numbers() {
+fn basis_error_falls_with_points_and_is_reproducible() {
     let scene = SphereOverDisk::default();
     let solution = scene.solve(400).expect("a scene");
     let ours = |spacing: f64| {

@@ -71,7 +71,7 @@ fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<
 }
 
 #[test]
-fn memory_says_what_rays_say_and_the_file_keeps_it() {
+fn pca_visibility_matches_rays_and_round_trips() {
     let mesh = level();
     let scene = baked(2);
     assert_eq!(scene, baked(1), "threads change the bake");
@@ -222,7 +222,7 @@ fn lamp(at: Vec3) -> SoftLight {
 }
 
 #[test]
-fn clusters_without_rank_are_seen_right() {
+fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     // Points at one place have one row, and nothing is left when the mean is taken off.
     let mesh = level();
     let place = Vec3::new(-0.5, 0.0, 0.6);
@@ -267,7 +267,7 @@ fn clusters_without_rank_are_seen_right() {
 }
 
 #[test]
-fn a_bake_that_is_told_to_stop_stops() {
+fn cancelled_bake_returns_early() {
     let mesh = level();
     let points: Vec<(Vec3, Vec3)> = (0..400)
         .map(|i| (Vec3::new(i as f32 / 200.0 - 1.0, 0.0, 0.7), Vec3::Y))
@@ -288,7 +288,7 @@ fn a_bake_that_is_told_to_stop_stops() {
 }
 
 #[test]
-fn points_in_a_dome_see_lamps_in_it_and_none_outside() {
+fn points_in_dome_receive_only_inner_lights() {
     // Constant depth, and lamps at the horizon and inside of what is solid.
     let ball = |radius: f32| {
         let at = |i: usize, j: usize| {
@@ -359,7 +359,7 @@ fn points_in_a_dome_see_lamps_in_it_and_none_outside() {
 }
 
 #[test]
-fn the_first_components_are_those_of_a_bake_of_fewer() {
+fn pca_components_are_prefix_of_larger_bake() {
     let mesh = level();
     // The floor, so that clusters have rank: what is seen beside and over the blocks changes from
     // point to point.
@@ -425,7 +425,7 @@ fn the_first_components_are_those_of_a_bake_of_fewer() {
 }
 
 #[test]
-fn lamps_in_odd_places_make_numbers() {
+fn soft_shadow_of_degenerate_lights_stays_finite() {
     let mesh = level();
     let points = [
         (Vec3::new(0.0, 0.0, 0.0), Vec3::Y),
@@ -493,7 +493,7 @@ fn lamps_in_odd_places_make_numbers() {
 }
 
 #[test]
-fn a_panel_without_shadows_is_lamberts_polygon() {
+fn unoccluded_panel_matches_lambert_polygon() {
     use meshless_gi_lab::accuracy::closed_form::polygon;
     let (u, v) = (Vec3::X * 0.4, Vec3::Z * 0.7);
     let center = Vec3::new(0.2, 1.5, -0.3);
@@ -529,7 +529,7 @@ fn a_panel_without_shadows_is_lamberts_polygon() {
 }
 
 #[test]
-fn recipes_say_what_they_may() {
+fn visibility_recipe_limits_are_enforced() {
     let recipe = Recipe::from_ron("(soft_shadows: (coefficients: 30))").unwrap();
     let soft = recipe.soft_shadows.unwrap();
     assert_eq!((soft.coefficients, soft.directions), (30, 4012));
@@ -616,7 +616,7 @@ fn wrong(
 }
 
 #[test]
-fn clusters_that_see_much_are_cut_and_points_know_how_wrong_they_are() {
+fn high_error_clusters_are_split_and_errors_stored() {
     let mesh = hall();
     // Beside a row of pillars: what lies behind them moves from step to step.
     let points: Vec<(Vec3, Vec3)> = (0..500)
@@ -663,7 +663,7 @@ fn clusters_that_see_much_are_cut_and_points_know_how_wrong_they_are() {
 }
 
 #[test]
-fn halls_are_remembered_too() {
+fn pca_visibility_of_large_hall_matches_rays() {
     let mesh = hall();
     let recipe = |error| Recipe {
         preset: Preset::Draft,

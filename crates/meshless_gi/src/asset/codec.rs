@@ -252,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn items_come_back() {
+    fn encoded_items_round_trip() {
         let items: Vec<[u32; 2]> = (0..1000u32)
             .map(|i| {
                 let h = i.wrapping_mul(0x9e37_79b9);
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn small_steps_are_small_numbers() {
+    fn delta_of_small_steps_encodes_to_small_numbers() {
         let f = Field::word(0);
         for (from, to, step) in [(5, 6, 2), (6, 5, 1), (7, 7, 0)] {
             assert_eq!(f.step(from, to), step);

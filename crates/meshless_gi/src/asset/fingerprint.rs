@@ -17,7 +17,7 @@ mod tests {
     use super::fingerprint;
 
     #[test]
-    fn every_part_and_every_border_counts() {
+    fn fingerprint_any_changed_input_or_boundary_differs() {
         let a = fingerprint(&[b"ab", b"c"]);
         assert_eq!(a.len(), 64);
         assert_eq!(a, fingerprint(&[b"ab", b"c"]));

@@ -82,7 +82,7 @@ mod tests {
     use glam::Vec3;
 
     #[test]
-    fn a_level_that_cannot_be_baked_says_why() {
+    fn bake_scene_invalid_input_returns_named_error() {
         let none = TriangleMesh::new(Vec::new(), Vec::new(), vec![Material::default()]);
         let bake = |progress: &Progress| bake_scene(&none, &Recipe::default(), 1, progress);
         assert!(matches!(

@@ -460,14 +460,14 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_are_those_of_the_tables() {
+    fn student_quantiles_match_tables() {
         for (freedom, q) in [(5.0, 2.5706), (10.0, 2.2281), (30.0, 2.0423), (1e9, 1.9600)] {
             assert!((student(freedom) / q - 1.0).abs() < 0.02, "{freedom}");
         }
     }
 
     #[test]
-    fn lamps_that_differ_make_a_wide_interval_and_noise_does_not() {
+    fn interval_differing_lights_is_wide_and_noise_is_narrow() {
         let alike = summarize(&[lamp(0.01, 0.0, 1.0); 20]);
         assert!(
             (alike.nrmse - 0.1).abs() < 1e-6 && alike.interval < 1e-6,
@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_follow_scores() {
+    fn importance_draws_match_scores() {
         let scores: Vec<f64> = (0..100).map(|k| if k < 50 { 0.5 } else { 1.5 }).collect();
         let mut random = Random::new(1, 2, 3);
         let drawn = systematic(&scores, 40, &mut random);

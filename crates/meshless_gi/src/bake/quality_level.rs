@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ladder_goes_through_the_presets_and_only_up() {
+    fn refinement_steps_include_presets_and_increase() {
         for (error, preset) in USUAL {
             let (a, b) = (QualityParameters::of_error(error), preset.care());
             assert!((a.points / b.points - 1.0).abs() < 1e-3 && a.rays == b.rays);

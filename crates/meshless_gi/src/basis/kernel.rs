@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kernel_is_the_smooth_ramp() {
+    fn kernel_matches_smoothstep() {
         assert_eq!(kernel(0.0), 1.0);
         assert_eq!(kernel(0.5), 0.5);
         assert_eq!(kernel(1.0), 0.0);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn weight_knows_radius_normal_and_planes() {
+    fn weight_depends_on_radius_normal_and_clip_planes() {
         let mut p = Point::new(Vec3::ZERO, Vec3::Y, 2.0);
         assert_eq!(weight(&p, &[], Vec3::X, Vec3::Y), 0.5);
         assert_eq!(weight(&p, &[], Vec3::X, Vec3::NEG_Y), 0.0);
@@ -124,7 +124,7 @@ mod tests {
 
     /// A door 20 cm thick with its middle at x = 1, before a function at the origin.
     #[test]
-    fn places_in_an_occluder_belong_to_the_side_that_they_face() {
+    fn weight_inside_occluder_belongs_to_faced_side() {
         let barrier = Barrier {
             normal: Vec3::NEG_X,
             position: Vec3::X,

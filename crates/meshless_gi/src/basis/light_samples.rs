@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_weight_is_where_the_kernel_has_it() {
+    fn kernel_quantile_matches_kernel_integral() {
         // Midpoint rule over K(t) t against the quantile.
         for u in [0.1f32, 0.5, 0.9] {
             let t = quantile(u);
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_spread_as_the_function_weighs_and_stop_at_walls() {
+    fn light_samples_follow_weight_and_stop_at_walls() {
         let mesh = floor_and_wall();
         let level = LevelBasis::new(
             vec![
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_function_that_sees_nothing_keeps_its_own_place() {
+    fn light_samples_of_enclosed_function_keep_its_origin() {
         let mesh = floor_and_wall();
         let x = Vec3::new(0.0, 5.0, 0.0);
         let level = LevelBasis::new(vec![Point::new(x, Vec3::Y, 0.5)], Vec::new());
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn places_on_a_ball_of_points_go_round_the_bend() {
+    fn light_samples_on_point_sphere_follow_curvature() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 16, 3);
         let mut sum = 0.0;
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn places_on_a_ball_of_points_stand_above_the_rims_around_them() {
+    fn light_samples_on_point_sphere_lie_above_neighbor_disks() {
         let (mesh, level, mut surfaces) = ball();
         let (places, _) = find_places(&mesh, &level, &mut surfaces, 64, 3);
         // Nothing but the ball is there: a lamp above a place's own and its neighbors' horizon

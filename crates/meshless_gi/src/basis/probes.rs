@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn functions_stop_at_a_wall_without_thickness() {
+    fn probe_functions_stop_at_thin_wall() {
         let mut quads = room(Vec3::ZERO, Vec3::splat(2.0));
         quads.extend(room(Vec3::X * 2.0, Vec3::new(4.0, 2.0, 2.0)));
         let mesh = mesh_of_quads(&quads);

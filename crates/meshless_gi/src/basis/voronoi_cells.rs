@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_share_the_floor() {
+    fn voronoi_cells_partition_floor_area() {
         let (mesh, level) = floor();
         let (cells, rays) = find_cells(&mesh, &level, 6, 1);
         assert!(rays >= 64 * u64::from(LOOKS));
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn few_pieces_have_all_of_the_area() {
+    fn thinned_cell_parts_keep_total_area() {
         let piece = |k: usize| CellPart {
             position: Vec3::splat(k as f32),
             normal: Vec3::Y,

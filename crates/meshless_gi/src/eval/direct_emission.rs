@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panel_lights_what_is_below_it_as_the_form_factor_says() {
+    fn panel_above_receiver_matches_form_factor() {
         for h in [0.02, 0.3, 1.0, 5.0, 40.0] {
             let mesh = [panel(h)];
             let light = EmissionIntegrator::new(&mesh, SkyRadiance::BLACK);
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panel_lights_what_is_beside_it_as_the_sum_of_its_parts_does() {
+    fn panel_next_to_receiver_matches_sum_of_parts() {
         let mesh = [panel(1.0)];
         let light = EmissionIntegrator::new(&mesh, SkyRadiance::BLACK);
         let parts = 200;
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sky_fills_what_the_panel_leaves() {
+    fn sky_and_panel_add_up_to_hemisphere() {
         let mesh = [panel(1.0)];
         let light = EmissionIntegrator::new(&mesh, Vec3::ONE.into());
         let e = light.irradiance(Vec3::ZERO, Vec3::Y, 1);

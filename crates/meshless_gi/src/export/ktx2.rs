@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_lie_where_the_index_says() {
+    fn ktx2_level_data_lies_at_indexed_offsets() {
         let texels: Vec<[f16; 4]> = (0..2 * 4 * 3)
             .map(|i| [i as f32, 0.5, -1.0, 2.0].map(f16::from_f32))
             .collect();

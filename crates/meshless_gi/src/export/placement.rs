@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_read_as_it_was_written() {
+    fn volume_placement_text_round_trips() {
         let placement = VolumePlacement {
             version: VolumePlacement::VERSION,
             texture: "room.ktx2".into(),

@@ -185,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn intensity_keeps_the_brightest_texel_in_the_range_of_halves() {
+    fn volume_intensity_keeps_brightest_texel_in_f16_range() {
         for peak in [0.0, 1.0, 300.0, LARGEST_HALF] {
             assert_eq!(intensity(peak), 1.0, "{peak}");
         }

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_series_take_a_dozen_steps() {
+    fn anderson_slow_series_converges_in_few_steps() {
         let one: Vec<f64> = (0..50)
             .map(|k| if k == 7 { 0.99 } else { 0.4 / (1 + k) as f64 })
             .collect();
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_stays_nothing() {
+    fn anderson_zero_input_stays_zero() {
         let mut x = vec![0.0; 3];
         let mut anderson = Anderson::default();
         for _ in 0..20 {

@@ -145,7 +145,7 @@ mod tests {
     /// No surface sends more than it gets, smooth ones send nearly all, and the factor for what is
     /// reflected again brings the rest back.
     #[test]
-    fn energy_is_kept() {
+    fn specular_albedo_conserves_energy() {
         for slant in [0.2, 0.8, 1.2] {
             for (roughness, least) in [
                 (0.1, 0.98),
@@ -167,7 +167,7 @@ mod tests {
     /// The wider lobe against the mean of the narrow one over the disk: the same energy, and the
     /// same brightest place within a part that tells what the formula is worth.
     #[test]
-    fn a_disk_is_its_points() {
+    fn widened_lobe_matches_disk_average() {
         for (roughness, sine) in [(0.15, 0.1f32), (0.3, 0.1), (0.3, 0.3), (0.5, 0.3)] {
             let eye = 0.5f32;
             let mirrored = Vec3::new(-eye.sin(), eye.cos(), 0.0);
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_infinite() {
+    fn specular_terms_degenerate_input_stay_finite() {
         let mut random = Random::new(9, 0, 0);
         let mut direction = || {
             let v = Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;

@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_largest_channel_is_applied_and_nonsense_is_white() {
+    fn monochrome_light_uses_largest_channel_and_invalid_color_is_white() {
         assert_eq!(Channels::Three.one(), None);
         let one = |r, g, b| Channels::One(Vec3::new(r, g, b)).one().expect("one");
         assert_eq!(one(1.0, 4.0, 2.0), (1, Vec3::new(0.25, 1.0, 0.5)));

@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn even_light_in_even_fog_is_the_closed_form_in_any_number_of_steps() {
+    fn uniform_fog_any_step_count_matches_closed_form() {
         let fog = plain();
         for steps in [1, 2, 64] {
             let params = scene(fog, steps);
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn fog_of_another_level_is_its_own() {
+    fn fog_of_other_scene_is_separate() {
         let params = scene(plain(), 64);
         let all = Mat4::from_translation(Vec3::new(2.0, 1.5, 2.5));
         let with = |cube: Mat4| {
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn an_orthographic_view_sees_along_its_axis() {
+    fn fog_rays_of_orthographic_view_are_parallel() {
         let mut params = scene(plain(), 64);
         params.view_from_clip = Mat4::orthographic_rh(-1.0, 1.0, -1.0, 1.0, 50.0, 0.1)
             .inverse()

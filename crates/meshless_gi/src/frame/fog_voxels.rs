@@ -129,7 +129,7 @@ mod tests {
     /// Six irradiances hold the first two terms exactly, and of the third what lies along the axes,
     /// whatever light has of the terms up to the fourth.
     #[test]
-    fn scattered_light_is_the_first_terms_of_the_phase_function() {
+    fn scattered_light_matches_first_phase_function_terms() {
         let all = 20_000;
         let directions: Vec<Vec3> = (0..all)
             .map(|k| uniform_sphere(lattice(k, all, Vec2::ZERO)))
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_go_from_the_eye_or_all_alike() {
+    fn fog_rays_start_at_eye_or_are_parallel() {
         let shape = VoxelGrid::new([Vec3::ZERO, Vec3::splat(2.0)], UVec3::splat(2)).unwrap();
         // All light comes from +x.
         let mut texels = vec![[0.0; 4]; 6 * 8];

@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_packed_is_read() {
+    fn packed_gbuffer_round_trips() {
         for (i, n) in [
             Vec3::X,
             Vec3::NEG_Z,

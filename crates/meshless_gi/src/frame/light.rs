@@ -240,7 +240,7 @@ mod tests {
     use glam::Quat;
 
     #[test]
-    fn a_rectangle_keeps_its_power() {
+    fn rectangle_light_patches_preserve_power() {
         for count in [1, 4, 7, 16, 100] {
             let light = Light::Rect {
                 center: Vec3::ONE,
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_does_not_shine() {
+    fn non_finite_light_contributes_nothing() {
         let light = |x: f32| Light::Point {
             position: Vec3::splat(x),
             intensity: Vec3::ONE,
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn only_geometry_asks_for_a_projection() {
+    fn projection_depends_on_geometry_only() {
         let light = FrameLight {
             kind: FrameLight::POINT,
             ..FrameLight::default()
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn scaling_keeps_the_irradiance() {
+    fn scaled_light_keeps_irradiance() {
         // A root scaled by two: the local lamp is half as far, and a quarter as strong.
         let root = Mat4::from_scale_rotation_translation(
             Vec3::splat(2.0),

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn gains_are_what_light_can_have() {
+    fn transmittances_are_clamped_to_unit_interval() {
         let known = occluders();
         assert_eq!(sound_gains(&known, &[2.0, -1.0, 0.5]), [1.0, 0.0]);
         assert_eq!(sound_gains(&known, &[f32::NAN]), [0.0, 1.0]);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_what_passes() {
+    fn occluded_link_is_sum_of_transmitted_terms() {
         let link = |z: f32, sender| Link::pack(Vec3::Z * z, 1.0, sender);
         let open = [link(0.5, 3), link(1.0, 7), link(0.75, 9)];
         let passages = [

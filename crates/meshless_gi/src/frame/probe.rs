@@ -170,7 +170,7 @@ mod tests {
     use crate::samples::Random;
 
     #[test]
-    fn a_node_keeps_the_light_and_how_it_changes() {
+    fn probe_node_preserves_irradiance_and_gradient() {
         let mut random = Random::new(1, 2, 3);
         let mut vector = || {
             let mut four = || [random.unit() - 0.5, random.unit() - 0.5, random.unit(), 0.0];

@@ -267,7 +267,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_visits_every_texel_and_goes_to_neighbors() {
+    fn hilbert_curve_visits_each_texel_once_by_neighbors() {
         for side in [1, 2, 8, 64] {
             let mut at = vec![None; (side * side) as usize];
             for y in 0..side {
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn the_faces_of_a_cube_see_everything_once() {
+    fn cube_faces_cover_each_direction_once() {
         let light = FrameLight::point(Vec3::new(3.0, 1.0, 2.0), Vec3::ONE, f32::INFINITY);
         let eye = Vec3::from_array(light.position);
         let clip = Mat4::perspective_infinite_reverse_rh(std::f32::consts::FRAC_PI_2, 1.0, 0.1);

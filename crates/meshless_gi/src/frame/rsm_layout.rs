@@ -256,13 +256,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sides_are_powers_of_two_within_bounds() {
+    fn rsm_sizes_are_bounded_powers_of_two() {
         let sides = [0, 1, 3, 64, 100, 256, 5000].map(side);
         assert_eq!(sides, [1, 1, 2, 64, 64, 256, 256]);
     }
 
     #[test]
-    fn a_far_camera_is_exact_in_a_space_near_by() {
+    fn rsm_camera_far_from_origin_is_exact_in_local_space() {
         let eye = Vec3::new(100_000.0, 50.0, -100_000.0);
         let world_from_view = Mat4::from_translation(eye);
         let clip_from_view = Mat4::perspective_infinite_reverse_rh(1.0, 1.0, 0.1);

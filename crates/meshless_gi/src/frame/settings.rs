@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_are_pulled_fine_to_coarse_and_flattened_coarse_to_fine() {
+    fn solve_schedule_pulls_fine_to_coarse_and_flattens_coarse_to_fine() {
         let steps = Steps::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
         assert_eq!(steps.pull, std::slice::from_ref(&(0..3)));
         assert_eq!(steps.senders, [0..3, 3..10]);
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_without_levels_has_no_steps() {
+    fn solve_schedule_without_levels_is_empty() {
         let empty = Steps::new(&shape(&[0], 0), &FrameSettings::default());
         assert!(empty.pull.is_empty() && empty.levels.is_empty());
     }

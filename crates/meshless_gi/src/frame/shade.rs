@@ -274,7 +274,7 @@ mod tests {
 
     /// With a table that turns nothing, a white mirror is a white Lambert surface.
     #[test]
-    fn a_lobe_that_is_a_cosine_mirrors_what_a_matte_surface_reflects() {
+    fn cosine_lobe_matches_lambert_reflection() {
         let tables = Tables {
             size: 2,
             layers: [vec![[1.0, 0.0, 0.0, 1.0]; 4], vec![[1.0, 0.0, 0.0, 0.0]; 4]],
@@ -324,7 +324,7 @@ mod tests {
     /// Burley's albedo is that of Lambert within a few per cent, and it is the same from both
     /// sides.
     #[test]
-    fn burley_is_nearly_lambert() {
+    fn burley_albedo_is_near_lambert_and_reciprocal() {
         for roughness in [0.0, 0.3, 0.6, 1.0] {
             for slant in [0.1f32, 0.6, 1.1] {
                 let v = Vec3::new(slant.sin(), slant.cos(), 0.0);

@@ -616,7 +616,7 @@ mod tests {
 
     /// Whether a root moves, turns, scales or mirrors a level: its lamps light it as before.
     #[test]
-    fn irradiance_is_the_same_in_both_spaces() {
+    fn soft_irradiance_is_equal_in_both_spaces() {
         let turn = Quat::from_axis_angle(Vec3::new(0.6, 0.0, 0.8), 0.7);
         let moved = Vec3::new(2.0, -1.0, 5.0);
         let panel = SoftLight::rectangle(

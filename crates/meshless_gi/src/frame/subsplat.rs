@@ -378,7 +378,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nodes_keep_their_light() {
+    fn subsplat_nodes_preserve_irradiance() {
         let e = VectorIrradiance {
             x: [1.0, -2.0, 3.5, 0.0],
             y: [0.25, 1e9, -1e9, 0.0],
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_lie_behind_one_another() {
+    fn subsplat_levels_are_stored_consecutively() {
         let levels = Levels::new([67, 41], 4);
         assert_eq!(levels.grid(4), [5, 3]);
         assert_eq!(levels.index(1, 0, 0), 0);
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_out_of_range_are_brought_back() {
+    fn subsplat_settings_out_of_range_are_clamped() {
         let wild = SubsplatSettings {
             coarsest: 99,
             finest: 99,

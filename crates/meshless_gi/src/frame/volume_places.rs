@@ -376,7 +376,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn voxels_are_as_asked_and_no_more_than_allowed() {
+    fn voxel_grid_has_requested_size_within_limit() {
         let room = Vec3::new(8.0, 3.0, 4.0);
         assert_eq!(voxels_of(room, 0.25, u32::MAX), UVec3::new(32, 12, 16));
         for most in [1, 100, 4096, 65_536, u32::MAX] {
@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_that_are_none_are_refused() {
+    fn voxel_grid_invalid_bounds_are_rejected() {
         let room = [Vec3::ZERO, Vec3::ONE];
         assert!(VoxelGrid::new(room, UVec3::splat(4)).is_some());
         assert!(VoxelGrid::new(room, UVec3::new(4, 0, 4)).is_none());
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn the_strongest_have_the_shares() {
+    fn voxel_weights_keep_strongest_functions() {
         let mut run = Run {
             ends: Vec::new(),
             shares: Vec::new(),

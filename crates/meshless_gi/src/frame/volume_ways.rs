@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_end_at_walls_also_below_the_ground() {
+    fn wall_distances_end_at_walls_below_ground_too() {
         let shape = VoxelGrid::new([Vec3::splat(-4.0), Vec3::splat(4.0)], UVec3::splat(8));
         let shape = shape.expect("a box");
         let bvh = level();

@@ -282,7 +282,7 @@ mod tests {
     /// The light that leaves a patch in all directions adds up to its flux, however its normals are
     /// spread.
     #[test]
-    fn a_light_gives_what_it_has() {
+    fn vpl_patch_radiates_its_flux() {
         for m in [1.0, 0.99, 0.9, 0.7, 0.5, 0.2, 0.0] {
             let normal = m * Vec3::Y;
             let steps = 20_000;
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn places_where_nothing_can_be_said_get_nothing() {
+    fn vpl_contribution_at_degenerate_point_is_zero() {
         let light = Vpl {
             position: [0.0, 1.0, 0.0],
             normal: [0.0, -1.0, 0.0],

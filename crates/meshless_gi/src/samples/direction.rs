@@ -79,7 +79,7 @@ mod tests {
     use crate::samples::Random;
 
     #[test]
-    fn frames_are_right_handed_and_orthonormal() {
+    fn tangent_frames_are_right_handed_and_orthonormal() {
         let mut r = Random::new(1, 0, 0);
         for i in 0..1000 {
             let n = match i {

@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_symmetric_and_squashed() {
+    fn sample_distance_is_symmetric_and_flattened() {
         let (x, n) = (Vec3::new(1.0, 2.0, 3.0), Vec3::Y);
         let (y, m) = (Vec3::new(1.5, 2.2, 3.0), Vec3::new(0.6, 0.8, 0.0));
         assert_eq!(distance_5d(x, n, y, m), distance_5d(y, m, x, n));

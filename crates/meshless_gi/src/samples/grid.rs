@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn near_holds_every_box_that_covers_the_place() {
+    fn grid_query_returns_every_covering_box() {
         for (n, r, cell) in [
             (0, 0.5, 0.5),
             (1, 0.3, 1.0),
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_that_are_no_boxes_are_left_out() {
+    fn grid_invalid_boxes_are_skipped() {
         let grid = HashedGrid::build(3, 1.0, |i| match i {
             0 => Bounds::EMPTY,
             1 => Bounds {

@@ -64,7 +64,7 @@ mod tests {
     use crate::samples::{Random, uniform_sphere};
 
     #[test]
-    fn normals_come_back() {
+    fn light_sample_packed_normals_round_trip() {
         let mut random = Random::new(2, 7, 1);
         for k in 0..10_000 {
             let n = match k {

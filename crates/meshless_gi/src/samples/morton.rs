@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_visits_octant_after_octant() {
+    fn morton_order_visits_octants_consecutively() {
         let bounds = Bounds {
             min: Vec3::splat(-1.0),
             max: Vec3::ONE,

@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn probes_fill_free_space_and_nothing_else() {
+    fn probe_placement_covers_only_open_positions() {
         let mesh = mesh_of_quads(&cornell_box());
         let eye = [Vec3::new(0.0, 1.0, 0.9)];
         let found = fill_free_space(&mesh, &eye, &settings(0.25));

@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_are_uniform_and_independent() {
+    fn random_streams_are_uniform_and_independent() {
         // χ² over 64 cells with 64 · 1000 draws: mean 63, standard deviation 11.2; 5 σ either side.
         for (a, b) in [(0, 0), (0, 1), (1, 0), (7, u64::MAX)] {
             let mut cells = [0u32; 64];
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn below_stays_below() {
+    fn random_below_returns_less_than_bound() {
         let mut r = Random::new(1, 2, 3);
         let mut seen = [false; 5];
         for _ in 0..1000 {

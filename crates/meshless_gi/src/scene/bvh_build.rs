@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn every_tree_is_whole_padded_and_shallow() {
+    fn bvh_contains_all_triangles_and_has_bounded_depth() {
         for count in [0usize, 1, 2, 3, 4, 5, 9, 100, 5000] {
             let triangles = lopsided(count);
             let (bvh, order) = Bvh::build(&triangles);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn occluders_stand_behind_what_stays() {
+    fn bvh_orders_occluders_after_static_triangles() {
         let wall = |x: f32, from: f32, to: f32| {
             let at = |y, z| Vec3::new(x, y, z);
             vec![
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn coincident_triangles_are_no_trouble() {
+    fn bvh_coincident_triangles_build_balanced_tree() {
         let triangles = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 3000];
         let (bvh, order) = Bvh::build(&triangles);
         check(&triangles, &bvh, &order);

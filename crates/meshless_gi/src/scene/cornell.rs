@@ -131,7 +131,7 @@ mod tests {
     use crate::scene::{Geometry, Ray};
 
     #[test]
-    fn every_surface_faces_the_inside() {
+    fn cornell_box_surfaces_face_inward() {
         let quads = cornell_box();
         assert_eq!(quads.len(), 15);
         let mesh = mesh_of_quads(&quads);

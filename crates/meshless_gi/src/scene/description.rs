@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_light_is_read() {
+    fn description_reads_every_light_type() {
         let all = parse(
             r#"{"type":"point","position":[1,2,3],"intensity":[4,5,6]},
                {"type":"spot","position":[0,1,0],"direction":[0,-2,0],"intensity":[1,1,1],"inner_deg":45,"outer_deg":90,"falloff":"gltf"},
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn skies_of_three_kinds_are_read() {
+    fn description_reads_every_sky_type() {
         let all = parse(
             r#"{"type":"sky","radiance":[1,2,3]},
                {"type":"sky","zenith":[1,2,3],"horizon":[1,1,1],"ground":[0,0,0]},
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn what_light_cannot_have_is_named() {
+    fn description_invalid_light_value_returns_named_error() {
         let text = |l: &str| parse(l).unwrap_err().to_string();
         let sky = r#"{"type":"sky","radiance":[1,1,1]},"#;
         assert_eq!(
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn the_published_scenes_are_read() {
+    fn description_reads_published_scenes() {
         for name in ["cornell", "rooms_open"] {
             let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
                 .join("tests/data")

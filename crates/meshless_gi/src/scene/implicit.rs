@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_is_met_where_the_quadratic_says() {
+    fn implicit_sphere_hit_matches_quadratic() {
         let center = Vec3::new(1.0, 2.0, -3.0);
         let scene = ImplicitScene::new(vec![ball(center, 1.5)]);
         let mut hits = 0;
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_from_a_surface_leave_it_and_a_room_is_closed() {
+    fn implicit_surface_rays_leave_surface_and_stay_in_room() {
         let room = ImplicitScene::new(vec![
             object(Shape::Room {
                 center: Vec3::ZERO,
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cylinder_has_flat_ends_and_a_round_side() {
+    fn implicit_cylinder_has_caps_and_side() {
         let axis = Vec3::new(0.6, 0.8, 0.0);
         let center = Vec3::new(3.0, -1.0, 2.0);
         let shape = Shape::Cylinder {
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn planes_bound_segments_and_nothing_is_nothing() {
+    fn implicit_plane_blocks_segments_and_empty_shape_none() {
         let floor = ImplicitScene::new(vec![
             object(Shape::HalfSpace {
                 normal: Vec3::Y,

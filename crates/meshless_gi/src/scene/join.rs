@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn materials_and_textures_stay_with_their_part() {
+    fn joined_meshes_keep_materials_and_textures() {
         let painted = |texel: [u8; 4]| {
             let material = Material {
                 base_color_texture: Some(0),

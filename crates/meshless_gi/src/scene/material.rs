@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn texel_centers_are_exact_and_colors_are_linear() {
+    fn texture_sample_is_exact_at_texel_centers_and_linear() {
         let t = checks(Wrap::Repeat);
         assert_eq!(
             t.color(Vec2::new(0.25, 0.25)),
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn wrap_modes() {
+    fn texture_wrap_modes_repeat_mirror_and_clamp() {
         let left = |wrap: Wrap, u: f32| checks(wrap).color(Vec2::new(u, 0.25)).x;
         assert_eq!(left(Wrap::Repeat, 1.25), 0.0);
         assert_eq!(left(Wrap::Mirror, 1.25), 1.0);
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_out_triangles_are_told_from_those_with_a_texel_left() {
+    fn alpha_mask_detects_fully_transparent_triangles() {
         let mut texels = vec![[0u8; 4]; 64];
         texels[9][3] = 255;
         let t = Texture::new(8, 8, texels, [Wrap::Repeat; 2]).unwrap();

@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_is_held_out_with_all_below_it() {
+    fn split_occluders_takes_node_with_descendants() {
         let (rest, held) = level().hold_out(&["lift", "door"]);
         assert_eq!(rest.len(), 2);
         assert_eq!(
@@ -420,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn open_for_rays_and_shut_for_those_who_ask() {
+    fn occluder_geometry_is_open_to_rays_and_closed_on_request() {
         let (rest, held) = level().hold_out(&["door"]);
         let doorways = OccluderGeometry::new(&rest, &held);
         let ray = Ray::new(Vec3::new(0.0, 0.0, 2.5), Vec3::NEG_Z);
@@ -446,7 +446,7 @@ mod tests {
     /// A box in a frame is its middle; with nothing around it, its sides too, and both hold back
     /// what crosses it.
     #[test]
-    fn boxes_are_their_middle_and_the_sides_that_no_wall_adjoins() {
+    fn occluder_box_blocks_at_middle_and_free_sides() {
         let bounds = Bounds {
             min: Vec3::new(-0.5, 0.0, -0.1),
             max: Vec3::new(0.5, 2.0, 0.1),
@@ -487,7 +487,7 @@ mod tests {
     }
 
     #[test]
-    fn thickness_of_triangles_is_that_behind_their_front() {
+    fn occluder_thickness_is_measured_behind_front() {
         let back = |z: f32| {
             let [a, b, c] = tile(z);
             [a, c, b]

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_regular_file_is_refused() {
+    fn irregular_file_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let refused = read_file(folder.path(), 100).unwrap_err();
         assert!(matches!(refused, ReadError::Io(_)), "{refused}");

@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_nowhere_negative_stays() {
+    fn deringing_non_negative_sky_is_unchanged() {
         let mut random = Random::new(1, 2, 3);
         let ways = ways(2000);
         let mut stayed = 0;
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_negative_and_the_mean_stays() {
+    fn deringed_sky_is_non_negative_and_keeps_mean() {
         let mut random = Random::new(4, 2, 3);
         let ways = ways(5000);
         for size in [0.3, 1.0, 3.0, 30.0, 1e6, 1e30] {
@@ -220,7 +220,7 @@ mod tests {
     /// series lies on the side of what was asked for. Squares of linear forms, which all others are
     /// sums of, stand for all.
     #[test]
-    fn no_other_is_nearer() {
+    fn deringed_sky_is_nearest_non_negative() {
         let mut random = Random::new(5, 2, 3);
         let inner = |a: &[Vec3; 8], b: &[Vec3; 8]| {
             let weights = [5.0 / 15.0; 3].into_iter().chain([2.0 / 15.0; 5]);
@@ -269,7 +269,7 @@ mod tests {
     /// A sky with a low sun's glow on one side, seen in the open and through openings: as it comes,
     /// by \[Sl08\]'s window and here.
     #[test]
-    fn through_openings_colors_are_those_of_the_sky() {
+    fn deringed_sky_through_openings_keeps_colors() {
         let ways = ways(20_000);
         let angle = 4.0 * std::f32::consts::PI / ways.len() as f32;
         let sky = |w: Vec3| {

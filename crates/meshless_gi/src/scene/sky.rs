@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_of_the_series_gives_the_series_back() {
+    fn sky_harmonics_from_own_map_round_trip() {
         let sky = any(3);
         let found = SkyRadiance::of_map(ways(20_000).map(|w| (w, 2.0, sky.toward(w))));
         let pairs = found.terms.iter().zip(&sky.terms);
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gradient_has_its_three_colors() {
+    fn sky_gradient_has_three_colors() {
         let colors = [
             Vec3::new(0.1, 0.3, 0.9),
             Vec3::new(0.9, 0.8, 0.7),
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_sky_shines_from_turned_directions() {
+    fn rotated_sky_has_rotated_radiance() {
         let sky = any(5);
         let turn = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7));
         let turned = sky.turned(turn);
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn irradiance_is_the_integral() {
+    fn sky_irradiance_matches_integral() {
         let sky = any(7);
         for n in ways(5) {
             let (t, b) = tangents(n);

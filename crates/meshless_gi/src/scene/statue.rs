@@ -100,7 +100,7 @@ mod tests {
     use crate::scene::{Geometry, Ray};
 
     #[test]
-    fn the_statue_is_closed_faces_outwards_and_stands_in_the_room() {
+    fn statue_is_closed_faces_outward_and_fits_room() {
         let room = statue_room();
         assert_eq!(room.problems().dropped(), 0);
         let bounds = room.bounds();

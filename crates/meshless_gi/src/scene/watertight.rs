@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_and_distance_are_those_of_the_second_and_third_vertex() {
+    fn watertight_hit_weights_match_vertices() {
         let hit = meet(Vec3::new(0.25, 0.5, 0.0), Vec3::Z).unwrap();
         assert_eq!((hit.t, hit.u, hit.v), (2.0, 0.25, 0.5));
         // From behind as well, and not when the ray leads away, ends before or passes by.
@@ -134,14 +134,14 @@ mod tests {
     }
 
     #[test]
-    fn edges_and_vertices_count() {
+    fn watertight_edges_and_vertices_are_hit() {
         for p in [A, B, C, 0.5 * (A + B), 0.5 * (B + C), 0.5 * (A + C)] {
             assert!(meet(Vec3::new(p.x, p.y, 0.0), Vec3::Z).is_some(), "{p}");
         }
     }
 
     #[test]
-    fn a_ray_in_the_plane_and_a_flat_triangle_are_met_by_nothing() {
+    fn watertight_coplanar_ray_and_degenerate_triangle_miss() {
         assert_eq!(meet(Vec3::new(-1.0, 0.25, 2.0), Vec3::X), None);
         let ray = WatertightRay::new(&Ray::new(Vec3::ZERO, Vec3::Z));
         assert_eq!(ray.meet(A, A, A, f32::INFINITY), None);

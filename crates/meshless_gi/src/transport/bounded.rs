@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_keep_their_mass_and_the_bound() {
+    fn bounded_rows_keep_mass_within_error_bound() {
         let tree = tree();
         let training = training(&tree, 2.0);
         let f = &training.signals;
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_row_collapses_and_loses_nothing() {
+    fn bounded_uniform_row_collapses_without_loss() {
         let tree = tree();
         let mut gathered = Gathered::new(74);
         fill(&mut gathered, 0, true);

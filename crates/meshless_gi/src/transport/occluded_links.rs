@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_follow_their_senders_mass() {
+    fn link_terms_are_proportional_to_sender_mass() {
         // Two roots, two children each.
         let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1], &[0, 2, 6]);
         let found = [
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packed_link_is_the_sum_of_its_parts() {
+    fn packed_link_is_sum_of_terms() {
         let parts = [part(3, 1, 0.25), part(3, 5, 0.125)];
         let whole = Vec3::new(0.5, 0.0, 1.0);
         let packed = pack_parts(7, whole, &parts, 1.0);

@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packing_keeps_vectors_and_senders() {
+    fn packed_row_keeps_vectors_and_senders() {
         let rows = vec![
             RawRow {
                 links: vec![
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn rest_of_a_link_larger_than_its_row_sets_the_scale() {
+    fn packed_row_scale_follows_largest_term() {
         let part = Part {
             sender: 3,
             crossed: 1,
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn links_lie_tier_after_tier() {
+    fn packed_links_are_ordered_by_tier() {
         let row = |j: u32| RawRow {
             links: vec![(j, Vec3A::X), (j + 1, Vec3A::Y)],
             active: true,

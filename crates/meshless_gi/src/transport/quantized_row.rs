@@ -57,7 +57,7 @@ mod tests {
     use glam::Vec3A;
 
     #[test]
-    fn links_come_back_within_a_part_of_the_largest() {
+    fn quantized_row_error_is_bounded_by_largest_link() {
         let mut gathered = Gathered::new(65_536);
         let mut random = Random::new(4, 4, 4);
         for j in [0u32, 7, 32_768, 65_535] {

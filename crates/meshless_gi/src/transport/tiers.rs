@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn tiers_double_and_take_coarse_levels_first() {
+    fn tiers_double_in_size_and_start_with_coarse_levels() {
         let (rows, parents, starts) = rows();
         let tiers = assign_tiers(&rows, &starts, &parents, SenderForm::Averages);
         let active: Vec<usize> = (0..rows.len()).filter(|&i| rows[i].active).collect();
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_and_rows_that_are_all_needed_have_one_tier() {
+    fn difference_rows_have_one_tier() {
         let (rows, parents, starts) = rows();
         let one = assign_tiers(&rows, &starts, &parents, SenderForm::Differences);
         assert!(one.iter().all(|&t| t == 1));

@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn squares_and_families() {
+    fn training_squares_and_family_sums_match_hand_values() {
         let rows = vec![(vec![(0, 0.5), (1, 0.25)], 0.25), (vec![(1, 1.0)], 0.0)];
         let mut signals = vec![[0.0; TRAINING_LIGHTS]; 3];
         signals[0][0] = 2.0;

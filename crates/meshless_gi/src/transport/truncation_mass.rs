@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_is_what_was_handed_over() {
+    fn truncation_mass_mean_equals_moved_mass() {
         // Two roots, two children each, two grandchildren below the first child.
         let tree = SenderTree::new(&[0, 1, 0, 0, 1, 1, 2, 2], &[0, 2, 6, 8]);
         let shown = vec![vec![1.0; 8]; 3];

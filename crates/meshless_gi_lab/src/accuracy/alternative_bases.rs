@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn the_distance_grows_with_the_angle_of_the_normals() {
+    fn basis_distance_grows_with_normal_angle() {
         let tilted = Vec3::new(0.6, 0.8, 0.0);
         assert_eq!(site_distance(Vec3::ZERO, Vec3::Y, Vec3::X, Vec3::Y), 1.0);
         let d = site_distance(Vec3::ZERO, Vec3::Y, Vec3::X, tilted);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn shepard_and_gaussian_pass_through_the_samples() {
+    fn shepard_and_gaussian_interpolate_samples() {
         let points = points();
         let samples = samples(&points);
         let shepard = ShepardBasis::new(points.clone()).expect("finite");
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_solved_is_regularised_or_refused() {
+    fn singular_basis_is_regularized_or_rejected() {
         let mut twice = points();
         twice.push(twice[11]);
         let basis = GaussianBasis::new(twice.clone(), 0.5).expect("with a ridge");
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_add_what_is_left() {
+    fn hierarchy_levels_add_residuals() {
         let points = points();
         let level = |of: &[(Vec3, Vec3)], radius| {
             let points = of.iter().map(|&(x, n)| Point::new(x, n, radius));

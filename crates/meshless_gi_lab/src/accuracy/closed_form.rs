@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn form_factors_have_their_known_values_and_reciprocity() {
+    fn form_factors_match_tables_and_reciprocity() {
         assert!(close(parallel_rectangles(1.0, 1.0, 1.0), 0.199_825, 1e-5));
         assert!(close(
             perpendicular_rectangles(1.0, 1.0, 1.0),
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_polygon_is_the_sum_of_its_parts_and_its_mean_is_the_form_factor() {
+    fn polygon_irradiance_is_additive_and_averages_to_form_factor() {
         let corner = |x: f64, y: f64| DVec3::new(x, y, 1.0);
         let square = [
             corner(0.0, 0.0),
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ceiling_returns_what_quadrature_says() {
+    fn ceiling_irradiance_matches_quadrature() {
         let (below, room, albedo) = (0.7, 3.0, 0.6);
         // s = tan t · room: the integrand is smooth on [0, π/2).
         let steps = 200_000;
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn series_and_powers() {
+    fn bounce_series_matches_powers() {
         assert!(close(enclosure(2.0, 0.99, None), 200.0, 1e-12));
         assert!(close(enclosure(2.0, 0.5, Some(2)), 3.5, 1e-12));
         assert!(close(enclosure(2.0, 1.0, Some(4)), 10.0, 1e-12));

@@ -83,7 +83,7 @@ mod tests {
     use meshless_gi::samples::Random;
 
     #[test]
-    fn it_solves_what_it_is_given_and_refuses_what_is_singular() {
+    fn dense_solver_solves_regular_and_rejects_singular() {
         let n = 40;
         let mut random = Random::new(5, 0, 0);
         let mut draw = || f64::from(random.unit()) - 0.5;

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn flat_pictures_differ_as_their_colors_do() {
+    fn flip_of_uniform_pictures_matches_color_difference() {
         let of = |a, b| flip(&flat(a), &flat(b));
         // Green against blue is the largest difference by definition; black against white is 100 by
         // HyAB, 0.967 after compression.
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_that_is_missing_counts_more_than_its_blur() {
+    fn flip_missing_edge_exceeds_blurred_edge() {
         let step = |width: f32| Image {
             width: 48,
             height: 16,

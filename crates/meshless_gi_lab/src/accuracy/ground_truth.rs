@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tables_are_read_and_mistakes_are_named() {
+    fn ground_truth_tables_load_and_errors_are_named() {
         let names = [
             "direct",
             "ind1",

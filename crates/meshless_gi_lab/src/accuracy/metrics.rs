@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn four_per_cent_everywhere_reads_four_per_cent() {
+    fn nrmse_of_uniform_relative_error_equals_it() {
         let reference: Vec<Vec3> = (1..500)
             .map(|i| Vec3::new(i as f32, 2.0, 0.5 * i as f32))
             .collect();
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn leaks_are_measured_by_the_light_of_the_lit_side() {
+    fn leak_is_relative_to_lit_side() {
         let lit = [Vec3::splat(4.0); 3];
         let (black, one) = ([Vec3::ZERO; 4], {
             let mut dark = [Vec3::ZERO; 4];
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_is_not_a_number_is_no_perfect_score() {
+    fn metrics_of_nan_are_nan() {
         let mut values = vec![Vec3::ONE; 10];
         values[3].y = f32::NAN;
         let e = errors(&values, &[Vec3::ONE; 10], &[Vec3::ZERO; 10]);

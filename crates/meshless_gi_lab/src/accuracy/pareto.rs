@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_front_holds_what_nothing_beats() {
+    fn pareto_front_contains_undominated_points() {
         let places = [
             (3.0, 3.0),
             (1.0, 9.0),
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_front_is_read_between_its_places() {
+    fn pareto_front_interpolates_between_points() {
         let front = [(1.0, 100.0), (100.0, 1.0), (1000.0, 0.5)];
         let at = |x| interpolate_log(&front, x);
         assert!((at(10.0).unwrap() - 10.0).abs() < 1e-9);

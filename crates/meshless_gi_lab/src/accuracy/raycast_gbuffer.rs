@@ -83,7 +83,7 @@ mod tests {
     use meshless_gi::scene::{ImplicitObject, ImplicitScene, Shape};
 
     #[test]
-    fn pixels_lead_back_to_the_surface() {
+    fn gbuffer_pixels_reconstruct_surface() {
         let (center, radius) = (Vec3::new(0.5, 1.0, -3.0), 1.0);
         let scene = ImplicitScene::new(vec![ImplicitObject {
             shape: Shape::Sphere { center, radius },

@@ -119,7 +119,7 @@ mod tests {
     use meshless_gi::scene::{ImplicitObject, ImplicitScene, Shape};
 
     #[test]
-    fn a_ball_is_where_it_should_be_and_as_large() {
+    fn render_of_sphere_has_position_and_size() {
         let shape = Shape::Sphere {
             center: Vec3::new(0.0, 1.0, 0.0),
             radius: 1.0,

@@ -200,7 +200,7 @@ mod tests {
     use meshless_gi::samples::Random;
 
     #[test]
-    fn probabilities_are_those_of_the_tables() {
+    fn probabilities_match_tables() {
         for (z, p) in [(1.959_964, 0.05), (3.290_527, 0.001), (0.0, 1.0)] {
             assert!((two_sided(z) - p).abs() < 1e-6 * (1.0 + p), "{z}");
         }
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_passes_as_often_as_it_should_and_errors_do_not() {
+    fn equality_test_accepts_noise_and_rejects_errors() {
         let runs = 400;
         let failed = |level: f64, change: &dyn Fn(usize) -> f32| {
             (0..runs).filter(|&run| p(run, change) < level).count()
@@ -258,7 +258,7 @@ mod tests {
 
     /// Places at which three paths of a thousand find light, as often as not none.
     #[test]
-    fn places_that_few_paths_light_are_summed_up() {
+    fn equality_test_pools_rarely_lit_samples() {
         let found = |run: u64, brightness: f32| {
             let few = |stream: u64| -> (Vec<Vec3>, Vec<Vec3>) {
                 (0..300)
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_exact_must_be_equal_but_for_what_is_known() {
+    fn exact_values_must_match_within_known_error() {
         let none = [Vec3::ZERO; 2];
         let exact = |values| Estimates {
             values,

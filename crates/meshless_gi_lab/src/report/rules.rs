@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ratios_are_read_off_a_front_and_bounded_beyond_it() {
+    fn front_ratios_are_interpolated_and_bounded_outside() {
         let ours = [(1e4, 0.2), (1e6, 0.02)];
         // Half-way between, in logarithms.
         assert!(matches!(ratio(&ours, 1e5, 0.4), Ratio::Is(r) if (r - 0.158).abs() < 1e-3));

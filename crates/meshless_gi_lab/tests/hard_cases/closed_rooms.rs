@@ -31,7 +31,7 @@ fn off(frame: &CpuFrame, scene: &BakedScene, right: f32) -> f32 {
 }
 
 #[test]
-fn furnaces_burn_as_the_series_says() {
+fn furnace_converges_to_geometric_series() {
     for albedo in [0.95, 0.99] {
         let scene = furnace(albedo, &small());
         let mut frame = CpuFrame::new(&scene);
@@ -60,7 +60,7 @@ fn furnaces_burn_as_the_series_says() {
 }
 
 #[test]
-fn all_bounces_are_all() {
+fn converged_bounces_match_infinite_series() {
     let glowing = Material::emissive(Vec3::splat(0.99), Vec3::splat(FRAC_1_PI));
     let meshes = [closed(glowing)];
     let scene = baked(&meshes[0], &small()).scene;
@@ -79,7 +79,7 @@ fn all_bounces_are_all() {
 
 /// However much is truncated, a row keeps its mass; so does the series in the bake.
 #[test]
-fn truncation_and_the_baked_series_neither_gain_nor_lose() {
+fn truncation_and_baked_bounces_conserve_energy() {
     for (epsilon, bounce_mode) in [(0.5, BounceMode::Live), (0.03, BounceMode::Baked)] {
         let recipe = Recipe {
             epsilon: Some(epsilon),
@@ -122,7 +122,7 @@ fn sphere(rounds: u32) -> Vec<[Vec3; 3]> {
 /// Inside a sphere every place gets the same of what any other reflects: whatever the lamp's place,
 /// E = ρ Φ / (A (1 − ρ)) everywhere.
 #[test]
-fn a_lamp_in_a_sphere_lights_it_evenly() {
+fn light_in_sphere_gives_uniform_irradiance() {
     let triangles = sphere(4);
     let area: f32 = triangles
         .iter()
@@ -158,7 +158,7 @@ fn a_lamp_in_a_sphere_lights_it_evenly() {
 /// Where all light is reflected for ever there is no answer: the bake lowers what the walls reflect
 /// to 99.9 %, and says so.
 #[test]
-fn walls_that_reflect_everything_are_guarded() {
+fn lossless_walls_get_lowered_albedo() {
     let white = Material::emissive(Vec3::ONE, Vec3::splat(FRAC_1_PI));
     for bounce_mode in [BounceMode::Live, BounceMode::Baked] {
         let recipe = Recipe {
@@ -193,7 +193,7 @@ fn walls_that_reflect_everything_are_guarded() {
 /// The same walls with one side open: light leaves, and nothing needs to be lowered. The rows at
 /// the back see no opening, so that their sums prove nothing; the iterated bound does.
 #[test]
-fn an_open_side_is_enough() {
+fn open_room_with_lossless_walls_keeps_albedo() {
     let mut triangles = super::support::room(Vec3::ZERO, Vec3::splat(2.0));
     triangles.truncate(10);
     let bake = baked(&mesh(triangles, Material::diffuse(Vec3::ONE)), &small());

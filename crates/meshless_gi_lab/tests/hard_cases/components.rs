@@ -42,7 +42,7 @@ fn off(values: &[Vec3], right: &[Vec3]) -> f32 {
 }
 
 #[test]
-fn more_vectors_come_nearer_to_all_of_them() {
+fn pca_error_falls_with_vectors() {
     let level = cornell(1.0, Vec3::ZERO);
     let of = |rule, coefficients| Recipe {
         rule,
@@ -74,7 +74,7 @@ fn more_vectors_come_nearer_to_all_of_them() {
 }
 
 #[test]
-fn even_light_is_kept_whatever_the_examples() {
+fn pca_uniform_light_is_exact() {
     // No lamp, no light from any lamp, one lamp, fewer lamps than vectors, clusters of one and of
     // all.
     let white = || closed(Material::diffuse(Vec3::splat(0.8)));
@@ -119,7 +119,7 @@ fn even_light_is_kept_whatever_the_examples() {
 }
 
 #[test]
-fn lamps_in_the_walls_and_beyond_give_nothing() {
+fn pca_lights_inside_or_behind_walls_give_zero() {
     let scene = baked(&closed(Material::diffuse(Vec3::splat(0.8))), &pca()).scene;
     for x in [
         Vec3::splat(5.0),
@@ -134,7 +134,7 @@ fn lamps_in_the_walls_and_beyond_give_nothing() {
 }
 
 #[test]
-fn a_white_room_is_guarded_and_hardly_darkened() {
+fn pca_white_room_is_bounded_and_barely_darkened() {
     let bake = baked(
         &closed(Material::diffuse(Vec3::ONE)),
         &Recipe {
@@ -156,7 +156,7 @@ fn a_white_room_is_guarded_and_hardly_darkened() {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn pca_any_thread_count_is_equal() {
     let level = cornell(1.0, Vec3::ZERO);
     let bytes = |threads| {
         let bake = bake_scene(&level, &pca(), threads, &Progress::default()).unwrap();

@@ -153,7 +153,7 @@ impl Exact<'_> {
 }
 
 #[test]
-fn single_precision_loses_a_digit_or_two() {
+fn single_precision_error_is_bounded() {
     let recipe = Recipe {
         levels: Some(4),
         tolerance: Some(0.5),
@@ -275,7 +275,7 @@ fn single_precision_loses_a_digit_or_two() {
 /// A comparison that cannot fail says nothing: light that is off by a part in ten thousand has lost
 /// three digits.
 #[test]
-fn a_lost_digit_is_seen() {
+fn precision_comparison_detects_lost_digit() {
     let right: Vec<f64> = (1..100).map(f64::from).collect();
     let wrong: Vec<f64> = right.iter().map(|r| r * 1.0001).collect();
     let (rms, _) = off(&wrong, &right);

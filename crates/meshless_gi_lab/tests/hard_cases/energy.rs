@@ -18,7 +18,7 @@ fn row_sum(scene: &BakedScene, i: usize) -> f64 {
 }
 
 #[test]
-fn rows_sum_to_the_hemisphere() {
+fn transport_rows_sum_to_hemisphere() {
     for level in [
         closed(Material::default()),
         cornell(1.0, Vec3::ZERO), // Open: the sky's part counts.
@@ -69,7 +69,7 @@ fn growth(scene: &BakedScene) -> f64 {
 }
 
 #[test]
-fn the_bound_on_the_gain_holds_and_is_near() {
+fn spectral_radius_bound_holds_and_is_tight() {
     for rule in [TransportMethod::Bounded, TransportMethod::L08] {
         let recipe = Recipe { rule, ..small() };
         let bake = baked(&cornell(1.0, Vec3::ZERO), &recipe);
@@ -89,7 +89,7 @@ fn the_bound_on_the_gain_holds_and_is_near() {
 
 /// What surfaces give each other differs by noise, and the less the more rays there are.
 #[test]
-fn rays_make_the_operator_reciprocal() {
+fn operator_reciprocity_improves_with_rays() {
     let room = closed(Material::default());
     let residual = |rays: u32, extra: u32| {
         let recipe = Recipe {

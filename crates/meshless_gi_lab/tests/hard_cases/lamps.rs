@@ -24,7 +24,7 @@ fn share(scene: &BakedScene, frame: &mut CpuFrame, x: Vec3) -> f32 {
 }
 
 #[test]
-fn a_lamp_near_a_surface_loses_and_gains_nothing() {
+fn light_near_surface_conserves_energy() {
     let recipe = Recipe {
         places: Some(16),
         ..small()
@@ -58,7 +58,7 @@ fn a_lamp_near_a_surface_loses_and_gains_nothing() {
 /// Each of the walls of a corner is lit as if the lamp were in the middle of it: what shines on the
 /// others is lost, and never gained.
 #[test]
-fn a_lamp_in_a_corner_loses_what_its_walls_share() {
+fn light_in_corner_loses_only_mutual_wall_light() {
     let bake = baked(&closed(Material::diffuse(Vec3::splat(0.5))), &small());
     let mut frame = CpuFrame::new(&bake.scene);
     for (off, least, most) in [(0.3, 0.95, 1.05), (0.05, 0.4, 1.1), (1e-3, 0.35, 1.1)] {
@@ -73,7 +73,7 @@ fn a_lamp_in_a_corner_loses_what_its_walls_share() {
 /// Two rooms with 1 cm between them: a lamp in the gap, in a wall's very plane or a millimeter
 /// behind one, lights nothing of the room beyond.
 #[test]
-fn a_lamp_behind_a_wall_lights_nothing_before_it() {
+fn light_behind_wall_gives_zero_in_front() {
     let mut triangles = room(Vec3::ZERO, Vec3::new(2.0, 2.0, 2.0));
     triangles.extend(room(Vec3::new(2.01, 0.0, 0.0), Vec3::new(2.0, 2.0, 2.0)));
     let level = mesh(triangles, Material::diffuse(Vec3::splat(0.5)));
@@ -96,7 +96,7 @@ fn a_lamp_behind_a_wall_lights_nothing_before_it() {
 }
 
 #[test]
-fn a_million_to_one_fits_into_halves() {
+fn light_contrast_of_million_fits_f16() {
     let scene = baked(&cornell(1.0, Vec3::ZERO), &small()).scene;
     let mut frame = CpuFrame::new(&scene);
     let mut solved = |lamps: &[FrameLight]| {
@@ -129,7 +129,7 @@ fn a_million_to_one_fits_into_halves() {
 
 /// What a pixel gets is never more than a half holds, and never NaN, however bright the lamp.
 #[test]
-fn no_lamp_is_too_bright_for_numbers() {
+fn bright_lights_stay_finite_in_f16() {
     let glare = Material::emissive(Vec3::splat(0.9), Vec3::splat(f32::MAX));
     let scene = baked(&closed(glare), &small()).scene;
     let mut frame = CpuFrame::new(&scene);
@@ -198,7 +198,7 @@ fn no_lamp_is_too_bright_for_numbers() {
 }
 
 #[test]
-fn thousands_of_lamps_are_their_sum() {
+fn many_lights_equal_their_sum() {
     const LAMPS: usize = 2000;
     let recipe = Recipe {
         coarse_radius: Some(0.5),

@@ -32,7 +32,7 @@ fn half() -> Material {
 }
 
 #[test]
-fn slivers_and_copies_change_nothing() {
+fn sliver_and_duplicate_triangles_change_nothing() {
     // Strips down to a micrometer, a thousandth of what their neighbors measure, and fans of
     // needles.
     let strips = walls(|a, u, v| {
@@ -67,7 +67,7 @@ fn slivers_and_copies_change_nothing() {
 }
 
 #[test]
-fn what_is_no_triangle_is_left_out_and_counted() {
+fn invalid_triangles_are_skipped_and_counted() {
     let clean = room(Vec3::ZERO, Vec3::splat(2.0));
     let mut dirty = clean.clone();
     let p = Vec3::ONE;
@@ -94,7 +94,7 @@ fn what_is_no_triangle_is_left_out_and_counted() {
 }
 
 #[test]
-fn materials_out_of_range_are_put_into_it() {
+fn materials_out_of_range_are_clamped() {
     for (albedo, clamped) in [
         (Vec3::new(1.5, 0.5, 0.5), Vec3::new(1.0, 0.5, 0.5)),
         (Vec3::new(-0.5, 0.5, 0.5), Vec3::new(0.0, 0.5, 0.5)),
@@ -161,7 +161,7 @@ fn compared(level: TriangleMesh, recipe: &Recipe, from: Vec3, lamp: Vec3) -> (Er
 
 /// Blocks sunk into the floor, into each other and through a wall.
 #[test]
-fn surfaces_may_run_through_each_other() {
+fn intersecting_surfaces_match_reference() {
     let mut triangles = room(Vec3::ZERO, Vec3::splat(2.0));
     let mut block = |min: Vec3, size: Vec3| {
         // Outwards.
@@ -182,7 +182,7 @@ fn surfaces_may_run_through_each_other() {
 }
 
 #[test]
-fn inside_out_is_as_good_where_both_sides_reflect() {
+fn inverted_double_sided_mesh_matches_original() {
     let turned: Triangles = room(Vec3::ZERO, Vec3::splat(2.0))
         .into_iter()
         .map(|[a, b, c]| [a, c, b])
@@ -210,7 +210,7 @@ fn inside_out_is_as_good_where_both_sides_reflect() {
 }
 
 #[test]
-fn next_to_nothing_and_nothing() {
+fn tiny_and_empty_scenes_return_error_or_dark() {
     for triangles in [
         vec![],
         vec![[Vec3::NAN; 3]],
@@ -256,7 +256,7 @@ fn next_to_nothing_and_nothing() {
 }
 
 #[test]
-fn what_no_function_covers_says_so() {
+fn uncovered_points_are_reported() {
     let scene = baked(&cornell(1.0, Vec3::ZERO), &small()).scene;
     let lamp = [Light::Point {
         position: Vec3::new(0.0, 1.7, 0.0),
@@ -283,7 +283,7 @@ fn what_no_function_covers_says_so() {
 
 /// Sheets without thickness, one above the other 2 cm apart: each is lit from its own side alone.
 #[test]
-fn thin_leaves_keep_their_sides_apart() {
+fn thin_sheets_are_lit_per_side() {
     let mut triangles = room(Vec3::ZERO, Vec3::splat(2.0));
     for k in 0..4 {
         let corner = Vec3::new(0.5, 0.8 + 0.02 * k as f32, 0.5);
@@ -307,7 +307,7 @@ fn thin_leaves_keep_their_sides_apart() {
 /// A leaf that hangs in the room under the lamp: bright above, and below it has what the floor
 /// sends.
 #[test]
-fn a_leaf_is_dark_below() {
+fn sheet_under_light_has_only_floor_light_below() {
     let mut triangles = room(Vec3::ZERO, Vec3::splat(2.0));
     triangles.extend(square(Vec3::new(0.5, 1.0, 0.5), Vec3::Z, Vec3::X));
     let scene = baked(&mesh(triangles, half()), &quick()).scene;

@@ -56,7 +56,7 @@ fn measured(bake: &Baked, scale: f32, by: Vec3) -> [Errors; 2] {
 }
 
 #[test]
-fn size_changes_nothing() {
+fn scene_scale_does_not_change_light() {
     for scale in [1.0, 0.5e-4, 0.5e4, 1e-7] {
         let bake = baked(&cornell(scale, Vec3::ZERO), &quick());
         let [direct, indirect] = measured(&bake, scale, Vec3::ZERO);
@@ -78,7 +78,7 @@ fn size_changes_nothing() {
 }
 
 #[test]
-fn far_from_the_origin_light_is_as_good_as_single_precision() {
+fn distant_origin_error_is_within_single_precision() {
     // Meters from the origin, then bounds on the errors of direct and indirect light; from 10 km on
     // the bake warns.
     for (far, most_direct, most_indirect, warned) in [
@@ -100,7 +100,7 @@ fn far_from_the_origin_light_is_as_good_as_single_precision() {
 }
 
 #[test]
-fn farther_than_that_is_an_error() {
+fn excessive_origin_distance_is_rejected() {
     let away = cornell(1.0, Vec3::new(1e6, 0.0, 0.0));
     let error = bake_scene(&away, &quick(), 2, &Progress::default()).unwrap_err();
     let BakeSceneError::Bake(BakeError::PrecisionLoss { far, size, spacing }) = &error else {

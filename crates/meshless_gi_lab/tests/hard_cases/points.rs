@@ -46,7 +46,7 @@ fn closed_form(name: &str, level: &TriangleMesh, scale: f32, most: f32) {
 }
 
 #[test]
-fn a_room_of_points_has_the_light_of_the_closed_form_at_any_size() {
+fn point_room_matches_closed_form_at_any_scale() {
     let right = points();
     for scale in [1e-4f32, 1e4] {
         let mut scaled = right.clone();
@@ -61,7 +61,7 @@ fn a_room_of_points_has_the_light_of_the_closed_form_at_any_size() {
 }
 
 #[test]
-fn copies_and_normals_of_no_length_change_little_or_nothing() {
+fn duplicate_points_and_zero_normals_change_little() {
     let right = points();
     let level = cloud(right.clone());
     // Each point five times over: bit by bit the same level.
@@ -90,7 +90,7 @@ fn copies_and_normals_of_no_length_change_little_or_nothing() {
 /// A scanner that stood still: ten times as many points as the room has, within a tenth of a
 /// millimeter, looking everywhere.
 #[test]
-fn thousands_of_points_in_one_spot_of_a_room_change_little() {
+fn dense_point_spot_changes_room_little() {
     let mut all = points();
     let at = Vec3::new(1.3, 0.0, 0.7);
     for i in 0..30_000 {
@@ -105,7 +105,7 @@ fn thousands_of_points_in_one_spot_of_a_room_change_little() {
 }
 
 #[test]
-fn points_in_one_plane_give_each_other_nothing() {
+fn coplanar_points_exchange_no_light() {
     let flat = PlyPoints {
         positions: (0..4000u64)
             .map(|i| {
@@ -136,7 +136,7 @@ fn points_in_one_plane_give_each_other_nothing() {
 }
 
 #[test]
-fn too_few_points_are_an_error() {
+fn too_few_points_are_rejected() {
     for count in 0..3 {
         let few = PlyPoints {
             positions: points().positions[..count].to_vec(),

@@ -48,7 +48,7 @@ fn roughness(scene: &BakedScene) -> f32 {
 /// Where senders are lit at one place each, a shadow's edge jumps from one to the next as the lamp
 /// moves, and all light with it; \[L08\] has it so.
 #[test]
-fn a_lamp_that_moves_smoothly_gives_light_that_moves_smoothly() {
+fn smoothly_moving_light_gives_smooth_irradiance() {
     let [one, eight] = [1, 8].map(|places| roughness(&cornell(places)));
     eprintln!("second differences: {one:.5} with one place, {eight:.5} with eight");
     assert!(one > 1e-4, "there is nothing to smooth: {one}");

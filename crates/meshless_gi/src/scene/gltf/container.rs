@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uris() {
+    fn data_uris_decode() {
         assert_eq!(
             data_uri("data:a/b;base64,aGVsbG8=").unwrap().unwrap(),
             b"hello"
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_that_lie_are_refused() {
+    fn glb_wrong_lengths_are_rejected() {
         let mut glb = b"glTF\x02\0\0\0\x18\0\0\0\x04\0\0\0JSON{}  ".to_vec();
         assert_eq!(split(&glb).unwrap(), (&b"{}  "[..], None));
         glb[12] = 5;

@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn external_files_of_a_level_are_named() {
+    fn external_files_of_scene_are_listed() {
         let text = br#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":1,"uri":"a%20b.bin"},{"byteLength":0,"uri":"data:,"}],
             "images":[{"uri":"tex/wall.png"},{"bufferView":0,"mimeType":"image/png"}]}"#;
         assert_eq!(external_files(text), ["a b.bin", "tex/wall.png"]);

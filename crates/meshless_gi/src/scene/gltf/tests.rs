@@ -130,7 +130,7 @@ fn rich() -> Vec<u8> {
 }
 
 #[test]
-fn nodes_keep_their_names_and_what_is_below_them() {
+fn gltf_nodes_keep_names_and_descendants() {
     let mut pack = Pack::default();
     let primitive = square(&mut pack);
     let bytes = pack.file(&format!(
@@ -150,7 +150,7 @@ fn nodes_keep_their_names_and_what_is_below_them() {
 }
 
 #[test]
-fn materials_textures_and_mirrors() {
+fn gltf_materials_textures_and_mirrored_nodes_load() {
     let scene = load(&rich()).unwrap();
     assert_eq!(
         (scene.mesh.len(), scene.problems),
@@ -210,7 +210,7 @@ fn materials_textures_and_mirrors() {
 }
 
 #[test]
-fn lights_keep_units_and_ignore_scale() {
+fn gltf_lights_keep_units_and_ignore_node_scale() {
     let scene = load(&rich()).unwrap();
     assert_eq!(scene.light_names, ["bulb", "", ""]);
     assert_eq!(
@@ -242,7 +242,7 @@ fn lights_keep_units_and_ignore_scale() {
 }
 
 #[test]
-fn strips_fans_lists_and_quantized_vertices_are_the_same_square() {
+fn gltf_primitive_modes_and_quantization_give_equal_mesh() {
     let mut pack = Pack::default();
     let corners: [[f32; 2]; 4] = [[0., 0.], [1., 0.], [0., 1.], [1., 1.]];
     let flat: Vec<f32> = corners.iter().flat_map(|c| [c[0], c[1], 0.0]).collect();
@@ -279,7 +279,7 @@ fn strips_fans_lists_and_quantized_vertices_are_the_same_square() {
 }
 
 #[test]
-fn sparse_accessors_and_data_uris() {
+fn gltf_sparse_accessors_and_data_uris_load() {
     let json = r#"{"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
       "buffers":[{"uri":"data:;base64,AQIAAAAAgD8AAAAAAAAAAAAAAAAAAIA/AAAAAA==","byteLength":28}],
       "bufferViews":[{"buffer":0,"byteLength":2},{"buffer":0,"byteOffset":4,"byteLength":24}],
@@ -297,7 +297,7 @@ fn sparse_accessors_and_data_uris() {
 }
 
 #[test]
-fn errors_say_what_and_where() {
+fn gltf_errors_name_object_and_location() {
     let mut pack = Pack::default();
     let primitive = square(&mut pack);
     let with = |nodes: &str, mesh: &str| {
@@ -345,7 +345,7 @@ fn errors_say_what_and_where() {
 }
 
 #[test]
-fn a_published_level_loads() {
+fn gltf_published_scene_loads() {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
         .join("tests/data/cornell/cornell.glb");
     let scene = load_gltf(path).unwrap();
@@ -358,7 +358,7 @@ fn a_published_level_loads() {
 
 /// No damage to a file makes the reader panic: ten thousand mutations and every truncation.
 #[test]
-fn damaged_files_are_refused_or_read_but_never_fatal() {
+fn gltf_damaged_files_do_not_panic() {
     let cornell = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
         .join("tests/data/cornell/cornell.glb");
     let mut good = 0;

@@ -16,7 +16,7 @@ fn written(encoding: PlyEncoding) -> Vec<u8> {
 }
 
 #[test]
-fn what_is_written_is_read_again() {
+fn ply_written_cloud_round_trips() {
     let text = parse_ply(&written(PlyEncoding::Ascii)).unwrap();
     assert_eq!((text.positions.len(), text.faces), (40, 0));
     assert_eq!(text.positions[7], Vec3::new(7.0, 0.1, -2.5e-3 * 7.0));
@@ -35,7 +35,7 @@ fn what_is_written_is_read_again() {
 }
 
 #[test]
-fn files_of_other_programs_are_read() {
+fn ply_files_of_other_programs_load() {
     // CR LF, a comment that is no UTF-8, elements before and after, lists, unknown properties,
     // 8-bit colors, doubles.
     let text = b"ply\r\nformat ascii 1.0\r\ncomment caf\xe9\r\nobj_info 7\r\nelement camera 1\r\nproperty list uchar float k\r\nproperty int id\r\n\
@@ -64,7 +64,7 @@ fn files_of_other_programs_are_read() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_place() {
+fn ply_errors_name_location() {
     let xyz = "property float x\nproperty float y\nproperty float z\n";
     let told = |text: &str| parse_ply(text.as_bytes()).unwrap_err().to_string();
     let ascii = |rest: &str| told(&format!("ply\nformat ascii 1.0\n{rest}"));
@@ -192,7 +192,7 @@ proptest! {
     /// Flipped, cut, doubled and spliced bytes: an error or points, of which there are no more than
     /// bytes.
     #[test]
-    fn changed_bytes_do_no_harm(seed: u64, edits in 1usize..6, which in 0usize..3) {
+    fn ply_damaged_files_do_not_panic(seed: u64, edits in 1usize..6, which in 0usize..3) {
         let mut bytes = written([PlyEncoding::Ascii, PlyEncoding::LittleEndian, PlyEncoding::BigEndian][which]);
         let mut random = Random::new(seed, 0, 0);
         for _ in 0..edits {

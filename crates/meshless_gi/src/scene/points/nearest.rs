@@ -187,7 +187,7 @@ mod tests {
     use crate::samples::Random;
 
     #[test]
-    fn the_nearest_are_those_that_a_search_through_all_finds() {
+    fn nearest_points_match_brute_force() {
         let random = |n: u64, snap: f32| -> Vec<Vec3> {
             (0..n)
                 .map(|i| {

@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_and_a_cube_face_outwards() {
+    fn estimated_normals_of_sphere_and_cube_face_outward() {
         for scale in [1e-6f32, 1.0, 1e6] {
             let center = Vec3::new(3.0, -1.0, 2.0) * scale;
             let points = sphere(3000, center, scale);
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_around_faces_inwards() {
+    fn estimated_normals_of_enclosing_cloud_face_inward() {
         let seen_inside = estimated(&sphere(3000, Vec3::ZERO, 1.0), &[Vec3::new(0.2, 0.5, -0.1)]);
         let points = sphere(3000, Vec3::ZERO, 1.0);
         assert!(mean_cosine(&seen_inside, |i| -points[i]) > 0.99);
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn points_without_a_plane_get_no_or_any_normal() {
+    fn estimated_normals_of_degenerate_points_are_none_or_unit() {
         assert_eq!(estimated(&[Vec3::ONE], &[]), [Vec3::ZERO]);
         assert_eq!(estimated(&[], &[]), []);
         let line: Vec<Vec3> = (0..50).map(|i| Vec3::X * i as f32).collect();

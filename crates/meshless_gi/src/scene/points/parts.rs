@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_boxes_of_bounded_size() {
+    fn point_cloud_parts_have_bounded_size() {
         let points: Vec<Vec3> = (0..1000u32)
             .map(|i| Vec3::new((i * 7 % 1000) as f32, (i % 3) as f32, 0.0))
             .collect();

@@ -32,7 +32,7 @@ fn square(count: u64) -> PointCloud {
 }
 
 #[test]
-fn a_point_without_a_normal_does_not_stand_for_one_that_has_it() {
+fn point_without_normal_does_not_replace_oriented_point() {
     let at: Vec<Vec3> = (0..200).map(|i| unit_square(i).extend(0.0)).collect();
     // Each place twice, first without a normal; what is known looks another way than an estimate
     // would.
@@ -97,7 +97,7 @@ fn leak(cloud: &PointCloud, from: Vec3) -> f64 {
 }
 
 #[test]
-fn areas_sum_up_to_the_surface_that_was_sampled() {
+fn point_areas_sum_to_sampled_surface() {
     let half = Vec3::new(1.0, 2.0, 1.5);
     for (count, within) in [(100, 0.05), (1000, 0.02), (10_000, 0.01)] {
         let (p, n) = boxed(count, half, -1.0, true);
@@ -123,7 +123,7 @@ fn areas_sum_up_to_the_surface_that_was_sampled() {
 }
 
 #[test]
-fn density_changes_areas_and_not_their_sum() {
+fn point_density_changes_areas_but_not_sum() {
     // Nine of ten points on the left half.
     let at = |i: u64| {
         let r = unit_square(i);
@@ -149,7 +149,7 @@ fn density_changes_areas_and_not_their_sum() {
 }
 
 #[test]
-fn closed_surfaces_let_no_ray_out() {
+fn point_cloud_closed_surface_blocks_all_rays() {
     let from = Vec3::new(0.3, 0.1, 0.2);
     let (p, n) = boxed(10_000, Vec3::new(1.0, 2.0, 1.5), -1.0, true);
     let even = leak(&cloud(p.clone(), n.clone()), from);
@@ -180,7 +180,7 @@ fn closed_surfaces_let_no_ray_out() {
 }
 
 #[test]
-fn rays_start_clear_of_the_cells_around() {
+fn point_cloud_ray_origins_clear_neighbor_cells() {
     // From the outside of a sphere no cell is in the way, wherever a ray leaves it.
     let s = sphere(5000, 1.0);
     let (mesh, point_of) = s.mesh();
@@ -212,7 +212,7 @@ fn rays_start_clear_of_the_cells_around() {
 }
 
 #[test]
-fn no_cloud_is_too_hard() {
+fn point_cloud_degenerate_input_builds() {
     let of = |positions: Vec<Vec3>, normals: Option<Vec<Vec3>>| {
         PointCloud::new(
             PlyPoints {
@@ -345,7 +345,7 @@ fn no_cloud_is_too_hard() {
 }
 
 #[test]
-fn corners_have_the_normal_of_the_surface_between_points() {
+fn point_cell_corners_interpolate_normals() {
     // On a sphere a corner's normal is its direction, and nearer to it than the cell's own is.
     let ball = sphere(5000, 2.0);
     let smooth = ball.corner_normals();
@@ -376,7 +376,7 @@ fn corners_have_the_normal_of_the_surface_between_points() {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn point_cloud_any_thread_count_is_equal() {
     let points = || PlyPoints {
         positions: (0..40_000)
             .map(|i| uniform_sphere(unit_square(i)))

@@ -352,7 +352,7 @@ mod tests {
     /// Every way from sources to receivers converges as its ratio of sizes to distance says: (0.5/4
     /// each way, 1/4 both) to the power of order + 1.
     #[test]
-    fn every_way_converges() {
+    fn expansions_of_every_translation_converge() {
         let case = case();
         let mut errors = Vec::new();
         for order in [0, 1, 2, 4, 8, 16] {
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn single_precision_agrees() {
+    fn expansion_f32_matches_f64() {
         let case = case();
         let e = Expansions::new(6);
         let n = e.terms.len();

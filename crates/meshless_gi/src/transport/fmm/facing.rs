@@ -98,7 +98,7 @@ mod tests {
 
     /// Two walls that meet, one opposite, one beside: what they say however the room is turned.
     #[test]
-    fn walls_face_each_other() {
+    fn facing_test_of_walls_is_rotation_invariant() {
         let turn = Mat3::from_axis_angle(Vec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
         for turn in [Mat3::IDENTITY, turn] {
             let mut points = Vec::new();
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_is_mixed_and_a_slack_helps_at_the_rim() {
+    fn facing_test_of_sphere_is_mixed_and_slack_widens_it() {
         let mut random = Random::new(5, 5, 5);
         let points: Vec<_> = (0..2000)
             .map(|_| {

@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn harmonics_are_orthonormal() {
+    fn spherical_harmonics_are_orthonormal() {
         // A product rule: exact for the degrees here. 24 heights of the midpoint rule would not be;
         // Gauss-Legendre by Newton.
         let (most, heights) = (8usize, 12usize);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sum_converges_to_the_inverse_fourth_power() {
+    fn harmonic_sum_converges_to_inverse_fourth_power() {
         // At r_y / r_x = 0.4, with the median over directions: n ≤ 2, n ≤ 8, n ≤ 16. Without the π
         // of the coefficient it converges to a third of it.
         let mut random = Random::new(1, 2, 3);

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bad_values_are_named() {
+    fn fmm_settings_invalid_values_return_named_errors() {
         let good = FmmPoint {
             position: Vec3::ONE,
             normal: Vec3::Z,

@@ -129,7 +129,7 @@ mod tests {
     /// Σ_{|γ| = n} (−y)^γ/γ! ∂^γ of |x|⁻⁴ is the n-th term of Eq. (5), and of −K(x) n_y that of
     /// Eqs. (6)-(9), for every n up to 16.
     #[test]
-    fn each_degree_is_the_papers() {
+    fn tensor_degrees_match_series_terms() {
         let terms = Terms::new(16);
         let derivatives = Derivatives::new(&terms);
         let mut random = Random::new(4, 5, 6);

@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn terms_stand_degree_by_degree() {
+    fn tensor_terms_are_ordered_by_degree() {
         for order in 0..=MAX_ORDER {
             let terms = Terms::new(order);
             assert_eq!(terms.len(), count(order));

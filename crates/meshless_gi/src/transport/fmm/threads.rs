@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn avx2_gives_the_same_bits_where_there_is() {
+    fn avx2_kernels_match_scalar_bits() {
         let mut random = Random::new(2, 7, 1);
         // The inside of a ball and a smaller ball in it: all four lists.
         let points: Vec<_> = (0..3000)

@@ -484,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_are_small_and_nothing_is_lost() {
+    fn octree_leaves_are_bounded_and_contain_all_points() {
         for (count, leaf) in [(0, 4), (1, 1), (2, 1), (9, 4), (3000, 10)] {
             for normal in [|v: Vec3| v.normalize(), |_| Vec3::Y] {
                 let input = points(count, normal);
@@ -496,7 +496,7 @@ mod tests {
     }
 
     #[test]
-    fn coincident_points_are_one_leaf_and_normals_of_no_length_are_left_out() {
+    fn octree_coincident_points_share_leaf_and_zero_normals_are_skipped() {
         let mut input = points(1000, |v| v.normalize());
         for p in &mut input[100..600] {
             (p.position, p.normal) = (Vec3::ONE, Vec3::Z);
@@ -515,7 +515,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_told_apart_and_an_axis_is_not_divided() {
+    fn octree_splits_differing_directions_but_not_directions_near_an_axis() {
         let mut random = Random::new(3, 1, 1);
         let mut noise = || 1e-6 * (random.unit() - 0.5);
         for axis in [Vec3::X, Vec3::NEG_Y, Vec3::Z] {

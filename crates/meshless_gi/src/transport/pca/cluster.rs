@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn clusters_are_as_large_as_asked_and_their_points_face_one_way() {
+    fn clusters_have_requested_size_and_common_direction() {
         let points = room(12_000);
         for target in [50, 200, 1000] {
             let found = cluster(&points, target, 1);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn few_points_make_few_clusters() {
+    fn clusters_of_few_points_are_few() {
         assert!(cluster(&[], 10, 0).is_empty());
         let one = cluster(&[(Vec3::ONE, Vec3::Y)], 1000, 0);
         assert_eq!((one.len(), one.members_of(0)), (1, &[0u32][..]));

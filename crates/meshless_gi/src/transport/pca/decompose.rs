@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn low_rank_is_found_whole_in_every_shape() {
+    fn svd_low_rank_matrix_is_exact_for_any_shape() {
         for (count, length) in [
             (40, 300),
             (300, 40),
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn few_of_many_are_the_best_that_few_can_be() {
+    fn svd_truncation_is_optimal() {
         // Slowly falling: the whole decomposition says how much eight components must leave out.
         let all = rows(400, 300, 60, 0.96);
         let best = decompose(&all, 300, 300, 1);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_components_has_none() {
+    fn svd_zero_matrix_has_no_components() {
         assert_eq!(decompose(&[], 5, 3, 0).count(), 0);
         assert_eq!(decompose(&[0.0; 20], 5, 3, 0).count(), 0);
         assert_eq!(decompose(&[0.0; 90_000], 300, 3, 0).count(), 0);

@@ -115,7 +115,7 @@ mod tests {
     use glam::Vec2;
 
     #[test]
-    fn directions_are_spread_evenly() {
+    fn hemisphere_directions_are_uniform() {
         for (columns, rows) in [(48, 42), (7, 9), (1, 1)] {
             let grid = HemisphereGrid { columns, rows };
             let (mut mean, mut square) = (Vec3::ZERO, 0.0);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn look_ups_find_the_nearest_directions() {
+    fn hemisphere_lookup_returns_nearest_directions() {
         let grid = HemisphereGrid::default();
         for i in 0..grid.len() {
             let (texels, weights) = grid.lookup(grid.direction(i));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_makes_a_look_up_leave_the_map() {
+    fn hemisphere_lookup_invalid_direction_stays_in_map() {
         for grid in [
             HemisphereGrid::default(),
             HemisphereGrid::of(1),

@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn even_light_is_exact_whatever_the_examples_were() {
+    fn light_basis_uniform_light_is_exact() {
         type Light = fn(usize, usize) -> f32;
         let lights: [(usize, Light); 5] = [
             (0, |_, _| 0.0),
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn light_like_the_examples_comes_through_and_all_vectors_bring_all() {
+    fn light_basis_reproduces_training_light() {
         let three = |l: usize, k: usize| {
             (0..3)
                 .map(|c| noise(l, 100 + c) * noise(50 + c, k))
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn bases_are_no_larger_than_what_they_are_of() {
+    fn light_basis_size_is_bounded_by_senders() {
         // A cluster of one has the constant vector; lamps that all do the same one more; fewer
         // lamps than vectors no more than lamps.
         let counts = |b: &LightBasis| [0, 1, 2].map(|s| b.vectors_of(s).len());
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn what_says_little_is_left_out_within_its_bound() {
+    fn light_basis_drops_small_vectors_within_bound() {
         let basis = basis(10, 200, |l, k| noise(l, k) * 0.3f32.powi((k % 8) as i32));
         let mut scratch = CompressScratch::default();
         let mut sizes = Vec::new();

@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_numbers_that_people_know() {
+    fn axis_ticks_are_round_numbers() {
         let linear = Axis::linear("", Format::Number);
         assert_eq!(
             named(&linear, &[0.0, 1.0]),
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn any_numbers_give_finite_axes() {
+    fn axis_of_any_values_is_finite() {
         let most = f64::MAX;
         let sets: [&[f64]; 9] = [
             &[],

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn labels_keep_off_markers_off_each_other_and_inside() {
+    fn chart_labels_do_not_overlap() {
         let frame = Area(0.0, 0.0, 300.0, 300.0);
         let places = [(100.0, 100.0), (112.0, 100.0), (295.0, 150.0), (4.0, 4.0)];
         let mut taken: Vec<Area> = places.iter().map(|p| Area::around(*p, 5.0)).collect();

@@ -55,7 +55,7 @@ fn example() -> Chart {
 }
 
 #[test]
-fn a_chart_is_xml_with_all_that_was_asked_for() {
+fn chart_is_valid_xml_with_all_series() {
     let svg = example().svg();
     let texts_of = texts(&svg);
     for word in [
@@ -80,7 +80,7 @@ fn a_chart_is_xml_with_all_that_was_asked_for() {
 }
 
 #[test]
-fn places_are_where_the_axes_say() {
+fn chart_positions_match_axes() {
     let chart = Chart {
         series: vec![Series::new(
             "a",
@@ -115,7 +115,7 @@ fn places_are_where_the_axes_say() {
 }
 
 #[test]
-fn no_number_is_no_coordinate() {
+fn chart_skips_nan_values() {
     let mut chart = example();
     let odd = [
         f64::NAN,
