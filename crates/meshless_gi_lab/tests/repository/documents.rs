@@ -1,0 +1,268 @@
+//! Citations, decisions, links, and tables of documents that repeat the source.
+
+use crate::{files, none, read, root};
+use std::collections::BTreeSet;
+use std::fs;
+
+/// Citation keys such as L08 in square brackets, alone or before a place in the paper.
+fn cited(text: &str) -> BTreeSet<String> {
+    let key_of = |t: &str| {
+        let letters = t.find(|c: char| !c.is_ascii_alphabetic())?;
+        let end = letters
+            + t[letters..]
+                .find(|c: char| !c.is_ascii_digit())
+                .unwrap_or(t.len() - letters);
+        let closes = t[end..].starts_with([']', ' ', ',']);
+        let is_key =
+            t.starts_with(|c: char| c.is_ascii_uppercase()) && letters > 0 && end == letters + 2;
+        (is_key && closes).then(|| t[..end].to_string())
+    };
+    text.match_indices('[')
+        .filter_map(|(i, _)| key_of(&text[i + 1..]))
+        .collect()
+}
+
+/// Keys that a bibliography defines: `- **[KEY]** …`. One that is defined twice is an error.
+fn defined(bibliography: &str) -> Result<BTreeSet<String>, String> {
+    let mut keys = BTreeSet::new();
+    for line in bibliography.lines() {
+        if let Some((key, _)) = line.strip_prefix("- **[").and_then(|l| l.split_once("]**"))
+            && !keys.insert(key.to_string())
+        {
+            return Err(format!("[{key}] is defined twice"));
+        }
+    }
+    Ok(keys)
+}
+
+/// Numbers n of "design Dn" or "Dn's" in comments, where n is a decision of docs/DECISIONS.md.
+fn decisions_cited(text: &str) -> BTreeSet<u32> {
+    text.match_indices("design D")
+        .filter_map(|(i, m)| {
+            let digits: String = text[i + m.len()..]
+                .chars()
+                .take_while(char::is_ascii_digit)
+                .collect();
+            digits.parse().ok()
+        })
+        .collect()
+}
+
+/// Relative links of a Markdown text that lead nowhere. Pictures are left out, for pages are read
+/// without them too.
+fn dead_links(text: &str, exists: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut dead = Vec::new();
+    for (i, _) in text.match_indices("](") {
+        let rest = &text[i + 2..];
+        let Some(target) = rest.find(')').map(|end| &rest[..end]) else {
+            continue;
+        };
+        let file = target.split('#').next().unwrap_or_default();
+        let elsewhere = target.contains("://") || file.is_empty() || file.ends_with(".png");
+        if !elsewhere && !exists(file) {
+            dead.push(target.to_string());
+        }
+    }
+    dead
+}
+
+/// Names of the public fields of `pub struct <name>`.
+fn fields(source: &str, name: &str) -> Vec<String> {
+    let head = format!("pub struct {name} {{");
+    let body = source
+        .split_once(&head)
+        .map_or("", |(_, rest)| rest.split("\n}").next().unwrap_or(""));
+    body.lines()
+        .filter_map(|l| l.trim().strip_prefix("pub ")?.split(':').next())
+        .map(String::from)
+        .collect()
+}
+
+/// The numbers of one preset, in the order of the struct's fields.
+fn preset(source: &str, name: &str) -> Vec<f64> {
+    let head = format!("Self::{name} => QualityParameters {{");
+    let body = source
+        .split_once(&head)
+        .map_or("", |(_, rest)| rest.split('}').next().unwrap_or(""));
+    body.split(',')
+        .filter_map(|f| f.split_once(':'))
+        .map(|(_, value)| {
+            let plain = value.trim().replace('_', "");
+            plain.parse().unwrap_or(f64::NAN)
+        })
+        .collect()
+}
+
+/// The numbers of the table row of a Markdown text whose first cell is `name` in code type.
+fn row(text: &str, name: &str) -> Vec<f64> {
+    let head = format!("| `{name}` |");
+    text.lines()
+        .find_map(|l| l.strip_prefix(&head))
+        .map(|cells| {
+            cells
+                .split('|')
+                .filter_map(|c| c.trim().replace(' ', "").parse().ok())
+                .collect()
+        })
+        .unwrap_or_default()
+}
+
+#[test]
+fn citations_are_defined_in_the_bibliography() {
+    let known = defined(&read("docs/REFERENCES.md")).expect("a sound bibliography");
+    let mut all = BTreeSet::new();
+    for (folder, endings) in [
+        ("src", ["rs"]),
+        ("crates", ["rs"]),
+        ("shaders", ["wgsl"]),
+        ("tests", ["rs"]),
+        ("docs", ["md"]),
+    ] {
+        for (path, text) in files(folder, &endings) {
+            // This file's bad examples are none of its citations.
+            if path.contains("tests/repository/") {
+                continue;
+            }
+            let keys = cited(&text);
+            let unknown: Vec<_> = keys.difference(&known).collect();
+            assert!(
+                unknown.is_empty(),
+                "{path} cites {unknown:?}, which docs/REFERENCES.md does not define"
+            );
+            all.extend(keys);
+        }
+    }
+    all.extend(cited(&read("ARCHITECTURE.md")));
+    all.extend(cited(&read("README.md")));
+    assert!(all.contains("L08"), "the search finds nothing");
+    assert!(all.is_subset(&known), "{:?}", all.difference(&known));
+}
+
+#[test]
+fn citation_check_detects_undefined_keys() {
+    let keys = |text| cited(text).into_iter().collect::<Vec<_>>();
+    assert_eq!(
+        keys("see [L08] Eq. (3), [WBW13 §2] and [X99]"),
+        ["L08", "WBW13", "X99"]
+    );
+    assert_eq!(
+        keys("[u32; 3] [Vec3] [12] [A1] [ABC123] [`L08`] [F32;3]"),
+        [""; 0]
+    );
+    let twice = "- **[L08]** A.\n- **[L08]** B.\n";
+    assert!(defined(twice).is_err());
+    assert!(!defined("- **[L08]** A.").expect("one").contains("X99"));
+}
+
+#[test]
+fn cited_decisions_are_explained() {
+    let decisions = read("docs/DECISIONS.md");
+    let mut all = BTreeSet::new();
+    for folder in ["src", "crates", "shaders"] {
+        for (path, text) in files(folder, &["rs", "wgsl"]) {
+            for n in decisions_cited(&text) {
+                assert!(
+                    decisions.contains(&format!("\n## D{n} ")),
+                    "{path} names design D{n}, which docs/DECISIONS.md does not explain"
+                );
+                all.insert(n);
+            }
+        }
+    }
+    assert!(all.contains(&1), "the search finds nothing");
+    assert_eq!(decisions_cited("(design D12) and design D"), [12].into());
+}
+
+#[test]
+fn readme_scripts_exist_and_stop_on_errors() {
+    let readme = read("README.md");
+    for script in ["scripts/demo.sh", "scripts/test.sh"] {
+        assert!(readme.contains(script), "README.md does not name {script}");
+    }
+    for script in [
+        "scripts/demo.sh",
+        "scripts/test.sh",
+        "scripts/setup.sh",
+        ".ci/run",
+    ] {
+        let text = read(script);
+        assert!(
+            text.starts_with("#!/usr/bin/env bash\n"),
+            "{script}: no interpreter"
+        );
+        assert!(
+            text.contains("\nset -euo pipefail\n"),
+            "{script} goes on after failures"
+        );
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = fs::metadata(root().join(script))
+                .expect("there")
+                .permissions()
+                .mode();
+            assert!(mode & 0o111 != 0, "{script} cannot be run");
+        }
+    }
+}
+
+#[test]
+fn relative_links_of_documents_exist() {
+    let mut found = Vec::new();
+    let mut pages = files("docs", &["md"]);
+    for page in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {
+        pages.push((page.into(), read(page)));
+    }
+    for (path, text) in &pages {
+        let folder = root().join(path);
+        let folder = folder.parent().expect("a folder");
+        for dead in dead_links(text, |target| folder.join(target).exists()) {
+            found.push(format!("{path}: {dead} is not there"));
+        }
+    }
+    none(found);
+    let text = "[a](here.md) [b](gone.md#x) [c](https://example.org) [d](#below) ![e](later.png)";
+    assert_eq!(dead_links(text, |t| t == "here.md"), ["gone.md#x"]);
+}
+
+#[test]
+fn guide_lists_every_recipe_field() {
+    let source = read("crates/meshless_gi/src/bake/recipe.rs");
+    let guide = read("docs/GUIDE.md");
+    let names = fields(&source, "Recipe");
+    assert!(
+        names.len() > 10 && names.contains(&"preset".to_string()),
+        "{names:?}"
+    );
+    for name in names {
+        assert!(
+            guide.contains(&format!("| `{name}` |")),
+            "docs/GUIDE.md has no row for the recipe's `{name}`"
+        );
+    }
+    assert_eq!(
+        fields("pub struct A {\n    /// x\n    pub b: u8,\n}\n", "A"),
+        ["b"]
+    );
+}
+
+#[test]
+fn guide_presets_equal_the_source() {
+    let source = read("crates/meshless_gi/src/bake/quality_level.rs");
+    let guide = read("docs/GUIDE.md");
+    for name in ["Draft", "Medium", "High"] {
+        let numbers = preset(&source, name);
+        assert!(
+            !numbers.is_empty() && numbers.iter().all(|n| n.is_finite()),
+            "{numbers:?}"
+        );
+        assert_eq!(
+            row(&guide, name),
+            numbers,
+            "docs/GUIDE.md, row `{name}`: the source says the second"
+        );
+    }
+    let source = "Self::A => QualityParameters {\n points: 1_000.0,\n rays: 2,\n },";
+    assert_eq!(preset(source, "A"), [1000.0, 2.0]);
+    assert_eq!(row("| `a` | 1 000 | 2 |", "a"), [1000.0, 2.0]);
+}

@@ -1,0 +1,257 @@
+//! Lengths of files, functions and lines. Clippy checks the lengths of functions and the numbers of
+//! their parameters too (`too_many_lines`, `too_many_arguments`), but not without the engine.
+
+use crate::{code_only, files, none};
+
+/// Folders of sources and of tests.
+const SOURCES: [&str; 6] = [
+    "src",
+    "crates/meshless_gi/src",
+    "crates/meshless_gi_lab/src",
+    "crates/meshless_gi_cli/src",
+    "shaders",
+    "examples",
+];
+const TESTS: [&str; 4] = [
+    "tests",
+    "crates/meshless_gi/tests",
+    "crates/meshless_gi_lab",
+    "crates/meshless_gi_cli/tests",
+];
+
+/// Maximum lines of a source file. Tests are lists of cases and may be longer.
+const MAX_FILE_LINES: usize = 700;
+const MAX_TEST_FILE_LINES: usize = 1200;
+/// Maximum code lines of a function, without blank lines and comments.
+const MAX_FUNCTION_LINES: usize = 400;
+const MAX_PARAMETERS: usize = 20;
+/// Maximum columns of a comment. Addresses and tables may be wider.
+const MAX_COMMENT_COLUMNS: usize = 100;
+/// Numbers of findings that are allowed.
+const LONG_FUNCTIONS: usize = 100;
+const WIDE_COMMENTS: usize = 300;
+
+/// A function of a source: name, line, code lines and parameters.
+#[derive(Debug, PartialEq)]
+struct Function {
+    name: String,
+    line: usize,
+    lines: usize,
+    parameters: usize,
+}
+
+/// Position after the bracket that closes the one at `open`.
+fn closing(code: &[u8], open: usize) -> Option<usize> {
+    let mut depth = 0usize;
+    for (i, c) in code.iter().enumerate().skip(open) {
+        match c {
+            b'(' | b'{' | b'[' => depth += 1,
+            b')' | b'}' | b']' => {
+                depth -= 1;
+                if depth == 0 {
+                    return Some(i + 1);
+                }
+            }
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Number of items between commas on the first level of a parameter list.
+fn parameters(list: &str) -> usize {
+    let (mut depth, mut count, mut empty) = (0, 0, true);
+    let mut previous = ' ';
+    for c in list.chars() {
+        match c {
+            '(' | '[' | '{' | '<' => depth += 1,
+            '>' if previous == '-' => {}
+            ')' | ']' | '}' | '>' => depth -= 1,
+            ',' if depth == 0 => {
+                count += usize::from(!empty);
+                empty = true;
+            }
+            _ => {}
+        }
+        if !c.is_whitespace() && c != ',' {
+            empty = false;
+        }
+        previous = c;
+    }
+    count + usize::from(!empty)
+}
+
+/// Functions of a Rust source with a body.
+fn functions(text: &str) -> Vec<Function> {
+    let code = code_only(text);
+    // Offsets below are bytes: anything beyond ASCII becomes a question mark.
+    let code: String = code
+        .chars()
+        .map(|c| if c.is_ascii() { c } else { '?' })
+        .collect();
+    let bytes = code.as_bytes();
+    let mut found = Vec::new();
+    for (start, _) in code.match_indices("fn ") {
+        let before = start.checked_sub(1).map_or(b' ', |i| bytes[i]);
+        if before.is_ascii_alphanumeric() || before == b'_' {
+            continue;
+        }
+        let rest = &code[start + 3..];
+        let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_'));
+        let name = &rest[..end.unwrap_or(0)];
+        let Some(open) = code[start..].find('(').map(|i| start + i) else {
+            continue;
+        };
+        let Some(list_end) = closing(bytes, open).filter(|_| !name.is_empty()) else {
+            continue;
+        };
+        let body = code[list_end..].find(['{', ';']).map(|i| list_end + i);
+        let Some(body) = body.filter(|&i| bytes[i] == b'{') else {
+            continue;
+        };
+        let Some(body_end) = closing(bytes, body) else {
+            continue;
+        };
+        found.push(Function {
+            name: name.into(),
+            line: 1 + code[..start].matches('\n').count(),
+            lines: code[body + 1..body_end - 1]
+                .lines()
+                .filter(|l| !l.trim().is_empty())
+                .count(),
+            parameters: parameters(&code[open + 1..list_end - 1]),
+        });
+    }
+    found
+}
+
+/// Comments of a source that are wider than `MAX_COMMENT_COLUMNS`.
+fn wide_comments(path: &str, text: &str) -> Vec<String> {
+    text.lines()
+        .enumerate()
+        .filter(|(_, l)| {
+            let comment = l.trim_start();
+            comment.starts_with("//")
+                && l.chars().count() > MAX_COMMENT_COLUMNS
+                && !comment.contains("://")
+                && !comment.trim_start_matches(['/', '!', ' ']).starts_with('|')
+        })
+        .map(|(i, l)| format!("{path}:{}: {} columns", i + 1, l.chars().count()))
+        .collect()
+}
+
+fn too_long(path: &str, text: &str, max: usize) -> Option<String> {
+    let lines = text.lines().count();
+    (lines > max).then(|| format!("{path} has {lines} lines, of at most {max}"))
+}
+
+fn sources() -> Vec<(String, String)> {
+    SOURCES
+        .iter()
+        .flat_map(|folder| files(folder, &["rs", "wgsl"]))
+        .collect()
+}
+
+#[test]
+fn files_are_short() {
+    let mut long = Vec::new();
+    for (path, text) in sources() {
+        long.extend(too_long(&path, &text, MAX_FILE_LINES));
+    }
+    for folder in TESTS {
+        for (path, text) in files(folder, &["rs"]) {
+            long.extend(too_long(&path, &text, MAX_TEST_FILE_LINES));
+        }
+    }
+    none(long);
+    assert!(too_long("a", &"\n".repeat(8), 7).is_some());
+    assert!(too_long("a", &"\n".repeat(7), 7).is_none());
+}
+
+#[test]
+fn functions_are_short_and_have_few_parameters() {
+    let mut found = Vec::new();
+    for (path, text) in sources().iter().filter(|(path, _)| path.ends_with(".rs")) {
+        for f in functions(text) {
+            let Function { name, line, .. } = &f;
+            if f.lines > MAX_FUNCTION_LINES {
+                found.push(format!("{path}:{line}: `{name}` has {} lines", f.lines));
+            }
+            if f.parameters > MAX_PARAMETERS {
+                found.push(format!(
+                    "{path}:{line}: `{name}` has {} parameters",
+                    f.parameters
+                ));
+            }
+        }
+        if text.contains("clippy::too_many_") {
+            found.push(format!("{path}: allows long functions"));
+        }
+    }
+    if found.len() > LONG_FUNCTIONS {
+        none(found);
+    }
+}
+
+#[test]
+fn function_check_counts_lines_and_parameters() {
+    let text = "impl A {\n    fn f<T>(&self, b: Vec<(u8, u8)>, c: impl Fn(u8) -> u8,) -> u8 {\n\
+                        // nothing\n\n        g(\"}\");\n        1\n    }\n}\nfn g();\n";
+    let f = Function {
+        name: "f".into(),
+        line: 2,
+        lines: 2,
+        parameters: 3,
+    };
+    assert_eq!(functions(text), [f]);
+}
+
+#[test]
+fn comments_fit_in_100_columns() {
+    let mut all = Vec::new();
+    for folder in SOURCES.into_iter().chain(TESTS) {
+        for (path, text) in files(folder, &["rs", "wgsl"]) {
+            all.extend(wide_comments(&path, &text));
+        }
+    }
+    if all.len() > WIDE_COMMENTS {
+        none(all);
+    }
+    assert_eq!(
+        wide_comments("a", &format!("  // {}", "x".repeat(96))).len(),
+        1
+    );
+    assert_eq!(
+        wide_comments("a", &format!("// | {}", "x".repeat(96))).len(),
+        0
+    );
+}
+
+/// Prints the figures of the repository. Run with `--nocapture`.
+#[test]
+fn figures_are_printed() {
+    let all = sources();
+    let longest_file = all
+        .iter()
+        .map(|(path, text)| (text.lines().count(), path.as_str()))
+        .max();
+    let longest_function = all
+        .iter()
+        .filter(|(path, _)| path.ends_with(".rs"))
+        .flat_map(|(path, text)| functions(text).into_iter().map(move |f| (f, path)))
+        .map(|(f, path)| (f.lines, f.name, path.as_str()))
+        .max();
+    let wide = all
+        .iter()
+        .flat_map(|(path, text)| wide_comments(path, text));
+    println!("longest file: {longest_file:?}");
+    println!("longest function: {longest_function:?}");
+    println!("comments over 100 columns: {}", wide.count());
+    for folder in SOURCES {
+        let lines: usize = files(folder, &["rs", "wgsl"])
+            .iter()
+            .map(|(_, text)| text.lines().count())
+            .sum();
+        println!("{folder}: {lines} lines");
+    }
+}
