@@ -35,8 +35,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
-use meshless_gi::bake::VisibilityRecipe;
-use meshless_gi::scene::cornell_box;
+use meshless_gi::{VisibilityRecipe, cornell_box};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

@@ -32,8 +32,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems, spawn_lamp};
-use meshless_gi::bake::{OccluderBox, OccluderDesc, ProbeSettings};
-use meshless_gi::scene::{Material, Quad};
+use meshless_gi::{Material, OccluderBox, OccluderDesc, ProbeSettings, Quad};
 use std::f32::consts::PI;
 use std::process::ExitCode;
 

@@ -31,7 +31,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
-use meshless_gi::scene::{Material, Quad};
+use meshless_gi::{Material, Quad};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {

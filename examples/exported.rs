@@ -27,9 +27,10 @@ use bevy::asset::AssetPlugin;
 use bevy::light::IrradianceVolume;
 use bevy::prelude::*;
 use common::capture::{Capture, default_plugins};
-use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
-use meshless_gi::export::{ExportedVolume, VolumeExport, VolumePlacement};
-use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
+use meshless_gi::{
+    ExportedVolume, Light, Preset, ProbeSettings, Progress, Recipe, VolumeExport, VolumePlacement,
+    bake_scene, cornell_box, mesh_of_quads,
+};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -20,7 +20,7 @@ use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{PollType, TextureFormat, TextureUsages};
 use bevy::render::renderer::RenderDevice;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::cornell_box;
+use meshless_gi::cornell_box;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;

@@ -33,11 +33,9 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Lamp, Stage, StageSystems, spawn_lamp};
-use meshless_gi::bake::{Preset, Recipe};
-use meshless_gi::samples::scatter;
-use meshless_gi::scene::{
-    Bounds, PlyPoints, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, read_ply, statue,
-};
+use meshless_gi::internals::samples::scatter;
+use meshless_gi::internals::scene::{PlyPoints, read_ply, statue};
+use meshless_gi::{Bounds, PointCloud, Preset, Recipe, TriangleMesh, cornell_box, mesh_of_quads};
 use std::path::Path;
 use std::process::ExitCode;
 

@@ -33,8 +33,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::Capture;
 use common::clock::{Clock, ClockSystems};
 use common::stage::{Stage, StageSystems};
-use meshless_gi::bake::{ProbeSettings, Sky};
-use meshless_gi::scene::{Material, Quad, SkyRadiance};
+use meshless_gi::{Material, ProbeSettings, Quad, Sky, SkyRadiance};
 use std::f32::consts::{PI, TAU};
 use std::process::ExitCode;
 

@@ -5,14 +5,13 @@
 
 use bevy_meshless_gi::plan::{Quality, TierCandidate, TierController};
 use glam::{Vec2, Vec3};
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
-use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::{Random, scatter, uniform_sphere};
-use meshless_gi::scene::{
-    Geometry, Light, Material, PlyPoints, PointCloud, Quad, Ray, TriangleMesh, cornell_box,
-    mesh_of_quads,
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::internals::scene::PlyPoints;
+use meshless_gi::{
+    BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Geometry, Irradiance,
+    Light, Limits, Material, PointCloud, Preset, Progress, Quad, Ray, Recipe, ReferenceSettings,
+    TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 
 const REFLECTIONS: u32 = 4;
@@ -320,7 +319,7 @@ fn invalid_fmm_recipes_are_rejected() {
         ("sources", |r| r.sources = Some(65)),
         ("pair_rays", |r| r.pair_rays = Some(0)),
         ("bounce_mode", |r| {
-            r.bounce_mode = meshless_gi::bake::BounceMode::Baked;
+            r.bounce_mode = meshless_gi::BounceMode::Baked;
         }),
     ];
     for (field, change) in wrong {

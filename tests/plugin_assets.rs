@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::{Material, TriangleMesh};
+use meshless_gi::{Material, TriangleMesh};
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
 use plugin_support::assets::{bare_app, until};
 use plugin_support::log::warnings;

@@ -19,7 +19,7 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plugin::{GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{Preset, ProbeSettings, Recipe};
+use meshless_gi::{Preset, ProbeSettings, Recipe};
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::Picture;
 use plugin_support::scenes::{Room, cornell};

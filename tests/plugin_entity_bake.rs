@@ -14,9 +14,7 @@ use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy::render::render_resource::{AsBindGroup, Extent3d, Face, TextureDimension, TextureFormat};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{OccluderDesc, Progress, bake_scene};
-use meshless_gi::scene::load_gltf;
+use meshless_gi::{BakedScene, OccluderDesc, Progress, bake_scene, load_gltf};
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::assets::until;
 use plugin_support::bakes::{
@@ -344,7 +342,7 @@ fn mirrored_and_instanced_meshes_keep_front_faces() {
     let near = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).distance(b.into()) < 1e-5;
     for flip in [1.0, -1.0] {
         let (a, b, c) = normal(flip);
-        let same = |t: &&meshless_gi::scene::BvhTriangle| {
+        let same = |t: &&meshless_gi::internals::scene::BvhTriangle| {
             [[t.a, t.b, t.c], [t.b, t.c, t.a], [t.c, t.a, t.b]]
                 .iter()
                 .any(|[p, q, r]| near(*p, a) && near(*q, b) && near(*r, c))

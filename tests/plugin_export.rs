@@ -11,10 +11,9 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{ProbeSettings, Recipe};
-use meshless_gi::eval::Bounces;
-use meshless_gi::export::{ExportedVolume, VolumeExport, VolumePlacement};
+use meshless_gi::{
+    BakedScene, Bounces, ExportedVolume, ProbeSettings, Recipe, VolumeExport, VolumePlacement,
+};
 use plugin_support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::Room;

@@ -12,15 +12,13 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{ProbeSettings, Recipe};
-use meshless_gi::frame::fog_voxels::fog_voxels;
-use meshless_gi::frame::volume::volume_texels;
-use meshless_gi::frame::{
-    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, VolumeParams, VolumeValues,
-    VoxelGrid, VoxelWeights, fog, voxels_of,
+use meshless_gi::internals::frame::fog_voxels::fog_voxels;
+use meshless_gi::internals::frame::volume::volume_texels;
+use meshless_gi::internals::frame::{
+    Fog, FogParams, FogView, FogVoxelsParams, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
+    fog, voxels_of,
 };
-use meshless_gi::scene::{Geometry, Ray};
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, Geometry, ProbeSettings, Ray, Recipe};
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::Picture;
 use plugin_support::scenes::{Room, exposure};

@@ -7,8 +7,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiGizmos, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::frame::{CpuFrame, FrameLight};
-use meshless_gi::scene::Light;
+use meshless_gi::{CpuFrame, FrameLight, Light};
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
@@ -469,7 +468,7 @@ fn white_wall_under_sky_matches_bevy_light() {
     // A sky of L everywhere in front of the wall gives it E = πL, as a lamp of πL lux along the
     // normal does.
     let radiance = 700.0;
-    let bake = meshless_gi::bake::Recipe {
+    let bake = meshless_gi::Recipe {
         viewpoints: vec![[0.0, 0.0, 1.0]],
         coarse_radius: Some(0.5),
         levels: Some(2),
@@ -528,7 +527,7 @@ fn white_wall_under_sky_matches_bevy_light() {
 
 #[test]
 fn bevy_light_units_match_for_every_light_type() {
-    use meshless_gi::frame::project::unshadowed;
+    use meshless_gi::internals::frame::project::unshadowed;
     let mut app = app();
     let room = Room::wall(0.6);
     let root = app

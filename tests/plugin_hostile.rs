@@ -13,7 +13,7 @@ use bevy::render::camera::TemporalJitter;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::Light;
+use meshless_gi::Light;
 use plugin_support::app::{app, camera, picture, run};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{cornell, cpu_indirect};

@@ -10,7 +10,7 @@ use bevy::log::tracing::{Event, Metadata, Subscriber};
 use bevy::log::{Level, LogPlugin};
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
+use meshless_gi::BakedScene;
 use plugin_support::app::{camera, headless_plugins, ready, run, target};
 use plugin_support::scenes::cornell;
 use plugin_support::stage::{indirect, spawn_baked, spawn_lamp, view};

@@ -12,7 +12,7 @@ use bevy::ui_widgets::{Activate, ValueChange};
 use bevy_meshless_gi::plugin::{GiDebugView, GiLighting};
 use bevy_meshless_gi::prelude::*;
 use common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
-use meshless_gi::bake::Preset;
+use meshless_gi::Preset;
 use plugin_support::app::{headless_plugins, ready, run};
 use plugin_support::stage::{lit_room, spawn_lamp};
 

@@ -13,8 +13,7 @@ use bevy_meshless_gi::plan::{
 };
 use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::frame::{Channels, FrameSettings};
-use meshless_gi::scene::Light;
+use meshless_gi::{Channels, FrameSettings, Light};
 use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{Room, cornell, cpu_indirect};

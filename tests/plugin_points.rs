@@ -8,10 +8,10 @@ use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{GiPointCloudAsset, GiPointCloudPart};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::samples::scatter;
-use meshless_gi::scene::{
-    Material, PlyEncoding, PlyPoints, PointCloud, Quad, TriangleMesh, mesh_of_quads, write_ply,
+use meshless_gi::internals::samples::scatter;
+use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, write_ply};
+use meshless_gi::{
+    Material, PointCloud, Preset, Progress, Quad, Recipe, TriangleMesh, bake_scene, mesh_of_quads,
 };
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
 use plugin_support::flip::{Picture, flip};
@@ -98,7 +98,8 @@ fn point_room_picture_matches_triangle_room() {
     let expected = shown(&mesh, folder.path(), |app, root| {
         Room::cornell().spawn(app, root);
     });
-    let loaded = meshless_gi::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
+    let loaded =
+        meshless_gi::internals::scene::load_ply(folder.path().join("room.ply"), &[]).unwrap();
     let (cells, _) = loaded.cloud.mesh();
     let count = loaded.cloud.len();
     let drawn = shown(&cells, folder.path(), |app, root| {

@@ -15,7 +15,7 @@ use bevy_meshless_gi::plugin::{
     GiRecipeProgress, ProcessAssetsError, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::{BakedScene, Limits};
 use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
 use plugin_support::assets::{bare_app_with, shipped, until};
 use plugin_support::glb::{glb, gltf, textured_glb};

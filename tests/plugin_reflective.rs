@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::Light;
+use meshless_gi::Light;
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
 use plugin_support::flip::{Picture, flip};

@@ -10,8 +10,8 @@ use bevy_meshless_gi::plugin::{
     GiStaleBakes, GiWarning, GiWarnings, ProcessAssetsOptions, process_assets,
 };
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::Staleness;
+use meshless_gi::internals::bake::Staleness;
+use meshless_gi::{BakedScene, Limits};
 use plugin_support::app::ready;
 use plugin_support::assets::until;
 use plugin_support::glb::{glb, gltf};

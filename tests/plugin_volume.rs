@@ -14,9 +14,9 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
-use meshless_gi::scene::{TriangleMesh, load_gltf};
+use meshless_gi::{
+    BakedScene, Preset, ProbeSettings, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
+};
 use plugin_support::app::{app, camera, picture, run, target};
 use plugin_support::flip::{Picture, flip};
 use plugin_support::scenes::{Quad, Room};

@@ -13,7 +13,7 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::Light;
+use meshless_gi::Light;
 use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
 use plugin_support::flip::flip;
 use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
@@ -511,10 +511,10 @@ fn sky_emission_and_bounce_changes_skip_projection() {
     change(&mut app, |l| l.bounces = Some(1));
     change(&mut app, |l| l.emission = 0.0);
     change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
-    let changed = meshless_gi::frame::FrameSettings {
+    let changed = meshless_gi::FrameSettings {
         sky: Vec3::new(30.0, 40.0, 60.0).into(),
         emission: 0.0,
-        ..meshless_gi::frame::FrameSettings::bounces(1)
+        ..meshless_gi::FrameSettings::bounces(1)
     };
     let cpu = cpu_indirect(
         &room,

@@ -3,10 +3,11 @@
 
 use bevy_meshless_gi::plan::{BounceSelector, LEFT, bounces_at};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Material, Quad, SceneDescription, load_gltf, mesh_of_quads};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Preset, Progress, Quad, Recipe,
+    bake_scene, load_gltf, mesh_of_quads,
+};
 use std::path::Path;
 use std::time::Instant;
 

@@ -4,25 +4,28 @@
 //! on a shader that was spoiled, and must object.
 
 use bevy_meshless_gi::gpu::{KERNELS, Kernel, Kind, Pass};
-use meshless_gi::asset::PointSurface;
-use meshless_gi::basis::{LEAN_FROM, NO_COVER, WeightEntry};
-use meshless_gi::frame::fmm_layout::{
+use meshless_gi::internals::asset::PointSurface;
+use meshless_gi::internals::basis::{LEAN_FROM, NO_COVER, WeightEntry};
+use meshless_gi::internals::frame::fmm_layout::{
     FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm, MAX_FMM_TERMS, NO_TERM,
 };
-use meshless_gi::frame::pyramid::{self, CellRange};
-use meshless_gi::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
-use meshless_gi::frame::{
-    CompositeParams, Face, FogParams, FogVoxelsParams, FrameLight, GlossNode, GlossParams, Node,
+use meshless_gi::internals::frame::pyramid::{self, CellRange};
+use meshless_gi::internals::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
+use meshless_gi::internals::frame::{
+    CompositeParams, Face, FogParams, FogVoxelsParams, GlossNode, GlossParams, Node,
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
     SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
     VplViewParams, WallWeight, apply, brdf, compress, fog, fog_voxels, gbuffer, gloss, probe,
     project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces, volume_places,
     volume_read, volume_ways, vpl,
 };
-use meshless_gi::samples::{F_SQUASH, GridSlot, HashedGrid, LightSample, Point};
-use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle};
-use meshless_gi::transport::pca::{Column, MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint};
-use meshless_gi::transport::{BounceLink, Link, PROBE_ROWS, PackedLinkTerm, Row};
+use meshless_gi::internals::samples::{F_SQUASH, GridSlot, HashedGrid, LightSample, Point};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
+use meshless_gi::internals::transport::pca::{
+    Column, MAX_RATIO, Visibility, VisibilityCluster, VisiblePoint,
+};
+use meshless_gi::internals::transport::{BounceLink, Link, PROBE_ROWS, PackedLinkTerm, Row};
+use meshless_gi::{Bvh, FrameLight};
 use naga::front::wgsl;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use std::collections::{BTreeMap, BTreeSet};

@@ -40,11 +40,11 @@ use bevy_meshless_gi::gpu::{
 };
 use compare::{SINGLE, Scale, differing, same};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, SkyVisibility};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
-use meshless_gi::scene::SkyRadiance;
-use meshless_gi::transport::pca::Column;
-use meshless_gi::transport::{Link, Row, SenderForm};
+use meshless_gi::internals::asset::SkyVisibility;
+use meshless_gi::internals::frame::project;
+use meshless_gi::internals::transport::pca::Column;
+use meshless_gi::internals::transport::{Link, Row, SenderForm};
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, SkyRadiance};
 
 /// The device, or None where the caller allowed that there is none.
 fn harness() -> Option<HeadlessDevice> {
@@ -314,7 +314,7 @@ const VALUES: Checked = (
 );
 
 /// Adds a percent to the weight of entry `at`.
-fn heavier(weights: &mut meshless_gi::basis::Weights, at: usize) {
+fn heavier(weights: &mut meshless_gi::internals::basis::Weights, at: usize) {
     weights.entries[at].weight *= 1.01;
 }
 
@@ -608,7 +608,7 @@ fn links_above_binding_limit_are_split() {
 /// The whole frame of real bakes, from lights to vector irradiance, the projection included.
 #[test]
 fn cornell_box_bakes_match_twin() {
-    use meshless_gi::bake::{BounceMode, TransportMethod};
+    use meshless_gi::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     for (rule, mode) in [
@@ -671,7 +671,7 @@ fn cornell_box_bakes_match_twin() {
 #[test]
 fn octree_above_limit_falls_back_to_links() {
     use bevy_meshless_gi::plan::{FmmLimit, falls_back};
-    use meshless_gi::bake::{BounceMode, TransportMethod};
+    use meshless_gi::{BounceMode, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let mut scene = baked::cornell(TransportMethod::Fmm, BounceMode::Live);

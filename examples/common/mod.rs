@@ -14,7 +14,7 @@ use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy_meshless_gi::plugin::{GiGizmos, MeshlessGiPlugin};
 use capture::{Capture, default_plugins};
-use meshless_gi::scene::{Material, Quad};
+use meshless_gi::{Material, Quad};
 use std::process::ExitCode;
 
 /// An app with Bevy's plugins and ours, without Bevy's ambient light, which would count twice; it

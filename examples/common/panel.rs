@@ -25,7 +25,7 @@ use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
 use bevy_meshless_gi::plugin::{GiActiveTier, GiDebugView, GiFrameStats, GiLighting, GiSystems};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::Preset;
+use meshless_gi::Preset;
 
 /// Shows the panel and applies its controls.
 pub struct TuningPanelPlugin;

@@ -5,9 +5,7 @@ use bevy::camera::Exposure;
 use bevy::input::mouse::AccumulatedMouseMotion;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Bounds, Bvh, Light, Ray};
+use meshless_gi::{BakedScene, Bounds, Bvh, CpuFrame, FrameLight, FrameSettings, Light, Ray};
 use std::f32::consts::{PI, TAU};
 
 /// The camera of the example, and where it stood when the level came.

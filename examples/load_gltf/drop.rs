@@ -8,8 +8,7 @@ use bevy::light::CascadeShadowConfigBuilder;
 use bevy::prelude::*;
 use bevy::window::FileDragAndDrop;
 use bevy_meshless_gi::plugin::GiBakeTask;
-use meshless_gi::bake::Recipe;
-use meshless_gi::scene::{Bounds, Geometry, Light, TriangleMesh, load_gltf};
+use meshless_gi::{Bounds, Geometry, Light, Recipe, TriangleMesh, load_gltf};
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 

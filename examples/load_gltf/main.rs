@@ -37,7 +37,7 @@ use bevy_meshless_gi::prelude::*;
 use common::capture::{Capture, default_plugins};
 use common::panel::{PanelPreset, TuningPanelPlugin};
 use drop::{Lamp, Loaded};
-use meshless_gi::bake::Preset;
+use meshless_gi::Preset;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Mutex;

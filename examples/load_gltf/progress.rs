@@ -3,7 +3,7 @@
 use super::save::Saving;
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::Stage;
+use meshless_gi::Stage;
 
 /// A line about the last file: an error, or where a bake was saved. Empty for none.
 #[derive(Resource, Default)]

@@ -12,11 +12,11 @@ use meshless_gi_lab::fixtures::fmm as room;
 
 use bevy_meshless_gi::gpu::{GpuCounters, GpuFmm, HeadlessDevice, KernelPipelines};
 use glam::Vec3;
-use meshless_gi::frame::VectorIrradiance;
-use meshless_gi::frame::fmm_down::fmm_down;
-use meshless_gi::frame::fmm_up::fmm_up;
-use meshless_gi::transport::fmm::passes::Field;
-use meshless_gi::transport::fmm::{Fmm, FmmSettings, Passes};
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::frame::fmm_down::fmm_down;
+use meshless_gi::internals::frame::fmm_up::fmm_up;
+use meshless_gi::internals::transport::fmm::passes::Field;
+use meshless_gi::internals::transport::fmm::{Fmm, FmmSettings, Passes};
 use room::{glow, with_ball};
 use std::error::Error;
 use std::time::Instant;

@@ -12,13 +12,14 @@
 use bevy_meshless_gi::gpu::{HeadlessDevice, KERNELS};
 use bytemuck::NoUninit;
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::basis::{NO_COVER, weight};
-use meshless_gi::frame::apply::apply_row;
-use meshless_gi::frame::apply_one::apply_one_row;
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, SolveParams, VectorIrradiance};
-use meshless_gi::scene::{Light, Material, Quad, cornell_box, mesh_of_quads};
+use meshless_gi::internals::basis::{NO_COVER, weight};
+use meshless_gi::internals::frame::apply::apply_row;
+use meshless_gi::internals::frame::apply_one::apply_one_row;
+use meshless_gi::internals::frame::{SolveParams, VectorIrradiance};
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Light, Material, Preset, Progress, Quad,
+    Recipe, bake_scene, cornell_box, mesh_of_quads,
+};
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
 use std::hint::black_box;

@@ -18,11 +18,10 @@ use bevy_meshless_gi::gpu::{
     SubsplatBuffers, SubsplatTargets, ViewBuffers,
 };
 use half::f16;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::frame::{
-    CompositeParams, SubsplatSettings, VectorIrradiance, Vpl, VplParams, VplViewParams, splat,
+use meshless_gi::internals::frame::{
+    CompositeParams, VectorIrradiance, Vpl, VplParams, VplViewParams, splat,
 };
+use meshless_gi::{BakedScene, Limits, Preset, Progress, Recipe, SubsplatSettings, bake_scene};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

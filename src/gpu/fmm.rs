@@ -8,9 +8,9 @@ use super::scene_buffers::binding_limit;
 use super::{GpuCounters, GpuError};
 use crate::plan::{FmmLimit, octree_fits};
 use bytemuck::NoUninit;
-use meshless_gi::frame::Span;
-use meshless_gi::frame::fmm_layout::{FmmParams, fmm_terms};
-use meshless_gi::transport::fmm::FmmOperator;
+use meshless_gi::internals::frame::Span;
+use meshless_gi::internals::frame::fmm_layout::{FmmParams, fmm_terms};
+use meshless_gi::internals::transport::fmm::FmmOperator;
 
 /// An octree on the device, and what is recorded of it.
 #[derive(Debug)]

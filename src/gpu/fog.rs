@@ -6,7 +6,7 @@ use super::kernels::{FOG, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::uniform;
 use super::{GpuCounters, Pass};
-use meshless_gi::frame::{FogParams, FogVoxelsParams};
+use meshless_gi::internals::frame::{FogParams, FogVoxelsParams};
 
 /// What a level sends to the eye through fog of one asymmetry.
 #[derive(Debug)]

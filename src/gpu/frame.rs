@@ -6,11 +6,10 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, SpanList, ViewBuffers};
 use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::materials::present;
-use meshless_gi::frame::splat::SEAM;
-use meshless_gi::frame::{FrameLight, FrameSettings, SplatParams, Steps};
-use meshless_gi::scene::MaterialFactors;
+use meshless_gi::internals::frame::materials::present;
+use meshless_gi::internals::frame::splat::SEAM;
+use meshless_gi::internals::frame::{SplatParams, Steps};
+use meshless_gi::{BakedScene, FrameLight, FrameSettings, MaterialFactors};
 
 /// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of
 /// slots is bound at a multiple of 256 bytes, the largest alignment of WebGPU.
@@ -653,7 +652,7 @@ impl Recorder<'_> {
         wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &self.b.spans,
             offset: 0,
-            size: std::num::NonZeroU64::new(size_of::<meshless_gi::frame::Span>() as u64),
+            size: std::num::NonZeroU64::new(size_of::<meshless_gi::internals::frame::Span>() as u64),
         })
     }
 }

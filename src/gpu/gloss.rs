@@ -1,6 +1,6 @@
 //! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by
 //! level, and its pixels, in the order of
-//! [`GlossView::run`](meshless_gi::frame::gloss::GlossView::run). Which lights are evaluated where
+//! [`GlossView::run`](meshless_gi::internals::frame::gloss::GlossView::run). Which lights are evaluated where
 //! is decided on the device; nothing is read back.
 
 use super::Pass;
@@ -9,8 +9,8 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
-use meshless_gi::frame::subsplat::LEVELS;
-use meshless_gi::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
+use meshless_gi::internals::frame::subsplat::LEVELS;
+use meshless_gi::internals::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
 
 /// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many
 /// of those from 2: about 6.6 bytes a pixel.
@@ -29,7 +29,7 @@ pub struct GlossBuffers {
 
 impl GlossBuffers {
     /// Buffers for views of these levels ([`SubsplatParams::levels`] of what
-    /// [`GlossSettings::params`](meshless_gi::frame::GlossSettings::params) gives).
+    /// [`GlossSettings::params`](meshless_gi::GlossSettings::params) gives).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.

@@ -8,7 +8,7 @@ use super::Pass;
 pub enum Kind {
     /// A uniform buffer of so many bytes.
     Uniform(usize),
-    /// A [`Span`](meshless_gi::frame::Span) at a dynamic offset of a uniform buffer.
+    /// A [`Span`](meshless_gi::internals::frame::Span) at a dynamic offset of a uniform buffer.
     Span,
     /// A storage buffer that is read: an array of elements of so many bytes.
     Read(usize),

@@ -7,20 +7,21 @@ use super::kernel::Kind::{
     Depth, Float, Layers, Output, Read, Sampler, Samples, Space, Span, Uint, Uniform, Voxels, Write,
 };
 use super::kernel::{Binding, Entry, Kernel, Kind, bind, each, node, tile};
-use meshless_gi::asset::PointSurface;
-use meshless_gi::basis::WeightEntry;
-use meshless_gi::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
-use meshless_gi::frame::pyramid::CellRange;
-use meshless_gi::frame::{
-    CompositeParams, Face, FogParams, FogVoxelsParams, FrameLight, GlossNode, GlossParams, Node,
+use meshless_gi::FrameLight;
+use meshless_gi::internals::asset::PointSurface;
+use meshless_gi::internals::basis::WeightEntry;
+use meshless_gi::internals::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
+use meshless_gi::internals::frame::pyramid::CellRange;
+use meshless_gi::internals::frame::{
+    CompositeParams, Face, FogParams, FogVoxelsParams, GlossNode, GlossParams, Node,
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
     SolveParams, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
     VplViewParams, WallDistances, WallWeight, rsm,
 };
-use meshless_gi::samples::{GridSlot, LightSample, Point};
-use meshless_gi::scene::{BvhNode, BvhTriangle};
-use meshless_gi::transport::pca::{Column, VisibilityCluster, VisiblePoint};
-use meshless_gi::transport::{BounceLink, Link, PackedLinkTerm, Row};
+use meshless_gi::internals::samples::{GridSlot, LightSample, Point};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
+use meshless_gi::internals::transport::pca::{Column, VisibilityCluster, VisiblePoint};
+use meshless_gi::internals::transport::{BounceLink, Link, PackedLinkTerm, Row};
 
 /// Joins a shader and the parts of the library that it needs.
 macro_rules! shader {
@@ -144,7 +145,7 @@ pub const KERNELS: [Kernel; 26] = [
         entries: &[Entry {
             pass: Pass::Compress,
             name: "compress",
-            workgroup: [meshless_gi::frame::compress::LANES, 1, 1],
+            workgroup: [meshless_gi::internals::frame::compress::LANES, 1, 1],
             items: 1,
             bindings: &[2, 3, 4, 5, 6],
         }],
@@ -164,7 +165,7 @@ pub const KERNELS: [Kernel; 26] = [
             pass: Pass::Apply,
             name: "apply",
             workgroup: [64, 1, 1],
-            items: 64 / meshless_gi::frame::apply::LANES,
+            items: 64 / meshless_gi::internals::frame::apply::LANES,
             bindings: &[1, 2, 3, 4, 5, 6],
         }],
     },
@@ -184,7 +185,7 @@ pub const KERNELS: [Kernel; 26] = [
             pass: Pass::ApplyOne,
             name: "apply_one",
             workgroup: [64, 1, 1],
-            items: 64 / meshless_gi::frame::apply::LANES,
+            items: 64 / meshless_gi::internals::frame::apply::LANES,
             bindings: &[0, 1, 2, 3, 4, 5, 6],
         }],
     },

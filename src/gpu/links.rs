@@ -1,7 +1,7 @@
 //! The operator's links in parts that a binding can hold (WebGPU: 128 MiB), each for a run of rows.
 
 use super::GpuError;
-use meshless_gi::transport::{Link, Row};
+use meshless_gi::internals::transport::{Link, Row};
 use std::ops::Range;
 
 /// Rows whose links share a buffer.

@@ -1,5 +1,5 @@
 //! The frame's kernels on any wgpu device: the same steps as
-//! [`CpuFrame`](meshless_gi::frame::CpuFrame), recorded as dispatches. No engine here: Bevy, or a
+//! [`CpuFrame`](meshless_gi::CpuFrame), recorded as dispatches. No engine here: Bevy, or a
 //! [`HeadlessDevice`] without a window, brings device, queue and encoder.
 //!
 //! | type | does |

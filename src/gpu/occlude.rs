@@ -6,11 +6,11 @@ use super::links::cut;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, SpanList, SpanTable};
 use super::{GpuError, GpuFrame, Pass};
-use meshless_gi::asset::{BakedScene, Occluders};
-use meshless_gi::frame::Span;
-use meshless_gi::frame::occlude::{passing, sound_gains};
-use meshless_gi::scene::Bvh;
-use meshless_gi::transport::{PackedLinkTerm, Row};
+use meshless_gi::internals::asset::Occluders;
+use meshless_gi::internals::frame::Span;
+use meshless_gi::internals::frame::occlude::{passing, sound_gains};
+use meshless_gi::internals::transport::{PackedLinkTerm, Row};
+use meshless_gi::{BakedScene, Bvh};
 
 /// The parts of the operator's links, or of the probes'.
 #[derive(Debug)]
@@ -111,7 +111,7 @@ impl GpuFrame {
             };
             moving.set_gains(&gains);
             let triangles: &[u8] = bytemuck::cast_slice(&moving.triangles);
-            let size = size_of::<meshless_gi::scene::BvhTriangle>();
+            let size = size_of::<meshless_gi::internals::scene::BvhTriangle>();
             queue.write_buffer(&buffers.triangles, (first * size) as u64, triangles);
             let probe_links = buffers.probes.as_ref().map_or(&[][..], |p| &p.links);
             let operator = own.links.parts.at.iter().zip(&own.links.passages);

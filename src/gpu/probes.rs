@@ -6,8 +6,8 @@ use super::links::cut;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, SpanList, SpanTable, ViewBuffers, part_span};
 use super::{GpuError, GpuFrame, Pass};
-use meshless_gi::asset::Probes;
-use meshless_gi::frame::{GridShape, SplatParams, VectorIrradiance};
+use meshless_gi::internals::asset::Probes;
+use meshless_gi::internals::frame::{GridShape, SplatParams, VectorIrradiance};
 
 /// The probes of a baked scene.
 #[derive(Debug)]

@@ -9,12 +9,12 @@ use super::scene_buffers::SceneBuffers;
 use super::{GpuCounters, GpuError};
 use bytemuck::Pod;
 use glam::Mat4;
-use meshless_gi::frame::rsm_layout::MAX_VPLS;
-use meshless_gi::frame::{
-    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
-    VplViewParams,
+use meshless_gi::FrameLight;
+use meshless_gi::internals::frame::rsm_layout::MAX_VPLS;
+use meshless_gi::internals::frame::{
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
-use meshless_gi::scene::{BvhNode, BvhTriangle};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
 
 /// Bytes of a uniform buffer: the largest of the parameters fits.
 const UNIFORM: u64 = 256;
@@ -38,7 +38,7 @@ pub struct RsmCapture<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct VplShadows<'a> {
     /// From the space of the lights to the scene's
-    /// ([`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)).
+    /// ([`local_from_space`](meshless_gi::internals::frame::rsm_layout::local_from_space)).
     pub local_from_space: Mat4,
     /// The scene.
     pub scene: &'a SceneBuffers,
@@ -116,7 +116,7 @@ impl RsmBuffers {
     }
 
     /// Records one light: its maps, the shadows of the baked scenes on them (each with its
-    /// [`local_from_space`](meshless_gi::frame::rsm_layout::local_from_space)), and the choice of
+    /// [`local_from_space`](meshless_gi::internals::frame::rsm_layout::local_from_space)), and the choice of
     /// `vpls` virtual point lights. Maps for which there is no room are left out, and so are
     /// lights; see [`RsmBuffers::begin`].
     #[expect(

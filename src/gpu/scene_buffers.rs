@@ -7,12 +7,11 @@ use super::links::{LinkChunk, cut};
 use super::occlude::OccluderBuffers;
 use super::probes::ProbeBuffers;
 use bytemuck::Pod;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{
-    CompositeParams, FrameLight, GridShape, SceneDimensions, SolveParams, Span, SplatParams,
-    VectorIrradiance,
+use meshless_gi::internals::frame::{
+    CompositeParams, GridShape, SceneDimensions, SolveParams, Span, SplatParams, VectorIrradiance,
 };
-use meshless_gi::transport::{Row, SenderForm, row_order};
+use meshless_gi::internals::transport::{Row, SenderForm, row_order};
+use meshless_gi::{BakedScene, FrameLight};
 use std::ops::Range;
 
 /// Spans of one kind, and where each is in the uniform buffer of spans.

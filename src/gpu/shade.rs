@@ -7,7 +7,7 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::soft::SoftBuffers;
 use super::{GpuCounters, Pass};
-use meshless_gi::frame::{ShadeParams, SoftLight};
+use meshless_gi::internals::frame::{ShadeParams, SoftLight};
 
 /// The lamps that one view shows of one scene.
 #[derive(Debug)]
@@ -108,7 +108,7 @@ impl ShadeBuffers {
     }
 
     /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade).
-    /// `tables` are two layers, see [`Tables`](meshless_gi::frame::shade::Tables).
+    /// `tables` are two layers, see [`Tables`](meshless_gi::internals::frame::shade::Tables).
     #[expect(
         clippy::too_many_arguments,
         reason = "a scene in a view, and what it is recorded with"

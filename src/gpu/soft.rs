@@ -8,8 +8,8 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, uniform};
 use super::{GpuCounters, Pass};
 use bytemuck::Pod;
-use meshless_gi::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
-use meshless_gi::transport::pca::Visibility;
+use meshless_gi::internals::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
+use meshless_gi::internals::transport::pca::Visibility;
 
 /// The visibility of a baked scene on the device, its soft lights, and what is missing of their
 /// light.

@@ -1,5 +1,5 @@
 //! Records what a view shows by subsplats: the kernels `pyramid`, `refine`, `splat` (nodes), `vpl`
-//! (nodes) and `upsample`, in the order of [`meshless_gi::frame::subsplats`]. Which cells are
+//! (nodes) and `upsample`, in the order of [`meshless_gi::internals::frame::subsplats`]. Which cells are
 //! evaluated is decided on the device: lists that grow by atomics, and indirect dispatches. Nothing
 //! is read back.
 
@@ -9,9 +9,9 @@ use super::pipelines::KernelPipelines;
 use super::rsm::{RsmBuffers, VplShadows};
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::{GpuCounters, GpuError};
-use meshless_gi::frame::pyramid::CellRange;
-use meshless_gi::frame::subsplat::LEVELS;
-use meshless_gi::frame::{Levels, Node, Span, SubsplatParams};
+use meshless_gi::internals::frame::pyramid::CellRange;
+use meshless_gi::internals::frame::subsplat::LEVELS;
+use meshless_gi::internals::frame::{Levels, Node, Span, SubsplatParams};
 
 /// Words of a count: an indirect dispatch, how many items, how many cells were divided for them,
 /// the rest not used.
@@ -33,9 +33,9 @@ pub struct SubsplatTargets<'a> {
 pub struct NodeLights<'a> {
     /// The lights.
     pub maps: &'a RsmBuffers,
-    /// A uniform buffer with [`VplViewParams`](meshless_gi::frame::VplViewParams).
+    /// A uniform buffer with [`VplViewParams`](meshless_gi::internals::frame::VplViewParams).
     pub view: &'a wgpu::Buffer,
-    /// A uniform buffer with [`VplParams`](meshless_gi::frame::VplParams).
+    /// A uniform buffer with [`VplParams`](meshless_gi::internals::frame::VplParams).
     pub lit: &'a wgpu::Buffer,
     /// What shadows them.
     pub shadows: Option<VplShadows<'a>>,

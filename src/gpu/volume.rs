@@ -6,8 +6,8 @@ use super::frame::compute;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
-use meshless_gi::frame::volume_places::{VoxelGrid, VoxelWeights};
-use meshless_gi::frame::{Face, VolumeParams};
+use meshless_gi::internals::frame::volume_places::{VoxelGrid, VoxelWeights};
+use meshless_gi::internals::frame::{Face, VolumeParams};
 
 /// What a volume of a scene needs on the device beside its texture: what each of its places takes
 /// from which probes, and of which walls, and how far it sees.

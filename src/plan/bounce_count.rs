@@ -1,13 +1,11 @@
 //! How many diffuse reflections a scene is solved with: as many as its surfaces call for. The bake
 //! has proved what a reflection leaves of the light at most
-//! ([`EnergyInfo::gain`](meshless_gi::asset::EnergyInfo::gain), design D12), so after n of them no
+//! ([`EnergyInfo::gain`](meshless_gi::EnergyInfo::gain), design D12), so after n of them no
 //! more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white
 //! rooms ten.
 
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::FrameSettings;
-use meshless_gi::frame::materials::live_surfaces;
-use meshless_gi::scene::MaterialFactors;
+use meshless_gi::internals::frame::materials::live_surfaces;
+use meshless_gi::{BakedScene, FrameSettings, MaterialFactors};
 use std::fmt;
 
 /// What the reflections that are left out may be of all light, by the gain.

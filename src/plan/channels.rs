@@ -5,7 +5,7 @@
 
 use super::Colors;
 use glam::Vec3;
-use meshless_gi::frame::Channels;
+use meshless_gi::Channels;
 use std::fmt;
 
 /// Frames of one color, one after another, before a scene that had several is one channel again.

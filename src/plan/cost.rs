@@ -8,7 +8,7 @@
 //! frames late still gives the right rate.
 
 use super::{FogState, FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
-use meshless_gi::frame::Channels;
+use meshless_gi::Channels;
 use std::collections::BTreeMap;
 use std::fmt;
 

@@ -295,7 +295,7 @@ mod tests {
     use crate::plan::{
         ColorModeSelection, FrameState, SceneState, SkyUse, SlotChange, TierSelection, ViewState,
     };
-    use meshless_gi::frame::Channels;
+    use meshless_gi::Channels;
 
     const A: SceneId = SceneId(1);
 

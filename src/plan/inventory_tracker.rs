@@ -6,8 +6,8 @@
 
 use super::{Cameras, Colors, Inventory, LightSort, SceneChromaticity, SceneId, SkyKind};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, DynamicMaterials};
-use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
+use meshless_gi::internals::asset::DynamicMaterials;
+use meshless_gi::{BakedScene, Light, MaterialFactors, SkyRadiance};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Weak};
 
@@ -416,9 +416,8 @@ fn count_scene(
 mod tests {
     use super::*;
     use crate::plan::ChangeCounts;
-    use meshless_gi::asset::MaterialCoverage;
-    use meshless_gi::bake::{Progress, Recipe, bake_scene};
-    use meshless_gi::scene::{Material, cornell_box, mesh_of_quads};
+    use meshless_gi::internals::asset::MaterialCoverage;
+    use meshless_gi::{Material, Progress, Recipe, bake_scene, cornell_box, mesh_of_quads};
 
     fn lamp(at: Vec3, intensity: Vec3) -> Light {
         Light::Point {

@@ -8,8 +8,8 @@
 
 use super::SlotChange;
 use glam::Vec3;
-use meshless_gi::frame::{FrameLight, SoftLight};
-use meshless_gi::scene::Bounds;
+use meshless_gi::internals::frame::SoftLight;
+use meshless_gi::{Bounds, FrameLight};
 use std::collections::BTreeMap;
 
 /// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters,

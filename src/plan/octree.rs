@@ -1,9 +1,9 @@
 //! Whether a device holds the octree of rule `fmm`: where it does not, frames go through the links
 //! on the same points, if the bake has any.
 
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::fmm_layout::MAX_FMM_ORDER;
-use meshless_gi::transport::fmm::FmmOperator;
+use meshless_gi::BakedScene;
+use meshless_gi::internals::frame::fmm_layout::MAX_FMM_ORDER;
+use meshless_gi::internals::transport::fmm::FmmOperator;
 use std::fmt;
 
 /// Why a device does not hold an octree.

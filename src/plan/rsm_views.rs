@@ -16,8 +16,7 @@
 use super::Skip;
 use super::lights::reaches;
 use glam::{Mat3, Quat, Vec3};
-use meshless_gi::frame::FrameLight;
-use meshless_gi::scene::Bounds;
+use meshless_gi::{Bounds, FrameLight};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most

@@ -12,7 +12,7 @@
 //! measures.
 
 use super::TierSelection;
-use meshless_gi::asset::BakedScene;
+use meshless_gi::BakedScene;
 
 /// Solves in a row over the budget before the picker goes down.
 const OVER: u32 = 3;

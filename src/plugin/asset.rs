@@ -9,7 +9,7 @@ use bevy::app::{App, Last, Plugin};
 use bevy::asset::{Asset, AssetApp};
 use bevy::ecs::prelude::*;
 use bevy::reflect::TypePath;
-use meshless_gi::asset::BakedScene;
+use meshless_gi::BakedScene;
 use std::sync::Arc;
 
 /// A baked scene. Shared, never changed: replacing the asset (not editing it) is how a bake

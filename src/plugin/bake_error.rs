@@ -1,7 +1,7 @@
 //! Errors of a bake in a running app.
 
 use super::entity_bake::GiBakeWarning;
-use meshless_gi::bake::BakeSceneError;
+use meshless_gi::BakeSceneError;
 use std::sync::Arc;
 
 /// Reason why a bake in a running app has no result.

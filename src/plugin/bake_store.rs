@@ -8,7 +8,7 @@
 use super::asset_folders::source_file;
 use bevy::asset::AssetPath;
 use bevy::log::{debug, warn};
-use meshless_gi::asset::write_file;
+use meshless_gi::internals::asset::write_file;
 use std::path::{Component, Path, PathBuf};
 
 /// First bytes of an entry.

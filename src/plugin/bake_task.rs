@@ -4,7 +4,7 @@
 //! ```no_run
 //! use bevy::prelude::*;
 //! use bevy_meshless_gi::prelude::*;
-//! use bevy_meshless_gi::meshless_gi::scene::{cornell_box, mesh_of_quads};
+//! use bevy_meshless_gi::meshless_gi::internals::scene::{cornell_box, mesh_of_quads};
 //!
 //! fn start(mut commands: Commands) {
 //!     // A `TriangleMesh` in the local space of the entity that it is spawned on.
@@ -36,9 +36,9 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::log::{debug, error, warn};
 use bevy::pbr::StandardMaterial;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeSceneError, Baked, Progress, Recipe, Stage, bake_scene};
-use meshless_gi::scene::TriangleMesh;
+use meshless_gi::{
+    BakeSceneError, Baked, BakedScene, Progress, Recipe, Stage, TriangleMesh, bake_scene,
+};
 use std::sync::Arc;
 
 /// A bake under way. When it ends, the entity gets the event [`GiBakeFinished`], and after
@@ -131,7 +131,7 @@ impl GiBakeTask {
     }
 
     /// Requests that the bake stops. It ends soon after with
-    /// [`BakeError::Canceled`](meshless_gi::bake::BakeError::Canceled).
+    /// [`BakeError::Canceled`](meshless_gi::BakeError::Canceled).
     pub fn cancel(&self) {
         self.progress.cancel();
     }

@@ -200,7 +200,7 @@ pub(crate) fn remove_orphans(
         return Ok(());
     }
     let written = (list.parent().map_or(Ok(()), fs::create_dir_all))
-        .and_then(|()| meshless_gi::asset::write_file(&list, lines.as_bytes()));
+        .and_then(|()| meshless_gi::internals::asset::write_file(&list, lines.as_bytes()));
     if let Err(error) = written {
         warn!(
             "{}: outputs of deleted assets will stay: {error}",

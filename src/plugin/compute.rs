@@ -28,9 +28,7 @@ use bevy::log::{error, warn, warn_once};
 use bevy::math::Vec3;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{Channels, FrameLight, FrameSettings};
-use meshless_gi::scene::{Bounds, MaterialFactors};
+use meshless_gi::{BakedScene, Bounds, Channels, FrameLight, FrameSettings, MaterialFactors};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

@@ -18,8 +18,8 @@ use crate::plan::{Plan, Stage};
 use bevy::app::{App, Plugin, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::SubsplatCounts;
+use meshless_gi::BakedScene;
+use meshless_gi::internals::frame::SubsplatCounts;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -19,7 +19,7 @@ use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue};
 use bevy::render::view::ExtractedView;
-use meshless_gi::frame::{CompositeParams, SplatParams, SubsplatParams};
+use meshless_gi::internals::frame::{CompositeParams, SplatParams, SubsplatParams};
 
 /// A view's surfaces, as textures of the size of its target.
 pub(super) struct Surfaces<'a> {

@@ -36,8 +36,7 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::reflect::prelude::*;
 use bevy::render::{Extract, view::Msaa};
 use bevy::transform::components::GlobalTransform;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::scene::{Light, MaterialFactors, SkyRadiance};
+use meshless_gi::{BakedScene, Light, MaterialFactors, SkyRadiance};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
 //! Fog that a level lights: Bevy draws its volumetric fog with lamps and the camera's ambient
-//! light; behind that, kernel [`fog`](meshless_gi::frame::fog) adds what the fog sends to the eye
+//! light; behind that, kernel [`fog`](meshless_gi::internals::frame::fog) adds what the fog sends to the eye
 //! of the level's light in free space, which it reads from the level's [`GiIrradianceVolume`].
 //!
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
@@ -35,7 +35,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
-use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams};
+use meshless_gi::internals::frame::{Fog, FogParams, FogView, FogVoxelsParams};
 
 /// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is
 /// placed in the world.

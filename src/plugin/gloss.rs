@@ -1,5 +1,5 @@
 //! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what
-//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::frame::gloss).
+//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::internals::frame::gloss).
 
 use super::splatting::ViewLights;
 use crate::gpu::{
@@ -8,7 +8,8 @@ use crate::gpu::{
 use bevy::ecs::prelude::*;
 use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
-use meshless_gi::frame::{GlossSettings, VplParams, VplViewParams};
+use meshless_gi::GlossSettings;
+use meshless_gi::internals::frame::{VplParams, VplViewParams};
 
 /// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the
 /// highlights of the virtual lights that [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)

@@ -19,7 +19,7 @@ use bevy::light::FogVolume;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashSet;
 use bevy::render::{Extract, view::Msaa};
-use meshless_gi::frame::FrameLight;
+use meshless_gi::FrameLight;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

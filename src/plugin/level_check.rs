@@ -12,8 +12,8 @@ use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
-use meshless_gi::asset::BakeInfo;
-use meshless_gi::bake::{BakeInputs, Staleness};
+use meshless_gi::BakeInfo;
+use meshless_gi::internals::bake::{BakeInputs, Staleness};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -110,7 +110,7 @@ impl LevelChecker {
         use super::level_files::LevelFiles;
         use super::recipe_loader::ContextReader;
         use bevy::log::debug;
-        use meshless_gi::bake::Recipe;
+        use meshless_gi::Recipe;
 
         let is_recipe = is_recipe(&report.path);
         // The asset processor bakes such recipes again by itself.

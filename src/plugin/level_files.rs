@@ -6,10 +6,9 @@ use bevy::asset::AssetPath;
 use bevy::log::warn;
 use bevy::math::Vec3;
 use bevy::tasks::ConditionalSendFuture;
-use meshless_gi::asset::fingerprint;
-use meshless_gi::scene::{
-    SceneError, TriangleMesh, external_files, load_gltf_bytes, load_ply_bytes,
-};
+use meshless_gi::internals::asset::fingerprint;
+use meshless_gi::internals::scene::{external_files, load_gltf_bytes, load_ply_bytes};
+use meshless_gi::{SceneError, TriangleMesh};
 use std::collections::BTreeMap;
 
 /// Source of the files that a recipe and a level name.
@@ -59,7 +58,7 @@ impl LevelFiles {
         })
     }
 
-    /// Digest of all bytes, as [`BakeInfo::level_digest`](meshless_gi::asset::BakeInfo) holds it.
+    /// Digest of all bytes, as [`BakeInfo::level_digest`](meshless_gi::BakeInfo) holds it.
     pub fn digest(&self) -> String {
         let mut parts: Vec<&[u8]> = vec![&self.bytes];
         for (name, content) in &self.files {

@@ -4,7 +4,7 @@ use super::asset::GiBakedScene;
 use super::level_check::{GiSceneCheck, LevelChecker};
 use bevy::asset::{AssetLoader, LoadContext, io::Reader};
 use bevy::reflect::prelude::*;
-use meshless_gi::asset::{AssetError, BakedScene, Limits};
+use meshless_gi::{AssetError, BakedScene, Limits};
 use serde::{Deserialize, Serialize};
 
 /// Loads `.mgi` files, and what the asset processor makes of recipes.

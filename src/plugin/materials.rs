@@ -9,9 +9,8 @@ use bevy::image::Image;
 use bevy::pbr::StandardMaterial;
 use bevy::platform::collections::HashMap;
 use bevy::reflect::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::materials::sound_factors;
-use meshless_gi::scene::MaterialFactors;
+use meshless_gi::internals::frame::materials::sound_factors;
+use meshless_gi::{BakedScene, MaterialFactors};
 use std::sync::{Arc, Weak};
 
 /// Which asset a material of the bake is in this world: its name in the level's file, and the

@@ -3,7 +3,7 @@
 
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
-use meshless_gi::asset::Occluders;
+use meshless_gi::internals::asset::Occluders;
 
 /// How far an occluder of a bake stands open. Goes on any entity, the door's own as a rule; it
 /// lights nothing and is found by its name in every bake that knows it. Needs a bake whose recipe

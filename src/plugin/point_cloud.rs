@@ -23,7 +23,8 @@ use bevy::mesh::{Indices, Mesh, Mesh3d, PrimitiveTopology};
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::reflect::prelude::*;
 use bevy::transform::components::Transform;
-use meshless_gi::scene::{LoadedPoints, PointCloud, SceneError, load_ply_bytes};
+use meshless_gi::internals::scene::{LoadedPoints, load_ply_bytes};
+use meshless_gi::{PointCloud, SceneError};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

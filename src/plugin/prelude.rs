@@ -8,4 +8,4 @@ pub use super::{
     GiQuality, GiReflectiveShadowMap, GiReflector, GiRsmCamera, GiScene, GiSettings, GiSky,
     GiSoftShadow, GiSpecular, GiSplatting, GiSystems, GiWarning, GiWarnings, MeshlessGiPlugin,
 };
-pub use meshless_gi::bake::{OccluderDesc, Preset, ProbeSettings, Recipe};
+pub use meshless_gi::{OccluderDesc, Preset, ProbeSettings, Recipe};

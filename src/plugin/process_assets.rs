@@ -32,7 +32,7 @@ use bevy::asset::meta::{
 use bevy::log::{debug, error};
 use bevy::reflect::TypePath;
 use bevy::tasks::block_on;
-use meshless_gi::asset::write_file;
+use meshless_gi::internals::asset::write_file;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::io;

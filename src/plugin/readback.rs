@@ -5,7 +5,7 @@
 //! Nothing of this exists while nobody asks.
 
 use bevy::ecs::prelude::*;
-use meshless_gi::frame::VectorIrradiance;
+use meshless_gi::internals::frame::VectorIrradiance;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -28,12 +28,12 @@ use bevy::asset::io::Reader;
 use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext, ParseAssetPathError};
 use bevy::log::{debug, info, warn};
 use bevy::reflect::prelude::*;
-use meshless_gi::asset::{BakedScene, FORMAT_VERSION, Limits, fingerprint, is_container};
-use meshless_gi::bake::{
-    BAKE_VERSION, BakeSceneError, Baked, Preset, Progress, Recipe, RecipeError, bake_scene,
-    canonical_recipe,
+use meshless_gi::internals::asset::{FORMAT_VERSION, fingerprint, is_container};
+use meshless_gi::internals::bake::{BAKE_VERSION, canonical_recipe};
+use meshless_gi::{
+    BakeSceneError, Baked, BakedScene, Limits, Preset, Progress, Recipe, RecipeError, SceneError,
+    bake_scene,
 };
-use meshless_gi::scene::SceneError;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -38,9 +38,8 @@ use bevy::render::camera::CameraRenderGraph;
 use bevy::render::render_resource::TextureUsages;
 use bevy::render::view::{Msaa, NoIndirectDrawing};
 use bevy::transform::components::{GlobalTransform, Transform};
-use meshless_gi::frame::FrameLight;
-use meshless_gi::frame::rsm_layout::side;
-use meshless_gi::scene::Bounds;
+use meshless_gi::internals::frame::rsm_layout::side;
+use meshless_gi::{Bounds, FrameLight};
 
 /// The render layer of what moves, reserved for the plugin: only its own cameras see it alone.
 pub const RSM_RENDER_LAYER: usize = 61;

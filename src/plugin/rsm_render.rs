@@ -30,8 +30,8 @@ use bevy::render::render_phase::ViewBinnedRenderPhases;
 use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
 use bevy::render::renderer::{RenderContext, RenderQueue, ViewQuery};
 use bevy::render::view::{ExtractedView, ViewDepthTexture};
-use meshless_gi::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
-use meshless_gi::frame::{RsmParams, VplViewParams};
+use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
+use meshless_gi::internals::frame::{RsmParams, VplViewParams};
 
 /// What a camera of a map runs instead of `Core3d`.
 #[derive(ScheduleLabel, Clone, Debug, PartialEq, Eq, Hash, Default)]

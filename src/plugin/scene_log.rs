@@ -8,8 +8,8 @@ use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::log::info;
 use bevy::platform::collections::HashMap;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Recipe, Settings};
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::{BakedScene, Preset, Recipe};
 use std::sync::{Arc, Weak};
 
 /// Returns an entity as the log prints it: its name and its number, or its number alone.

@@ -13,7 +13,7 @@ use bevy::light::EnvironmentMapLight;
 use bevy::math::{Quat, Vec3};
 use bevy::reflect::prelude::*;
 use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureFormat};
-use meshless_gi::scene::SkyRadiance;
+use meshless_gi::SkyRadiance;
 
 /// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q
 /// symmetric and without trace. Goes beside [`GiScene`](super::GiScene), may change in any frame,

@@ -1,6 +1,6 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps
 //! as the render world needs them, and what scenes and views hold of them on the device. The
-//! kernels are [`soft`](meshless_gi::frame::soft) and [`shade`](meshless_gi::frame::shade).
+//! kernels are [`soft`](meshless_gi::internals::frame::soft) and [`shade`](meshless_gi::internals::frame::shade).
 //!
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the
 //! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
@@ -25,9 +25,8 @@ use bevy::reflect::prelude::*;
 use bevy::render::Extract;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::SoftLight;
-use meshless_gi::scene::{Bounds, Light};
+use meshless_gi::internals::frame::SoftLight;
+use meshless_gi::{BakedScene, Bounds, Light};
 use std::collections::BTreeMap;
 
 /// This lamp casts soft shadows, without a shadow map: on baked surfaces, from baked surfaces. Goes

@@ -10,11 +10,11 @@ use crate::gpu::{
 };
 use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
-use meshless_gi::frame::subsplat::LEVELS;
-use meshless_gi::frame::{
-    DepthTest, Levels, NormalTest, SubsplatCounts, SubsplatParams, SubsplatSettings, VplParams,
-    VplViewParams,
+use meshless_gi::internals::frame::subsplat::LEVELS;
+use meshless_gi::internals::frame::{
+    Levels, SubsplatCounts, SubsplatParams, VplParams, VplViewParams,
 };
+use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -3,7 +3,7 @@
 //!
 //! With a uniform scale s the local space is the world divided by s: lengths / s, intensities
 //! (W/sr) / s², irradiance and radiance unchanged
-//! ([`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local)).
+//! ([`FrameLight::to_local`](meshless_gi::FrameLight::to_local)).
 
 use bevy::math::{Affine3A, DMat4, Mat3A, Mat4};
 use bevy::transform::components::GlobalTransform;
@@ -67,7 +67,7 @@ impl SimilarityTransform {
     }
 
     /// World to local as a matrix: what
-    /// [`FrameLight::to_local`](meshless_gi::frame::FrameLight::to_local) takes.
+    /// [`FrameLight::to_local`](meshless_gi::FrameLight::to_local) takes.
     #[must_use]
     pub fn matrix(&self) -> Mat4 {
         self.local_from_world().into()
@@ -97,7 +97,8 @@ mod tests {
     use super::*;
     use bevy::math::{Quat, Vec3};
     use bevy::transform::components::Transform;
-    use meshless_gi::frame::{FrameLight, project::unshadowed};
+    use meshless_gi::FrameLight;
+    use meshless_gi::internals::frame::project::unshadowed;
 
     fn placement(transform: Transform) -> SimilarityTransform {
         SimilarityTransform::new(&GlobalTransform::from(transform)).unwrap()

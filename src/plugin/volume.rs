@@ -1,5 +1,5 @@
 //! Indirect light for what is in no G-buffer: a baked scene's light in free space in one of Bevy's
-//! irradiance volumes, which kernel [`volume`](meshless_gi::frame::volume) writes whenever the
+//! irradiance volumes, which kernel [`volume`](meshless_gi::internals::frame::volume) writes whenever the
 //! light changes. [`super::fog`] reads it too.
 //!
 //! Bevy adds a volume to every pixel of every camera that sees it, the G-buffer's included. Cameras
@@ -32,8 +32,8 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, T
 use bevy::render::texture::GpuImage;
 use bevy::render::view::Msaa;
 use bevy::transform::components::Transform;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{VolumeParams, VoxelGrid, VoxelWeights};
+use meshless_gi::BakedScene;
+use meshless_gi::internals::frame::{VolumeParams, VoxelGrid, VoxelWeights};
 use std::any::TypeId;
 use std::sync::Arc;
 

@@ -18,12 +18,11 @@ use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages};
 use bevy::render::view::screenshot::{Screenshot, save_to_disk};
 use meshless_gi_lab::accuracy::{Image as LinearImage, flip};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings};
 use bevy_meshless_gi::plan::BounceSelector;
 use bevy_meshless_gi::plugin::{GiFrameStats, GiDebugView};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::scene::Light;
+use meshless_gi::Light;
 use std::f32::consts::PI;
 use std::path::PathBuf;
 

@@ -9,7 +9,7 @@ use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
 use bevy::world_serialization::WorldSerializationPlugin;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
+use meshless_gi::BakedScene;
 use std::path::Path;
 use std::sync::Arc;
 

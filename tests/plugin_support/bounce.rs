@@ -7,15 +7,16 @@ use super::scenes::{Quad, Room, exposure};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Lens, map_views};
 use bevy_meshless_gi::plugin::GiReflectiveShadowMap;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::gloss::{GlossView, Lights};
-use meshless_gi::frame::project::extent;
-use meshless_gi::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
-use meshless_gi::frame::{
-    FrameLight, GlossSettings, RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams,
-    VplViewParams, gbuffer, pyramid, rsm, vpl,
+use meshless_gi::internals::frame::gloss::{GlossView, Lights};
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
+use meshless_gi::internals::frame::{
+    RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams, VplViewParams, gbuffer, pyramid,
+    rsm, vpl,
 };
-use meshless_gi::scene::{Bounds, Bvh, Geometry, Hit, Light, Ray, Surface};
+use meshless_gi::{
+    BakedScene, Bounds, Bvh, FrameLight, Geometry, GlossSettings, Hit, Light, Ray, Surface,
+};
 use meshless_gi_lab::accuracy::RaycastView;
 use std::f32::consts::{FRAC_PI_4, PI};
 

@@ -6,13 +6,11 @@ use super::flip::Picture;
 use bevy::asset::RenderAssetUsages;
 use bevy::mesh::{Indices, PrimitiveTopology};
 use bevy::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeSource, Progress, Recipe, bake};
-use meshless_gi::frame::splat::{SEAM, share, splat_covered};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{
-    Bounds, Bvh, BvhNode, BvhTriangle, Geometry, Hit, Light, MaterialFactors, MaterialTerms, Ray,
-    Surface,
+use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle, MaterialTerms};
+use meshless_gi::{
+    BakeSource, BakedScene, Bounds, Bvh, CpuFrame, FrameLight, FrameSettings, Geometry, Hit, Light,
+    MaterialFactors, Progress, Ray, Recipe, Surface, bake,
 };
 use std::sync::{Arc, OnceLock};
 

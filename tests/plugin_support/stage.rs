@@ -8,9 +8,7 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::FrameSettings;
-use meshless_gi::scene::Light;
+use meshless_gi::{BakedScene, FrameSettings, Light};
 use std::f32::consts::PI;
 use std::sync::Arc;
 

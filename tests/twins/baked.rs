@@ -1,10 +1,10 @@
 //! Bakes of the Cornell box, as a game would have them.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeSource, BounceMode, Preset, Progress, Recipe, TransportMethod, bake};
-use meshless_gi::frame::FrameLight;
-use meshless_gi::scene::{Light, load_gltf};
+use meshless_gi::{
+    BakeSource, BakedScene, BounceMode, FrameLight, Light, Preset, Progress, Recipe,
+    TransportMethod, bake, load_gltf,
+};
 
 /// A quick bake.
 pub fn cornell(rule: TransportMethod, bounce_mode: BounceMode) -> BakedScene {

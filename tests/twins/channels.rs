@@ -6,10 +6,9 @@ use crate::compare::{SINGLE, Scale, differing};
 use crate::{VALUES, bend, cpu, harness, output, settings, solve_agrees, solved, synthetic};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{Channels, CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
-use meshless_gi::scene::SkyRadiance;
-use meshless_gi::transport::SenderForm;
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::transport::SenderForm;
+use meshless_gi::{BakedScene, Channels, CpuFrame, FrameLight, FrameSettings, SkyRadiance};
 
 const HUE: Vec3 = Vec3::new(0.4, 1.0, 0.7);
 const FORMS: [SenderForm; 3] = [
@@ -105,7 +104,7 @@ fn monochrome_of_gray_scene_equals_rgb() {
 
 #[test]
 fn monochrome_probes_match_twin() {
-    use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
+    use meshless_gi::{BounceMode, ProbeSettings, Recipe, TransportMethod};
     let Some(harness) = harness() else { return };
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let scene = bake_box(&Recipe {

@@ -7,12 +7,12 @@ use super::compare::{Scale, differing};
 use super::harness;
 use bevy_meshless_gi::gpu::{GpuCounters, GpuError, GpuFmm, HeadlessDevice, KernelPipelines, Pass};
 use glam::Vec3;
-use meshless_gi::frame::VectorIrradiance;
-use meshless_gi::frame::fmm_down::fmm_down;
-use meshless_gi::frame::fmm_up::fmm_up;
-use meshless_gi::scene::{cornell_box, mesh_of_quads};
-use meshless_gi::transport::fmm::passes::Field;
-use meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::frame::fmm_down::fmm_down;
+use meshless_gi::internals::frame::fmm_up::fmm_up;
+use meshless_gi::internals::transport::fmm::passes::Field;
+use meshless_gi::internals::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings, Passes};
+use meshless_gi::{cornell_box, mesh_of_quads};
 
 /// Sums of thousands of terms that cancel in part, derivatives by recurrence: hundreds of
 /// roundings.
@@ -140,7 +140,7 @@ fn fmm_passes_match_twin() {
         let (found, counters) = device(&harness, &kernels, &operator, &light);
         // One point that is half as bright again is noticed in all three, and so is the sky in the
         // last.
-        let lit = |p: &&meshless_gi::transport::fmm::FmmPlace| p.share > 0.0;
+        let lit = |p: &&meshless_gi::internals::transport::fmm::FmmPlace| p.share > 0.0;
         let mut sources = operator.places.iter().filter(lit);
         let at = sources.nth(700).unwrap().point as usize;
         let spoil = |light: &mut [[f32; 4]], at: usize| {

@@ -12,8 +12,8 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
-use meshless_gi::frame::fog_voxels::fog_voxels;
-use meshless_gi::frame::{Fog, FogParams, FogView, FogVoxelsParams, VoxelGrid, fog};
+use meshless_gi::internals::frame::fog_voxels::fog_voxels;
+use meshless_gi::internals::frame::{Fog, FogParams, FogView, FogVoxelsParams, VoxelGrid, fog};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];

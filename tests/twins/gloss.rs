@@ -12,12 +12,10 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::gloss::SpecularImage;
-use meshless_gi::frame::{
-    CompositeParams, GlossNode, GlossSettings, VplParams, composite, project,
-};
-use meshless_gi::transport::SenderForm;
+use meshless_gi::internals::frame::gloss::SpecularImage;
+use meshless_gi::internals::frame::{CompositeParams, GlossNode, VplParams, composite, project};
+use meshless_gi::internals::transport::SenderForm;
+use meshless_gi::{BakedScene, GlossSettings};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// Not a multiple of anything.

@@ -6,13 +6,12 @@ use crate::compare::{HALF, Scale, differing};
 use crate::{harness, output, projection_problems};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass, SceneBuffers};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{
-    BounceMode, OccluderBox, OccluderDesc, ProbeSettings, Recipe, Sky, TransportMethod,
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::transport::Link;
+use meshless_gi::{
+    BakedScene, BounceMode, CpuFrame, FrameSettings, OccluderBox, OccluderDesc, ProbeSettings,
+    Recipe, Sky, SkyRadiance, TransportMethod,
 };
-use meshless_gi::frame::{CpuFrame, FrameSettings, VectorIrradiance};
-use meshless_gi::scene::SkyRadiance;
-use meshless_gi::transport::Link;
 
 /// The Cornell box with a shutter across its middle and one in its opening.
 fn scene() -> BakedScene {

@@ -7,11 +7,11 @@ use bevy_meshless_gi::gpu::{
     GpuFrame, HeadlessDevice, KernelPipelines, Pass, SplatTargets, ViewBuffers,
 };
 use half::f16;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::{
-    CompositeParams, CpuFrame, SplatParams, VectorIrradiance, composite, splat,
+use meshless_gi::internals::frame::{
+    CompositeParams, SplatParams, VectorIrradiance, composite, splat,
 };
-use meshless_gi::transport::SenderForm;
+use meshless_gi::internals::transport::SenderForm;
+use meshless_gi::{BakedScene, CpuFrame};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// The textures of a picture, and what the kernels make of them.

@@ -13,13 +13,15 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::rsm_layout::{light_in_space, local_from_space, space_from_clip};
-use meshless_gi::frame::{
-    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams,
-    VplViewParams, gbuffer, project, rsm, vpl,
+use meshless_gi::internals::frame::rsm_layout::{
+    light_in_space, local_from_space, space_from_clip,
 };
-use meshless_gi::transport::SenderForm;
+use meshless_gi::internals::frame::{
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer,
+    project, rsm, vpl,
+};
+use meshless_gi::internals::transport::SenderForm;
+use meshless_gi::{BakedScene, FrameLight};
 use wgpu::{TextureFormat, TextureUsages, TextureView, TextureViewDescriptor};
 
 const SIDE: u32 = 32;

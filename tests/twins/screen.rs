@@ -2,7 +2,7 @@
 
 use super::synthetic::Dice;
 use glam::{Mat4, Vec3};
-use meshless_gi::frame::gbuffer;
+use meshless_gi::internals::frame::gbuffer;
 
 pub const SIZE: [u32; 2] = [67, 41];
 

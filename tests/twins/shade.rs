@@ -12,12 +12,11 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::shade::{self, ShadeParams, Tables};
-use meshless_gi::frame::{
+use meshless_gi::internals::frame::shade::{self, ShadeParams, Tables};
+use meshless_gi::internals::frame::{
     CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
 };
-use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
+use meshless_gi::{BakedScene, TriangleMesh, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::RaycastView;
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 

@@ -5,11 +5,12 @@ use super::compare::{Scale, differing};
 use super::harness;
 use bevy_meshless_gi::gpu::{KernelPipelines, Pass, SceneBuffers, SoftBuffers};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
-use meshless_gi::frame::project::extent;
-use meshless_gi::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
-use meshless_gi::scene::{TriangleMesh, cornell_box, mesh_of_quads};
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
+use meshless_gi::{
+    BakedScene, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene, cornell_box,
+    mesh_of_quads,
+};
 
 /// The box, whose senders remember what they see.
 pub fn baked() -> BakedScene {

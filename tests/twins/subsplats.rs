@@ -14,14 +14,15 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BounceMode, ProbeSettings, Recipe, TransportMethod};
-use meshless_gi::frame::pyramid::{CellRange, Picture, pyramid};
-use meshless_gi::frame::{
-    CompositeParams, CpuFrame, DepthTest, NormalTest, SplatParams, SubsplatParams,
-    SubsplatSettings, Subsplats, VectorIrradiance, probe, splat, subsplats,
+use meshless_gi::internals::frame::pyramid::{CellRange, Picture, pyramid};
+use meshless_gi::internals::frame::{
+    CompositeParams, SplatParams, SubsplatParams, Subsplats, VectorIrradiance, probe, splat,
+    subsplats,
 };
-use meshless_gi::scene::{Material, TriangleMesh, load_gltf};
+use meshless_gi::{
+    BakedScene, BounceMode, CpuFrame, DepthTest, Material, NormalTest, ProbeSettings, Recipe,
+    SubsplatSettings, TransportMethod, TriangleMesh, load_gltf,
+};
 use meshless_gi_lab::accuracy::RaycastView;
 use std::collections::BTreeSet;
 use std::f32::consts::{PI, TAU};
@@ -424,7 +425,7 @@ fn probe_nodes_match_twin() {
     }
 }
 
-type Spoil = fn(&mut meshless_gi::asset::Probes);
+type Spoil = fn(&mut meshless_gi::internals::asset::Probes);
 
 #[test]
 fn probe_kernel_matches_twin() {

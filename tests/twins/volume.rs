@@ -7,8 +7,10 @@ use crate::{harness, settings, solved};
 use bevy_meshless_gi::gpu::{GpuFrame, KernelPipelines, Pass, VolumeBuffers};
 use glam::{Mat4, Quat, UVec3, Vec3};
 use half::f16;
-use meshless_gi::frame::volume::{AHEAD, volume_texels};
-use meshless_gi::frame::{VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights};
+use meshless_gi::internals::frame::volume::{AHEAD, volume_texels};
+use meshless_gi::internals::frame::{
+    VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
+};
 use wgpu::{TextureUsages, TextureViewDescriptor};
 
 #[test]

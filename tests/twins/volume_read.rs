@@ -9,8 +9,8 @@ use bevy_meshless_gi::gpu::HeadlessDevice;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
-use meshless_gi::frame::volume_read::read_volume;
-use meshless_gi::frame::{VolumeParams, VoxelGrid};
+use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::{VolumeParams, VoxelGrid};
 use wgpu::util::DeviceExt;
 
 /// Two volumes are at every place: the second one counts half, and shines four times as bright.

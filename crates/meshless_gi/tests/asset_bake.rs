@@ -2,12 +2,12 @@
 //! to many bounces, any number of threads.
 
 use glam::Vec3;
-use meshless_gi::asset::{BakeInfo, BakedScene, Limits, TierInfo, fingerprint};
-use meshless_gi::bake::{
-    BAKE_VERSION, BakeSource, BounceMode, Preset, Progress, Recipe, TransportMethod, bake,
+use meshless_gi::internals::asset::fingerprint;
+use meshless_gi::internals::bake::BAKE_VERSION;
+use meshless_gi::{
+    BakeInfo, BakeSource, BakedScene, BounceMode, CpuFrame, FrameLight, FrameSettings, Limits,
+    Material, Preset, Progress, Recipe, TierInfo, TransportMethod, TriangleMesh, bake,
 };
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Material, TriangleMesh};
 
 /// A closed room of 4 by 3 by 3 meters with a wall half-way across it.
 fn room() -> TriangleMesh {

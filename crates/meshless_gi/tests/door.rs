@@ -4,16 +4,12 @@
 #![allow(clippy::float_cmp, reason = "what is shut is nothing, to the bit")]
 
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{
-    BakeError, BakeSceneError, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Recipe,
-    Sky, TransportMethod, bake_scene,
+use meshless_gi::internals::transport::PackedLinkTerm;
+use meshless_gi::{
+    BakeError, BakeSceneError, BakedScene, CpuFrame, FrameLight, FrameSettings, Light, Limits,
+    Material, OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Quad, Recipe, Sky,
+    SkyRadiance, TransportMethod, TriangleMesh, bake_scene, load_gltf, mesh_of_quads,
 };
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{
-    Light, Material, Quad, SkyRadiance, TriangleMesh, load_gltf, mesh_of_quads,
-};
-use meshless_gi::transport::PackedLinkTerm;
 use std::path::Path;
 
 /// Both rooms, the wall between them, and the opening in it: from z to z, and its height. Meters.
@@ -368,7 +364,7 @@ fn open_box() -> (TriangleMesh, Recipe) {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
         .join("tests/data/cornell/cornell.glb");
     let mesh = load_gltf(&file).unwrap().mesh;
-    let bounds = meshless_gi::scene::Geometry::bounds(&mesh);
+    let bounds = meshless_gi::Geometry::bounds(&mesh);
     let (center, size) = (bounds.center(), bounds.size());
     // The box is open at its front: where z is least.
     let shutter = |name: &str, z: f32| OccluderDesc {
@@ -460,7 +456,7 @@ fn invalid_occluder_recipes_are_rejected() {
         ..Recipe::default()
     };
     let baked_bounces = Recipe {
-        bounce_mode: meshless_gi::bake::BounceMode::Baked,
+        bounce_mode: meshless_gi::BounceMode::Baked,
         ..with_box([0.0; 3], [1.0; 3])
     };
     let other_rule = Recipe {

@@ -3,8 +3,8 @@
 //! missing triangle.
 
 use glam::{Vec2, Vec3};
-use meshless_gi::samples::{Random, uniform_sphere};
-use meshless_gi::scene::{Bvh, Geometry, Material, Ray, TriangleMesh};
+use meshless_gi::internals::samples::{Random, uniform_sphere};
+use meshless_gi::{Bvh, Geometry, Material, Ray, TriangleMesh};
 use rayon::prelude::*;
 
 const RAYS: u64 = 4_000_000;

@@ -2,12 +2,14 @@
 //! whole, cheaper, and little worse.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, VectorIrradiance};
-use meshless_gi::samples::trace_particles;
-use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
-use meshless_gi::transport::{Row, TIERS};
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::samples::trace_particles;
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::internals::transport::{Row, TIERS};
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Preset, Progress, Recipe, TransportMethod,
+    TriangleMesh, bake_scene, load_gltf,
+};
 use std::path::Path;
 
 struct Level {

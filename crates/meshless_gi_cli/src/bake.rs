@@ -5,12 +5,13 @@ use super::output::{self, Table};
 use super::{input, progress};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::Vec3;
-use meshless_gi::asset::check_writable;
-use meshless_gi::bake::{
-    BakeError, BakeSceneError, BakeStats, Baked, OccluderDesc, Preset, Recipe, RecipeError,
-    Settings, Sky, TransportMethod, bake_scene, cast_gather_rays,
+use meshless_gi::internals::asset::check_writable;
+use meshless_gi::internals::bake::{Settings, cast_gather_rays};
+use meshless_gi::internals::scene::load_geometry_within;
+use meshless_gi::{
+    BakeError, BakeSceneError, BakeStats, Baked, LoadedGeometry, OccluderDesc, Preset, Recipe,
+    RecipeError, Sky, TransportMethod, TriangleMesh, bake_scene,
 };
-use meshless_gi::scene::{LoadedGeometry, TriangleMesh, load_geometry_within};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -322,7 +323,8 @@ pub fn run(args: &Args) -> Result<(), ToolError> {
         let mut text =
             serde_json::to_vec_pretty(&all).map_err(|why| ToolError::write(path, &why))?;
         text.push(b'\n');
-        meshless_gi::asset::write_file(path, &text).map_err(|why| ToolError::write(path, &why))?;
+        meshless_gi::internals::asset::write_file(path, &text)
+            .map_err(|why| ToolError::write(path, &why))?;
     }
     output::print(&summary(&args.output, &stats, yardstick))
 }
@@ -461,7 +463,7 @@ fn failed(args: &Args, level: &Path, why: &BakeSceneError) -> ToolError {
 
 fn measure(
     mesh: &TriangleMesh,
-    scene: &meshless_gi::asset::BakedScene,
+    scene: &meshless_gi::BakedScene,
     stats: &BakeStats,
     threads: usize,
 ) -> Result<Yardstick, ToolError> {

@@ -8,12 +8,12 @@ use super::picture::{self, View};
 use super::progress;
 use super::{bake, scatter};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, check_writable, write_file};
-use meshless_gi::bake::{Baked, Preset, Recipe, bake_scene};
-use meshless_gi::eval::{ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{
-    Geometry, Light, PlyEncoding, TriangleMesh, cornell_box, mesh_of_quads, statue_room,
+use meshless_gi::internals::asset::{check_writable, write_file};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::scene::{PlyEncoding, statue_room};
+use meshless_gi::{
+    Baked, BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Light, Preset, Recipe,
+    ReferenceSettings, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::Camera;
 use rayon::prelude::*;

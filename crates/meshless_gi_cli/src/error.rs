@@ -1,7 +1,7 @@
 //! What can go wrong, and with which exit code the tool says so.
 
-use meshless_gi::asset::AssetError;
-use meshless_gi::scene::{ReadError, SceneError};
+use meshless_gi::internals::scene::ReadError;
+use meshless_gi::{AssetError, SceneError};
 use std::path::Path;
 
 /// Exit code for input that is not valid.

@@ -4,12 +4,9 @@ use super::error::ToolError;
 use super::points::{self, COLUMNS, Place};
 use super::{input, output, progress};
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, check_writable, write_file};
-use meshless_gi::eval::{Bounces, Evaluated, Evaluator};
-use meshless_gi::frame::FrameSettings;
-use meshless_gi::scene::{
-    InputBudget, Light, SceneDescription, TriangleMesh, load_geometry_within,
-};
+use meshless_gi::internals::asset::{check_writable, write_file};
+use meshless_gi::internals::scene::{InputBudget, SceneDescription, load_geometry_within};
+use meshless_gi::{BakedScene, Bounces, Evaluated, Evaluator, FrameSettings, Light, TriangleMesh};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::PathBuf;

@@ -5,11 +5,10 @@ use super::eval::parse_bounces;
 use super::input;
 use super::output::{self, Table};
 use super::progress;
-use meshless_gi::asset::check_writable;
-use meshless_gi::eval::Bounces;
-use meshless_gi::export::{ExportedVolume, VolumeExport};
-use meshless_gi::frame::volume_places::MAX_PLACES;
-use meshless_gi::scene::SceneDescription;
+use meshless_gi::internals::asset::check_writable;
+use meshless_gi::internals::frame::volume_places::MAX_PLACES;
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{Bounces, ExportedVolume, VolumeExport};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]

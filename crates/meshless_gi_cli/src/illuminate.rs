@@ -5,9 +5,9 @@ use super::error::ToolError;
 use super::eval::{geometry, viewpoints};
 use super::{input, output, progress};
 use glam::Vec3;
-use meshless_gi::asset::{check_writable, write_file};
-use meshless_gi::eval::{Bounces, Evaluated, Evaluator};
-use meshless_gi::scene::{PlyEncoding, PointCloud, SceneDescription, read_ply_within, write_ply};
+use meshless_gi::internals::asset::{check_writable, write_file};
+use meshless_gi::internals::scene::{PlyEncoding, SceneDescription, read_ply_within, write_ply};
+use meshless_gi::{Bounces, Evaluated, Evaluator, PointCloud};
 use rayon::prelude::*;
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
 //! Bounds on what the tool reads (`--max-input`).
 
 use super::error::ToolError;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::scene::{InputBudget, read_file};
+use meshless_gi::internals::scene::{InputBudget, read_file};
+use meshless_gi::{BakedScene, Limits};
 use std::path::Path;
 use std::sync::OnceLock;
 

@@ -3,7 +3,8 @@
 use super::error::ToolError;
 use super::input;
 use super::output::{self, Table};
-use meshless_gi::asset::{AssetError, BakeInfo, BakedScene, BakedStats, TierInfo};
+use meshless_gi::internals::asset::BakedStats;
+use meshless_gi::{AssetError, BakeInfo, BakedScene, TierInfo};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

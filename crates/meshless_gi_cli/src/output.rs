@@ -2,7 +2,7 @@
 //! reads.
 
 use super::error::ToolError;
-use meshless_gi::asset::EnergyInfo;
+use meshless_gi::EnergyInfo;
 use std::io::{self, Write};
 
 /// Prints a result as a whole. Who closes the pipe early has read enough: that is no error.

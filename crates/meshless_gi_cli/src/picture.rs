@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
-use meshless_gi::scene::Geometry;
+use meshless_gi::Geometry;
 use meshless_gi_lab::accuracy::{Camera, Image};
 use rayon::prelude::*;
 use std::f32::consts::PI;

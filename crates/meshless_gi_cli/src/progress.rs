@@ -1,7 +1,7 @@
 //! Work with a bar on standard error, where that is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use meshless_gi::bake::Progress;
+use meshless_gi::Progress;
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;

@@ -3,8 +3,8 @@
 
 use super::error::ToolError;
 use super::{bake, output, progress};
-use meshless_gi::asset::{check_writable, write_file};
-use meshless_gi::bake::BakeSceneError;
+use meshless_gi::BakeSceneError;
+use meshless_gi::internals::asset::{check_writable, write_file};
 use meshless_gi_lab::report::{Report, ReportError, Row, Sweep, choice, figures, sweep, text};
 use serde::Serialize;
 use std::path::{Path, PathBuf};

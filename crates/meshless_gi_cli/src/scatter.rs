@@ -2,9 +2,10 @@
 
 use super::error::ToolError;
 use super::{bake, output, progress};
-use meshless_gi::asset::{check_writable, write_file};
-use meshless_gi::samples::scatter;
-use meshless_gi::scene::{PlyEncoding, TriangleMesh, statue_room, write_ply};
+use meshless_gi::TriangleMesh;
+use meshless_gi::internals::asset::{check_writable, write_file};
+use meshless_gi::internals::samples::scatter;
+use meshless_gi::internals::scene::{PlyEncoding, statue_room, write_ply};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]

@@ -4,9 +4,9 @@ use super::bake::level_and_recipe;
 use super::error::ToolError;
 use super::{input, output};
 use glam::Vec3;
-use meshless_gi::asset::{AssetError, BakeInfo, BakedScene};
-use meshless_gi::bake::{BAKE_VERSION, BakeInputs, Recipe, Staleness};
-use meshless_gi::scene::{SceneError, load_geometry_within};
+use meshless_gi::internals::bake::{BAKE_VERSION, BakeInputs, Staleness};
+use meshless_gi::internals::scene::load_geometry_within;
+use meshless_gi::{AssetError, BakeInfo, BakedScene, Recipe, SceneError};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]

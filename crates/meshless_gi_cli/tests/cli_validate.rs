@@ -1,6 +1,6 @@
 //! `meshless_gi validate` on bakes whose level, recipe or bake version has changed.
 
-use meshless_gi::asset::{BakedScene, Limits};
+use meshless_gi::{BakedScene, Limits};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -2,13 +2,10 @@
 
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::export::VolumePlacement;
-use meshless_gi::frame::volume::volume_texels;
-use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
-};
-use meshless_gi::scene::SceneDescription;
+use meshless_gi::internals::frame::volume::volume_texels;
+use meshless_gi::internals::frame::{VolumeParams, VolumeValues, VoxelGrid, VoxelWeights};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, Limits, VolumePlacement};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

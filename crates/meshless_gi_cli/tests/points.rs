@@ -6,13 +6,11 @@
 use meshless_gi_lab::fixtures::points as points_support;
 
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::Preset;
-use meshless_gi::eval::Bounces;
-use meshless_gi::samples::{Random, scatter};
-use meshless_gi::scene::{
-    Geometry, Light, PlyEncoding, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box,
-    mesh_of_quads, read_ply, write_ply,
+use meshless_gi::internals::samples::{Random, scatter};
+use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, read_ply, write_ply};
+use meshless_gi::{
+    BakedScene, Bounces, Geometry, Light, Limits, PointCloud, Preset, Ray, TriangleMesh,
+    cornell_box, mesh_of_quads,
 };
 use points_support::{REFLECTIONS, baked, direct, indirect, nrmse, reference, shown};
 use std::fs;
@@ -314,7 +312,7 @@ fn scan_without_normals_faces_viewpoint() {
     let at = |name: &str| folder.path().join(name).to_str().expect("text").to_string();
     let on = |i: u64| {
         let mut r = Random::new(3, 3, i);
-        2.0 * meshless_gi::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
+        2.0 * meshless_gi::internals::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
     };
     let positions: Vec<Vec3> = (0..3000).map(on).collect();
     let mut bytes = Vec::new();
@@ -375,7 +373,7 @@ fn mixed(folder: &Path, room: &str) {
     // A red ball of points in the middle of the white box.
     let ball = |i: u64| {
         let mut r = Random::new(8, 8, i);
-        meshless_gi::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
+        meshless_gi::internals::samples::uniform_sphere(glam::Vec2::new(r.unit(), r.unit()))
     };
     let normals: Vec<Vec3> = (0..2000).map(ball).collect();
     let positions: Vec<Vec3> = normals

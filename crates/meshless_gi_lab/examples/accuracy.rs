@@ -8,9 +8,11 @@
 //! `--seed N` before the folders bakes with another seed. A folder holds, for each light, `L0.json`
 //! (geometry and lights) and `L0.csv` (irradiance at places, with standard errors).
 
-use meshless_gi::bake::{Baked, Preset, Progress, Recipe, Settings, bake_scene, cast_gather_rays};
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::internals::bake::{Settings, cast_gather_rays};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    Baked, Bounces, Evaluator, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
+};
 use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
 use std::error::Error;
 use std::path::{Path, PathBuf};

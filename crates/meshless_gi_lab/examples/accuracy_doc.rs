@@ -9,9 +9,9 @@
 //! irradiance at places); the report compares presets with that too. `--quick` before the levels
 //! makes few bakes, `--minutes M` limits the time of each level, `-o FOLDER` writes elsewhere.
 
-use meshless_gi::asset::write_file;
-use meshless_gi::bake::Progress;
-use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::internals::asset::write_file;
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{Progress, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::GroundTruth;
 use meshless_gi_lab::report::{Known, Part, Sweep, document, figures, sweep};
 use std::error::Error;

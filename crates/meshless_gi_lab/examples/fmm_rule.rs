@@ -7,12 +7,12 @@
 //! ```
 
 use glam::Vec3;
-use meshless_gi::bake::{Preset, Progress, Recipe, Settings, TransportMethod, bake_scene};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::scatter;
-use meshless_gi::scene::{
-    Light, PlyEncoding, PointCloud, TriangleMesh, cornell_box, mesh_of_quads, parse_ply,
-    statue_room, write_ply,
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::samples::scatter;
+use meshless_gi::internals::scene::{PlyEncoding, parse_ply, statue_room, write_ply};
+use meshless_gi::{
+    CpuFrame, FrameLight, FrameSettings, Light, PointCloud, Preset, Progress, Recipe,
+    TransportMethod, TriangleMesh, bake_scene, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::report::{
     Factor, Figure, Report, Run, Sweep, Variant, beside_octree, figures, sweep,

@@ -9,7 +9,7 @@
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
 use leak_support::{Door, Walled, open, rooms};
-use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
+use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 use std::error::Error;
 
 /// Paths of the reference at each place in the lit room.

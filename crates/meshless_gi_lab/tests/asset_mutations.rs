@@ -6,10 +6,10 @@ mod asset_support;
 
 use asset_support::{Random, build, makes};
 use glam::Vec3;
-use meshless_gi::asset::{AssetError, BakedScene, Limits};
-use meshless_gi::frame::soft::{self, SoftLight};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::MaterialFactors;
+use meshless_gi::internals::frame::soft::{self, SoftLight};
+use meshless_gi::{
+    AssetError, BakedScene, CpuFrame, FrameLight, FrameSettings, Limits, MaterialFactors,
+};
 use rayon::prelude::*;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;

@@ -4,11 +4,11 @@
 mod asset_support;
 
 use asset_support::{build, makes};
-use meshless_gi::asset::{AssetError, BakedScene, Limits};
-use meshless_gi::samples::GridSlot;
-use meshless_gi::transport::Link;
-use meshless_gi::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
-use meshless_gi::transport::pca::Compression;
+use meshless_gi::internals::samples::GridSlot;
+use meshless_gi::internals::transport::Link;
+use meshless_gi::internals::transport::fmm::{FmmNode, FmmOperator, FmmPlace};
+use meshless_gi::internals::transport::pca::Compression;
+use meshless_gi::{AssetError, BakedScene, Limits};
 
 #[test]
 fn scenes_round_trip_bitwise() {

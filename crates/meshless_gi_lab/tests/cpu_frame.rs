@@ -5,12 +5,18 @@
 use meshless_gi_lab::fixtures::synthetic;
 
 use glam::Vec3;
-use meshless_gi::asset::{BakeInfo, BakedScene, Display, Places, PointSurface, TierInfo};
-use meshless_gi::basis::{Weights, support_bounds};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, project};
-use meshless_gi::samples::{HashedGrid, LightSample, Point};
-use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, TriangleMesh};
-use meshless_gi::transport::{BounceLink, BounceOperator, Link, Operator, Row, SenderForm};
+use meshless_gi::internals::asset::{Display, Places, PointSurface};
+use meshless_gi::internals::basis::{Weights, support_bounds};
+use meshless_gi::internals::frame::project;
+use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
+use meshless_gi::internals::transport::{
+    BounceLink, BounceOperator, Link, Operator, Row, SenderForm,
+};
+use meshless_gi::{
+    BakeInfo, BakedScene, Bvh, CpuFrame, FrameLight, FrameSettings, Material, TierInfo,
+    TriangleMesh,
+};
 use std::f32::consts::PI;
 
 const ALBEDO: f32 = 0.5;

@@ -4,20 +4,17 @@
 //! and for none. `MGI_TEST_PICTURES` names a folder for the pictures.
 
 use glam::{Mat4, Quat, Vec2, Vec3};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{
-    OccluderBox, OccluderDesc, Preset, ProbeSettings, Progress, Recipe, bake_scene,
+use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
+use meshless_gi::internals::frame::volume::volume_texels;
+use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::{
+    VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };
-use meshless_gi::eval::{ReferenceSettings, irradiance};
-use meshless_gi::frame::splat::{SEAM, share, splat_covered};
-use meshless_gi::frame::volume::volume_texels;
-use meshless_gi::frame::volume_read::read_volume;
-use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
-    voxels_of,
-};
-use meshless_gi::scene::{
-    Geometry, Material, Quad, SceneDescription, TriangleMesh, load_gltf, mesh_of_quads,
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Material, OccluderBox, OccluderDesc,
+    Preset, ProbeSettings, Progress, Quad, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
+    irradiance, load_gltf, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::Camera;
 use rayon::prelude::*;
@@ -62,7 +59,7 @@ struct Pixel {
 /// with the light that is right.
 struct Stage {
     level: TriangleMesh,
-    lights: Vec<meshless_gi::scene::Light>,
+    lights: Vec<meshless_gi::Light>,
     poses: [Vec<Vec<Option<Pixel>>>; 2],
 }
 
@@ -86,7 +83,7 @@ fn door(angle: f32) -> TriangleMesh {
     mesh_of_quads(&quads)
 }
 
-fn read() -> (TriangleMesh, Vec<meshless_gi::scene::Light>) {
+fn read() -> (TriangleMesh, Vec<meshless_gi::Light>) {
     let folder =
         Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join("tests/data/rooms_open");
     let description = SceneDescription::read(folder.join("L0.json")).unwrap();
@@ -126,7 +123,7 @@ fn stage() -> &'static Stage {
 fn pixel(
     scene: &TriangleMesh,
     level: usize,
-    lights: &[meshless_gi::scene::Light],
+    lights: &[meshless_gi::Light],
     camera: &Camera,
     i: u32,
 ) -> Option<Pixel> {

@@ -2,10 +2,11 @@
 //! program's truth, under that program's lamp, and it rises with an operator that was made wrong on
 //! purpose. `examples/accuracy.rs` prints the same for any scene and preset.
 
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{ErrorEstimate, Preset, Progress, Recipe, bake_scene, estimate_errors};
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::scene::{SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::internals::bake::{ErrorEstimate, estimate_errors};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, Bounces, Evaluator, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
+};
 use meshless_gi_lab::accuracy::{BOUNCES, GroundTruth};
 use std::path::Path;
 

@@ -1,9 +1,11 @@
 //! A baked scene at single points, beside the reference integrator.
 
 use glam::Vec3;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
-use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::{
+    Bounces, Evaluator, Light, Preset, Progress, Recipe, ReferenceSettings, bake_scene,
+    cornell_box, mesh_of_quads,
+};
 use meshless_gi_lab::accuracy::errors;
 
 #[test]
@@ -55,7 +57,7 @@ fn emission_counts_as_direct_light() {
         direct.push(found.direct);
         indirect.push(found.indirect.expect("covered"));
     }
-    let pick = |of: fn(&meshless_gi::eval::Irradiance) -> Vec3, from: &[_]| -> Vec<Vec3> {
+    let pick = |of: fn(&meshless_gi::Irradiance) -> Vec3, from: &[_]| -> Vec<Vec3> {
         from.iter().map(of).collect()
     };
     let compare = |values: &[Vec3]| {

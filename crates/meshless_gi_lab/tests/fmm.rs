@@ -4,10 +4,9 @@
 use meshless_gi_lab::fixtures::fmm as room;
 
 use glam::Vec3;
-use meshless_gi::eval::{ReferenceSettings, irradiance};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
-use meshless_gi::transport::fmm::{Fmm, FmmError, FmmPoint, FmmSettings, direct};
+use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::transport::fmm::{Fmm, FmmError, FmmPoint, FmmSettings, direct};
+use meshless_gi::{Light, ReferenceSettings, cornell_box, irradiance, mesh_of_quads};
 use meshless_gi_lab::accuracy::errors;
 use room::{cornell, glow, lit, with_ball};
 use std::time::Instant;

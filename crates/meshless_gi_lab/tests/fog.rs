@@ -2,21 +2,22 @@
 //! the reference integrator; and none of the next room's.
 
 use glam::{Mat4, UVec3, Vec2, Vec3};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, ProbeSettings, Progress, Recipe, bake_scene};
-use meshless_gi::basis::PROBE_OVERLAP;
-use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::fog::PART;
-use meshless_gi::frame::fog_voxels::{fog_voxels, sides};
-use meshless_gi::frame::volume::volume_texels;
-use meshless_gi::frame::volume_read::read_voxels;
-use meshless_gi::frame::{
-    CpuFrame, Fog, FogParams, FogView, FogVoxelsParams, FrameLight, FrameSettings, VolumeParams,
-    VolumeValues, VoxelGrid, VoxelWeights, fog, voxels_of,
+use meshless_gi::internals::basis::PROBE_OVERLAP;
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::frame::fog::PART;
+use meshless_gi::internals::frame::fog_voxels::{fog_voxels, sides};
+use meshless_gi::internals::frame::volume::volume_texels;
+use meshless_gi::internals::frame::volume_read::read_voxels;
+use meshless_gi::internals::frame::{
+    Fog, FogParams, FogView, FogVoxelsParams, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
+    fog, voxels_of,
 };
-use meshless_gi::samples::{lattice, uniform_sphere};
-use meshless_gi::scene::{
-    Geometry, Light, Material, Quad, Ray, SceneDescription, TriangleMesh, load_gltf, mesh_of_quads,
+use meshless_gi::internals::samples::{lattice, uniform_sphere};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Irradiance, Light, Material, Preset,
+    ProbeSettings, Progress, Quad, Ray, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
+    load_gltf, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::errors;
 use std::f32::consts::{FRAC_1_PI, PI};

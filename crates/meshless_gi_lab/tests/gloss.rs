@@ -6,8 +6,9 @@ use meshless_gi_lab::fixtures::gloss as gloss_support;
 
 use glam::{Mat4, Vec3};
 use gloss_support::{Scene, room, share, virtual_lights};
-use meshless_gi::frame::gloss::{gloss_at, receiver, shown};
-use meshless_gi::frame::{GlossSettings, Vpl, VplParams, gbuffer};
+use meshless_gi::GlossSettings;
+use meshless_gi::internals::frame::gloss::{gloss_at, receiver, shown};
+use meshless_gi::internals::frame::{Vpl, VplParams, gbuffer};
 
 const SIZE: [u32; 2] = [480, 270];
 const SMALL: [u32; 2] = [131, 75];
@@ -201,7 +202,7 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
     let view = scene.view(&params);
     let alone = vec![on(0.04, -Vec3::Y)];
     let lit = VplParams::unshadowed(1);
-    let lights = meshless_gi::frame::gloss::Lights {
+    let lights = meshless_gi::internals::frame::gloss::Lights {
         lit: &lit,
         vpls: &alone,
         ..view.lights

@@ -6,7 +6,7 @@
 use meshless_gi_lab::fixtures::leaks as leak_support;
 
 use leak_support::{Door, Leak, Walled, open, rooms};
-use meshless_gi::bake::{Preset, Progress, Recipe, TransportMethod, bake_scene};
+use meshless_gi::{Preset, Progress, Recipe, TransportMethod, bake_scene};
 
 /// Few rays: leaks are a matter of where functions reach.
 fn measure(scene: &Walled, rule: TransportMethod, walls: bool, rays: u32) -> Leak {

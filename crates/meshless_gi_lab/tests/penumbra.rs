@@ -5,11 +5,12 @@
 //! door.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, VisibilityRecipe, bake_scene};
-use meshless_gi::frame::soft::{self, SoftLight};
-use meshless_gi::scene::{Light, TriangleMesh, load_gltf};
-use meshless_gi::transport::pca::Visibility;
+use meshless_gi::internals::frame::soft::{self, SoftLight};
+use meshless_gi::internals::transport::pca::Visibility;
+use meshless_gi::{
+    BakedScene, Light, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
+    load_gltf,
+};
 use meshless_gi_lab::accuracy::{PenumbraSample, deficits_by_rays, shadow_errors, shadow_places};
 
 /// The bound.

@@ -5,11 +5,10 @@
 use meshless_gi_lab::fixtures::points as points_support;
 
 use glam::{Vec2, Vec3};
-use meshless_gi::bake::Preset;
-use meshless_gi::eval::Bounces;
-use meshless_gi::samples::{Random, scatter, uniform_sphere};
-use meshless_gi::scene::{
-    Geometry, Light, PlyPoints, PointCloud, Ray, TriangleMesh, cornell_box, mesh_of_quads, statue,
+use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::internals::scene::{PlyPoints, statue};
+use meshless_gi::{
+    Bounces, Geometry, Light, PointCloud, Preset, Ray, TriangleMesh, cornell_box, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::closed_form;
 use points_support::{REFLECTIONS, baked, indirect, nrmse, reference, shown};
@@ -70,9 +69,9 @@ fn cube(spacing: f32, albedo: f32) -> PlyPoints {
         let corners = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
         let [a, b, c, d] = corners;
         let corners = if high { [d, c, b, a] } else { corners };
-        meshless_gi::scene::Quad {
+        meshless_gi::Quad {
             corners,
-            material: meshless_gi::scene::Material::diffuse(Vec3::splat(albedo)),
+            material: meshless_gi::Material::diffuse(Vec3::splat(albedo)),
         }
     };
     let sides: Vec<_> = (0..6).map(|k| side(k % 3, k < 3)).collect();

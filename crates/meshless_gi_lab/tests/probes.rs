@@ -2,22 +2,21 @@
 //! rooms; closed forms; the file.
 
 use glam::{Mat4, Vec2, Vec3};
-use meshless_gi::asset::{BakedScene, Limits, Probes};
-use meshless_gi::bake::{
-    Preset, ProbeSettings, Progress, Recipe, RecipeError, TransportMethod, bake_scene,
+use meshless_gi::internals::asset::Probes;
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::frame::probe::probe;
+use meshless_gi::internals::frame::splat::{SEAM, splat_covered};
+use meshless_gi::internals::frame::volume::volume_texels;
+use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::{
+    VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };
-use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::probe::probe;
-use meshless_gi::frame::splat::{SEAM, splat_covered};
-use meshless_gi::frame::volume::volume_texels;
-use meshless_gi::frame::volume_read::read_volume;
-use meshless_gi::frame::{
-    CpuFrame, FrameLight, FrameSettings, VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid,
-    VoxelWeights, voxels_of,
-};
-use meshless_gi::samples::{Random, lattice, trace_particles, uniform_sphere};
-use meshless_gi::scene::{
-    Light, Material, Quad, SceneDescription, TriangleMesh, cornell_box, load_gltf, mesh_of_quads,
+use meshless_gi::internals::samples::{Random, lattice, trace_particles, uniform_sphere};
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light, Limits, Material,
+    Preset, ProbeSettings, Progress, Quad, Recipe, RecipeError, ReferenceSettings, TransportMethod,
+    TriangleMesh, bake_scene, cornell_box, load_gltf, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::{BOUNCES, Errors, errors};
 use std::f32::consts::PI;

@@ -3,11 +3,9 @@
 //! (`tests/data`). Every comparison is also made with a wrong input and must fail there.
 
 use glam::Vec3;
-use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::scene::{
-    ImplicitObject, ImplicitScene, Light, Material, SceneDescription, Shape, TriangleMesh,
-    load_gltf,
-};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, SceneDescription, Shape};
+use meshless_gi::{Irradiance, Light, Material, ReferenceSettings, TriangleMesh, load_gltf};
 use meshless_gi_lab::accuracy::{
     BOUNCES, Estimates, GroundTruth, TestStatistics, agreement, errors,
 };

@@ -3,12 +3,13 @@
 //! (`-- --nocapture`); `examples/accuracy.rs` does the same for any scene and preset.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::basis::weight;
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::samples::trace_particles;
-use meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::internals::basis::weight;
+use meshless_gi::internals::samples::trace_particles;
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, Bounces, Evaluator, Light, Preset, Progress, Recipe, TriangleMesh, bake_scene,
+    load_gltf,
+};
 use meshless_gi_lab::accuracy::{BOUNCES, Comparison, GroundTruth};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};

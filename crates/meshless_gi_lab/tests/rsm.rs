@@ -7,13 +7,12 @@
 mod room;
 
 use glam::{Mat4, Vec3};
-use meshless_gi::frame::rsm_layout::{light_in_space, space_from_clip};
-use meshless_gi::frame::splat::LARGEST_HALF;
-use meshless_gi::frame::{
-    FrameLight, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer, rsm,
-    vpl,
+use meshless_gi::internals::frame::rsm_layout::{light_in_space, space_from_clip};
+use meshless_gi::internals::frame::splat::LARGEST_HALF;
+use meshless_gi::internals::frame::{
+    RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams, gbuffer, rsm, vpl,
 };
-use meshless_gi::scene::{Bvh, Light};
+use meshless_gi::{Bvh, FrameLight, Light};
 use meshless_gi_lab::accuracy::errors;
 use room::{Aim, Grid, ORANGE, Room, ball, choose, cuboid, mesh};
 

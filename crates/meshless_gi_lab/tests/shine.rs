@@ -5,15 +5,13 @@
 //! comparison is made a second time with a wrong input, where it must fail.
 
 use glam::{Vec2, Vec3};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, Sky, bake_scene};
-use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::materials::live_surfaces;
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::trace_particles;
-use meshless_gi::scene::{
-    Light, Material, MaterialFactors, SkyRadiance, Texture, TriangleMesh, TriangleUvs, Wrap,
-    load_gltf,
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::frame::materials::live_surfaces;
+use meshless_gi::internals::samples::trace_particles;
+use meshless_gi::{
+    BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Irradiance, Light,
+    Material, MaterialFactors, Preset, Progress, Recipe, ReferenceSettings, Sky, SkyRadiance,
+    Texture, TriangleMesh, TriangleUvs, Wrap, bake_scene, load_gltf,
 };
 use meshless_gi_lab::accuracy::{Errors, errors};
 use std::path::Path;

@@ -3,7 +3,8 @@
 //! with them.
 
 use glam::Vec3;
-use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::{Irradiance, ReferenceSettings};
 use meshless_gi_lab::accuracy::{Site, Solution, SphereOverDisk, SphereOverDiskError};
 
 const V11: SphereOverDisk = SphereOverDisk {

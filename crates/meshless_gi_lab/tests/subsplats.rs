@@ -6,14 +6,13 @@
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
 use glam::{Mat4, Vec3};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::frame::pyramid::{breaks, pyramid};
-use meshless_gi::frame::refine::{divides, unpack_cell};
-use meshless_gi::frame::{
-    DepthTest, Node, NormalTest, SubsplatSettings, Subsplats, VectorIrradiance, gbuffer, splat,
-    subsplats,
+use meshless_gi::internals::frame::pyramid::{breaks, pyramid};
+use meshless_gi::internals::frame::refine::{divides, unpack_cell};
+use meshless_gi::internals::frame::{Node, Subsplats, VectorIrradiance, gbuffer, splat, subsplats};
+use meshless_gi::{
+    DepthTest, Material, NormalTest, Preset, Progress, Quad, Recipe, SubsplatSettings,
+    TriangleMesh, bake_scene, mesh_of_quads,
 };
-use meshless_gi::scene::{Material, Quad, TriangleMesh, mesh_of_quads};
 use meshless_gi_lab::accuracy::RaycastView;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -3,11 +3,11 @@
 //! noise, and each is made a second time with a wrong input, where it must fail.
 
 use glam::{DVec3, Vec3};
-use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{
-    Geometry, ImplicitObject, ImplicitScene, Light, Material, Quad, Shape, TriangleMesh,
-    mesh_of_quads,
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
+use meshless_gi::{
+    Geometry, Irradiance, Light, Material, Quad, ReferenceSettings, TriangleMesh, mesh_of_quads,
 };
 use meshless_gi_lab::accuracy::{Estimates, TestStatistics, agreement, closed_form};
 use std::f32::consts::PI;

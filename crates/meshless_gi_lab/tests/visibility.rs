@@ -2,14 +2,15 @@
 //! through the file, and from damaged ones.
 
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, RecipeError, VisibilityRecipe, bake_scene};
-use meshless_gi::frame::project::extent;
-use meshless_gi::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Geometry, Material, TriangleMesh, cornell_box, mesh_of_quads};
-use meshless_gi::transport::pca::{
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
+use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility, depths,
+};
+use meshless_gi::{
+    BakedScene, Geometry, Limits, Material, Preset, Progress, Recipe, RecipeError, TriangleMesh,
+    VisibilityRecipe, bake_scene, cornell_box, mesh_of_quads,
 };
 use std::sync::atomic::{AtomicU32, Ordering};
 

@@ -19,7 +19,7 @@ use bevy::render::render_resource::PollType;
 use bevy::render::renderer::{RenderAdapterInfo, RenderDevice};
 use bevy_meshless_gi::plugin::{FrameStats, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::bake::{Preset, ProbeSettings, Recipe, VisibilityRecipe};
+use meshless_gi::{Preset, ProbeSettings, Recipe, VisibilityRecipe};
 use scenes::{SCENES, Scene};
 use std::fmt::Write;
 use std::path::PathBuf;

@@ -9,9 +9,10 @@ use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{OccluderBox, OccluderDesc, Progress, Recipe, bake_scene};
-use meshless_gi::scene::{Material, Quad, cornell_box, mesh_of_quads};
+use meshless_gi::{
+    BakedScene, Material, OccluderBox, OccluderDesc, Progress, Quad, Recipe, bake_scene,
+    cornell_box, mesh_of_quads,
+};
 use std::sync::Arc;
 
 /// What changes in a scene's frames, and what it has.

@@ -9,7 +9,8 @@ use super::texture::{Encoding, texture};
 use super::warning::GiBakeWarning as Warning;
 use bevy::math::{Vec2, Vec3, Vec4};
 use bevy::platform::collections::HashMap;
-use meshless_gi::scene::{Material, MeshProblems, Texture, TriangleMesh, TriangleUvs};
+use meshless_gi::internals::scene::MeshProblems;
+use meshless_gi::{Material, Texture, TriangleMesh, TriangleUvs};
 
 /// Largest number of triangles of a bake.
 const MAX_TRIANGLES: u64 = 1 << 25;

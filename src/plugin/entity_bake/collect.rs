@@ -20,7 +20,7 @@ use bevy::math::DMat4;
 use bevy::mesh::Mesh;
 use bevy::pbr::{MeshMaterial3d, StandardMaterial};
 use bevy::platform::collections::{HashMap, HashSet};
-use meshless_gi::scene::MeshNode;
+use meshless_gi::internals::scene::MeshNode;
 
 /// Copies of everything that a bake of a root reads.
 pub(super) struct Collected {

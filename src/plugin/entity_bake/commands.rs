@@ -6,7 +6,7 @@ use bevy::ecs::prelude::*;
 /// Adds [`bake_gi`](Self::bake_gi) to `EntityCommands` and `EntityWorldMut`.
 pub trait GiBakeCommands {
     /// Bakes the static meshes on this entity and below it. `request` is a
-    /// [`Recipe`](meshless_gi::bake::Recipe), a [`Preset`](meshless_gi::bake::Preset), or a
+    /// [`Recipe`](meshless_gi::Recipe), a [`Preset`](meshless_gi::Preset), or a
     /// [`GiBakeRequest`], which can name a file.
     ///
     /// ```no_run

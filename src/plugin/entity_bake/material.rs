@@ -9,7 +9,7 @@ use bevy::math::{Affine2, Vec3, Vec4};
 use bevy::mesh::UvChannel;
 use bevy::pbr::StandardMaterial;
 use bevy::render::render_resource::Face;
-use meshless_gi::scene::Material;
+use meshless_gi::Material;
 
 /// A material with its textures: base color, metallic, emissive.
 #[derive(Clone, Debug)]

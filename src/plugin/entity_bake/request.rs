@@ -8,7 +8,7 @@ use bevy::ecs::prelude::*;
 use bevy::ecs::world::DeferredWorld;
 use bevy::reflect::prelude::*;
 use bevy::transform::components::Transform;
-use meshless_gi::bake::{Preset, Recipe};
+use meshless_gi::{Preset, Recipe};
 use std::path::PathBuf;
 
 /// Requests a bake of the static meshes on this entity and below it. Insert it with

@@ -11,7 +11,7 @@ use super::{label, wait};
 use bevy::asset::{AssetId, AssetServer, Assets};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
-use meshless_gi::bake::is_stale;
+use meshless_gi::internals::bake::is_stale;
 
 /// Comparison of a root's bake with its meshes.
 #[derive(Component)]

@@ -12,7 +12,7 @@ use super::{job, label, wait};
 use bevy::ecs::prelude::*;
 use bevy::log::warn;
 use bevy::platform::collections::HashMap;
-use meshless_gi::bake::Recipe;
+use meshless_gi::Recipe;
 use std::time::{Duration, Instant};
 
 /// Time after which the log names the asset that a bake waits for.

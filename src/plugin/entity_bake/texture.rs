@@ -3,7 +3,7 @@
 use bevy::color::{ColorToComponents, ColorToPacked, LinearRgba, Srgba};
 use bevy::image::{Image, ImageAddressMode, ImageSampler, TextureFormatPixelInfo};
 use bevy::render::render_resource::{TextureDimension, TextureFormat};
-use meshless_gi::scene::{Texture, Wrap};
+use meshless_gi::{Texture, Wrap};
 
 /// Encoding of a texture's texels in the bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -11,7 +11,7 @@ use bevy::mesh::skinning::SkinnedMesh;
 use bevy::mesh::{Mesh, Mesh3d};
 use bevy::transform::components::Transform;
 use bevy::world_serialization::{DynamicWorldRoot, WorldAssetRoot};
-use meshless_gi::scene::MeshNode;
+use meshless_gi::internals::scene::MeshNode;
 
 /// Everything below a root that matters to a bake.
 pub(super) struct Walk {

@@ -1,7 +1,7 @@
 //! The document: tables, charts, and what they say.
 
 use super::{Found, POINTS, RECEIVERS, ROUNDS, Size};
-use meshless_gi::transport::fmm::FmmSettings;
+use meshless_gi::internals::transport::fmm::FmmSettings;
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use std::error::Error;
 use std::fmt::Write;

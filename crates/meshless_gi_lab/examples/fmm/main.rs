@@ -12,12 +12,12 @@ mod document;
 use meshless_gi_lab::fixtures::fmm as room;
 
 use glam::Vec3;
-use meshless_gi::eval::{ReferenceSettings, irradiance_at_all};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Light, cornell_box, mesh_of_quads};
-use meshless_gi::transport::fmm::harmonics::inverse_fourth;
-use meshless_gi::transport::fmm::lists::ListCounts;
-use meshless_gi::transport::fmm::{Fmm, FmmSettings, direct};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::transport::fmm::harmonics::inverse_fourth;
+use meshless_gi::internals::transport::fmm::lists::ListCounts;
+use meshless_gi::internals::transport::fmm::{Fmm, FmmSettings, direct};
+use meshless_gi::{Light, ReferenceSettings, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::{Errors, errors};
 use room::{Room, cornell, glow, lit, with_ball};
 use std::error::Error;

@@ -2,8 +2,8 @@
 //! by error, time of a frame, bytes and time of the bake.
 
 use super::document::LEVEL;
-use meshless_gi::bake::{Progress, Settings, TransportMethod};
-use meshless_gi::scene::TriangleMesh;
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::{Progress, TransportMethod, TriangleMesh};
 use meshless_gi_lab::report::{
     Factor, Figure, Report, Sweep, Variant, beside_bases, figures, full, sweep,
 };

@@ -17,10 +17,11 @@ mod transfer;
 mod visibility;
 
 use glam::Vec3;
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::frame::project::extent;
-use meshless_gi::scene::{Light, SceneDescription, TriangleMesh, load_gltf};
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::scene::SceneDescription;
+use meshless_gi::{
+    BakedScene, Light, Limits, Preset, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
+};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use visibility::{Cut, Race};

@@ -1,10 +1,10 @@
 //! Transfer by principal components ([P14] §4.3): what more coefficients bring, what they take, and
 //! the sparse operator beside it, each against the reference integrator.
 
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Baked, Preset, Progress, Recipe, TransportMethod, bake_scene};
-use meshless_gi::frame::FrameSettings;
-use meshless_gi::scene::TriangleMesh;
+use meshless_gi::{
+    Baked, BakedScene, FrameSettings, Preset, Progress, Recipe, TransportMethod, TriangleMesh,
+    bake_scene,
+};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Series, Style};
 use meshless_gi_lab::report::{BOUNCES, TestSet, TestSetSize};
 use std::error::Error;

@@ -2,15 +2,14 @@
 //! reference integrator.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::frame::project::extent;
-use meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use meshless_gi::frame::{VectorIrradiance, shade, splat};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Geometry, Light, Ray, Surface, TriangleMesh};
-use meshless_gi::transport::pca::{
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
+use meshless_gi::internals::frame::{VectorIrradiance, shade, splat};
+use meshless_gi::internals::samples::Random;
+use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
+use meshless_gi::{BakedScene, Geometry, Light, Ray, Surface, TriangleMesh};
 use meshless_gi_lab::accuracy::{
     Camera, Errors, Image, PenumbraSample, deficits_by_rays, errors, render, shadow_errors,
     shadow_places, shadowed_irradiance,

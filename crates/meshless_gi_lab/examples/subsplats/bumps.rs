@@ -5,11 +5,9 @@
 use super::experiments::SMALL;
 use super::subsplat_support::{Measured, Stage, View, from};
 use glam::Vec3;
-use meshless_gi::frame::subsplat::state;
-use meshless_gi::frame::{
-    Node, NormalTest, SubsplatSettings, VectorIrradiance, gbuffer, splat, subsplats,
-};
-use meshless_gi::scene::{Material, Quad, TriangleMesh, mesh_of_quads};
+use meshless_gi::internals::frame::subsplat::state;
+use meshless_gi::internals::frame::{Node, VectorIrradiance, gbuffer, splat, subsplats};
+use meshless_gi::{Material, NormalTest, Quad, SubsplatSettings, TriangleMesh, mesh_of_quads};
 use std::f32::consts::PI;
 
 /// What nodes hold.

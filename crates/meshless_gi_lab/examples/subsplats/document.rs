@@ -2,7 +2,7 @@
 
 use super::bumps::Held;
 use super::experiments::{FINEST, Found, LIGHTS, NORMALS, Pair, SCREEN, SMALL};
-use meshless_gi::frame::{DepthTest, NormalTest, SubsplatSettings};
+use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use meshless_gi_lab::accuracy::{Axis, Chart, Format, Mark, Series, Style};
 use std::fmt::{Error, Write};
 

@@ -4,7 +4,7 @@
 use super::bumps::{self, Bumpy};
 use super::gloss;
 use super::subsplat_support::{Measured, Stage, View};
-use meshless_gi::frame::{DepthTest, NormalTest, SubsplatSettings};
+use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::error::Error;
 
 /// What the issue of subsplats is about: a screen.

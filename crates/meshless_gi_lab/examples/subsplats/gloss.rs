@@ -3,12 +3,11 @@
 
 use super::gloss_support::{Scene, room, share, virtual_lights};
 use glam::Vec3;
-use meshless_gi::frame::gloss::{GlossView, gloss_of, receiver, shown};
-use meshless_gi::frame::refine::FLOOR;
-use meshless_gi::frame::subsplat::LUMINANCE;
-use meshless_gi::frame::{
-    GlossSettings, SubsplatParams, SubsplatSettings, VplParams, brdf, gbuffer, subsplats, vpl,
-};
+use meshless_gi::internals::frame::gloss::{GlossView, gloss_of, receiver, shown};
+use meshless_gi::internals::frame::refine::FLOOR;
+use meshless_gi::internals::frame::subsplat::LUMINANCE;
+use meshless_gi::internals::frame::{SubsplatParams, VplParams, brdf, gbuffer, subsplats, vpl};
+use meshless_gi::{GlossSettings, SubsplatSettings};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 use std::fmt::{Error, Write};

@@ -16,8 +16,7 @@ mod gloss;
 use meshless_gi_lab::fixtures::gloss as gloss_support;
 use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 
-use meshless_gi::asset::{BakedScene, Limits};
-use meshless_gi::bake::{Progress, Recipe, bake_scene};
+use meshless_gi::{BakedScene, Limits, Progress, Recipe, bake_scene};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use subsplat_support::{Level, Stage, clutter};

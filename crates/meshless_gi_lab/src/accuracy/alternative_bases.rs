@@ -12,7 +12,7 @@
 
 use super::dense::Lu;
 use glam::{DVec3, Vec3};
-use meshless_gi::basis::{LevelBasis, WeightEntry};
+use meshless_gi::internals::basis::{LevelBasis, WeightEntry};
 use rayon::prelude::*;
 
 /// t: how many other points a nominal radius reaches ([V11] §V, as [L08]).
@@ -328,7 +328,7 @@ impl PointBasis for MultilevelBasis<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use meshless_gi::samples::Point;
+    use meshless_gi::internals::samples::Point;
 
     fn points() -> Vec<(Vec3, Vec3)> {
         let lattice = (0..8).flat_map(|i| (0..8).map(move |j| (i, j)));

@@ -18,7 +18,7 @@ use super::point_set::{Basis, PointSet};
 use super::sphere_over_disk::{Site, Solution, SphereOverDisk};
 use super::{PointBasis, PointBasisError, PointSample, SurfaceField};
 use glam::{DVec3, Vec3};
-use meshless_gi::samples::Random;
+use meshless_gi::internals::samples::Random;
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

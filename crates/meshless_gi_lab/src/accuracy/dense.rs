@@ -80,7 +80,7 @@ impl Lu {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use meshless_gi::samples::Random;
+    use meshless_gi::internals::samples::Random;
 
     #[test]
     fn dense_solver_solves_regular_and_rejects_singular() {

@@ -3,8 +3,8 @@
 
 use super::{Errors, errors};
 use glam::Vec3;
-use meshless_gi::eval::Evaluator;
-use meshless_gi::scene::{InputBudget, read_file};
+use meshless_gi::Evaluator;
+use meshless_gi::internals::scene::{InputBudget, read_file};
 use rayon::prelude::*;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -5,13 +5,12 @@
 
 use super::{Errors, errors};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::eval::direct_irradiance;
-use meshless_gi::frame::project::extent;
-use meshless_gi::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use meshless_gi::frame::{VectorIrradiance, shade};
-use meshless_gi::samples::{Random, trace_particles};
-use meshless_gi::scene::{Geometry, Light, TriangleMesh};
+use meshless_gi::internals::eval::direct_irradiance;
+use meshless_gi::internals::frame::project::extent;
+use meshless_gi::internals::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
+use meshless_gi::internals::frame::{VectorIrradiance, shade};
+use meshless_gi::internals::samples::{Random, trace_particles};
+use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use rayon::prelude::*;
 
 /// Visible fractions between which a place lies in the penumbra.

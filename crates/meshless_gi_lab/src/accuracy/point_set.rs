@@ -7,11 +7,11 @@ use super::{
     SurfaceField, check_samples,
 };
 use glam::Vec3;
-use meshless_gi::asset::Display;
-use meshless_gi::basis::{Hierarchy, HierarchySettings, LevelBasis};
-use meshless_gi::frame::VectorIrradiance;
-use meshless_gi::frame::splat::{splat, splat_vector};
-use meshless_gi::samples::Point;
+use meshless_gi::internals::asset::Display;
+use meshless_gi::internals::basis::{Hierarchy, HierarchySettings, LevelBasis};
+use meshless_gi::internals::frame::VectorIrradiance;
+use meshless_gi::internals::frame::splat::{splat, splat_vector};
+use meshless_gi::internals::samples::Point;
 use std::f64::consts::TAU;
 
 /// Levels of the multilevel basis.

@@ -3,8 +3,8 @@
 //! the screen, and what reflective shadow maps of tests are made of.
 
 use glam::{Mat4, Vec2, Vec3};
-use meshless_gi::frame::gbuffer;
-use meshless_gi::scene::{Geometry, Ray};
+use meshless_gi::internals::frame::gbuffer;
+use meshless_gi::{Geometry, Ray};
 use rayon::prelude::*;
 
 /// A drawn view.
@@ -79,8 +79,8 @@ impl RaycastView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use meshless_gi::frame::{GridShape, SplatParams, splat};
-    use meshless_gi::scene::{ImplicitObject, ImplicitScene, Shape};
+    use meshless_gi::internals::frame::{GridShape, SplatParams, splat};
+    use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
 
     #[test]
     fn gbuffer_pixels_reconstruct_surface() {

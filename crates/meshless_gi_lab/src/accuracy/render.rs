@@ -2,8 +2,8 @@
 //! caller's to say.
 
 use glam::{Vec2, Vec3};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Geometry, Ray, Surface};
+use meshless_gi::internals::samples::Random;
+use meshless_gi::{Geometry, Ray, Surface};
 use rayon::prelude::*;
 
 /// A pinhole camera.
@@ -116,7 +116,7 @@ pub fn render(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use meshless_gi::scene::{ImplicitObject, ImplicitScene, Shape};
+    use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
 
     #[test]
     fn render_of_sphere_has_position_and_size() {

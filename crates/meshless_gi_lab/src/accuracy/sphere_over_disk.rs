@@ -22,7 +22,8 @@
 //! the height of the sphere's center.
 
 use glam::{DVec2, DVec3, Vec3};
-use meshless_gi::scene::{ImplicitObject, ImplicitScene, Light, Shape};
+use meshless_gi::Light;
+use meshless_gi::internals::scene::{ImplicitObject, ImplicitScene, Shape};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

@@ -197,7 +197,7 @@ fn above_chi_square(x: f64, k: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use meshless_gi::samples::Random;
+    use meshless_gi::internals::samples::Random;
 
     #[test]
     fn probabilities_match_tables() {

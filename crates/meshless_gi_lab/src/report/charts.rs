@@ -5,7 +5,7 @@ use super::rules::{comparable, front};
 use super::sweep::Report;
 use super::variant::Factor;
 use crate::accuracy::{Axis, Chart, Format, Mark, Series, Style, pareto_front};
-use meshless_gi::bake::TransportMethod;
+use meshless_gi::TransportMethod;
 
 /// Look of a front that belongs to no series: black.
 const BLACK: usize = 6;

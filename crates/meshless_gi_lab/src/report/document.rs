@@ -7,7 +7,7 @@ use super::measure::Row;
 use super::rules::{Ratio, comparable, compare};
 use super::sweep::Report;
 use super::variant::Factor;
-use meshless_gi::bake::TransportMethod;
+use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// A level's part of a document.

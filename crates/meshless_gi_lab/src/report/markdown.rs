@@ -7,7 +7,7 @@ use super::octree::beside_octree;
 use super::rules::{Compared, Ratio, comparable, compare, compare_with};
 use super::sweep::Report;
 use super::variant::{BOUNCES, Factor};
-use meshless_gi::bake::TransportMethod;
+use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// Errors that somebody may want to stay below.

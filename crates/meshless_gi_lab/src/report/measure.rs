@@ -5,11 +5,11 @@ use super::test_set::{TestScore, TestSet};
 use super::variant::{BOUNCES, Factor, Run, Variant};
 use crate::accuracy::BOUNCES as BOUNCES_OF_TRUTH;
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BakeStats, Settings};
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Light, TriangleMesh};
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::{
+    BakeStats, BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light,
+    TriangleMesh,
+};
 use serde::Serialize;
 use std::time::{Duration, Instant};
 

@@ -4,7 +4,7 @@
 use super::format::{cell, count, megabytes, percent, short};
 use super::measure::Row;
 use super::rules::comparable;
-use meshless_gi::bake::TransportMethod;
+use meshless_gi::TransportMethod;
 use std::fmt::Write;
 
 /// Of the bakes by `rule` with at most this error the least of some cost.

@@ -4,7 +4,7 @@
 use super::measure::Row;
 use super::variant::Factor;
 use crate::accuracy::{interpolate_log, pareto_front};
-use meshless_gi::bake::TransportMethod;
+use meshless_gi::TransportMethod;
 
 /// What `bounded` has of what `l08` has.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,9 +4,10 @@ use super::measure::{Measured, Row};
 use super::test_set::{TestSet, TestSetSize};
 use super::variant::{self, BOUNCES, Factor, Variant};
 use crate::accuracy::GroundTruth;
-use meshless_gi::asset::AssetError;
-use meshless_gi::bake::{BakeSceneError, BakeStats, Baked, Progress, Recipe, Settings, bake_scene};
-use meshless_gi::scene::{Light, TriangleMesh};
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::{
+    AssetError, BakeSceneError, BakeStats, Baked, Light, Progress, Recipe, TriangleMesh, bake_scene,
+};
 use std::time::{Duration, Instant};
 
 /// Names the variants to try, for the settings that the baseline got.

@@ -4,13 +4,12 @@
 
 use crate::accuracy::{Errors, errors};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::eval::{
-    Irradiance, Lit, ReferenceSettings, irradiance, irradiance_at_all, roomy_places,
+use meshless_gi::internals::eval::{Lit, irradiance_at_all, roomy_places};
+use meshless_gi::internals::samples::{Random, find_viewpoints, trace_particles};
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Geometry, Irradiance, Light,
+    ReferenceSettings, SkyRadiance, irradiance,
 };
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::{Random, find_viewpoints, trace_particles};
-use meshless_gi::scene::{Geometry, Light, SkyRadiance};
 use rayon::prelude::*;
 
 /// Drawn from by nothing else: no place or lamp of the exam is one of a bake's.

@@ -1,9 +1,9 @@
 //! What a report tries: one factor at a time around a baseline, the presets, and the paper's rule
 //! beside ours.
 
-use meshless_gi::bake::{BounceMode, Preset, Recipe, Settings, TransportMethod};
-use meshless_gi::frame::FrameSettings;
-use meshless_gi::transport::TIERS;
+use meshless_gi::internals::bake::Settings;
+use meshless_gi::internals::transport::TIERS;
+use meshless_gi::{BounceMode, FrameSettings, Preset, Recipe, TransportMethod};
 use serde::Serialize;
 
 /// Reflections that errors are measured for, and that a frame runs where nothing else is said: the

@@ -8,20 +8,20 @@ use meshless_gi_lab::fixtures::by_hand;
 
 use by_hand::operator;
 use glam::Vec3;
-use meshless_gi::asset::{
-    BakeInfo, BakedScene, Display, DynamicMaterials, MaterialCoverage, Occluders, Places,
-    PointSurface, SkyVisibility, TierInfo,
+use meshless_gi::internals::asset::{
+    Display, DynamicMaterials, MaterialCoverage, Occluders, Places, PointSurface, SkyVisibility,
 };
-use meshless_gi::basis::{WeightEntry, Weights, support_bounds};
-use meshless_gi::samples::{HashedGrid, LightSample, Point};
-use meshless_gi::scene::{Bvh, BvhNode, BvhTriangle, Material, MaterialFactors, TriangleMesh};
-use meshless_gi::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
-use meshless_gi::transport::pca::{
+use meshless_gi::internals::basis::{WeightEntry, Weights, support_bounds};
+use meshless_gi::internals::samples::{HashedGrid, LightSample, Point};
+use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
+use meshless_gi::internals::transport::fmm::{Fmm, FmmOperator, FmmPoint, FmmSettings};
+use meshless_gi::internals::transport::pca::{
     Column, Compression, HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
 };
-use meshless_gi::transport::{
+use meshless_gi::internals::transport::{
     BounceLink, BounceOperator, Link, Operator, PackedLinkTerm, Row, SenderForm, link_of_parts,
 };
+use meshless_gi::{BakeInfo, BakedScene, Bvh, Material, MaterialFactors, TierInfo, TriangleMesh};
 
 /// Counted random numbers (SplitMix64).
 pub struct Random(pub u64);

@@ -3,11 +3,10 @@
 
 use super::support::{baked, closed, irradiances, mean, mesh, small};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{BounceMode, Recipe};
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Light, Material};
+use meshless_gi::{
+    BakedScene, BounceMode, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light,
+    Material, Recipe,
+};
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// A room of 2 m whose walls emit 1 W/m² and reflect `albedo`.

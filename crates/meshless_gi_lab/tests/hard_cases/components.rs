@@ -3,10 +3,10 @@
 
 use super::support::{baked, closed, cornell, irradiances, quick, small};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Progress, Recipe, TransportMethod, bake_scene};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::Material;
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Progress, Recipe, TransportMethod,
+    bake_scene,
+};
 
 fn pca() -> Recipe {
     Recipe {

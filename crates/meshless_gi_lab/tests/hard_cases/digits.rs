@@ -7,10 +7,8 @@
 
 use super::support::{baked, cornell, irradiances, small};
 use glam::{DVec3, DVec4, Vec3};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::Recipe;
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::F_SQUASH;
+use meshless_gi::internals::samples::F_SQUASH;
+use meshless_gi::{BakedScene, CpuFrame, FrameLight, FrameSettings, Recipe};
 
 /// Half a unit in the last place of single precision.
 const ROUNDING: f64 = 5.960_464_5e-8;

@@ -3,10 +3,9 @@
 
 use super::support::{baked, closed, cornell, small};
 use glam::{DVec3, Vec3};
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Recipe, TransportMethod};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::Material;
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Material, Recipe, TransportMethod,
+};
 
 /// Σ_j F_ij·n_i of point `i` over all links, the sky's among them.
 fn row_sum(scene: &BakedScene, i: usize) -> f64 {

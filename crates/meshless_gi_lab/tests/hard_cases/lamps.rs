@@ -2,12 +2,11 @@
 
 use super::support::{baked, closed, cornell, irradiances, mean, mesh, room, small};
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::Recipe;
-use meshless_gi::eval::{Bounces, Evaluator};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings, splat};
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Light, Material};
+use meshless_gi::internals::frame::splat;
+use meshless_gi::internals::samples::Random;
+use meshless_gi::{
+    BakedScene, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Light, Material, Recipe,
+};
 use std::f32::consts::PI;
 
 fn lamp(x: Vec3, intensity: f32) -> FrameLight {

@@ -5,10 +5,11 @@ use super::support::{
     Triangles, baked, closed, cornell, irradiances, lit, mesh, quick, room, small, square,
 };
 use glam::Vec3;
-use meshless_gi::bake::{BakeError, BakeSceneError, Progress, Recipe, bake_scene};
-use meshless_gi::eval::{Bounces, Evaluator, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{Geometry, Light, Material, TriangleMesh};
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::{
+    BakeError, BakeSceneError, Bounces, CpuFrame, Evaluator, FrameLight, FrameSettings, Geometry,
+    Light, Material, Progress, Recipe, ReferenceSettings, TriangleMesh, bake_scene,
+};
 use meshless_gi_lab::accuracy::{Errors, errors};
 
 /// The walls of 2 m, each cut by `cut`.
@@ -124,7 +125,7 @@ fn materials_out_of_range_are_clamped() {
 /// Errors of the indirect light at places that rays find, three bounces, against the reference.
 fn compared(level: TriangleMesh, recipe: &Recipe, from: Vec3, lamp: Vec3) -> (Errors, usize) {
     let scene = baked(&level, recipe).scene;
-    let traced = meshless_gi::samples::trace_particles(&level, &[from], 0..60, 9, false);
+    let traced = meshless_gi::internals::samples::trace_particles(&level, &[from], 0..60, 9, false);
     let places: Vec<(Vec3, Vec3)> = traced
         .candidates
         .iter()

@@ -2,9 +2,11 @@
 
 use super::support::{baked, cornell, cornell_places, quick};
 use glam::Vec3;
-use meshless_gi::bake::{BakeError, BakeSceneError, Baked, Progress, Recipe, bake_scene};
-use meshless_gi::eval::{Bounces, Evaluator, Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::scene::Light;
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::{
+    BakeError, BakeSceneError, Baked, Bounces, Evaluator, Irradiance, Light, Progress, Recipe,
+    ReferenceSettings, bake_scene,
+};
 use meshless_gi_lab::accuracy::{Errors, errors};
 
 /// A lamp in the Cornell box, scaled and moved with it: its irradiance stays what it was.

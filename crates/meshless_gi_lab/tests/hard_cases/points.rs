@@ -3,10 +3,12 @@
 
 use super::support::{baked, irradiances, lit, mesh, room, small};
 use glam::{Vec2, Vec3};
-use meshless_gi::bake::{Recipe, TransportMethod};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::samples::{Random, scatter, uniform_sphere};
-use meshless_gi::scene::{Material, PlyPoints, PointCloud, PointsError, TriangleMesh};
+use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
+use meshless_gi::internals::scene::{PlyPoints, PointsError};
+use meshless_gi::{
+    CpuFrame, FrameLight, FrameSettings, Material, PointCloud, Recipe, TransportMethod,
+    TriangleMesh,
+};
 
 /// A closed room of 2 m that reflects a half, as points.
 fn points() -> PlyPoints {

@@ -1,10 +1,10 @@
 //! Light that moves: a lamp on a smooth path gives light without jumps.
 
 use glam::Vec3;
-use meshless_gi::asset::BakedScene;
-use meshless_gi::bake::{Preset, Progress, Recipe, bake_scene};
-use meshless_gi::frame::{CpuFrame, FrameLight, FrameSettings};
-use meshless_gi::scene::{cornell_box, mesh_of_quads};
+use meshless_gi::{
+    BakedScene, CpuFrame, FrameLight, FrameSettings, Preset, Progress, Recipe, bake_scene,
+    cornell_box, mesh_of_quads,
+};
 
 fn cornell(places: u32) -> BakedScene {
     let recipe = Recipe {

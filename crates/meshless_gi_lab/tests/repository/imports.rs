@@ -219,7 +219,7 @@ fn forbidden_dependency_check_detects_violations() {
         0
     );
     assert_eq!(
-        strangers("src/plan/a.rs", "use meshless_gi::bake;").len(),
+        strangers("src/plan/a.rs", "use meshless_gi::internals::bake;").len(),
         0
     );
 }

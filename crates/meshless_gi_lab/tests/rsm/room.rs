@@ -2,14 +2,13 @@
 //! object.
 
 use glam::{Mat4, Vec2, Vec3};
-use meshless_gi::eval::{Irradiance, ReferenceSettings, irradiance_at_all};
-use meshless_gi::frame::rsm_layout::space_from_clip;
-use meshless_gi::frame::{
-    FrameLight, RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, project,
-    rsm, vpl,
+use meshless_gi::internals::eval::irradiance_at_all;
+use meshless_gi::internals::frame::rsm_layout::space_from_clip;
+use meshless_gi::internals::frame::{
+    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, project, rsm, vpl,
 };
-use meshless_gi::samples::Random;
-use meshless_gi::scene::{Bvh, Light, Material, TriangleMesh};
+use meshless_gi::internals::samples::Random;
+use meshless_gi::{Bvh, FrameLight, Irradiance, Light, Material, ReferenceSettings, TriangleMesh};
 use meshless_gi_lab::accuracy::RaycastView;
 
 pub type Triangles = Vec<[Vec3; 3]>;
@@ -260,7 +259,7 @@ impl Grid {
         let angle = |x: u32, y: u32| {
             // The flux over ρ I is the solid angle: that of a white patch in front of a lamp of
             // one.
-            let white = meshless_gi::frame::gbuffer::pack(
+            let white = meshless_gi::internals::frame::gbuffer::pack(
                 Vec3::ONE,
                 0.0,
                 1.0,
