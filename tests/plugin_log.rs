@@ -1,7 +1,7 @@
 //! Log lines of the plugin over a run. One test alone in its file: systems log from many threads,
 //! so the subscriber is the process's.
 
-mod plugin_support;
+mod support;
 
 use bevy::log::tracing::field::{Field, Visit};
 use bevy::log::tracing::span::{Attributes, Id, Record};
@@ -11,11 +11,11 @@ use bevy::log::{Level, LogPlugin};
 use bevy::prelude::*;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::BakedScene;
-use plugin_support::app::{camera, headless_plugins, ready, run, target};
-use plugin_support::scenes::cornell;
-use plugin_support::stage::{indirect, spawn_baked, spawn_lamp, view};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
+use support::app::{camera, headless_plugins, ready, run, target};
+use support::scenes::cornell;
+use support::stage::{indirect, spawn_baked, spawn_lamp, view};
 
 /// Lines of the crate, of all levels.
 #[derive(Clone, Default)]

@@ -5,8 +5,8 @@
 //! The packages share profile, features and target folder with the tests, so that no package of the
 //! engine is built twice. `MGI_TEST_PICTURES` names a folder that keeps the pictures.
 
-#[path = "../plugin_support/mod.rs"]
-mod plugin_support;
+#[path = "../support/mod.rs"]
+mod support;
 
 mod package;
 mod readme;
@@ -15,10 +15,10 @@ mod screen;
 use bevy::math::Vec3;
 use bevy_meshless_gi::plugin::{ProcessAssetsOptions, process_assets};
 use package::Package;
-use plugin_support::glb::glb;
-use plugin_support::scenes::{Quad, Room};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use support::glb::glb;
+use support::scenes::{Quad, Room};
 
 /// Largest mean FLIP between the plugin's indirect light and the CPU's.
 const MAX_FLIP: f32 = 0.02;

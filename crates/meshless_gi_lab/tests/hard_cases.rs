@@ -3,21 +3,21 @@
 
 #[path = "hard_cases/closed_rooms.rs"]
 mod closed_rooms;
-#[path = "hard_cases/components.rs"]
-mod components;
-#[path = "hard_cases/digits.rs"]
-mod digits;
 #[path = "hard_cases/energy.rs"]
 mod energy;
-#[path = "hard_cases/lamps.rs"]
-mod lamps;
-#[path = "hard_cases/levels.rs"]
-mod levels;
-#[path = "hard_cases/places.rs"]
-mod places;
-#[path = "hard_cases/points.rs"]
-mod points;
-#[path = "hard_cases/smooth.rs"]
-mod smooth;
+#[path = "hard_cases/geometry.rs"]
+mod geometry;
+#[path = "hard_cases/lights.rs"]
+mod lights;
+#[path = "hard_cases/pca.rs"]
+mod pca;
+#[path = "hard_cases/point_clouds.rs"]
+mod point_clouds;
+#[path = "hard_cases/precision.rs"]
+mod precision;
+#[path = "hard_cases/scale_and_origin.rs"]
+mod scale_and_origin;
+#[path = "hard_cases/temporal_stability.rs"]
+mod temporal_stability;
 
 use meshless_gi_lab::fixtures::hard_cases as support;

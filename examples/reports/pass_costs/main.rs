@@ -110,7 +110,7 @@ fn table() -> Result<String, String> {
          Made by `cargo run --example pass_costs -- -o docs/reports`. Do not edit.\n\n\
          Thirteen scenes in the Cornell box at preset `Draft`, {} × {} pixels a camera. For each what ran in one frame (dispatches; draws for composite and fog), what there is on the device, and milliseconds of that \
          device's own clock: what all cameras share, what the deferred camera's display takes, and what light in fog takes in the camera that drew it last, medians of {FRAMES} frames. The device: {device}. A stage that a scene does not call for has no dispatch, no pipeline and no \
-         buffer; where all is gray, `apply` runs in one channel; `cargo test --test plugin_effects` holds every scene to that.\n\n\
+         buffer; where all is gray, `apply` runs in one channel; `cargo test --test plugin effects` holds every scene to that.\n\n\
          | scene | stages and their dispatches | pipelines | buffers | MB | shared, ms | display, ms | fog, ms |\n|---|---|---|---|---|---|---|---|\n{rows}",
         SIZE.x, SIZE.y
     ))

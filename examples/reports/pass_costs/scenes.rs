@@ -382,7 +382,7 @@ fn room(
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
     let mut root = commands.entity(root);
-    super::common::spawn_quads(&quads(gray), &mut root, &mut meshes, &mut materials);
+    crate::common::spawn_quads(&quads(gray), &mut root, &mut meshes, &mut materials);
 }
 
 /// What changes from frame `k - 1` to frame `k`.

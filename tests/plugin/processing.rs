@@ -1,8 +1,12 @@
 //! Processing of assets: the build step, apps with and without an asset processor of their own, and
 //! apps that load processed assets.
 
-mod plugin_support;
-
+use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
+use crate::support::assets::{bare_app_with, shipped, until};
+use crate::support::glb::{glb, gltf, textured_glb};
+use crate::support::log::Log;
+use crate::support::scenes::Room;
+use crate::support::stage::{indirect, keep, spawn_lamp, view};
 use bevy::asset::io::Reader;
 use bevy::asset::processor::AssetProcessor;
 use bevy::asset::{AssetLoader, AssetMetaCheck, LoadContext, UntypedHandle};
@@ -16,12 +20,6 @@ use bevy_meshless_gi::plugin::{
 };
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, Limits};
-use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
-use plugin_support::assets::{bare_app_with, shipped, until};
-use plugin_support::glb::{glb, gltf, textured_glb};
-use plugin_support::log::Log;
-use plugin_support::scenes::Room;
-use plugin_support::stage::{indirect, keep, spawn_lamp, view};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -230,7 +228,11 @@ fn load_unprocessed() {
 /// Runs [`process_assets_in_child_process`] for the project at `root` and returns what it printed.
 fn process(kind: &str, root: &Path) -> String {
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "process_assets_in_child_process", "--nocapture"])
+        .args([
+            "--exact",
+            "processing::process_assets_in_child_process",
+            "--nocapture",
+        ])
         .env(PROCESS, kind)
         .env("BEVY_ASSET_ROOT", root)
         .env_remove("RUST_BACKTRACE")

@@ -1,15 +1,13 @@
 //! Subsplats in the running plugin, beside every pixel: equal pictures, fewer evaluations, nothing
 //! that pops, and buffers that come and go.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, drawable, picture, run};
+use crate::support::flip::{Picture, flip};
+use crate::support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
 use bevy_meshless_gi::prelude::*;
-use plugin_support::app::{app, camera, drawable, picture, run};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
 
 /// Pixels of the pictures: enough for all levels.
 const SIZE: UVec2 = UVec2::new(256, 192);

@@ -1,8 +1,13 @@
 //! The plan as the running plugin shows it: what the world has, what was decided and by which
 //! setting, and what passes cost as far as the device or the test says.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::flip::flip;
+use crate::support::scenes::{Room, cornell, cpu_indirect};
+use crate::support::stage::{
+    CANDELA, MAX, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
+    spawn_lamp, view,
+};
 use bevy::light::RectLight;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
@@ -14,13 +19,6 @@ use bevy_meshless_gi::plan::{
 use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Channels, FrameSettings, Light};
-use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
-use plugin_support::flip::flip;
-use plugin_support::scenes::{Room, cornell, cpu_indirect};
-use plugin_support::stage::{
-    CANDELA, MAX, assert_alike, counters, indirect, lamp, lit_room, settings, spawn_baked,
-    spawn_lamp, view,
-};
 use std::sync::Arc;
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);

@@ -1,8 +1,13 @@
 //! The running plugin and what a game does to it: lamps that switch, layers, textures, windows that
 //! change their size, things that come and go, and who may see what.
 
-mod plugin_support;
-
+use crate::support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
+use crate::support::flip::flip;
+use crate::support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
+use crate::support::stage::{
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
+    spawn_lamp, spawn_room, view, work,
+};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Exposure, Hdr, RenderTarget};
@@ -14,15 +19,8 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
-use plugin_support::app::{HEIGHT, WIDTH, app, camera, drawable, picture, run, target};
-use plugin_support::flip::flip;
-use plugin_support::scenes::{cornell, cpu_indirect, cpu_indirect_sized, cpu_indirect_textured};
-use plugin_support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, room_and_camera, settings,
-    spawn_lamp, spawn_room, view, work,
-};
 
-fn cpu(lights: &[Light]) -> plugin_support::flip::Picture {
+fn cpu(lights: &[Light]) -> crate::support::flip::Picture {
     let (room, bake) = cornell();
     let at = Transform::IDENTITY;
     cpu_indirect(&room, &bake, at, view(), lights, &settings())
@@ -70,7 +68,7 @@ fn initially_dark_lights_light_up_when_switched_on() {
         assert_eq!(c.projected_slots, 1, "lamp {i}: {}", c.plan);
         let lit: Vec<Light> = places[..=i]
             .iter()
-            .map(|p| plugin_support::stage::lamp(*p))
+            .map(|p| crate::support::stage::lamp(*p))
             .collect();
         assert_alike(
             &format!("switched_{i}"),

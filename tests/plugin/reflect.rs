@@ -1,8 +1,9 @@
 //! Inspectors: every component, settings resource and loader setting of the plugin is in the type
 //! registry, with all its fields.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, run, target};
+use crate::support::scenes::cornell;
+use crate::support::stage::{spawn_baked, spawn_lamp, view};
 use bevy::ecs::reflect::{AppTypeRegistry, ReflectComponent, ReflectResource};
 use bevy::prelude::*;
 use bevy::reflect::std_traits::ReflectDefault;
@@ -10,9 +11,6 @@ use bevy::reflect::{PartialReflect, ReflectMut, ReflectRef, TypeRegistration, Ty
 use bevy_meshless_gi::plugin::GiPointCloudPart;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Preset, Recipe, cornell_box, mesh_of_quads};
-use plugin_support::app::{app, camera, run, target};
-use plugin_support::scenes::cornell;
-use plugin_support::stage::{spawn_baked, spawn_lamp, view};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

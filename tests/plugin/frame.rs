@@ -1,20 +1,18 @@
 //! The running plugin, headless: its pictures are those of the CPU's frame, and it does no work
 //! that a frame does not call for.
 
-mod plugin_support;
-
+use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
+use crate::support::stage::{
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
+    view, work,
+};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiGizmos, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{CpuFrame, FrameLight, Light};
-use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Room, cornell, cpu_indirect, cpu_indirect_sized};
-use plugin_support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, keep, lamp, settings, spawn_room,
-    view, work,
-};
 use std::f32::consts::PI;
 
 #[test]
@@ -511,7 +509,7 @@ fn white_wall_under_sky_matches_bevy_light() {
     ));
     run(&mut app, 3);
     let bevys = middle(&picture(&mut app, &image));
-    let predicted = plugin_support::scenes::exposure() * 0.8 * radiance;
+    let predicted = crate::support::scenes::exposure() * 0.8 * radiance;
     println!("ours {ours:?}, Bevy's {bevys:?}, predicted {predicted}");
     for c in 0..3 {
         assert!(
@@ -602,7 +600,7 @@ fn bevy_light_units_match_for_every_light_type() {
         let bevys = middle(&picture(&mut app, &image));
         let ours = FrameLight::expand(light, 1)[0];
         let e = ours.color[0] * unshadowed(&ours, Vec3::ZERO, Vec3::Z);
-        let predicted = plugin_support::scenes::exposure() * 0.6 * e / PI;
+        let predicted = crate::support::scenes::exposure() * 0.6 * e / PI;
         println!("{light:?}: Bevy's {bevys:?}, ours {predicted}");
         assert!(
             e > 10.0 && (bevys[0] / predicted - 1.0).abs() < 0.01,

@@ -2,17 +2,15 @@
 //! that holds while camera and lamp move. The time is given by the test, for no test is decided by
 //! a clock.
 
-mod plugin_support;
-
+use crate::support::app::{app, headless_plugins, picture, ready, run};
+use crate::support::scenes::{cornell, cpu_indirect};
+use crate::support::stage::{assert_alike, counters, lamp, lit_room, settings, view};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_meshless_gi::plan::TierCandidate;
 use bevy_meshless_gi::plugin::{GiActiveTier, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{FrameSettings, Light};
-use plugin_support::app::{app, headless_plugins, picture, ready, run};
-use plugin_support::scenes::{cornell, cpu_indirect};
-use plugin_support::stage::{assert_alike, counters, lamp, lit_room, settings, view};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 

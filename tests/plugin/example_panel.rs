@@ -1,20 +1,16 @@
 //! The tuning panel of the examples: its controls change the components, show what is set, and
 //! follow lights and tiers.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-mod plugin_support;
-
+use crate::common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
+use crate::support::app::{headless_plugins, ready, run};
+use crate::support::stage::{lit_room, spawn_lamp};
 use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
 use bevy::ui_widgets::{Activate, ValueChange};
 use bevy_meshless_gi::plugin::{GiDebugView, GiLighting};
 use bevy_meshless_gi::prelude::*;
-use common::panel::{BakeAgain, Control, PanelPreset, TuningPanel, TuningPanelPlugin};
 use meshless_gi::Preset;
-use plugin_support::app::{headless_plugins, ready, run};
-use plugin_support::stage::{lit_room, spawn_lamp};
 
 const PLACE: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 

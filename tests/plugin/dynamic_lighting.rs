@@ -1,8 +1,12 @@
 //! Skies that vary and materials that change, in the running plugin: pictures are those of the
 //! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::flip::flip;
+use crate::support::scenes::{Room, cpu_indirect};
+use crate::support::stage::{
+    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
+};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Stage, bounces_at};
 use bevy_meshless_gi::plugin::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
@@ -10,12 +14,6 @@ use bevy_meshless_gi::prelude::*;
 use glam::Mat3;
 use meshless_gi::internals::frame::materials::live_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, Sky, SkyRadiance};
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::flip;
-use plugin_support::scenes::{Room, cpu_indirect};
-use plugin_support::stage::{
-    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
-};
 use std::sync::{Arc, OnceLock};
 
 /// The room's left wall, and its block's top.

@@ -2,8 +2,13 @@
 //! and go in one frame, a thousand lamps, settings that change under way. It may be dark meanwhile;
 //! it must not fail, and must be right again afterwards.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{cornell, cpu_indirect};
+use crate::support::stage::{
+    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
+    spawn_room, view,
+};
 use bevy::camera::Hdr;
 use bevy::gizmos::config::GizmoConfigStore;
 use bevy::light::{EnvironmentMapLight, IrradianceVolume, LightProbe};
@@ -14,13 +19,6 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
-use plugin_support::app::{app, camera, picture, run};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{cornell, cpu_indirect};
-use plugin_support::stage::{
-    CANDELA, MAX, assert_alike, bevy_lamp, counters, indirect, lamp, lit_room, settings,
-    spawn_room, view,
-};
 
 const PLACE: Vec3 = Vec3::new(0.2, 1.5, 0.4);
 
@@ -327,7 +325,7 @@ fn every_double_counting_is_reported() {
     assert_eq!(found(&app).len(), 4);
 
     // Who does not want to hear it is not told.
-    let mut quiet = plugin_support::app::app();
+    let mut quiet = crate::support::app::app();
     quiet
         .world_mut()
         .resource_mut::<GiSettings>()

@@ -1,8 +1,10 @@
 //! Point clouds in the running plugin: a room as points, from a `.ply` file, beside the same room
 //! as meshes, lit directly and indirectly; and what broken files do.
 
-mod plugin_support;
-
+use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::Room;
+use crate::support::stage::{keep, spawn_lamp, view};
 use bevy::camera::visibility::RenderLayers;
 use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
@@ -13,10 +15,6 @@ use meshless_gi::internals::scene::{PlyEncoding, PlyPoints, write_ply};
 use meshless_gi::{
     Material, PointCloud, Preset, Progress, Quad, Recipe, TriangleMesh, bake_scene, mesh_of_quads,
 };
-use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::Room;
-use plugin_support::stage::{keep, spawn_lamp, view};
 use std::path::Path;
 
 const LAMP: Vec3 = Vec3::new(0.0, 1.7, 0.4);

@@ -1,8 +1,10 @@
 //! An exported irradiance volume in a plain Bevy app, without this crate's plugin: it shows the
 //! light that the plugin's own volume shows.
 
-mod plugin_support;
-
+use crate::support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::Room;
+use crate::support::stage::{counters, keep, lamp, spawn_lamp, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::image::{CompressedImageFormats, ImageSampler, ImageType};
 use bevy::light::IrradianceVolume;
@@ -14,10 +16,6 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Bounces, ExportedVolume, ProbeSettings, Recipe, VolumeExport, VolumePlacement,
 };
-use plugin_support::app::{BOUNCES, app, camera, headless_plugins, picture, ready, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::Room;
-use plugin_support::stage::{counters, keep, lamp, spawn_lamp, view};
 use std::sync::Arc;
 
 const LIGHT: Vec3 = Vec3::new(0.3, 1.7, 0.5);

@@ -1,8 +1,11 @@
 //! Soft shadows in the running plugin: what is taken from Bevy's picture, where, and when; against
 //! shadow rays at every pixel.
 
-mod plugin_support;
-
+use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
+use crate::support::bounce::Things;
+use crate::support::flip::Picture;
+use crate::support::scenes::{Room, cornell, exposure};
+use crate::support::stage::{counters, keep, view};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiWarning, GiWarnings};
@@ -13,11 +16,6 @@ use meshless_gi::internals::frame::soft::{self, Rays};
 use meshless_gi::internals::frame::{SoftLight, SplatParams, gbuffer, splat};
 use meshless_gi::{BakedScene, Geometry, Recipe, VisibilityRecipe};
 use meshless_gi_lab::accuracy::RaycastView;
-use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
-use plugin_support::bounce::Things;
-use plugin_support::flip::Picture;
-use plugin_support::scenes::{Room, cornell, exposure};
-use plugin_support::stage::{counters, keep, view};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::{Arc, OnceLock};
 

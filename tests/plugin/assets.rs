@@ -1,17 +1,15 @@
 //! Baked assets in Bevy: loading, hot reload, baking in the background, and a plugin that stays
 //! inert where there is nothing to draw with.
 
-mod plugin_support;
-
+use crate::support::app::{camera, headless_plugins, picture, ready, run, target};
+use crate::support::assets::{bare_app, until};
+use crate::support::log::warnings;
+use crate::support::scenes::{Room, cornell};
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::settings::{RenderCreation, WgpuLimits, WgpuSettings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Material, TriangleMesh};
-use plugin_support::app::{camera, headless_plugins, picture, ready, run, target};
-use plugin_support::assets::{bare_app, until};
-use plugin_support::log::warnings;
-use plugin_support::scenes::{Room, cornell};
 
 #[test]
 fn plugin_without_renderer_loads_assets_only() {

@@ -1,11 +1,13 @@
 //! Example `load_gltf`: a level that is dropped on the window, one that is none, the camera after a
 //! bake, the bar, and saving.
 
-#[path = "../examples/load_gltf/main.rs"]
+#[path = "../../examples/load_gltf/main.rs"]
 #[allow(dead_code, reason = "the example's own `main` and command line")]
 mod level;
-mod plugin_support;
 
+use crate::support::app::{headless_plugins, ready, run};
+use crate::support::glb::glb;
+use crate::support::scenes::Room;
 use bevy::asset::AssetPlugin;
 use bevy::camera::Exposure;
 use bevy::prelude::*;
@@ -16,9 +18,6 @@ use level::drop::{Level, Loaded};
 use level::progress::{Bar, Lines, Notice, overall};
 use level::{LevelPlugin, drop};
 use meshless_gi::{BakedScene, Limits, Preset, Stage};
-use plugin_support::app::{headless_plugins, ready, run};
-use plugin_support::glb::glb;
-use plugin_support::scenes::Room;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

@@ -1,8 +1,10 @@
 //! The display of cameras that are not deferred: the same light as a deferred camera shows, also
 //! without HDR, in a viewport, and beside what is transparent or transmissive.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::flip::Picture;
+use crate::support::scenes::Room;
+use crate::support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
 use bevy::camera::{Hdr, Viewport};
 use bevy::pbr::ViewTransmissionTexture;
 use bevy::prelude::*;
@@ -10,10 +12,6 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::GiWarnings;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::Picture;
-use plugin_support::scenes::Room;
-use plugin_support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
 use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);

@@ -1,18 +1,16 @@
 //! A screen across a room that opens and shuts, in the running plugin: pictures are those of the
 //! CPU's frame, in the frame of the change, and nothing runs in a frame without one.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{Quad, Room, cpu_indirect};
+use crate::support::stage::{
+    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
+};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, CpuFrame, OccluderBox, OccluderDesc, ProbeSettings, Recipe};
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Quad, Room, cpu_indirect};
-use plugin_support::stage::{
-    MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
-};
 use std::sync::Arc;
 
 /// The Cornell room with a screen from floor to ceiling across its middle, which no camera sees.

@@ -1,8 +1,10 @@
 //! Light in free space for forward cameras in the running plugin: the same room through a deferred
 //! camera with our display and through a forward one with a volume.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{Quad, Room};
+use crate::support::stage::{counters, keep, spawn_lamp, view, work};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::visibility::VisibleEntities;
 use bevy::light::IrradianceVolume;
@@ -17,10 +19,6 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Preset, ProbeSettings, Progress, Recipe, TriangleMesh, bake_scene, load_gltf,
 };
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Quad, Room};
-use plugin_support::stage::{counters, keep, spawn_lamp, view, work};
 use std::sync::{Arc, OnceLock};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);

@@ -1,12 +1,20 @@
 //! Bakes from entities: the meshes below a root become its light. What is collected, what is left
 //! out and named, what replaces and cancels a bake, and files that are used again.
 
-mod plugin_support;
-
-#[path = "../examples/minimal.rs"]
+#[path = "../../examples/minimal.rs"]
 #[allow(dead_code, reason = "its `main` opens a window")]
 mod minimal;
 
+use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::assets::until;
+use crate::support::bakes::{
+    Ends, bake, bare_app, end_of, keep_ends, quick, room_root, scene_of, slow, spawn_mesh,
+    triangle, triangles,
+};
+use crate::support::glb::glb;
+use crate::support::log::warnings;
+use crate::support::scenes::{Room, cpu_indirect};
+use crate::support::stage::{assert_alike, bevy_lamp, indirect, keep, lamp, settings, view};
 use bevy::asset::{AssetPlugin, RenderAssetUsages};
 use bevy::image::Image;
 use bevy::mesh::skinning::SkinnedMesh;
@@ -15,16 +23,6 @@ use bevy::prelude::*;
 use bevy::render::render_resource::{AsBindGroup, Extent3d, Face, TextureDimension, TextureFormat};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, OccluderDesc, Progress, bake_scene, load_gltf};
-use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
-use plugin_support::assets::until;
-use plugin_support::bakes::{
-    Ends, bake, bare_app, end_of, keep_ends, quick, room_root, scene_of, slow, spawn_mesh,
-    triangle, triangles,
-};
-use plugin_support::glb::glb;
-use plugin_support::log::warnings;
-use plugin_support::scenes::{Room, cpu_indirect};
-use plugin_support::stage::{assert_alike, bevy_lamp, indirect, keep, lamp, settings, view};
 use std::time::{Duration, Instant};
 
 /// The parts of a bake that its file has, without its request.

@@ -2,8 +2,10 @@
 //! without the plugin, also where cameras, meshes and materials come, change and go; and the
 //! warning where no camera displays a bake.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, headless_plugins, picture, ready, run, target};
+use crate::support::flip::Picture;
+use crate::support::scenes::{Room, cornell};
+use crate::support::stage::{bevy_lamp, keep, spawn_baked, spawn_lamp, spawn_room, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::{
     Camera3dDepthLoadOp, ClearColorConfig, Hdr, RenderTarget, ScalingMode, Viewport,
@@ -20,10 +22,6 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plugin::{GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{Preset, ProbeSettings, Recipe};
-use plugin_support::app::{app, camera, headless_plugins, picture, ready, run, target};
-use plugin_support::flip::Picture;
-use plugin_support::scenes::{Room, cornell};
-use plugin_support::stage::{bevy_lamp, keep, spawn_baked, spawn_lamp, spawn_room, view};
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.2);
 /// The layer of what the preview camera shows.
@@ -386,7 +384,7 @@ impl Plugin for Overlay {
         app.add_systems(
             Startup,
             |mut commands: Commands, mut images: ResMut<Assets<Image>>| {
-                let image = plugin_support::app::drawable(128, 96);
+                let image = crate::support::app::drawable(128, 96);
                 let image = images.add(image);
                 commands.spawn((
                     Camera3d {

@@ -1,7 +1,10 @@
 //! Bakes whose level, recipe or bake version has changed since: what the loader reports, and when.
 
-mod plugin_support;
-
+use crate::support::app::ready;
+use crate::support::assets::until;
+use crate::support::glb::{glb, gltf};
+use crate::support::log::warnings;
+use crate::support::scenes::Room;
 use bevy::asset::AssetPath;
 use bevy::asset::io::{AssetSourceBuilder, AssetSourceEvent, AssetSourceId, AssetWatcher};
 use bevy::ecs::schedule::SingleThreadedExecutor;
@@ -12,11 +15,6 @@ use bevy_meshless_gi::plugin::{
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::bake::Staleness;
 use meshless_gi::{BakedScene, Limits};
-use plugin_support::app::ready;
-use plugin_support::assets::until;
-use plugin_support::glb::{glb, gltf};
-use plugin_support::log::warnings;
-use plugin_support::scenes::Room;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 

@@ -1,8 +1,13 @@
 //! Light in free space in the running plugin: a panel that the bake knows nothing of hangs in the
 //! room, at every pixel and by subsplats, beside the CPU's picture of it.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{Quad, Room, cpu_indirect};
+use crate::support::stage::{
+    MAX, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
+    work,
+};
 use bevy::camera::visibility::NoFrustumCulling;
 use bevy::mesh::VertexAttributeValues;
 use bevy::mesh::skinning::{SkinnedMesh, SkinnedMeshInverseBindposes};
@@ -10,13 +15,6 @@ use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Quad, Room, cpu_indirect};
-use plugin_support::stage::{
-    MAX, assert_alike, counters, indirect, keep, lamp, settings, spawn_baked, spawn_lamp, view,
-    work,
-};
 use std::sync::Arc;
 
 const LAMP: Vec3 = Vec3::new(0.3, 1.7, 0.5);

@@ -2,18 +2,15 @@
 //! the running plugin, each with the stages that it names, and with no pipeline or buffer of any
 //! other.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-mod plugin_support;
-#[path = "../examples/reports/pass_costs/scenes.rs"]
+#[path = "../../examples/reports/pass_costs/scenes.rs"]
 mod scenes;
 
+use crate::support::app::{app, run};
+use crate::support::stage::counters;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{ColorModeSelection, Stage};
 use bevy_meshless_gi::plugin::FrameStats;
 use meshless_gi::{Channels, ProbeSettings, Recipe, VisibilityRecipe};
-use plugin_support::app::{app, run};
-use plugin_support::stage::counters;
 use scenes::{SCENES, bakes, spawn, step};
 
 const SIZE: UVec2 = UVec2::new(128, 96);

@@ -1,21 +1,19 @@
 //! One bounce from what moves, in the running plugin: which cameras draw it, what they see, and
 //! what it adds to the picture.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
+use crate::support::flip::{Picture, flip};
+use crate::support::scenes::{Room, cornell};
+use crate::support::stage::{
+    CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
+};
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::bounce::{Ball, Things, cpu_bounce, cpu_gloss, cpu_vpls};
-use plugin_support::flip::{Picture, flip};
-use plugin_support::scenes::{Room, cornell};
-use plugin_support::stage::{
-    CANDELA, assert_alike, counters, indirect, keep, lamp, room_and_camera, spawn_lamp, view, work,
-};
 use std::f32::consts::PI;
 
 fn spawn_ball(app: &mut App, ball: Ball) -> Entity {

@@ -1,8 +1,10 @@
 //! Bevy's volumetric fog in a baked room, in the running plugin: what the level's light adds to the
 //! picture, beside the twin, for all kinds of cameras; and nothing where it is not called for.
 
-mod plugin_support;
-
+use crate::support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
+use crate::support::flip::Picture;
+use crate::support::scenes::{Room, exposure};
+use crate::support::stage::{counters, keep, lamp, settings, spawn_baked, spawn_lamp, view};
 use bevy::asset::RenderAssetUsages;
 use bevy::camera::Hdr;
 use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
@@ -19,10 +21,6 @@ use meshless_gi::internals::frame::{
     fog, voxels_of,
 };
 use meshless_gi::{BakedScene, CpuFrame, FrameLight, Geometry, ProbeSettings, Ray, Recipe};
-use plugin_support::app::{HEIGHT, WIDTH, app, camera, picture, run, target};
-use plugin_support::flip::Picture;
-use plugin_support::scenes::{Room, exposure};
-use plugin_support::stage::{counters, keep, lamp, settings, spawn_baked, spawn_lamp, view};
 use std::f32::consts::FRAC_PI_4;
 use std::sync::{Arc, OnceLock};
 
@@ -234,7 +232,7 @@ impl Shown {
             let toward = view().rotation * Vec3::new(ndc.x * aspect * half, ndc.y * half, -1.0);
             // Bevy culls back faces.
             let faces = |q: &&_| {
-                let q: &plugin_support::scenes::Quad = q;
+                let q: &crate::support::scenes::Quad = q;
                 q.u.cross(q.v).dot(toward) < 0.0
             };
             let front = Room(room.0.iter().filter(faces).copied().collect());

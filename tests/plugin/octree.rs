@@ -3,16 +3,14 @@
 //! device says that it does not, and the plan names the reason. Costs are given by the test, for no
 //! test is decided by a clock.
 
-mod plugin_support;
-
+use crate::support::app::{app, camera, picture, run, target};
+use crate::support::scenes::{Room, cpu_indirect};
+use crate::support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Stage, TierCandidate};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, TransportMethod};
-use plugin_support::app::{app, camera, picture, run, target};
-use plugin_support::scenes::{Room, cpu_indirect};
-use plugin_support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};
 use std::sync::Arc;
 
 const FROM: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
