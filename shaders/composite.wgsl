@@ -17,7 +17,7 @@ fn whole_screen(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
 
 // Gloss needs no albedo: what is bound as `irradiance` is the radiance that `gloss` made.
 @fragment
-fn composite_gloss(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn composite_specular(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);
     if textureLoad(lighting_passes, pixel, 0).r == 0u {
         return vec4f(0.0);
@@ -33,7 +33,7 @@ fn composite_gloss(@builtin(position) position: vec4f) -> @location(0) vec4f {
 // Blended by subtraction: what is bound as `irradiance` is the radiance that `shade` made, of light
 // that does not get there. No occlusion: the light that it is taken from has none.
 @fragment
-fn composite_shade(@builtin(position) position: vec4f) -> @location(0) vec4f {
+fn composite_shadow(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let pixel = vec2u(position.xy);
     if textureLoad(lighting_passes, pixel, 0).r == 0u {
         return vec4f(0.0);

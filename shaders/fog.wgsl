@@ -199,7 +199,7 @@ fn within(ray: Ray, space: mat4x4f, low: vec3f, high: vec3f) -> vec2f {
     );
 }
 
-// Twin: `read_voxels` of crates/meshless_gi/src/frame/volume_read.rs.
+// Twin: `read_voxels` of crates/meshless_gi/src/frame/volume_sample.rs.
 fn arriving(asked: vec3f) -> vec3f {
     let size = vec3f(params.size);
     let place = clamp(asked, vec3f(0.5), size - 0.5);

@@ -15,7 +15,7 @@
 
 @group(0) @binding(10) var<uniform> screen: SubsplatParams;
 @group(0) @binding(11) var<uniform> span: Span;
-@group(0) @binding(12) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(12) var<storage, read_write> nodes: array<SubsplatNode>;
 @group(0) @binding(13) var<storage, read> lists: array<u32>;
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
@@ -98,7 +98,7 @@ fn probe_over(@builtin(global_invocation_id) id: vec3u) {
     let depth = textureLoad(depths, id.xy, 0);
     let surface = textureLoad(gbuffer, id.xy, 0);
     if texel.a < 1.0 && depth > 0.0 && !gbuffer_is_unlit(surface) {
-        let at = place(id.xy, depth, surface);
+        let at = pixel_position(id.xy, depth, surface);
         let light = probe(at.x, at.n);
         if light.reached {
             let e = space_irradiance(light, at.n) * params.scale;
@@ -125,7 +125,7 @@ fn probe_nodes(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
         }
         let pixel = item.cell << vec2u(k);
         let surface = textureLoad(gbuffer, pixel, 0);
-        let there = place(pixel, textureLoad(depths, pixel, 0), surface);
+        let there = pixel_position(pixel, textureLoad(depths, pixel, 0), surface);
         let light = probe(there.x, there.n);
         if light.reached {
             let space = to_world(around(light, there.n));

@@ -6,7 +6,7 @@
 @group(0) @binding(2) var depths: texture_depth_2d;
 @group(0) @binding(3) var gbuffer: texture_2d<u32>;
 @group(0) @binding(4) var<storage, read> cells: array<CellRange>;
-@group(0) @binding(5) var<storage, read> nodes: array<Node>;
+@group(0) @binding(5) var<storage, read> nodes: array<SubsplatNode>;
 @group(0) @binding(6) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(7) var<storage, read> counted: array<u32>;
 @group(0) @binding(8) var<storage, read_write> next: array<atomic<u32>>;

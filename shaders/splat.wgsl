@@ -16,7 +16,7 @@
 
 @group(0) @binding(10) var<uniform> screen: SubsplatParams;
 @group(0) @binding(11) var<uniform> span: Span;
-@group(0) @binding(12) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(12) var<storage, read_write> nodes: array<SubsplatNode>;
 @group(0) @binding(13) var<storage, read> lists: array<u32>;
 @group(0) @binding(14) var<storage, read> counted: array<u32>;
 
@@ -81,14 +81,14 @@ fn irradiance_at(x: vec3f, n: vec3f) -> vec4f {
     return vec4f(max(irradiance_dot(found.e, n), vec3f(0.0)), select(0.0, max(found.share, MIN_SHARE), found.covered));
 }
 
-fn splat_node(pixel: vec2u, node: Node) -> Node {
+fn splat_node(pixel: vec2u, node: SubsplatNode) -> SubsplatNode {
     let nothing = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     let depth = textureLoad(depths, pixel, 0);
     let texel = textureLoad(gbuffer, pixel, 0);
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
         return node_new(nothing, node_foretold(node), EVALUATED);
     }
-    let at = place(pixel, depth, texel);
+    let at = pixel_position(pixel, depth, texel);
     let found = vector_at(at.x, at.n);
     if !found.covered {
         return node_new(nothing, node_foretold(node), EVALUATED | KNOWN);
@@ -103,7 +103,7 @@ fn splat_pixel(pixel: vec2u) -> vec4f {
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);
     }
-    let at = place(pixel, depth, texel);
+    let at = pixel_position(pixel, depth, texel);
     let e = irradiance_at(at.x, at.n);
     return vec4f(min(e.rgb * params.scale, vec3f(LARGEST_HALF)), e.a);
 }

@@ -6,7 +6,7 @@
 @group(0) @binding(1) var<uniform> span: Span;
 @group(0) @binding(2) var depths: texture_depth_2d;
 @group(0) @binding(3) var gbuffer: texture_2d<u32>;
-@group(0) @binding(4) var<storage, read_write> nodes: array<Node>;
+@group(0) @binding(4) var<storage, read_write> nodes: array<SubsplatNode>;
 @group(0) @binding(5) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(6) var<storage, read_write> next: array<atomic<u32>>;
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
@@ -19,23 +19,23 @@ const SURE: f32 = 0.9;
 const PIXELS_PER_DIRECT_EVALUATION: u32 = 4u;
 
 // A surface in a pixel, in the view's space.
-struct Seen {
+struct VisibleSurface {
     x: vec3f,
     n: vec3f,
     reach: f32,
     lit: bool,
 }
 
-fn seen(pixel: vec2u) -> Seen {
+fn seen(pixel: vec2u) -> VisibleSurface {
     let depth = lit_depth(pixel);
     if depth <= 0.0 {
-        return Seen(vec3f(0.0), vec3f(0.0), 0.0, false);
+        return VisibleSurface(vec3f(0.0), vec3f(0.0), 0.0, false);
     }
     let x = view_place(pixel, depth);
-    return Seen(x, screen.view_from_world * pixel_normal(pixel), depth_reach(x.z, depth), true);
+    return VisibleSurface(x, screen.view_from_world * pixel_normal(pixel), depth_reach(x.z, depth), true);
 }
 
-fn alike(a: Seen, b: Seen) -> f32 {
+fn alike(a: VisibleSurface, b: VisibleSurface) -> f32 {
     let off = max(abs(dot(b.x - a.x, a.n)), abs(dot(b.x - a.x, b.n)));
     let plane = clamp(2.0 - 2.0 * off / (PLANE * a.reach), 0.0, 1.0);
     let normal = clamp((dot(a.n, b.n) - TURNED) / (STRAIGHT - TURNED), 0.0, 1.0);
@@ -53,14 +53,14 @@ struct Between {
 
 // A node, and how much it says of a place; 0 where it is not known.
 struct Near {
-    node: Node,
+    node: SubsplatNode,
     likeness: f32,
     known: bool,
     // It should be and is not: there is a surface.
     missing: bool,
 }
 
-fn near_node(k: u32, cell: vec2i, here: Seen) -> Near {
+fn near_node(k: u32, cell: vec2i, here: VisibleSurface) -> Near {
     var out: Near;
     if any(cell < vec2i(0)) || any(vec2u(cell) >= level_grid(k)) {
         return out;
@@ -78,7 +78,7 @@ fn near_node(k: u32, cell: vec2i, here: Seen) -> Near {
     return out;
 }
 
-fn between(k: u32, cell: vec2u, here: Seen) -> Between {
+fn between(k: u32, cell: vec2u, here: VisibleSurface) -> Between {
     let first = vec2i(cell / 2u);
     let odd = (cell & vec2u(1u)) == vec2u(1u);
     let middle = all(odd);
@@ -146,11 +146,11 @@ fn state_of(found: Between) -> u32 {
     return select(0u, KNOWN, found.covered < 0.01 && found.whole);
 }
 
-fn unknown() -> Node {
-    return Node(array<u32, 6>(0u, 0u, 0u, 0u, 0u, 0u));
+fn unknown() -> SubsplatNode {
+    return SubsplatNode(array<u32, 6>(0u, 0u, 0u, 0u, 0u, 0u));
 }
 
-fn node_of(k: u32, cell: vec2u) -> Node {
+fn node_of(k: u32, cell: vec2u) -> SubsplatNode {
     let pixel = cell << vec2u(k);
     let here = seen(pixel);
     if !here.lit {
@@ -173,7 +173,7 @@ fn node_of(k: u32, cell: vec2u) -> Node {
     return node_new(light, luminance(node_new(light, 0.0, bits), pixel_normal(pixel)), bits);
 }
 
-fn texel_of(pixel: vec2u, here: Seen, light: VectorIrradiance) -> vec4f {
+fn texel_of(pixel: vec2u, here: VisibleSurface, light: VectorIrradiance) -> vec4f {
     let facing = max(dot(here.n, -normalize(here.x)), 0.0);
     let shade = screen.detail * facing + (1.0 - screen.detail);
     let e = shade * max(irradiance_dot(light, pixel_normal(pixel)), vec3f(0.0));

@@ -14,7 +14,7 @@ struct VolumeParams {
 }
 
 // A place on a wall beside a voxel; its shares start here.
-struct Face {
+struct WallSample {
     normal: vec3f,
     start: u32,
 }
@@ -46,7 +46,7 @@ const SHARE_BITS: u32 = 12u;
 // Where the faces of each voxel start, and at last where they end.
 @group(0) @binding(4) var<storage, read> face_starts: array<u32>;
 // And one behind the last.
-@group(0) @binding(5) var<storage, read> faces: array<Face>;
+@group(0) @binding(5) var<storage, read> faces: array<WallSample>;
 @group(0) @binding(6) var<storage, read> face_shares: array<WallWeight>;
 // One a point.
 @group(0) @binding(7) var<storage, read> point_values: array<VectorIrradiance>;

@@ -13,7 +13,7 @@
 @group(0) @binding(8) var earlier: texture_2d<f32>;
 @group(0) @binding(9) var<uniform> screen: SubsplatParams;
 @group(0) @binding(10) var<uniform> span: Span;
-@group(0) @binding(11) var<storage, read_write> subsplats: array<Node>;
+@group(0) @binding(11) var<storage, read_write> subsplats: array<SubsplatNode>;
 @group(0) @binding(12) var<storage, read> lists: array<u32>;
 @group(0) @binding(13) var<storage, read> counted: array<u32>;
 
@@ -55,7 +55,7 @@ fn vpl_over(@builtin(global_invocation_id) id: vec3u) {
 }
 
 // What a baked scene gave a node, if any was asked, and the lights.
-fn vpl_node(pixel: vec2u, depth: f32, node: Node) -> Node {
+fn vpl_node(pixel: vec2u, depth: f32, node: SubsplatNode) -> SubsplatNode {
     var light = VectorIrradiance(vec4f(0.0), vec4f(0.0), vec4f(0.0));
     var state = EVALUATED | KNOWN;
     // Else it holds what was foretold.

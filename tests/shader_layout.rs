@@ -12,12 +12,13 @@ use meshless_gi::internals::frame::fmm_layout::{
 use meshless_gi::internals::frame::pyramid::{self, CellRange};
 use meshless_gi::internals::frame::subsplat::{LUMINANCE, PIXELS_PER_DIRECT_EVALUATION, state};
 use meshless_gi::internals::frame::{
-    CompositeParams, Face, FogParams, FogVoxelsParams, GlossNode, GlossParams, Node,
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
-    SolveParams, Span, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
-    VplViewParams, WallWeight, apply, brdf, compress, fog, fog_voxels, gbuffer, gloss, probe,
-    project, refine, rsm, shade, soft, splat, upsample, volume, volume_faces, volume_places,
-    volume_read, volume_ways, vpl,
+    CompositeParams, FogInscatterParams, FogParams, RsmChooseParams, RsmParams, RsmShadowParams,
+    RsmTexel, SoftLight, SoftShadowParams, SolveParams, Span, SpecularNode, SpecularParams,
+    SplatParams, SubsplatNode, SubsplatParams, SubtractShadowParams, VectorIrradiance,
+    VolumeParams, Vpl, VplParams, VplViewParams, WallSample, WallWeight, apply, brdf, compress,
+    fog, fog_inscatter, gbuffer, probe, project, refine, rsm, soft_shadow, splat, subtract_shadow,
+    upsample, volume, volume_distance, volume_sample, volume_walls, volume_weights, vpl,
+    vpl_specular,
 };
 use meshless_gi::internals::samples::{F_SQUASH, GridSlot, HashedGrid, LightSample, Point};
 use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
@@ -123,7 +124,7 @@ fn layouts() -> Vec<Layout> {
             columns,
             rows
         }),
-        layout!(SoftParams {
+        layout!(SoftShadowParams {
             points,
             lights,
             columns,
@@ -133,7 +134,7 @@ fn layouts() -> Vec<Layout> {
             before,
             ramp
         }),
-        layout!(ShadeParams {
+        layout!(SubtractShadowParams {
             lights,
             extent,
             gloss
@@ -161,7 +162,7 @@ fn layouts() -> Vec<Layout> {
             scale,
             seam
         }),
-        layout!(Face { normal, start }),
+        layout!(WallSample { normal, start }),
         layout!(WallWeight { point, part }),
         layout!(VolumeParams {
             size,
@@ -192,9 +193,9 @@ fn layouts() -> Vec<Layout> {
             low,
             high
         }),
-        layout!(Node { words }),
-        layout!(GlossParams { roughest, together }),
-        layout!(GlossNode { words }),
+        layout!(SubsplatNode { words }),
+        layout!(SpecularParams { roughest, together }),
+        layout!(SpecularNode { words }),
         layout!(CompositeParams { scale, white }),
         layout!(FogParams {
             view_from_clip,
@@ -215,7 +216,7 @@ fn layouts() -> Vec<Layout> {
             radius,
             part
         }),
-        layout!(FogVoxelsParams {
+        layout!(FogInscatterParams {
             world_from_voxels,
             eye,
             steps,
@@ -327,10 +328,10 @@ fn layouts() -> Vec<Layout> {
 /// Structs that live in a shader alone.
 const SHADER_ONLY: [&str; 21] = [
     "Cell",
-    "Place",
+    "PixelPosition",
     "Shear",
     "Covered",
-    "Seen",
+    "VisibleSurface",
     "Between",
     "Near",
     "ShadingPoint",
@@ -369,13 +370,13 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             "MAX_COMPONENTS",
             Some(f64::from(Visibility::MAX_COMPONENTS)),
         ),
-        ("MIN_ALONG", Some(f64::from(soft::MIN_ALONG))),
-        ("TAKEN", Some(f64::from(shade::TAKEN))),
+        ("MIN_ALONG", Some(f64::from(soft_shadow::MIN_ALONG))),
+        ("TAKEN", Some(f64::from(subtract_shadow::TAKEN))),
         ("NOWHERE", None),
         ("PROBE_ROWS", Some(PROBE_ROWS as f64)),
         ("AHEAD", Some(volume::AHEAD as f64)),
-        ("FACING", Some(f64::from(volume_faces::FACING))),
-        ("SAME", Some(f64::from(volume_faces::SAME))),
+        ("FACING", Some(f64::from(volume_walls::FACING))),
+        ("SAME", Some(f64::from(volume_walls::SAME))),
         ("LEAN_FROM", Some(f64::from(LEAN_FROM))),
         ("RETRY_OFFSET", Some(f64::from(probe::RETRY_OFFSET))),
         ("MIN_COVER_COSINE", Some(f64::from(splat::MIN_COVER_COSINE))),
@@ -384,26 +385,26 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
             Some(f64::from(splat::FULL_COVER_COSINE)),
         ),
         ("MIN_SHARE", Some(f64::from(splat::MIN_SHARE))),
-        ("FREE", Some(f64::from(volume_ways::FREE))),
-        ("WHOLE", Some(f64::from(volume_ways::WHOLE))),
+        ("FREE", Some(f64::from(volume_distance::FREE))),
+        ("WHOLE", Some(f64::from(volume_distance::WHOLE))),
         ("ALL_FREE", Some(f64::from(u32::MAX))),
-        ("SHARE_BITS", Some(f64::from(volume_places::SHARE_BITS))),
-        ("GOLDEN", Some(f64::from(soft::GOLDEN))),
-        ("ROUNDING", Some(f64::from(soft::ROUNDING))),
+        ("SHARE_BITS", Some(f64::from(volume_weights::SHARE_BITS))),
+        ("GOLDEN", Some(f64::from(soft_shadow::GOLDEN))),
+        ("ROUNDING", Some(f64::from(soft_shadow::ROUNDING))),
         ("ERROR_ONE", Some(f64::from(VisiblePoint::ONE))),
         ("MAX_RATIO", Some(f64::from(MAX_RATIO))),
         ("LIGHT_PATCH", Some(f64::from(FrameLight::PATCH))),
         ("FAR", Some(f64::from(project::FAR))),
         ("DARK", Some(f64::from(fog::DARK))),
-        ("FREE_WAY", Some(f64::from(fog_voxels::FREE_WAY))),
-        ("NEAREST", Some(f64::from(fog_voxels::NEAREST))),
+        ("FREE_WAY", Some(f64::from(fog_inscatter::FREE_WAY))),
+        ("NEAREST", Some(f64::from(fog_inscatter::NEAREST))),
         ("PARALLEL", Some(f64::from(fog::PARALLEL))),
         ("ENDLESS", Some(f64::from(fog::ENDLESS))),
-        ("OPEN", Some(f64::from(volume_read::OPEN))),
-        ("QUARTER", Some(f64::from(volume_read::QUARTER))),
-        ("BEFORE", Some(f64::from(volume_read::BEFORE))),
-        ("BEYOND", Some(f64::from(volume_read::BEYOND))),
-        ("MIN_OF_EIGHT", Some(f64::from(volume_read::MIN))),
+        ("OPEN", Some(f64::from(volume_sample::OPEN))),
+        ("QUARTER", Some(f64::from(volume_sample::QUARTER))),
+        ("BEFORE", Some(f64::from(volume_sample::BEFORE))),
+        ("BEYOND", Some(f64::from(volume_sample::BEYOND))),
+        ("MIN_OF_EIGHT", Some(f64::from(volume_sample::MIN))),
         ("PATCH_PLACES", Some(project::PATCH_PLACES as f64)),
         ("EPSILON", Some(f64::from(f32::EPSILON))),
         ("LANES", Some(f64::from(apply::LANES))),
@@ -440,14 +441,14 @@ fn constants() -> BTreeMap<&'static str, Option<f64>> {
         ("SLANTED", Some(f64::from(brdf::SLANTED))),
         ("LOST", Some(f64::from(brdf::LOST))),
         ("LATE", Some(f64::from(brdf::LATE))),
-        ("GROUPS", Some(f64::from(gloss::GROUPS))),
-        ("FADES", Some(f64::from(gloss::FADES))),
-        ("MIN", Some(f64::from(gloss::MIN))),
+        ("GROUPS", Some(f64::from(vpl_specular::GROUPS))),
+        ("FADES", Some(f64::from(vpl_specular::FADES))),
+        ("MIN", Some(f64::from(vpl_specular::MIN))),
         ("REACH", Some(f64::from(pyramid::REACH))),
-        ("TURNS_FROM", Some(f64::from(gloss::TURNS[0]))),
-        ("TURNS_TO", Some(f64::from(gloss::TURNS[1]))),
-        ("SLANTS", Some(f64::from(gloss::SLANTS))),
-        ("ROUGHER", Some(f64::from(gloss::ROUGHER))),
+        ("TURNS_FROM", Some(f64::from(vpl_specular::TURNS[0]))),
+        ("TURNS_TO", Some(f64::from(vpl_specular::TURNS[1]))),
+        ("SLANTS", Some(f64::from(vpl_specular::SLANTS))),
+        ("ROUGHER", Some(f64::from(vpl_specular::ROUGHER))),
         ("ITEMS", Some(f64::from(Pass::Refine.entry().1.items))),
         ("MAX_GROUPS", Some(65_535.0)),
         ("FRAC_1_PI", Some(f64::from(std::f32::consts::FRAC_1_PI))),
@@ -830,7 +831,7 @@ fn shader_struct_mismatch_is_detected() {
         (
             "const SLANTS: f32 = 0.15;",
             "const SLANTS: f32 = 0.2;",
-            "gloss",
+            "vpl_specular",
             "const SLANTS",
         ),
     ];
@@ -913,10 +914,10 @@ fn every_kernel_has_shader_and_twin() {
         "subsplat_view",
         "fmm_layout",
         "materials",
-        "volume_faces",
-        "volume_places",
-        "volume_read",
-        "volume_ways",
+        "volume_walls",
+        "volume_weights",
+        "volume_sample",
+        "volume_distance",
     ]
     .map(str::to_owned);
     let twins: BTreeSet<String> = stems("crates/meshless_gi/src/frame", "rs")

@@ -14,26 +14,26 @@ mod depth;
 mod fmm;
 #[path = "twins/fog.rs"]
 mod fog;
-#[path = "twins/gloss.rs"]
-mod gloss;
+#[path = "twins/vpl_specular.rs"]
+mod vpl_specular;
 use meshless_gi_lab::fixtures::gloss as gloss_support;
 #[path = "twins/occlude.rs"]
 mod occlude;
 #[path = "twins/picture.rs"]
 mod picture;
-#[path = "twins/reflective.rs"]
-mod reflective;
+#[path = "twins/rsm.rs"]
+mod rsm;
 #[path = "twins/screen.rs"]
 mod screen;
-#[path = "twins/shade.rs"]
-mod shade;
-#[path = "twins/soft.rs"]
-mod soft;
+#[path = "twins/soft_shadow.rs"]
+mod soft_shadow;
 #[path = "twins/subsplats.rs"]
 mod subsplats;
+#[path = "twins/subtract_shadow.rs"]
+mod subtract_shadow;
 use meshless_gi_lab::fixtures::synthetic;
-#[path = "twins/volume_read.rs"]
-mod volume_read;
+#[path = "twins/volume_sample.rs"]
+mod volume_sample;
 
 use bevy_meshless_gi::gpu::{
     GpuError, GpuFrame, HeadlessDevice, KernelPipelines, Pass, SceneBuffers,

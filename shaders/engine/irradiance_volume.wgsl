@@ -1,9 +1,9 @@
 // The light of irradiance volumes at a surface: takes the place of Bevy's module of this name once
 // a level has a volume of ours (src/plugin/volume_shader.rs). Twin:
-// crates/meshless_gi/src/frame/volume_read.rs.
+// crates/meshless_gi/src/frame/volume_sample.rs.
 //
 // A texel of ours has a negative fourth number: how far it is from its voxel to a wall
-// (crates/meshless_gi/src/frame/volume_ways.rs). Between voxels of which some have a wall nearer
+// (crates/meshless_gi/src/frame/volume_distance.rs). Between voxels of which some have a wall nearer
 // than the place, those are left out. Where no wall is near, and in volumes that are not ours,
 // light is what the sampler says, as it is with Bevy's module.
 //

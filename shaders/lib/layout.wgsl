@@ -162,18 +162,18 @@ struct CellRange {
     high: u32,
 }
 
-struct Node {
+struct SubsplatNode {
     words: array<u32, 6>,
 }
 
-struct GlossParams {
+struct SpecularParams {
     roughest: f32,
     together: u32,
     pad0: u32,
     pad1: u32,
 }
 
-struct GlossNode {
+struct SpecularNode {
     words: array<u32, 4>,
 }
 
@@ -242,7 +242,7 @@ struct SoftLight {
 const SOFT_SPHERE: u32 = 1u;
 const SOFT_RECTANGLE: u32 = 2u;
 
-struct SoftParams {
+struct SoftShadowParams {
     points: u32,
     lights: u32,
     columns: u32,
@@ -257,7 +257,7 @@ struct SoftParams {
     pad3: u32,
 }
 
-struct ShadeParams {
+struct SubtractShadowParams {
     lights: u32,
     extent: f32,
     gloss: u32,

@@ -5,6 +5,6 @@ const RED: f32 = 0.2126;
 const GREEN: f32 = 0.7152;
 const BLUE: f32 = 0.0722;
 
-fn luminance(node: Node, normal: vec3f) -> f32 {
+fn luminance(node: SubsplatNode, normal: vec3f) -> f32 {
     return dot(vec3f(RED, GREEN, BLUE), max(irradiance_dot(node_light(node), normal), vec3f(0.0)));
 }

@@ -9,8 +9,8 @@ fn pack_halves(a: f32, b: f32) -> u32 {
     return pack2x16float(clamp(vec2f(a, b), vec2f(-LARGEST_HALF), vec2f(LARGEST_HALF)));
 }
 
-fn node_new(e: VectorIrradiance, foretold: f32, state: u32) -> Node {
-    return Node(array<u32, 6>(
+fn node_new(e: VectorIrradiance, foretold: f32, state: u32) -> SubsplatNode {
+    return SubsplatNode(array<u32, 6>(
         pack_halves(e.x.x, e.x.y),
         pack_halves(e.x.z, e.y.x),
         pack_halves(e.y.y, e.y.z),
@@ -20,7 +20,7 @@ fn node_new(e: VectorIrradiance, foretold: f32, state: u32) -> Node {
     ));
 }
 
-fn node_light(node: Node) -> VectorIrradiance {
+fn node_light(node: SubsplatNode) -> VectorIrradiance {
     let a = unpack2x16float(node.words[0]);
     let b = unpack2x16float(node.words[1]);
     let c = unpack2x16float(node.words[2]);
@@ -29,7 +29,7 @@ fn node_light(node: Node) -> VectorIrradiance {
     return VectorIrradiance(vec4f(a, b.x, 0.0), vec4f(b.y, c, 0.0), vec4f(d, e.x, 0.0));
 }
 
-fn node_foretold(node: Node) -> f32 {
+fn node_foretold(node: SubsplatNode) -> f32 {
     return unpack2x16float(node.words[4]).y;
 }
 
@@ -39,13 +39,13 @@ fn missing_bits(share: f32) -> u32 {
 }
 
 // Part of its light that is missing: all of a node that no function on a surface covers.
-fn node_missing(node: Node) -> f32 {
+fn node_missing(node: SubsplatNode) -> f32 {
     if !node_is(node, COVERED) {
         return 1.0;
     }
     return f32((node.words[5] & MISSING) >> 8u) / 255.0;
 }
 
-fn node_is(node: Node, bits: u32) -> bool {
+fn node_is(node: SubsplatNode, bits: u32) -> bool {
     return (node.words[5] & bits) == bits;
 }

@@ -22,29 +22,29 @@ pub fn draw_composite(
 }
 
 /// Adds a view's gloss to its picture, in a draw of its own after that of the irradiance.
-/// `textures`: what [`GlossBuffers::record`](super::GlossBuffers::record) wrote, G-buffer and
+/// `textures`: what [`SpecularBuffers::record`](super::SpecularBuffers::record) wrote, G-buffer and
 /// lighting passes.
-pub fn draw_gloss(
+pub fn draw_specular(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     view: &ViewBuffers,
     textures: [&wgpu::TextureView; 3],
 ) {
-    draw(kernels, pass, format, Draw::Gloss, view, textures);
+    draw(kernels, pass, format, Draw::Specular, view, textures);
 }
 
 /// Takes from a view's picture the light of lamps with soft shadows that does not get there.
-/// `textures`: what [`ShadeBuffers::record`](super::ShadeBuffers::record) wrote, G-buffer and
+/// `textures`: what [`SubtractShadowBuffers::record`](super::SubtractShadowBuffers::record) wrote, G-buffer and
 /// lighting passes.
-pub fn draw_shade(
+pub fn draw_shadow(
     kernels: &KernelPipelines,
     pass: &mut wgpu::RenderPass<'_>,
     format: wgpu::TextureFormat,
     view: &ViewBuffers,
     textures: [&wgpu::TextureView; 3],
 ) {
-    draw(kernels, pass, format, Draw::Shade, view, textures);
+    draw(kernels, pass, format, Draw::Shadow, view, textures);
 }
 
 fn draw(

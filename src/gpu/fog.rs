@@ -1,12 +1,12 @@
 //! Fog that a level lights, on the device: parameters of what a view draws, and the recording of
-//! kernels `fog_voxels` and `fog`. A view without such fog has none.
+//! kernels `fog_inscatter` and `fog`. A view without such fog has none.
 
 use super::frame::{compute, entry};
 use super::kernels::{FOG, KERNELS};
 use super::pipelines::{Draw, KernelPipelines};
 use super::scene_buffers::uniform;
 use super::{GpuCounters, Pass};
-use meshless_gi::internals::frame::{FogParams, FogVoxelsParams};
+use meshless_gi::internals::frame::{FogInscatterParams, FogParams};
 
 /// What a level sends to the eye through fog of one asymmetry.
 #[derive(Debug)]
@@ -34,7 +34,11 @@ impl FogLight {
             view_formats: &[],
         });
         Self {
-            params: uniform(device, "light in fog", size_of::<FogVoxelsParams>() as u64),
+            params: uniform(
+                device,
+                "light in fog",
+                size_of::<FogInscatterParams>() as u64,
+            ),
             size,
             texture: texture.create_view(&wgpu::TextureViewDescriptor::default()),
         }
@@ -55,7 +59,7 @@ impl FogBuffers {
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        lights: &[FogVoxelsParams],
+        lights: &[FogInscatterParams],
         draws: &[FogParams],
     ) {
         self.lights.truncate(lights.len());
@@ -75,7 +79,7 @@ impl FogBuffers {
         }
     }
 
-    /// Records kernel `fog_voxels` for each of the lights from the volumes of their levels, which
+    /// Records kernel `fog_inscatter` for each of the lights from the volumes of their levels, which
     /// kernel `volume` wrote.
     #[must_use]
     pub fn record(
@@ -87,19 +91,19 @@ impl FogBuffers {
         let mut counters = GpuCounters::default();
         for (light, volume) in self.lights.iter().zip(volumes) {
             let bind = kernels.bind(
-                Pass::FogVoxels,
+                Pass::FogInscatter,
                 &[
                     (0, light.params.as_entire_binding()),
                     (1, wgpu::BindingResource::TextureView(volume)),
                     (2, wgpu::BindingResource::TextureView(&light.texture)),
                 ],
             );
-            let mut pass = compute(encoder, "meshless_gi fog_voxels");
-            pass.set_pipeline(&kernels.pass(Pass::FogVoxels).pipeline);
+            let mut pass = compute(encoder, "meshless_gi fog_inscatter");
+            pass.set_pipeline(&kernels.pass(Pass::FogInscatter).pipeline);
             pass.set_bind_group(0, &bind, &[]);
             let [x, y, z] = light.size.map(|n| n.div_ceil(4));
             pass.dispatch_workgroups(x, y, z);
-            counters.dispatches[Pass::FogVoxels as usize] += 1;
+            counters.dispatches[Pass::FogInscatter as usize] += 1;
         }
         counters
     }

@@ -1,4 +1,4 @@
-//! Records a frame of one baked scene: the steps of [`Steps`], which the CPU's frame runs too, as
+//! Records a frame of one baked scene: the steps of [`SolveSchedule`], which the CPU's frame runs too, as
 //! dispatches.
 
 use super::draw::draw_composite;
@@ -8,7 +8,7 @@ use super::{GpuCounters, GpuError, Pass};
 use glam::Mat4;
 use meshless_gi::internals::frame::materials::present;
 use meshless_gi::internals::frame::splat::SEAM;
-use meshless_gi::internals::frame::{SplatParams, Steps};
+use meshless_gi::internals::frame::{SolveSchedule, SplatParams};
 use meshless_gi::{BakedScene, FrameLight, FrameSettings, MaterialFactors};
 
 /// Most slots that one dispatch of `project` takes: a dimension has 65 535 groups, and the list of
@@ -199,7 +199,7 @@ impl GpuFrame {
         let shape = self.buffers.shape.clone();
         let params = shape.params(settings, self.lights);
         queue.write_buffer(&self.buffers.params, 0, bytemuck::bytes_of(&params));
-        let steps = Steps::new(&shape, settings);
+        let steps = SolveSchedule::new(&shape, settings);
         let direct =
             (steps.baked || steps.sweeps > 0).then(|| self.buffers.ensure_direct(kernels.device()));
         let mut recorder = Recorder {
@@ -396,7 +396,7 @@ impl Recorder<'_> {
     fn transport(
         &mut self,
         pass: &mut wgpu::ComputePass<'_>,
-        steps: &Steps,
+        steps: &SolveSchedule,
         tier: u32,
         sweep: bool,
     ) {
@@ -454,7 +454,7 @@ impl Recorder<'_> {
     }
 
     /// The senders' light at the probes.
-    fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &Steps) {
+    fn light_space(&mut self, pass: &mut wgpu::ComputePass<'_>, steps: &SolveSchedule) {
         let b = self.b;
         let Some(probes) = &b.probes else { return };
         self.apply(

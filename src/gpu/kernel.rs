@@ -90,8 +90,8 @@ impl Kernel {
 pub const COMPOSITE_ENTRIES: [&str; 4] = [
     "whole_screen",
     "composite",
-    "composite_gloss",
-    "composite_shade",
+    "composite_specular",
+    "composite_shadow",
 ];
 
 /// Entry points of `fog`: vertex, and the fragments of views with one sample a pixel and with

@@ -13,10 +13,10 @@ use meshless_gi::internals::basis::WeightEntry;
 use meshless_gi::internals::frame::fmm_layout::{FmmEntry, FmmNode, FmmParams, FmmPlace, FmmTerm};
 use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::{
-    CompositeParams, Face, FogParams, FogVoxelsParams, GlossNode, GlossParams, Node,
-    RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, ShadeParams, SoftLight, SoftParams,
-    SolveParams, SplatParams, SubsplatParams, VectorIrradiance, VolumeParams, Vpl, VplParams,
-    VplViewParams, WallDistances, WallWeight, rsm,
+    CompositeParams, FogInscatterParams, FogParams, RsmChooseParams, RsmParams, RsmShadowParams,
+    RsmTexel, SoftLight, SoftShadowParams, SolveParams, SpecularNode, SpecularParams, SplatParams,
+    SubsplatNode, SubsplatParams, SubtractShadowParams, VectorIrradiance, VolumeParams, Vpl,
+    VplParams, VplViewParams, WallDistances, WallSample, WallWeight, rsm,
 };
 use meshless_gi::internals::samples::{GridSlot, LightSample, Point};
 use meshless_gi::internals::scene::{BvhNode, BvhTriangle};
@@ -36,7 +36,7 @@ macro_rules! shader {
 
 const FMM: Kind = Uniform(size_of::<FmmParams>());
 const SCREEN: Kind = Uniform(size_of::<SubsplatParams>());
-const NODE: usize = size_of::<Node>();
+const NODE: usize = size_of::<SubsplatNode>();
 const CELL: usize = size_of::<CellRange>();
 const PARAMS: Binding = bind(0, "params", Uniform(size_of::<SolveParams>()));
 const SPAN: Binding = bind(1, "span", Span);
@@ -233,10 +233,10 @@ pub const KERNELS: [Kernel; 26] = [
         ],
     },
     Kernel {
-        name: "soft",
-        source: shader!("soft", "soft"),
+        name: "soft_shadow",
+        source: shader!("soft_shadow", "soft_light"),
         bindings: &[
-            bind(0, "params", Uniform(size_of::<SoftParams>())),
+            bind(0, "params", Uniform(size_of::<SoftShadowParams>())),
             bind(1, "lights", Read(size_of::<SoftLight>())),
             bind(2, "points", Read(POINT)),
             bind(3, "clusters", Read(size_of::<VisibilityCluster>())),
@@ -246,12 +246,24 @@ pub const KERNELS: [Kernel; 26] = [
             bind(7, "coefficients", Read(4)),
             bind(8, "deficits", Write(VECTOR)),
         ],
-        entries: &[each(Pass::Soft, "soft", &[0, 1, 2, 3, 4, 5, 6, 7, 8])],
+        entries: &[each(
+            Pass::SoftShadow,
+            "soft_shadow",
+            &[0, 1, 2, 3, 4, 5, 6, 7, 8],
+        )],
     },
     Kernel {
         name: "splat",
         source: shader!(
-            "splat", "grid", "weight", "gbuffer", "place", "screen", "list", "listed", "node"
+            "splat",
+            "grid",
+            "weight",
+            "gbuffer",
+            "pixel_position",
+            "screen",
+            "list",
+            "listed",
+            "node"
         ),
         bindings: &LOOK_UP,
         entries: &[
@@ -271,7 +283,15 @@ pub const KERNELS: [Kernel; 26] = [
     Kernel {
         name: "probe",
         source: shader!(
-            "probe", "grid", "weight", "space", "gbuffer", "place", "screen", "list", "listed",
+            "probe",
+            "grid",
+            "weight",
+            "probe_irradiance",
+            "gbuffer",
+            "pixel_position",
+            "screen",
+            "list",
+            "listed",
             "node"
         ),
         bindings: &LOOK_UP,
@@ -290,14 +310,14 @@ pub const KERNELS: [Kernel; 26] = [
     },
     Kernel {
         name: "volume",
-        source: shader!("volume", "space"),
+        source: shader!("volume", "probe_irradiance"),
         bindings: &[
             bind(0, "params", Uniform(size_of::<VolumeParams>())),
             bind(1, "starts", Read(4)),
             bind(2, "shares", Read(4)),
             bind(3, "values", Read(VECTOR)),
             bind(4, "face_starts", Read(4)),
-            bind(5, "faces", Read(size_of::<Face>())),
+            bind(5, "faces", Read(size_of::<WallSample>())),
             bind(6, "face_shares", Read(size_of::<WallWeight>())),
             bind(7, "point_values", Read(VECTOR)),
             bind(8, "ways", Read(size_of::<WallDistances>())),
@@ -313,7 +333,7 @@ pub const KERNELS: [Kernel; 26] = [
     },
     Kernel {
         name: "rsm",
-        source: shader!("rsm", "reflective", "gbuffer", "bvh", "shadow"),
+        source: shader!("rsm", "rsm", "gbuffer", "bvh", "shadow"),
         bindings: &[
             bind(0, "params", Uniform(size_of::<RsmParams>())),
             bind(1, "depths", Depth),
@@ -341,16 +361,7 @@ pub const KERNELS: [Kernel; 26] = [
     Kernel {
         name: "vpl",
         source: shader!(
-            "vpl",
-            "reflective",
-            "gbuffer",
-            "bvh",
-            "shadow",
-            "vpl",
-            "screen",
-            "list",
-            "listed",
-            "node"
+            "vpl", "rsm", "gbuffer", "bvh", "shadow", "vpl", "screen", "list", "listed", "node"
         ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<VplViewParams>())),
@@ -433,10 +444,10 @@ pub const KERNELS: [Kernel; 26] = [
         ],
     },
     Kernel {
-        name: "gloss",
+        name: "vpl_specular",
         source: shader!(
-            "gloss",
-            "reflective",
+            "vpl_specular",
+            "rsm",
             "gbuffer",
             "bvh",
             "shadow",
@@ -457,26 +468,33 @@ pub const KERNELS: [Kernel; 26] = [
             bind(7, "output", Output),
             bind(8, "screen", SCREEN),
             bind(9, "span", Span),
-            bind(10, "wanted", Uniform(size_of::<GlossParams>())),
-            bind(11, "shines", Write(size_of::<GlossNode>())),
+            bind(10, "wanted", Uniform(size_of::<SpecularParams>())),
+            bind(11, "shines", Write(size_of::<SpecularNode>())),
             bind(12, "surprises", Write(VEC4)),
         ],
         entries: &[
             tile(
-                Pass::Gloss,
-                "gloss",
+                Pass::VplSpecular,
+                "vpl_specular",
                 &[0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12],
             ),
             tile(
-                Pass::GlossPixels,
-                "gloss_pixels",
+                Pass::VplSpecularPixels,
+                "vpl_specular_pixels",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11],
             ),
         ],
     },
     Kernel {
-        name: "shade",
-        source: shader!("shade", "grid", "weight", "gbuffer", "place", "soft"),
+        name: "subtract_shadow",
+        source: shader!(
+            "subtract_shadow",
+            "grid",
+            "weight",
+            "gbuffer",
+            "pixel_position",
+            "soft_light"
+        ),
         bindings: &[
             bind(0, "params", Uniform(size_of::<SplatParams>())),
             bind(1, "depths", Depth),
@@ -488,19 +506,19 @@ pub const KERNELS: [Kernel; 26] = [
             bind(7, "deficits", Read(VECTOR)),
             bind(8, "output", Output),
             bind(9, "earlier", Float),
-            bind(10, "wanted", Uniform(size_of::<ShadeParams>())),
+            bind(10, "wanted", Uniform(size_of::<SubtractShadowParams>())),
             bind(11, "lights", Read(size_of::<SoftLight>())),
             bind(12, "tables", Layers),
         ],
         entries: &[
             tile(
-                Pass::Shade,
-                "shade",
+                Pass::SubtractShadow,
+                "subtract_shadow",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12],
             ),
             tile(
-                Pass::ShadeOver,
-                "shade_over",
+                Pass::SubtractShadowOver,
+                "subtract_shadow_over",
                 &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
             ),
         ],
@@ -544,16 +562,16 @@ pub const KERNELS: [Kernel; 26] = [
         ],
     },
     Kernel {
-        name: "fog_voxels",
-        source: shader!("fog_voxels"),
+        name: "fog_inscatter",
+        source: shader!("fog_inscatter"),
         bindings: &[
-            bind(0, "params", Uniform(size_of::<FogVoxelsParams>())),
+            bind(0, "params", Uniform(size_of::<FogInscatterParams>())),
             bind(1, "voxels", Space),
             bind(2, "light", Voxels),
         ],
         entries: &[Entry {
-            pass: Pass::FogVoxels,
-            name: "fog_voxels",
+            pass: Pass::FogInscatter,
+            name: "fog_inscatter",
             workgroup: [4, 4, 4],
             items: 64,
             bindings: &[0, 1, 2],

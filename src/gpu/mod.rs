@@ -10,10 +10,10 @@
 //! | [`GpuFrame`] | records project, solve, splat and composite of one scene, and counts |
 //! | [`ViewBuffers`] | the parameters of one scene in one view |
 //! | [`SubsplatBuffers`] | records what a view shows by subsplats |
-//! | [`GlossBuffers`] | records what a view's glossy surfaces show of virtual lights |
+//! | [`SpecularBuffers`] | records what a view's glossy surfaces show of virtual lights |
 //! | [`RsmBuffers`] | records `rsm` and `vpl`: what moving objects reflect |
-//! | [`SoftBuffers`] | records `soft`: what lamps with soft shadows do not reach |
-//! | [`ShadeBuffers`] | records `shade`: what a view loses by that |
+//! | [`SoftShadowBuffers`] | records `soft`: what lamps with soft shadows do not reach |
+//! | [`SubtractShadowBuffers`] | records `shade`: what a view loses by that |
 //! | [`GpuFmm`] | records `fmm_up` and `fmm_down`: light between points |
 //! | [`HeadlessDevice`] | a device without a window |
 //!
@@ -28,7 +28,6 @@ mod error;
 mod fmm;
 mod fog;
 mod frame;
-mod gloss;
 mod harness;
 mod kernel;
 mod kernels;
@@ -39,18 +38,18 @@ mod pipelines;
 mod probes;
 mod rsm;
 mod scene_buffers;
-mod shade;
-mod soft;
+mod soft_shadow;
 mod subsplats;
+mod subtract_shadow;
 mod volume;
+mod vpl_specular;
 
 pub use counters::GpuCounters;
-pub use draw::{draw_composite, draw_gloss, draw_shade};
+pub use draw::{draw_composite, draw_shadow, draw_specular};
 pub use error::GpuError;
 pub use fmm::GpuFmm;
 pub use fog::{FogBuffers, FogTextures, draw_fog};
 pub use frame::{GpuFrame, SplatTargets};
-pub use gloss::GlossBuffers;
 pub use harness::HeadlessDevice;
 pub use kernel::{Binding, COMPOSITE_ENTRIES, Entry, FOG_ENTRIES, Kernel, Kind};
 pub use kernels::{COMPOSITE, FOG, KERNELS};
@@ -58,7 +57,8 @@ pub use pass::Pass;
 pub use pipelines::{ComputeKernel, Draw, KernelPipelines, RenderKernel};
 pub use rsm::{RsmBuffers, RsmCapture, VplShadows};
 pub use scene_buffers::{SceneBuffers, ViewBuffers};
-pub use shade::ShadeBuffers;
-pub use soft::SoftBuffers;
+pub use soft_shadow::SoftShadowBuffers;
 pub use subsplats::{NodeLights, SubsplatBuffers, SubsplatTargets};
+pub use subtract_shadow::SubtractShadowBuffers;
 pub use volume::VolumeBuffers;
+pub use vpl_specular::SpecularBuffers;

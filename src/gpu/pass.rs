@@ -35,7 +35,7 @@ pub enum Pass {
     /// `flatten`, differences.
     Differences,
     /// `soft`.
-    Soft,
+    SoftShadow,
     /// `splat`, the first scene of a view.
     Splat,
     /// `splat`, a further scene of a view.
@@ -75,21 +75,21 @@ pub enum Pass {
     /// `upsample`, the pixels that were evaluated by themselves.
     Fill,
     /// `gloss`, the nodes of a level.
-    Gloss,
+    VplSpecular,
     /// `gloss`, the pixels.
-    GlossPixels,
+    VplSpecularPixels,
     /// `shade`, the first scene of a view.
-    Shade,
+    SubtractShadow,
     /// `shade`, a further scene of a view.
-    ShadeOver,
+    SubtractShadowOver,
     /// `fmm_up`, a level.
     FmmUp,
     /// `fmm_down`, a level.
     FmmReceive,
     /// `fmm_down`, the points.
     FmmEvaluate,
-    /// `fog_voxels`.
-    FogVoxels,
+    /// `fog_inscatter`.
+    FogInscatter,
 }
 
 impl Pass {
@@ -112,7 +112,7 @@ impl Pass {
         Self::Add,
         Self::Averages,
         Self::Differences,
-        Self::Soft,
+        Self::SoftShadow,
         Self::Splat,
         Self::SplatOver,
         Self::ProbeNodes,
@@ -132,14 +132,14 @@ impl Pass {
         Self::Upsample,
         Self::Resolve,
         Self::Fill,
-        Self::Gloss,
-        Self::GlossPixels,
-        Self::Shade,
-        Self::ShadeOver,
+        Self::VplSpecular,
+        Self::VplSpecularPixels,
+        Self::SubtractShadow,
+        Self::SubtractShadowOver,
         Self::FmmUp,
         Self::FmmReceive,
         Self::FmmEvaluate,
-        Self::FogVoxels,
+        Self::FogInscatter,
     ];
 
     /// Its kernel, and its entry point there.

@@ -37,9 +37,9 @@ pub enum Draw {
     /// Irradiance in place of the picture.
     Replace,
     /// Gloss, added to the picture.
-    Gloss,
+    Specular,
     /// Light that does not get there, taken from the picture.
-    Shade,
+    Shadow,
     /// What fog sends to the eye, added to the picture.
     Fog,
     /// The same over a depth with several samples a pixel.
@@ -196,8 +196,8 @@ impl KernelPipelines {
         // The last is a kind of binding that the entry does not have.
         let (at, vertex, fragment, without) = match draw {
             Draw::Add | Draw::Replace => (COMPOSITE, screen, irradiance, None),
-            Draw::Gloss => (COMPOSITE, screen, gloss, None),
-            Draw::Shade => (COMPOSITE, screen, shade, None),
+            Draw::Specular => (COMPOSITE, screen, gloss, None),
+            Draw::Shadow => (COMPOSITE, screen, shade, None),
             Draw::Fog => (FOG, fog_screen, fog, Some(Kind::Samples)),
             Draw::FogSampled => (FOG, fog_screen, fog_sampled, Some(Kind::Depth)),
         };
@@ -211,7 +211,7 @@ impl KernelPipelines {
             src_factor: wgpu::BlendFactor::One,
             dst_factor: wgpu::BlendFactor::One,
             operation: match draw {
-                Draw::Shade => wgpu::BlendOperation::ReverseSubtract,
+                Draw::Shadow => wgpu::BlendOperation::ReverseSubtract,
                 _ => wgpu::BlendOperation::Add,
             },
         };

@@ -11,7 +11,7 @@ use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
 use super::{GpuCounters, GpuError};
 use meshless_gi::internals::frame::pyramid::CellRange;
 use meshless_gi::internals::frame::subsplat::LEVELS;
-use meshless_gi::internals::frame::{Levels, Node, Span, SubsplatParams};
+use meshless_gi::internals::frame::{Span, SubsplatLevels, SubsplatNode, SubsplatParams};
 
 /// Words of a count: an indirect dispatch, how many items, how many cells were divided for them,
 /// the rest not used.
@@ -44,7 +44,7 @@ pub struct NodeLights<'a> {
 /// A view's buffers, and what is recorded of it.
 #[derive(Debug)]
 pub struct SubsplatBuffers {
-    levels: Levels,
+    levels: SubsplatLevels,
     finest: u32,
     params: wgpu::Buffer,
     /// A span a level: which, and how many items its list has room for.
@@ -68,7 +68,7 @@ impl SubsplatBuffers {
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        levels: Levels,
+        levels: SubsplatLevels,
     ) -> Result<Self, GpuError> {
         let limit = binding_limit(device);
         let storage = |what: &'static str, bytes: u64, extra: wgpu::BufferUsages| {
@@ -114,7 +114,11 @@ impl SubsplatBuffers {
                 u64::from(levels.starts[0]) * size_of::<CellRange>() as u64,
                 none,
             )?,
-            nodes: storage("subsplat nodes", total * size_of::<Node>() as u64, none)?,
+            nodes: storage(
+                "subsplat nodes",
+                total * size_of::<SubsplatNode>() as u64,
+                none,
+            )?,
             lists: storage("subsplat lists", total * 4, none)?,
             counts,
             none: zero,
@@ -124,7 +128,7 @@ impl SubsplatBuffers {
 
     /// The levels that there is room for.
     #[must_use]
-    pub fn levels(&self) -> Levels {
+    pub fn levels(&self) -> SubsplatLevels {
         self.levels
     }
 
@@ -207,7 +211,7 @@ impl SubsplatBuffers {
             encoder.copy_buffer_to_buffer(&self.none, 0, count, 0, 4 * COUNT);
         }
         // Nothing is evaluated yet.
-        let node = size_of::<Node>() as u64;
+        let node = size_of::<SubsplatNode>() as u64;
         let start = u64::from(self.levels.starts[coarsest as usize]) * node;
         encoder.clear_buffer(
             &self.nodes,

@@ -6,8 +6,8 @@ use super::frame::compute;
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{Maker, uniform};
 use super::{GpuError, GpuFrame, Pass};
-use meshless_gi::internals::frame::volume_places::{VoxelGrid, VoxelWeights};
-use meshless_gi::internals::frame::{Face, VolumeParams};
+use meshless_gi::internals::frame::volume_weights::{VoxelGrid, VoxelWeights};
+use meshless_gi::internals::frame::{VolumeParams, WallSample};
 
 /// What a volume of a scene needs on the device beside its texture: what each of its places takes
 /// from which probes, and of which walls, and how far it sees.
@@ -42,9 +42,9 @@ impl VolumeBuffers {
         let face_starts: Vec<u32> = [0].into_iter().chain(found.ends.iter().copied()).collect();
         // Shares of the last one end where those of this one start.
         let mut faces = found.faces.clone();
-        faces.push(Face {
+        faces.push(WallSample {
             start: found.shares.len() as u32,
-            ..Face::default()
+            ..WallSample::default()
         });
         Ok(Self {
             shape: *places.shape(),

@@ -211,13 +211,18 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(TimingScope, Co
             }
             (Stage::Probe, Some(scene)) if pass.view.is_none() => carried(scene, scene.probe_links),
             (Stage::Occlude, Some(scene)) => Work::Passages(scene.passages),
-            (Stage::Soft, Some(scene)) => {
+            (Stage::SoftShadow, Some(scene)) => {
                 Work::Sights(scene.soft.points * scene.soft.lights as u64)
             }
             (Stage::Volume, Some(scene)) => Work::Voxels(scene.volume.voxels),
-            (Stage::Splat | Stage::Vpl | Stage::Composite | Stage::Gloss | Stage::Shade, _) => {
-                pixels()
-            }
+            (
+                Stage::Splat
+                | Stage::Vpl
+                | Stage::Composite
+                | Stage::VplSpecular
+                | Stage::SubtractShadow,
+                _,
+            ) => pixels(),
             (Stage::Fog, _) => {
                 let of = |f: &&FogState| Some(f.view) == pass.view && f.scene == pass.scene;
                 let fog = state.fogs.iter().find(of);
@@ -589,8 +594,11 @@ mod tests {
         let plan = Plan::new(&state);
         assert_eq!(cost(&plan, Stage::Occlude).work, Work::Passages(5000));
         assert_eq!(cost(&plan, Stage::Volume).work, Work::Voxels(4096));
-        assert_eq!(cost(&plan, Stage::Soft).work, Work::Sights(600));
-        assert_eq!(cost(&plan, Stage::Shade).work, Work::Pixels(10_000));
+        assert_eq!(cost(&plan, Stage::SoftShadow).work, Work::Sights(600));
+        assert_eq!(
+            cost(&plan, Stage::SubtractShadow).work,
+            Work::Pixels(10_000)
+        );
         let counted = |(_, cost): &(TimingScope, Cost)| cost.work != Work::Uncounted;
         assert!(plan.costs.iter().all(counted), "{plan}");
     }

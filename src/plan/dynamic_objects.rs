@@ -22,8 +22,13 @@ pub(super) fn gloss_from_dynamic(state: &FrameState, plan: &mut Plan) {
         let lit = |p: &Pass| p.stage == Stage::Vpl && p.view == Some(view.id);
         if plan.passes.iter().any(lit) {
             let world = SceneId::WORLD;
-            plan.push("gloss_from_dynamic", Stage::Gloss, world, Reason::InView)
-                .view = Some(view.id);
+            plan.push(
+                "gloss_from_dynamic",
+                Stage::VplSpecular,
+                world,
+                Reason::InView,
+            )
+            .view = Some(view.id);
         }
     }
 }

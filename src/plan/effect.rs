@@ -433,11 +433,11 @@ mod tests {
     #[test]
     fn specular_runs_where_requested_with_dynamic_objects() {
         let mut state = something_moves();
-        assert_eq!(Plan::new(&state).count(Stage::Gloss), 0);
+        assert_eq!(Plan::new(&state).count(Stage::VplSpecular), 0);
         state.views[0].gloss = true;
         let plan = Plan::new(&state);
         use Stage::*;
-        assert_eq!(stages(&plan), [Rsm, Vpl, Composite, Gloss]);
+        assert_eq!(stages(&plan), [Rsm, Vpl, Composite, VplSpecular]);
         assert_eq!(plan.passes[3].view, Some(ViewId(7)));
         state.bounces.clear();
         assert!(Plan::new(&state).is_empty());

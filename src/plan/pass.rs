@@ -26,7 +26,7 @@ pub enum Stage {
     /// Light in free space as a volume, for cameras without a G-buffer.
     Volume,
     /// What lamps with soft shadows do not reach, at the points that remember what they see.
-    Soft,
+    SoftShadow,
     /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
     Rsm,
     /// The flat basis over the pixels of a view: their irradiance.
@@ -36,9 +36,9 @@ pub enum Stage {
     /// Irradiance times base color, added to the picture.
     Composite,
     /// What glossy surfaces of a view show of the virtual point lights.
-    Gloss,
+    VplSpecular,
     /// Light of lamps with soft shadows that does not get there, taken from the picture of a view.
-    Shade,
+    SubtractShadow,
     /// Light in free space that fog sends to the eye, added to the picture of a view.
     Fog,
     /// Coefficients back to the CPU.
@@ -57,13 +57,13 @@ impl Stage {
         Self::Flatten,
         Self::Probe,
         Self::Volume,
-        Self::Soft,
+        Self::SoftShadow,
         Self::Rsm,
         Self::Splat,
         Self::Vpl,
         Self::Composite,
-        Self::Gloss,
-        Self::Shade,
+        Self::VplSpecular,
+        Self::SubtractShadow,
         Self::Fog,
         Self::ReadBack,
     ];
@@ -81,13 +81,13 @@ impl Stage {
             Self::Flatten => "flatten",
             Self::Probe => "probe",
             Self::Volume => "volume",
-            Self::Soft => "soft",
+            Self::SoftShadow => "soft_shadow",
             Self::Rsm => "rsm",
             Self::Splat => "splat",
             Self::Vpl => "vpl",
             Self::Composite => "composite",
-            Self::Gloss => "gloss",
-            Self::Shade => "shade",
+            Self::VplSpecular => "vpl_specular",
+            Self::SubtractShadow => "subtract_shadow",
             Self::Fog => "fog",
             Self::ReadBack => "read_back",
         }

@@ -27,11 +27,11 @@ pub(super) fn soft_shadows(state: &FrameState, plan: &mut Plan) {
             Err(why) => plan.skipped.push((scene.id, None, why)),
             Ok(()) if !state.views.iter().any(shown) => {}
             Ok(()) if !scene.resident => {
-                plan.push("soft_shadows", Stage::Soft, scene.id, Reason::NewBake);
+                plan.push("soft_shadows", Stage::SoftShadow, scene.id, Reason::NewBake);
             }
             Ok(()) if !scene.soft.held => {
                 let reason = Reason::SoftLightsChanged(scene.soft.lights);
-                plan.push("soft_shadows", Stage::Soft, scene.id, reason);
+                plan.push("soft_shadows", Stage::SoftShadow, scene.id, reason);
             }
             Ok(()) => {}
         }
@@ -47,7 +47,7 @@ pub(super) fn penumbrae(state: &FrameState, plan: &mut Plan) {
                 .iter()
                 .any(|p| p.stage == Stage::Splat && p.scene == scene.id && p.view == Some(view.id));
             if splatted && falls(state, scene).is_ok() {
-                plan.push("penumbrae", Stage::Shade, scene.id, Reason::InView)
+                plan.push("penumbrae", Stage::SubtractShadow, scene.id, Reason::InView)
                     .view = Some(view.id);
             }
         }
@@ -99,27 +99,36 @@ mod tests {
         // A bake that could, and no lamp that asks.
         state.scenes[0].soft.remembers = true;
         let none = Plan::new(&state);
-        assert_eq!(none.count(Stage::Soft) + none.count(Stage::Shade), 0);
+        assert_eq!(
+            none.count(Stage::SoftShadow) + none.count(Stage::SubtractShadow),
+            0
+        );
         // A lamp that asks, and has moved.
         state.scenes[0].soft.lights = 2;
         let plan = Plan::new(&state);
         use Stage::*;
-        assert_eq!(stages(&state), [Soft, Splat, Composite, Shade]);
         assert_eq!(
-            plan.find(Soft, A).unwrap().reason,
+            stages(&state),
+            [SoftShadow, Splat, Composite, SubtractShadow]
+        );
+        assert_eq!(
+            plan.find(SoftShadow, A).unwrap().reason,
             Reason::SoftLightsChanged(2)
         );
-        assert_eq!(plan.find(Shade, A).unwrap().view, Some(ViewId(7)));
+        assert_eq!(plan.find(SubtractShadow, A).unwrap().view, Some(ViewId(7)));
         // At rest: what is missing is held, and taken from every view that shows the picture.
         state.scenes[0].soft.held = true;
         state.views.push(view(8, true));
         state.views.push(view(9, false));
         let plan = Plan::new(&state);
-        assert_eq!([Soft, Splat, Shade].map(|s| plan.count(s)), [0, 3, 2]);
+        assert_eq!(
+            [SoftShadow, Splat, SubtractShadow].map(|s| plan.count(s)),
+            [0, 3, 2]
+        );
         // A bake that comes back has nothing of it.
         state.scenes[0].resident = false;
         assert_eq!(
-            Plan::new(&state).find(Soft, A).unwrap().reason,
+            Plan::new(&state).find(SoftShadow, A).unwrap().reason,
             Reason::NewBake
         );
     }

@@ -5,11 +5,11 @@ use super::components::GiDebugView;
 use super::compute::GiRender;
 use super::evaluate::{Evaluated, Surfaces, evaluate, is_planned};
 use super::extract::ExtractedGi;
-use super::gloss::ViewGloss;
 use super::gpu_timings::view_span;
-use super::soft::{ExtractedSoft, Shaded, ViewShade};
+use super::soft_shadow::{ExtractedSoft, Shaded, ViewShade};
 use super::splatting::ViewSubsplats;
-use crate::gpu::{ViewBuffers, draw_composite, draw_gloss, draw_shade};
+use super::vpl_specular::ViewSpecular;
+use crate::gpu::{ViewBuffers, draw_composite, draw_shadow, draw_specular};
 use crate::plan::{Pass, SceneId, Stage, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
@@ -28,7 +28,7 @@ pub(crate) struct ViewRuntime {
     pub(super) irradiance: [Option<wgpu::TextureView>; 2],
     pub(super) buffers: BTreeMap<SceneId, ViewBuffers>,
     pub(super) subsplats: Option<ViewSubsplats>,
-    pub(super) gloss: Option<ViewGloss>,
+    pub(super) gloss: Option<ViewSpecular>,
     shade: Option<ViewShade>,
     /// The device has no room for subsplats of this size.
     pub(super) too_large: bool,
@@ -171,8 +171,9 @@ pub(crate) fn composite(
     let settings = &shown_by.settings;
     let shaded: Vec<Shaded> = (shown.iter())
         .filter(|scene| {
-            let takes =
-                |p: &Pass| p.stage == Stage::Shade && p.view == Some(id) && p.scene == **scene;
+            let takes = |p: &Pass| {
+                p.stage == Stage::SubtractShadow && p.view == Some(id) && p.scene == **scene
+            };
             render.plan.passes.iter().any(takes)
         })
         .filter_map(|scene| {
@@ -185,7 +186,7 @@ pub(crate) fn composite(
             })
         })
         .collect();
-    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Shade, id));
+    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::SubtractShadow, id));
     let recorded = ViewShade::record(
         &mut runtime.shade,
         kernels,
@@ -234,11 +235,11 @@ pub(crate) fn composite(
         );
         if let Some(gloss) = &runtime.gloss {
             let textures = [gloss.radiance(), &**gbuffer, &*passes.texture.default_view];
-            draw_gloss(kernels, &mut pass, view.target_format, buffers, textures);
+            draw_specular(kernels, &mut pass, view.target_format, buffers, textures);
         }
         if let Some(missing) = runtime.shade.as_ref().and_then(ViewShade::radiance) {
             let textures = [missing, &**gbuffer, &*passes.texture.default_view];
-            draw_shade(kernels, &mut pass, view.target_format, buffers, textures);
+            draw_shadow(kernels, &mut pass, view.target_format, buffers, textures);
         }
         drop(pass);
         timed.end(ctx.command_encoder());

@@ -14,7 +14,7 @@ use super::gpu_timings::{DeviceCosts, span};
 use super::quality::span_name;
 use super::readback::{CoefficientReadback, SharedCoefficients};
 use super::rsm_render::{LightMaps, Reflections};
-use super::soft::{ExtractedSoft, SceneSoft};
+use super::soft_shadow::{ExtractedSoft, SceneSoft};
 use super::splatting::GiSplatting;
 use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
@@ -612,8 +612,8 @@ impl SceneRuntime {
             self.solved = Some(*settings);
             self.asked = scene.lighting.channels;
         }
-        if plan.find(Stage::Soft, id).is_some() {
-            let timed = recorder.time_span(encoder, span(Stage::Soft, id));
+        if plan.find(Stage::SoftShadow, id).is_some() {
+            let timed = recorder.time_span(encoder, span(Stage::SoftShadow, id));
             let recorded = (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake);
             timed.end(encoder);
             if let Err(why) = recorded {

@@ -7,10 +7,10 @@ use super::components::GiDebugView;
 use super::composite::ViewRuntime;
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, ExtractedGiView};
-use super::gloss::{GlossView, ViewGloss};
 use super::gpu_timings::view_span;
 use super::rsm_render::{bakes, lights_view};
 use super::splatting::{GiSplatting, ViewLights, ViewSubsplats};
+use super::vpl_specular::{SpecularView, ViewSpecular};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
 use crate::plan::{SceneId, Stage, ViewId};
 use bevy::log::warn_once;
@@ -182,19 +182,20 @@ pub(super) fn evaluate(
             .write(queue, &params, &composite);
     }
     let glossy = shown_by.gloss.filter(|_| {
-        (render.plan.passes.iter()).any(|p| p.stage == Stage::Gloss && p.view == Some(id))
+        (render.plan.passes.iter()).any(|p| p.stage == Stage::VplSpecular && p.view == Some(id))
     });
     // Irradiance is what a white, rough surface would get.
     let glossy = glossy.filter(|_| settings.view != GiDebugView::Irradiance);
     match (glossy, on_view.as_ref()) {
         (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
-            let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Gloss, id));
-            let recorded = ViewGloss::record(
+            let timed =
+                recorder.time_span(ctx.command_encoder(), view_span(Stage::VplSpecular, id));
+            let recorded = ViewSpecular::record(
                 &mut runtime.gloss,
                 kernels,
                 queue,
                 ctx.command_encoder(),
-                &GlossView {
+                &SpecularView {
                     settings: gloss.into(),
                     view_from_clip: clip_from_view.inverse(),
                     view_from_world: world_from_view.inverse(),

@@ -35,7 +35,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ExtractedView, Msaa, ViewDepthTexture, ViewTarget};
 use bevy::transform::components::GlobalTransform;
-use meshless_gi::internals::frame::{Fog, FogParams, FogView, FogVoxelsParams};
+use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView};
 
 /// A level that lights fog: its bounds, in its own space, and as a cube with edges of 1 that is
 /// placed in the world.
@@ -326,7 +326,7 @@ pub(crate) fn draw(
         let key = (lit.level, fog.asymmetry);
         let light = lights.iter().position(|k| *k == key).unwrap_or_else(|| {
             let shape = volume.shape();
-            let of = FogVoxelsParams::new(&seen, fog.asymmetry, shape, &world_from_local);
+            let of = FogInscatterParams::new(&seen, fog.asymmetry, shape, &world_from_local);
             lights.push(key);
             sent.push(of);
             volumes_of.push(written);

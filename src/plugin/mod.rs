@@ -94,7 +94,6 @@ mod forward_camera;
 mod forward_display;
 mod forward_views;
 mod gizmos;
-mod gloss;
 mod gpu_timings;
 mod inventory;
 mod level_check;
@@ -119,13 +118,14 @@ mod rsm_render;
 mod scene_log;
 mod sets;
 mod sky;
-mod soft;
+mod soft_shadow;
 mod splatting;
 mod stages;
 mod transform;
 mod validation;
 mod volume;
 mod volume_shader;
+mod vpl_specular;
 
 pub use asset::GiBakedScene;
 pub use bake_error::GiBakeError;
@@ -142,7 +142,6 @@ pub use diagnostics::{FrameStats, GiFrameStats, MeshlessGiDiagnosticsPlugin, dis
 pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
 pub use forward_camera::GiForwardCamera;
 pub use gizmos::GiGizmos;
-pub use gloss::GiSpecular;
 pub use level_check::{GiSceneCheck, GiStaleBakes};
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 pub use materials::GiDynamicMaterials;
@@ -168,11 +167,12 @@ pub use rsm::{
 pub use rsm_render::RsmSchedule;
 pub use sets::GiSystems;
 pub use sky::{GiSky, GiSkyError};
-pub use soft::GiSoftShadow;
+pub use soft_shadow::GiSoftShadow;
 pub use splatting::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
 pub use transform::SimilarityTransform;
 pub use validation::{GiWarning, GiWarnings};
 pub use volume::GiIrradianceVolume;
+pub use vpl_specular::GiSpecular;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
 use bevy::asset::{AssetApp, AssetEventSystems, Assets};
@@ -321,7 +321,7 @@ impl Plugin for MeshlessGiPlugin {
                 (
                     validation::check,
                     check_display::check_display,
-                    soft::check_soft,
+                    soft_shadow::check_soft,
                     volume::check_volumes,
                     fog::check_fog,
                     materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
@@ -377,7 +377,7 @@ impl Plugin for MeshlessGiPlugin {
             .insert_resource(costs)
             .insert_resource(coefficients)
             .init_resource::<extract::ExtractedGi>()
-            .init_resource::<soft::ExtractedSoft>()
+            .init_resource::<soft_shadow::ExtractedSoft>()
             .init_resource::<volume::ExtractedVolumes>()
             .init_resource::<fog::ExtractedFogs>()
             .init_resource::<compute::GiRender>()
@@ -388,7 +388,7 @@ impl Plugin for MeshlessGiPlugin {
                 (
                     extract::extract,
                     rsm_render::extract_maps,
-                    soft::extract_soft,
+                    soft_shadow::extract_soft,
                     (fog::extract_fogs, volume::extract_volumes)
                         .chain()
                         .after(extract::extract),

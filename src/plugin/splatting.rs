@@ -12,7 +12,7 @@ use bevy::ecs::prelude::*;
 use bevy::reflect::prelude::*;
 use meshless_gi::internals::frame::subsplat::LEVELS;
 use meshless_gi::internals::frame::{
-    Levels, SubsplatCounts, SubsplatParams, VplParams, VplViewParams,
+    SubsplatCounts, SubsplatLevels, SubsplatParams, VplParams, VplViewParams,
 };
 use meshless_gi::{DepthTest, NormalTest, SubsplatSettings};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -157,7 +157,7 @@ impl ViewSubsplats {
         before: Option<Self>,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        levels: Levels,
+        levels: SubsplatLevels,
     ) -> Result<Self, GpuError> {
         match before {
             Some(before) if before.buffers.levels() == levels => Ok(before),
@@ -241,14 +241,14 @@ const COUNT: u64 = 32;
 /// them.
 struct CountReadback {
     staging: wgpu::Buffer,
-    levels: Levels,
+    levels: SubsplatLevels,
     busy: Arc<AtomicBool>,
     recorded: bool,
     latest: Arc<Mutex<Option<SubsplatCounts>>>,
 }
 
 impl CountReadback {
-    fn new(device: &wgpu::Device, levels: Levels) -> Self {
+    fn new(device: &wgpu::Device, levels: SubsplatLevels) -> Self {
         Self {
             staging: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("subsplat counts"),
@@ -303,7 +303,7 @@ impl CountReadback {
 
 /// Evaluations from the counts of all levels: each cell that was divided lists one child whose node
 /// is its own.
-fn counts(levels: &Levels, words: &[u32]) -> SubsplatCounts {
+fn counts(levels: &SubsplatLevels, words: &[u32]) -> SubsplatCounts {
     let mut evaluated = [0; LEVELS];
     for (k, count) in words.chunks_exact(COUNT as usize / 4).enumerate() {
         let (items, divided) = (count[3].min(levels.cells(k as u32)), count[4]);

@@ -18,7 +18,7 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         | Pass::Add => Stage::PullPush,
         Pass::Apply | Pass::ApplyOne => Stage::Apply,
         Pass::Averages | Pass::Differences => Stage::Flatten,
-        Pass::Soft => Stage::Soft,
+        Pass::SoftShadow => Stage::SoftShadow,
         Pass::Splat
         | Pass::SplatOver
         | Pass::SplatNodes
@@ -35,8 +35,8 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         // Light between points stands in for the operator.
         Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
         Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
-        Pass::Gloss | Pass::GlossPixels => Stage::Gloss,
-        Pass::Shade | Pass::ShadeOver => Stage::Shade,
-        Pass::FogVoxels => Stage::Fog,
+        Pass::VplSpecular | Pass::VplSpecularPixels => Stage::VplSpecular,
+        Pass::SubtractShadow | Pass::SubtractShadowOver => Stage::SubtractShadow,
+        Pass::FogInscatter => Stage::Fog,
     }
 }

@@ -1,7 +1,7 @@
 //! What an engine reads of our volumes: Bevy's shader module for irradiance volumes has another one
 //! in its place as soon as a level has a [`GiIrradianceVolume`], one that knows which voxels lie
 //! behind a wall (`shaders/engine/irradiance_volume.wgsl`; twin:
-//! [`read_volume`](meshless_gi::internals::frame::volume_read::read_volume)). Volumes that are not ours look
+//! [`read_volume`](meshless_gi::internals::frame::volume_sample::read_volume)). Volumes that are not ours look
 //! as before.
 //!
 //! This is Bevy's own way of changing a shader while a game runs: the asset is replaced, and

@@ -14,11 +14,11 @@ use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
-use meshless_gi::internals::frame::fog_voxels::fog_voxels;
+use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;
 use meshless_gi::internals::frame::volume::volume_texels;
 use meshless_gi::internals::frame::{
-    Fog, FogParams, FogView, FogVoxelsParams, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
-    fog, voxels_of,
+    Fog, FogInscatterParams, FogParams, FogView, VolumeParams, VolumeValues, VoxelGrid,
+    VoxelWeights, fog, voxels_of,
 };
 use meshless_gi::{BakedScene, CpuFrame, FrameLight, Geometry, ProbeSettings, Ray, Recipe};
 use std::f32::consts::FRAC_PI_4;
@@ -214,11 +214,11 @@ impl Shown {
         };
         let world_from_local = self.placed.to_matrix();
         let params = FogParams::new(&seen, &volume, &shape, bounds, &world_from_local, &[]);
-        let sent = FogVoxelsParams::new(&seen, volume.asymmetry, &shape, &world_from_local);
+        let sent = FogInscatterParams::new(&seen, volume.asymmetry, &shape, &world_from_local);
         let size = shape.size();
         let light: Vec<[f32; 4]> = (0..size.element_product())
             .map(|i| UVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y)))
-            .map(|voxel| fog_voxels(&sent, &texels, voxel))
+            .map(|voxel| fog_inscatter(&sent, &texels, voxel))
             .collect();
         let texture = texture.unwrap_or(&|_| 1.0);
         let room = Room::cornell();
@@ -411,7 +411,7 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     s.set_fog(0.0);
     let off = counters(&s.app);
     assert_eq!((off.plan.count(Stage::Fog), s.draws()), (0, 0));
-    let params = (size_of::<FogParams>() + size_of::<FogVoxelsParams>()) as u64;
+    let params = (size_of::<FogParams>() + size_of::<FogInscatterParams>()) as u64;
     let sent = 8 * u64::from(shape().voxels());
     assert_eq!(
         (off.buffers, off.bytes),

@@ -478,7 +478,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     run(&mut app, 3);
     let without = picture(&mut app, &image);
     let before = counters(&app);
-    assert_eq!(before.dispatches_of(Stage::Gloss), 0);
+    assert_eq!(before.dispatches_of(Stage::VplSpecular), 0);
     let mut cameras = app.world_mut().query_filtered::<Entity, With<GiCamera>>();
     let eye = cameras.single(app.world()).unwrap();
     app.world_mut()
@@ -492,13 +492,15 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(
-        c.dispatches_of(Stage::Gloss),
+        c.dispatches_of(Stage::VplSpecular),
         3,
         "levels, pixels: {}",
         c.plan
     );
     assert!(
-        c.plan.to_string().contains("gloss of the world in view"),
+        c.plan
+            .to_string()
+            .contains("vpl_specular of the world in view"),
         "{}",
         c.plan
     );
@@ -547,7 +549,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     app.world_mut().despawn(entity);
     run(&mut app, 2);
     let c = counters(&app);
-    assert_eq!(c.dispatches_of(Stage::Gloss), 0);
+    assert_eq!(c.dispatches_of(Stage::VplSpecular), 0);
     assert!(
         c.buffers < before.buffers,
         "{} {}",

@@ -11,8 +11,8 @@ use bevy_meshless_gi::plan::Stage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::frame::project::extent;
-use meshless_gi::internals::frame::shade::{self, ShadeParams, Shading};
-use meshless_gi::internals::frame::soft::{self, Rays};
+use meshless_gi::internals::frame::soft_shadow::{self, RayVisibility};
+use meshless_gi::internals::frame::subtract_shadow::{self, LitSurface, SubtractShadowParams};
 use meshless_gi::internals::frame::{SoftLight, SplatParams, gbuffer, splat};
 use meshless_gi::{BakedScene, Geometry, Recipe, VisibilityRecipe};
 use meshless_gi_lab::accuracy::RaycastView;
@@ -130,8 +130,8 @@ fn expected(
     );
     let lights = [few.to_local(&local_from_world)];
     let many = many.to_local(&local_from_world);
-    let deficits = soft::deficits(bake, &lights);
-    let params = ShadeParams::new(bake, 1);
+    let deficits = soft_shadow::deficits(bake, &lights);
+    let params = SubtractShadowParams::new(bake, 1);
     let eye = local_from_world.transform_point3(look.translation);
     let mut out = Expected {
         bright: Picture {
@@ -153,20 +153,22 @@ fn expected(
             continue;
         }
         let (x, n) = splat::place(&view, [i % WIDTH, i / WIDTH], depth, texel);
-        let surface = Shading::of(texel, n, (eye - x).normalize());
-        let bright = exposure() * shade::drawn(&params, None, &lights, x, &surface);
+        let surface = LitSurface::of(texel, n, (eye - x).normalize());
+        let bright = exposure() * subtract_shadow::drawn(&params, None, &lights, x, &surface);
         out.bright.pixels.push(bright.to_array());
-        let missing = shade::missing(bake, &deficits, x, n);
-        out.taken.push(shade::TAKEN * missing.unwrap_or_default());
-        let rays = Rays {
+        let missing = subtract_shadow::missing(bake, &deficits, x, n);
+        out.taken
+            .push(subtract_shadow::TAKEN * missing.unwrap_or_default());
+        let rays = RayVisibility {
             geometry: &room,
             start: x + n * room.lift(x),
         };
-        out.seen
-            .push(match soft::unshadowed(&many, x, n, extent(bake)) > 0.0 {
-                true => soft::fraction(&many, x, n, &rays).0,
+        out.seen.push(
+            match soft_shadow::unshadowed(&many, x, n, extent(bake)) > 0.0 {
+                true => soft_shadow::fraction(&many, x, n, &rays).0,
                 false => 1.0,
-            });
+            },
+        );
     }
     out
 }
@@ -219,7 +221,7 @@ fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
 }
 
 fn soft_work(c: &FrameStats) -> [u32; 2] {
-    [Stage::Soft, Stage::Shade].map(|s| c.dispatches_of(s))
+    [Stage::SoftShadow, Stage::SubtractShadow].map(|s| c.dispatches_of(s))
 }
 
 /// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen
@@ -503,7 +505,7 @@ fn nan_lights_and_many_lights_do_not_panic() {
     }
     run(&mut app, 3);
     assert_eq!(soft_work(&counters(&app)), [0, 1]);
-    assert!(counters(&app).plan.to_string().contains("shade"));
+    assert!(counters(&app).plan.to_string().contains("subtract_shadow"));
     // More come: the buffers grow.
     for i in 0..20 {
         let place = Transform::from_xyz(-0.8 + 0.08 * i as f32, 1.2, 0.5);

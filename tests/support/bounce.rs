@@ -7,15 +7,15 @@ use super::scenes::{Quad, Room, exposure};
 use bevy::prelude::*;
 use bevy_meshless_gi::plan::{Lens, map_views};
 use bevy_meshless_gi::plugin::GiReflectiveShadowMap;
-use meshless_gi::internals::frame::gloss::{GlossView, Lights};
 use meshless_gi::internals::frame::project::extent;
 use meshless_gi::internals::frame::rsm_layout::{MAX_VPLS, light_in_space, space_from_clip};
+use meshless_gi::internals::frame::vpl_specular::{SpecularView, VplSet};
 use meshless_gi::internals::frame::{
     RsmChooseParams, RsmParams, RsmShadowParams, Vpl, VplParams, VplViewParams, gbuffer, pyramid,
     rsm, vpl,
 };
 use meshless_gi::{
-    BakedScene, Bounds, Bvh, FrameLight, Geometry, GlossSettings, Hit, Light, Ray, Surface,
+    BakedScene, Bounds, Bvh, FrameLight, Geometry, Hit, Light, Ray, SpecularSettings, Surface,
 };
 use meshless_gi_lab::accuracy::RaycastView;
 use std::f32::consts::{FRAC_PI_4, PI};
@@ -224,17 +224,17 @@ pub fn cpu_gloss(
     let view_from_clip = clip_from_view.inverse();
     let view_from_world = world_from_view.inverse();
     let (screen, params) =
-        GlossSettings::default().params(view_from_clip, view_from_world, viewport, size);
-    let on = GlossView {
+        SpecularSettings::default().params(view_from_clip, view_from_world, viewport, size);
+    let on = SpecularView {
         screen: &screen,
         params: &params,
         view: &view,
-        lights: Lights {
+        lights: VplSet {
             lit: &VplParams::unshadowed(lights.len() as u32),
             vpls: lights,
             bvh: &Bvh::default(),
         },
-        picture: pyramid::Picture {
+        picture: pyramid::GbufferView {
             depth: &drawn.depth,
             gbuffer: &gbuffer,
         },

@@ -1,4 +1,4 @@
-//! Kernels `fog_voxels` and `fog` against their twins, over a picture: fog before walls at any
+//! Kernels `fog_inscatter` and `fog` against their twins, over a picture: fog before walls at any
 //! distance, with a density of its own and without, and a level that comes first.
 
 use super::compare::{HALF, Scale, differing};
@@ -6,14 +6,14 @@ use super::depth::depth_samples;
 use super::harness;
 use super::picture::wide;
 use super::synthetic::Dice;
-use super::volume_read::{linear, space_of, with_walls};
+use super::volume_sample::{linear, space_of, with_walls};
 use bevy_meshless_gi::gpu::{
     FogBuffers, FogTextures, HeadlessDevice, KernelPipelines, Pass, draw_fog,
 };
 use glam::{Mat4, Quat, UVec3, Vec2, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::fog_voxels::fog_voxels;
-use meshless_gi::internals::frame::{Fog, FogParams, FogView, FogVoxelsParams, VoxelGrid, fog};
+use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;
+use meshless_gi::internals::frame::{Fog, FogInscatterParams, FogParams, FogView, VoxelGrid, fog};
 use wgpu::{TextureFormat, TextureUsages, TextureViewDescriptor};
 
 const SIZE: [u32; 2] = [72, 48];
@@ -24,7 +24,7 @@ const EDGE: u32 = 6;
 
 struct Drawn {
     params: Vec<FogParams>,
-    light: FogVoxelsParams,
+    light: FogInscatterParams,
     voxels: Vec<[f16; 4]>,
     density: Vec<[f16; 4]>,
     depth: Vec<f32>,
@@ -78,7 +78,7 @@ impl Drawn {
             ..view
         };
         Self {
-            light: FogVoxelsParams::new(&view, 0.4, &shape, &root),
+            light: FogInscatterParams::new(&view, 0.4, &shape, &root),
             params: vec![
                 FogParams::new(&view, &even, &shape, bounds, &root, &[]),
                 FogParams::new(&near, &textured, &shape, bounds, &root, &[]),
@@ -106,7 +106,7 @@ impl Drawn {
         let (voxels, size) = (wide(&self.voxels), UVec3::from(self.light.size));
         (0..size.element_product())
             .map(|i| UVec3::new(i % size.x, i / size.x % size.y, i / (size.x * size.y)))
-            .map(|voxel| fog_voxels(&self.light, &voxels, voxel))
+            .map(|voxel| fog_inscatter(&self.light, &voxels, voxel))
             .collect()
     }
 
@@ -172,7 +172,7 @@ fn on_gpu(harness: &HeadlessDevice, drawn: &Drawn, which: usize, samples: u32) -
     harness
         .run(|encoder| {
             let counted = buffers.record(&kernels, encoder, &[&voxels]);
-            assert_eq!(counted.of(Pass::FogVoxels), 1);
+            assert_eq!(counted.of(Pass::FogInscatter), 1);
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
                     view: &canvas,

@@ -14,7 +14,7 @@ use bevy_meshless_gi::gpu::{
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::pyramid::{CellRange, Picture, pyramid};
+use meshless_gi::internals::frame::pyramid::{CellRange, GbufferView, pyramid};
 use meshless_gi::internals::frame::{
     CompositeParams, SplatParams, SubsplatParams, Subsplats, VectorIrradiance, probe, splat,
     subsplats,
@@ -120,8 +120,8 @@ impl Scene {
         }
     }
 
-    fn picture(&self) -> Picture<'_> {
-        Picture {
+    fn picture(&self) -> GbufferView<'_> {
+        GbufferView {
             depth: &self.view.depth,
             gbuffer: &self.view.gbuffer,
         }
@@ -315,7 +315,7 @@ fn compare(settings: &SubsplatSettings) {
     }
     let mut spoiled = of.view.depth.clone();
     spoiled[14_750] *= 1.1;
-    let picture = Picture {
+    let picture = GbufferView {
         depth: &spoiled,
         ..of.picture()
     };

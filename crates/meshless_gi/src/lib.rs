@@ -54,7 +54,7 @@ pub use asset::{AssetError, BakeInfo, BakedScene, EnergyInfo, Limits, TierInfo, 
 
 // Frames on the CPU.
 pub use frame::{
-    Channels, CpuFrame, DepthTest, FrameLight, FrameSettings, GlossSettings, NormalTest,
+    Channels, CpuFrame, DepthTest, FrameLight, FrameSettings, NormalTest, SpecularSettings,
     SubsplatSettings,
 };
 

@@ -6,7 +6,7 @@ use super::input;
 use super::output::{self, Table};
 use super::progress;
 use meshless_gi::internals::asset::check_writable;
-use meshless_gi::internals::frame::volume_places::MAX_PLACES;
+use meshless_gi::internals::frame::volume_weights::MAX_PLACES;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{Bounces, ExportedVolume, VolumeExport};
 use std::path::PathBuf;

@@ -6,7 +6,7 @@ mod asset_support;
 
 use asset_support::{Random, build, makes};
 use glam::Vec3;
-use meshless_gi::internals::frame::soft::{self, SoftLight};
+use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};
 use meshless_gi::{
     AssetError, BakedScene, CpuFrame, FrameLight, FrameSettings, Limits, MaterialFactors,
 };
@@ -296,7 +296,7 @@ fn walk(scene: &BakedScene) -> Vec3 {
     );
     let lamp = SoftLight::sphere(Vec3::new(0.2, 0.9, 0.1), 0.1, Vec3::ONE, 5.0, 4);
     let mut sum = match scene.visibility {
-        Some(_) => soft::deficits(scene, &[lamp])
+        Some(_) => soft_shadow::deficits(scene, &[lamp])
             .iter()
             .map(|d| d.dot(Vec3::Y))
             .sum(),

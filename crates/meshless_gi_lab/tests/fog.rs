@@ -5,12 +5,12 @@ use glam::{Mat4, UVec3, Vec2, Vec3};
 use meshless_gi::internals::basis::PROBE_OVERLAP;
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::frame::fog::PART;
-use meshless_gi::internals::frame::fog_voxels::{fog_voxels, sides};
+use meshless_gi::internals::frame::fog_inscatter::{fog_inscatter, sides};
 use meshless_gi::internals::frame::volume::volume_texels;
-use meshless_gi::internals::frame::volume_read::read_voxels;
+use meshless_gi::internals::frame::volume_sample::read_voxels;
 use meshless_gi::internals::frame::{
-    Fog, FogParams, FogView, FogVoxelsParams, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights,
-    fog, voxels_of,
+    Fog, FogInscatterParams, FogParams, FogView, VolumeParams, VolumeValues, VoxelGrid,
+    VoxelWeights, fog, voxels_of,
 };
 use meshless_gi::internals::samples::{lattice, uniform_sphere};
 use meshless_gi::internals::scene::SceneDescription;
@@ -87,10 +87,10 @@ impl Air {
             exposure: 1.0,
             steps: 1,
         };
-        let params = FogVoxelsParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
+        let params = FogInscatterParams::new(&alike, asymmetry, &self.shape, &Mat4::IDENTITY);
         let place = (x - self.shape.low()) / self.shape.voxel();
         read_voxels(params.size, &self.texels, place, |voxel| {
-            Vec3::from_slice(&fog_voxels(&params, &self.texels, voxel)[..3])
+            Vec3::from_slice(&fog_inscatter(&params, &self.texels, voxel)[..3])
         })
     }
 }
@@ -263,11 +263,11 @@ fn fog_ray_step_error_is_bounded() {
             asymmetry: 0.5,
             texture: None,
         };
-        let sent = FogVoxelsParams::new(&view, fog.asymmetry, &air.shape, &Mat4::IDENTITY);
+        let sent = FogInscatterParams::new(&view, fog.asymmetry, &air.shape, &Mat4::IDENTITY);
         let n = air.shape.size();
         let light: Vec<[f32; 4]> = (0..n.element_product())
             .map(|i| UVec3::new(i % n.x, i / n.x % n.y, i / (n.x * n.y)))
-            .map(|voxel| fog_voxels(&sent, &air.texels, voxel))
+            .map(|voxel| fog_inscatter(&sent, &air.texels, voxel))
             .collect();
         let params = FogParams::new(&view, &fog, &air.shape, bounds, &Mat4::IDENTITY, &[]);
         let picture = |parts: f32| -> Vec<Vec3> {

@@ -6,7 +6,7 @@
 use glam::{Mat4, Quat, Vec2, Vec3};
 use meshless_gi::internals::frame::splat::{SEAM, share, splat_covered};
 use meshless_gi::internals::frame::volume::volume_texels;
-use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
     VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };

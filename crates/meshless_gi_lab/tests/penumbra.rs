@@ -5,7 +5,7 @@
 //! door.
 
 use glam::Vec3;
-use meshless_gi::internals::frame::soft::{self, SoftLight};
+use meshless_gi::internals::frame::soft_shadow::{self, SoftLight};
 use meshless_gi::internals::transport::pca::Visibility;
 use meshless_gi::{
     BakedScene, Light, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene,
@@ -58,12 +58,12 @@ fn found(mesh: &TriangleMesh, scene: &BakedScene, few: &Visibility, light: &Ligh
         .collect();
     assert!(places.len() > 100, "{} places", places.len());
     let lamp = SoftLight::of(light, 25).expect("a rectangle");
-    let deficits = soft::deficits(scene, &[lamp]);
+    let deficits = soft_shadow::deficits(scene, &[lamp]);
     let by_rays = deficits_by_rays(scene, mesh, &lamp, visibility.points.len());
     let error = |deficits: &[_]| shadow_errors(scene, deficits, &places).nrmse;
     // Must fail: no shadow at all.
     assert!(error(&vec![Default::default(); deficits.len()]) > 2.0 * BOUND);
-    let by_few = soft::deficits_of(scene, few, &[lamp]);
+    let by_few = soft_shadow::deficits_of(scene, few, &[lamp]);
     [error(&deficits), error(&by_rays), error(&by_few)]
 }
 

@@ -7,7 +7,7 @@ use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::frame::probe::probe;
 use meshless_gi::internals::frame::splat::{SEAM, splat_covered};
 use meshless_gi::internals::frame::volume::volume_texels;
-use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{
     VectorIrradiance, VolumeParams, VolumeValues, VoxelGrid, VoxelWeights, voxels_of,
 };

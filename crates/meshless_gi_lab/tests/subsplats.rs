@@ -8,7 +8,9 @@ use meshless_gi_lab::fixtures::subsplats as subsplat_support;
 use glam::{Mat4, Vec3};
 use meshless_gi::internals::frame::pyramid::{breaks, pyramid};
 use meshless_gi::internals::frame::refine::{divides, unpack_cell};
-use meshless_gi::internals::frame::{Node, Subsplats, VectorIrradiance, gbuffer, splat, subsplats};
+use meshless_gi::internals::frame::{
+    SubsplatNode, Subsplats, VectorIrradiance, gbuffer, splat, subsplats,
+};
 use meshless_gi::{
     DepthTest, Material, NormalTest, Preset, Progress, Quad, Recipe, SubsplatSettings,
     TriangleMesh, bake_scene, mesh_of_quads,
@@ -92,7 +94,7 @@ fn at_nodes(view: &View<'_>, settings: &SubsplatSettings, shown: &Subsplats) -> 
             if view.drawn.depth[i] <= 0.0 {
                 continue;
             }
-            let mut node = Node::UNKNOWN;
+            let mut node = SubsplatNode::UNKNOWN;
             view.evaluate([x, y], &mut node);
             let e = node.light();
             let length = [e.x, e.y, e.z]
@@ -421,7 +423,7 @@ fn subsplats_divide_cells_diagonal_to_edge() {
     let (with, without) = (view.params(&of(true)), view.params(&of(false)));
     let (picture, levels) = (view.picture(), with.levels());
     let cells = pyramid(&with, &picture);
-    let nodes = vec![Node::UNKNOWN; levels.total() as usize];
+    let nodes = vec![SubsplatNode::UNKNOWN; levels.total() as usize];
     let mut only = 0;
     for k in 2..with.coarsest {
         let [w, h] = levels.grid(k);
@@ -654,7 +656,7 @@ fn subsplat_comparison_detects_one_wrong_node() {
         if pixel == place {
             let mut light = VectorIrradiance::default();
             light.add_scaled(1.1, &node.light());
-            *node = Node::new(&light, node.foretold(), node.state());
+            *node = SubsplatNode::new(&light, node.foretold(), node.state());
         }
     });
     assert!(at_nodes(&view, &settings, &spoiled) > 10.0 * HALF);

@@ -3,7 +3,9 @@
 
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
-use meshless_gi::internals::frame::soft::{self, Eye, Rays, SoftLight, SoftParams};
+use meshless_gi::internals::frame::soft_shadow::{
+    self, DecodedVisibility, RayVisibility, SoftLight, SoftShadowParams,
+};
 use meshless_gi::internals::samples::Random;
 use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilityError, VisibilitySettings, bake_visibility, depths,
@@ -53,19 +55,25 @@ fn panel() -> SoftLight {
 /// Visible fractions from memory and by rays, at all points that the light shines on.
 fn fractions(scene: &BakedScene, mesh: &TriangleMesh, light: &SoftLight) -> Vec<(f32, f32)> {
     let visibility = scene.visibility.as_ref().unwrap();
-    let params = SoftParams::new(visibility, extent(scene), 1);
+    let params = SoftShadowParams::new(visibility, extent(scene), 1);
     let points = scene.points[..scene.senders()].iter().enumerate();
     points
-        .filter(|(_, p)| soft::unshadowed(light, p.x(), p.n(), params.extent) > 1e-3)
+        .filter(|(_, p)| soft_shadow::unshadowed(light, p.x(), p.n(), params.extent) > 1e-3)
         .map(|(i, p)| {
             let (x, n) = (p.x(), p.n());
-            let rays = Rays {
+            let rays = RayVisibility {
                 geometry: mesh,
                 start: x + n * mesh.lift(x),
             };
             (
-                soft::fraction(light, x, n, &Eye::new(&params, visibility, i, n)).0,
-                soft::fraction(light, x, n, &rays).0,
+                soft_shadow::fraction(
+                    light,
+                    x,
+                    n,
+                    &DecodedVisibility::new(&params, visibility, i, n),
+                )
+                .0,
+                soft_shadow::fraction(light, x, n, &rays).0,
             )
         })
         .collect()
@@ -128,7 +136,7 @@ fn pca_visibility_matches_rays_and_round_trips() {
     };
     assert!(without.to_bytes().unwrap().len() < bytes.len());
     assert!(
-        soft::deficits(&without, &[panel()])
+        soft_shadow::deficits(&without, &[panel()])
             .iter()
             .all(|d| *d == Default::default())
     );
@@ -209,11 +217,23 @@ fn bake(geometry: &dyn Geometry, points: &[(Vec3, Vec3)]) -> Visibility {
 }
 
 fn seen(visibility: &Visibility, points: &[(Vec3, Vec3)], i: usize, light: &SoftLight) -> f32 {
-    let params = SoftParams::new(visibility, 4.0, 1);
+    let params = SoftShadowParams::new(visibility, 4.0, 1);
     let (x, n) = points[i];
-    let f = soft::fraction(light, x, n, &Eye::new(&params, visibility, i, n)).0;
+    let f = soft_shadow::fraction(
+        light,
+        x,
+        n,
+        &DecodedVisibility::new(&params, visibility, i, n),
+    )
+    .0;
     assert!((0.0..=1.0).contains(&f), "{f}");
-    let d = soft::deficit(&params, light, x, n, &Eye::new(&params, visibility, i, n));
+    let d = soft_shadow::deficit(
+        &params,
+        light,
+        x,
+        n,
+        &DecodedVisibility::new(&params, visibility, i, n),
+    );
     assert!(d.is_finite(), "{d}");
     f
 }
@@ -229,11 +249,11 @@ fn pca_visibility_of_rank_zero_clusters_matches_rays() {
     let place = Vec3::new(-0.5, 0.0, 0.6);
     let by_rays = |light: &SoftLight| {
         let start = place + Vec3::Y * mesh.lift(place);
-        let rays = Rays {
+        let rays = RayVisibility {
             geometry: &mesh,
             start,
         };
-        soft::fraction(light, place, Vec3::Y, &rays).0
+        soft_shadow::fraction(light, place, Vec3::Y, &rays).0
     };
     for count in [1, 7, 150] {
         let points = vec![(place, Vec3::Y); count];
@@ -490,7 +510,10 @@ fn soft_shadow_of_degenerate_lights_stays_finite() {
         SoftLight::rectangle(Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::NAN, 4),
         none
     );
-    assert_eq!(soft::unshadowed(&none, Vec3::ZERO, Vec3::Y, 1.0), 0.0);
+    assert_eq!(
+        soft_shadow::unshadowed(&none, Vec3::ZERO, Vec3::Y, 1.0),
+        0.0
+    );
 }
 
 #[test]
@@ -506,7 +529,7 @@ fn unoccluded_panel_matches_lambert_polygon() {
         (Vec3::new(1.0, 0.2, 0.4), Vec3::new(-0.6, 0.8, 0.0)),
     ] {
         let right = polygon(x.as_dvec3(), n.as_dvec3(), &corners, 1.0);
-        let got = f64::from(soft::unshadowed(&light, x, n, 4.0));
+        let got = f64::from(soft_shadow::unshadowed(&light, x, n, 4.0));
         assert!((got / right - 1.0).abs() < 1e-4, "{got} {right}");
     }
     // Half below the horizon: the sum of its small parts above it.
@@ -520,11 +543,11 @@ fn unoccluded_panel_matches_lambert_polygon() {
         let square = to.length_squared();
         sum += f64::from(area * to.dot(n).max(0.0) * to.y / (square * square));
     }
-    let got = f64::from(soft::unshadowed(&light, x, n, 4.0));
+    let got = f64::from(soft_shadow::unshadowed(&light, x, n, 4.0));
     assert!((got / sum - 1.0).abs() < 2e-3, "{got} {sum}");
     // From behind there is nothing.
     assert_eq!(
-        soft::unshadowed(&light, Vec3::new(0.0, 3.0, 0.0), -Vec3::Y, 4.0),
+        soft_shadow::unshadowed(&light, Vec3::new(0.0, 3.0, 0.0), -Vec3::Y, 4.0),
         0.0
     );
 }

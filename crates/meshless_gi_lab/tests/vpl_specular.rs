@@ -6,8 +6,8 @@ use meshless_gi_lab::fixtures::gloss as gloss_support;
 
 use glam::{Mat4, Vec3};
 use gloss_support::{Scene, room, share, virtual_lights};
-use meshless_gi::GlossSettings;
-use meshless_gi::internals::frame::gloss::{gloss_at, receiver, shown};
+use meshless_gi::SpecularSettings;
+use meshless_gi::internals::frame::vpl_specular::{gloss_at, receiver, shown};
 use meshless_gi::internals::frame::{Vpl, VplParams, gbuffer};
 
 const SIZE: [u32; 2] = [480, 270];
@@ -31,9 +31,9 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
         finite(&full);
         assert!(scene.glossy(&full) * 4 > full.len() as u64);
         let of = |together| {
-            let found = scene.run(&GlossSettings {
+            let found = scene.run(&SpecularSettings {
                 together,
-                ..GlossSettings::default()
+                ..SpecularSettings::default()
             });
             finite(&found.texels);
             let (flip, nrmse) = scene.compare(&full, &found.texels);
@@ -56,9 +56,9 @@ fn specular_adaptive_evaluation_matches_full_resolution() {
 #[test]
 fn specular_full_refinement_equals_sum_of_lights() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 40), 0.25);
-    let settings = GlossSettings {
+    let settings = SpecularSettings {
         light: 0.0,
-        ..GlossSettings::default()
+        ..SpecularSettings::default()
     };
     let params = scene.params(&settings);
     let view = scene.view(&params);
@@ -93,7 +93,7 @@ fn specular_of_hidden_lights_is_zero() {
     let scene = open.shadowed();
     let full = scene.full();
     let dark: f32 = full.iter().map(|t| t[1]).sum();
-    let found = scene.run(&GlossSettings::default());
+    let found = scene.run(&SpecularSettings::default());
     let (flip, _) = scene.compare(&full, &found.texels);
     let share = share(&scene, &full, &found);
     println!(
@@ -118,11 +118,11 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
     for depth in &mut scene.drawn.depth[..500] {
         *depth = 0.0;
     }
-    let found = scene.run(&GlossSettings::default());
+    let found = scene.run(&SpecularSettings::default());
     assert_eq!(found.evaluated.iter().sum::<u64>(), 0);
     assert!(found.texels.iter().all(|t| *t == [0.0; 4]));
     // What is half dull shows a part: no step where roughness crosses the bound.
-    let params = scene.params(&GlossSettings::default()).1;
+    let params = scene.params(&SpecularSettings::default()).1;
     let of = |roughness| shown(&params, gbuffer::glossy([0, 0, 0, 0], roughness, 0.5));
     assert!(of(0.45) == 1.0 && of(0.62) == 0.0);
     assert!((of(0.55) - 0.5).abs() < 0.03);
@@ -133,7 +133,7 @@ fn specular_rough_or_unlit_pixels_are_not_evaluated() {
 fn view_direction_follows_projection_matrix() {
     let scene = Scene::new(SMALL, virtual_lights(&room(), 32, 8), 0.25);
     let eye = scene.view_from_world.inverse().project_point3(Vec3::ZERO);
-    let params = scene.params(&GlossSettings::default());
+    let params = scene.params(&SpecularSettings::default());
     let view = scene.view(&params);
     let parallel = Mat4::orthographic_rh(-2.0, 2.0, -1.0, 1.0, 10.0, 0.1) * scene.view_from_world;
     let mut ortho = scene.view;
@@ -171,15 +171,15 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
     let scene = Scene::new(SMALL, vpls, 0.0);
     finite(&scene.full());
     let wild = [
-        GlossSettings::default(),
-        GlossSettings {
+        SpecularSettings::default(),
+        SpecularSettings {
             coarsest: 99,
             finest: 99,
             light: f32::NAN,
             roughest: f32::NAN,
             together: true,
         },
-        GlossSettings {
+        SpecularSettings {
             coarsest: 0,
             finest: 0,
             light: f32::INFINITY,
@@ -192,17 +192,17 @@ fn specular_degenerate_lights_stay_finite_and_bounded() {
     }
     for size in [[1, 1], [3, 2], [1, 40]] {
         let small = Scene::new(size, scene.vpls.clone(), 0.1);
-        let found = small.run(&GlossSettings::default());
+        let found = small.run(&SpecularSettings::default());
         finite(&found.texels);
         assert_eq!(found.texels.len(), (size[0] * size[1]) as usize);
     }
     // A light of 5 W on a disk of 0.04 m² squared radius leaves with 5 / (π 0.04) W/m²; a mirror
     // shows its radiance.
-    let params = scene.params(&GlossSettings::default());
+    let params = scene.params(&SpecularSettings::default());
     let view = scene.view(&params);
     let alone = vec![on(0.04, -Vec3::Y)];
     let lit = VplParams::unshadowed(1);
-    let lights = meshless_gi::internals::frame::gloss::Lights {
+    let lights = meshless_gi::internals::frame::vpl_specular::VplSet {
         lit: &lit,
         vpls: &alone,
         ..view.lights

@@ -52,8 +52,8 @@ pub struct Scene {
 }
 
 use Stage::{
-    Apply, Composite, Flatten, Fog, Occlude, Probe, Project, PullPush, Rsm, Shade, Soft, Splat,
-    Volume, Vpl,
+    Apply, Composite, Flatten, Fog, Occlude, Probe, Project, PullPush, Rsm, SoftShadow, Splat,
+    SubtractShadow, Volume, Vpl,
 };
 
 /// All of them.
@@ -143,7 +143,15 @@ pub const SCENES: [Scene; 13] = [
         panel: true,
         rich: true,
         runs: &[
-            Project, PullPush, Apply, Flatten, Probe, Soft, Splat, Composite, Shade,
+            Project,
+            PullPush,
+            Apply,
+            Flatten,
+            Probe,
+            SoftShadow,
+            Splat,
+            Composite,
+            SubtractShadow,
         ],
         ..NONE
     },
@@ -161,8 +169,20 @@ pub const SCENES: [Scene; 13] = [
         rich: true,
         fog: true,
         runs: &[
-            Occlude, Project, PullPush, Apply, Flatten, Probe, Volume, Soft, Rsm, Splat, Vpl,
-            Composite, Shade, Fog,
+            Occlude,
+            Project,
+            PullPush,
+            Apply,
+            Flatten,
+            Probe,
+            Volume,
+            SoftShadow,
+            Rsm,
+            Splat,
+            Vpl,
+            Composite,
+            SubtractShadow,
+            Fog,
         ],
         ..NONE
     },

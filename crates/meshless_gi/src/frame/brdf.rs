@@ -7,7 +7,7 @@
 //! - V, Smith's correlated masking over 4 (n·v) (n·l) (\[RG18\] §4.4.2).
 //! - F, Schlick: f₀ + (f₉₀ − f₀) p with p = (1 − l·h)⁵ and f₉₀ = min(1, 16.5 Σ f₀) as Bevy has it.
 //!
-//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`Gloss`]), D V (1 − p)
+//! F is linear in f₀ and f₉₀, so a light's gloss is kept as two numbers ([`SpecularTerms`]), D V (1 − p)
 //! and D V p: whoever interpolates them puts each pixel's own color in.
 //!
 //! **Where this leaves Bevy.** A light is a disk seen within an angle σ of its middle. Half vectors
@@ -43,7 +43,7 @@ pub struct ShadingPoint {
 
 /// What a surface sends to the eye of an irradiance of one, over f₀ and over f₉₀, 1/sr.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Gloss {
+pub struct SpecularTerms {
     /// D V (1 − p).
     pub straight: f32,
     /// D V p.
@@ -68,19 +68,19 @@ pub fn grazing(straight: Vec3) -> f32 {
 /// the sine of half its angle squared `spread`.
 #[must_use]
 #[inline]
-pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> Gloss {
+pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> SpecularTerms {
     let sum = l + facet.v;
     let length = sum.length();
     // The light comes from where the eye looks to.
     if length <= 1e-6 {
-        return Gloss::default();
+        return SpecularTerms::default();
     }
     let h = sum / length;
     let a2 = (alpha_square(facet.roughness) + 0.25 * spread).min(1.0);
     let (nl, nv) = (facet.n.dot(l).max(0.0), facet.n.dot(facet.v).max(SLANTED));
     let nh = facet.n.dot(h);
     if nh <= 0.0 {
-        return Gloss::default();
+        return SpecularTerms::default();
     }
     let sine = facet.n.cross(h);
     let wide = sine.dot(sine) + a2 * nh * nh;
@@ -89,7 +89,7 @@ pub fn gloss(facet: &ShadingPoint, l: Vec3, spread: f32) -> Gloss {
     let q = 1.0 - l.dot(h).clamp(0.0, 1.0);
     let p = q * q * q * q * q;
     let dv = d * 0.5 / masked;
-    Gloss {
+    SpecularTerms {
         straight: dv * (1.0 - p),
         grazing: dv * p,
     }

@@ -24,10 +24,10 @@ pub fn composite_pixel(
     (params.scale * FRAC_1_PI * color * e).to_array()
 }
 
-/// What the shader's second entry, `composite_gloss`, adds at a pixel: `radiance` is the texel that
-/// `gloss_pixels` wrote.
+/// What the shader's second entry, `composite_specular`, adds at a pixel: `radiance` is the texel that
+/// `vpl_specular_pixels` wrote.
 #[must_use]
-pub fn composite_gloss_pixel(
+pub fn composite_specular_pixel(
     params: &CompositeParams,
     radiance: [f32; 4],
     texel: [u32; 4],
@@ -40,10 +40,10 @@ pub fn composite_gloss_pixel(
     (params.scale * gbuffer::occlusion(texel) * l).to_array()
 }
 
-/// What the shader's third entry, `composite_shade`, takes from a pixel: `radiance` is the texel
+/// What the shader's third entry, `composite_shadow`, takes from a pixel: `radiance` is the texel
 /// that `shade` wrote.
 #[must_use]
-pub fn composite_shade_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
+pub fn composite_shadow_pixel(radiance: [f32; 4], pass: u32) -> [f32; 3] {
     let [r, g, b, _] = radiance;
     if pass == 0 { [0.0; 3] } else { [r, g, b] }
 }

@@ -5,7 +5,7 @@ use super::anderson::Anderson;
 use super::materials::{present, sound_factors};
 use super::occlude::{occlude, passing, sound_gains};
 use super::{
-    FrameLight, FrameSettings, ProbeIrradiance, SceneDimensions, SolveParams, Steps,
+    FrameLight, FrameSettings, ProbeIrradiance, SceneDimensions, SolveParams, SolveSchedule,
     VectorIrradiance, apply, apply_one, bounce, compress, flatten, fmm_down, fmm_up, probe,
     project, pull, push, radiosity, splat,
 };
@@ -228,7 +228,7 @@ impl CpuFrame {
         }
         let shape = SceneDimensions::new(scene);
         let params = shape.params(settings, self.lights.len());
-        let steps = Steps::new(&shape, settings);
+        let steps = SolveSchedule::new(&shape, settings);
         radiosity::radiosity(
             &params,
             &self.lights,
@@ -289,7 +289,7 @@ impl CpuFrame {
         self.solve(scene, &one);
         let shape = SceneDimensions::new(scene);
         let params = shape.params(&one, self.lights.len());
-        let steps = Steps::new(&shape, &one);
+        let steps = SolveSchedule::new(&shape, &one);
         let mut octree = octree(scene, &steps);
         let gain = scene.info.energy.gain;
         let gain = if gain.is_finite() { gain } else { 1.0 };
@@ -345,7 +345,7 @@ impl CpuFrame {
         &mut self,
         scene: &BakedScene,
         params: &SolveParams,
-        steps: &Steps,
+        steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
     ) {
         self.transport(scene, params, steps, octree, Whom::Senders);
@@ -369,7 +369,7 @@ impl CpuFrame {
         &mut self,
         scene: &BakedScene,
         params: &SolveParams,
-        steps: &Steps,
+        steps: &SolveSchedule,
         octree: &mut Option<Passes<'_, f32>>,
         whom: Whom,
     ) {
@@ -449,7 +449,7 @@ impl CpuFrame {
     }
 
     /// The senders' light at the probes.
-    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams, steps: &Steps) {
+    fn light_space(&mut self, scene: &BakedScene, params: &SolveParams, steps: &SolveSchedule) {
         if let Some(probes) = &scene.probes {
             let all = 0..probes.rows.len();
             let links = match &self.occluded {
@@ -618,7 +618,7 @@ enum Whom {
 
 /// The operator, in as many channels as the frame takes.
 fn operate(
-    steps: &Steps,
+    steps: &SolveSchedule,
     params: &SolveParams,
     rows: &[Row],
     links: &[Link],
@@ -634,7 +634,7 @@ fn operate(
 }
 
 /// Room for the passes, where the octree carries the light.
-fn octree<'a>(scene: &'a BakedScene, steps: &Steps) -> Option<Passes<'a, f32>> {
+fn octree<'a>(scene: &'a BakedScene, steps: &SolveSchedule) -> Option<Passes<'a, f32>> {
     let operator = scene.fmm.as_ref().filter(|_| steps.octree)?;
     Some(Passes::new(Field::of(operator)))
 }

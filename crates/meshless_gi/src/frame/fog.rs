@@ -8,15 +8,15 @@
 //! left of light on the way to the eye (Beer and Lambert), h the part's length. Light changes as
 //! slowly as the voxels are wide, so parts are two of them long, and there is no noise.
 //!
-//! J is what fog at a place sends there of the level's light: [`fog_voxels`](super::fog_voxels) has
+//! J is what fog at a place sends there of the level's light: [`fog_inscatter`](super::fog_inscatter) has
 //! it for the middle of each voxel. Between eight of them as everything reads that volume, those
 //! behind a wall left out.
 //!
 //! What light loses on its way to the fog is taken as Bevy takes it of lamps, e^(−σₜ r) with r the
 //! radius of the fog volume: so indirect light stands to direct light as it does in clear air.
 
-use super::volume_places::VoxelGrid;
-use super::volume_read::read_voxels;
+use super::volume_sample::read_voxels;
+use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec2, Vec3, Vec4};
 
@@ -162,7 +162,7 @@ impl FogParams {
 
 /// What the shader adds at a pixel, by where its middle is on the target and how deep. `texels` are
 /// those of [`volume`](super::volume::volume) and `light` those of
-/// [`fog_voxels`](super::fog_voxels::fog_voxels) for them; `texture` says the density at places in
+/// [`fog_inscatter`](super::fog_inscatter::fog_inscatter) for them; `texture` says the density at places in
 /// its texture, each from 0 to 1.
 #[must_use]
 pub fn fog(

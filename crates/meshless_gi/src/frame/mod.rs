@@ -26,7 +26,7 @@
 //! | [`shade`] | → what was drawn of it at every pixel |
 //! | [`composite`] | → what a pixel's color gains, and loses |
 //! | [`volume`] | light in free space → a volume that engines read ([`volume_read`]) |
-//! | [`fog_voxels`] | → what fog would send of it to the eye |
+//! | [`fog_inscatter`] | → what fog would send of it to the eye |
 //! | [`fog`] | → what fog between the eye and a pixel sends of it |
 //!
 //! [`CpuFrame`] runs them up to [`splat`], [`subsplats`] those of the screen; a [`FrameSettings`] says how many bounces.
@@ -45,9 +45,8 @@ pub mod fmm_down;
 pub mod fmm_layout;
 pub mod fmm_up;
 pub mod fog;
-pub mod fog_voxels;
+pub mod fog_inscatter;
 pub mod gbuffer;
-pub mod gloss;
 pub mod layout;
 mod light;
 pub mod materials;
@@ -62,36 +61,39 @@ pub mod refine;
 pub mod rsm;
 pub mod rsm_layout;
 mod settings;
-pub mod shade;
-pub mod soft;
+pub mod soft_shadow;
 pub mod splat;
 pub mod subsplat;
 mod subsplat_view;
+pub mod subtract_shadow;
 pub mod upsample;
 pub mod volume;
-pub mod volume_faces;
-pub mod volume_places;
-pub mod volume_read;
-pub mod volume_ways;
+pub mod volume_distance;
+pub mod volume_sample;
+pub mod volume_walls;
+pub mod volume_weights;
 pub mod vpl;
+pub mod vpl_specular;
 
 pub use channels::Channels;
 pub use cpu_frame::{CpuFrame, CpuFrameStats};
 pub use fog::{Fog, FogParams, FogView};
-pub use fog_voxels::FogVoxelsParams;
-pub use gloss::{GlossNode, GlossParams, GlossSettings};
+pub use fog_inscatter::FogInscatterParams;
 pub use layout::{CompositeParams, GridShape, SolveParams, Span, SplatParams, VectorIrradiance};
 pub use light::FrameLight;
 pub use probe::ProbeIrradiance;
 pub use rsm_layout::{
     RsmChooseParams, RsmParams, RsmShadowParams, RsmTexel, Vpl, VplParams, VplViewParams,
 };
-pub use settings::{FrameSettings, SceneDimensions, Steps};
-pub use shade::ShadeParams;
-pub use soft::{SoftLight, SoftParams};
-pub use subsplat::{DepthTest, Levels, Node, NormalTest, SubsplatParams, SubsplatSettings};
+pub use settings::{FrameSettings, SceneDimensions, SolveSchedule};
+pub use soft_shadow::{SoftLight, SoftShadowParams};
+pub use subsplat::{
+    DepthTest, NormalTest, SubsplatLevels, SubsplatNode, SubsplatParams, SubsplatSettings,
+};
 pub use subsplat_view::{SubsplatCounts, Subsplats, subsplats};
+pub use subtract_shadow::SubtractShadowParams;
 pub use volume::{VolumeParams, VolumeValues};
-pub use volume_faces::{Face, Faces, WallWeight};
-pub use volume_places::{VoxelGrid, VoxelWeights, voxels_of};
-pub use volume_ways::WallDistances;
+pub use volume_distance::WallDistances;
+pub use volume_walls::{WallSample, WallSamples, WallWeight};
+pub use volume_weights::{VoxelGrid, VoxelWeights, voxels_of};
+pub use vpl_specular::{SpecularNode, SpecularParams, SpecularSettings};

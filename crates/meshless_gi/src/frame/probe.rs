@@ -7,7 +7,7 @@
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::splat::{LARGEST_HALF, place, to_world};
-use super::subsplat::{Node, state};
+use super::subsplat::{SubsplatNode, state};
 use crate::asset::Probes;
 use crate::basis::{NO_COVER, weight_in_space};
 use crate::transport::PROBE_ROWS;
@@ -145,7 +145,7 @@ pub fn probe_node(
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
-    node: &mut Node,
+    node: &mut SubsplatNode,
 ) {
     let missing = node.missing();
     if missing <= 0.0 || !node.is(state::KNOWN) {
@@ -156,7 +156,7 @@ pub fn probe_node(
         let mut sum = VectorIrradiance::default();
         sum.add_scaled(1.0 - missing, &node.light());
         sum.add_scaled(missing, &to_world(params, &light.around(n)));
-        *node = Node::new(
+        *node = SubsplatNode::new(
             &sum,
             node.foretold(),
             state::EVALUATED | state::KNOWN | state::COVERED,

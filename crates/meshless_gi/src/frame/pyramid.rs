@@ -7,7 +7,7 @@
 //! room and a landscape.
 
 use super::gbuffer;
-use super::subsplat::{Levels, SubsplatParams};
+use super::subsplat::{SubsplatLevels, SubsplatParams};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 
@@ -33,14 +33,14 @@ pub struct CellRange {
 
 /// The drawn picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Picture<'a> {
+pub struct GbufferView<'a> {
     /// Reversed depth, row by row from the top; 0 where nothing was drawn.
     pub depth: &'a [f32],
     /// Texels of the G-buffer, see [`gbuffer`].
     pub gbuffer: &'a [[u32; 4]],
 }
 
-impl Picture<'_> {
+impl GbufferView<'_> {
     /// Depth of a pixel that is in the picture; 0 where no light applies.
     fn at(&self, size: [u32; 2], pixel: [u32; 2]) -> usize {
         (pixel[1] * size[0] + pixel[0]) as usize
@@ -66,7 +66,7 @@ impl Picture<'_> {
 
 /// A surface in a pixel, in the view's space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct VisibleSurface {
     /// Where, meters; −z is the linear depth.
     pub x: Vec3,
     /// Unit normal.
@@ -103,9 +103,13 @@ pub fn view_place(params: &SubsplatParams, pixel: [u32; 2], depth: f32) -> Vec3 
 
 /// What a pixel shows; None where there is nothing to be lit.
 #[must_use]
-pub fn seen(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> Option<Seen> {
+pub fn seen(
+    params: &SubsplatParams,
+    picture: &GbufferView<'_>,
+    pixel: [u32; 2],
+) -> Option<VisibleSurface> {
     let depth = picture.depth(params.size, pixel);
-    (depth > 0.0).then(|| Seen {
+    (depth > 0.0).then(|| VisibleSurface {
         x: view_place(params, pixel, depth),
         n: params.turn() * gbuffer::normal(picture.texel(params.size, pixel)),
         reach: reach(params, view_place(params, pixel, depth).z, depth),
@@ -128,7 +132,7 @@ fn beside(size: [u32; 2], pixel: [u32; 2], dx: i32, dy: i32) -> [u32; 2] {
 }
 
 /// What a pixel adds to its cell.
-fn measure(params: &SubsplatParams, picture: &Picture<'_>, pixel: [u32; 2]) -> CellRange {
+fn measure(params: &SubsplatParams, picture: &GbufferView<'_>, pixel: [u32; 2]) -> CellRange {
     let size = params.size;
     let depth = |p: [u32; 2]| picture.depth(size, p);
     let d = depth(pixel);
@@ -227,7 +231,7 @@ fn pack_snorm(v: Vec3) -> u32 {
 }
 
 /// Entry point `base`: level 1, cell by cell.
-pub fn base(params: &SubsplatParams, picture: &Picture<'_>, cells: &mut [CellRange]) {
+pub fn base(params: &SubsplatParams, picture: &GbufferView<'_>, cells: &mut [CellRange]) {
     let levels = params.levels();
     let [w, h] = levels.grid(1);
     for y in 0..h {
@@ -254,7 +258,7 @@ pub fn reduce(params: &SubsplatParams, k: u32, cells: &mut [CellRange]) {
 
 /// All levels.
 #[must_use]
-pub fn pyramid(params: &SubsplatParams, picture: &Picture<'_>) -> Vec<CellRange> {
+pub fn pyramid(params: &SubsplatParams, picture: &GbufferView<'_>) -> Vec<CellRange> {
     let mut cells = vec![CellRange::default(); params.levels().starts[0] as usize];
     base(params, picture, &mut cells);
     for k in 2..=params.coarsest {
@@ -285,7 +289,7 @@ fn four(
 #[must_use]
 pub fn breaks(
     params: &SubsplatParams,
-    levels: &Levels,
+    levels: &SubsplatLevels,
     cells: &[CellRange],
     k: u32,
     x: u32,

@@ -4,8 +4,8 @@
 //! neighbors are not (\[N09\] §5.2), or where light was not as foretold.
 
 use super::gbuffer;
-use super::pyramid::{self, CellRange, Picture};
-use super::subsplat::{LUMINANCE, Levels, Node, SubsplatParams, state};
+use super::pyramid::{self, CellRange, GbufferView};
+use super::subsplat::{LUMINANCE, SubsplatLevels, SubsplatNode, SubsplatParams, state};
 use glam::Vec3;
 
 /// Light, in parts of what a well-exposed white surface sends, below which differences stop to
@@ -27,12 +27,17 @@ pub fn unpack_cell(word: u32) -> [u32; 2] {
 
 /// Luminance that a node gives its own pixel.
 #[must_use]
-pub fn luminance(node: &Node, normal: Vec3) -> f32 {
+pub fn luminance(node: &SubsplatNode, normal: Vec3) -> f32 {
     LUMINANCE.dot(node.light().dot(normal).max(Vec3::ZERO))
 }
 
 /// True where the node at `pixel` was evaluated, and is not as foretold.
-fn surprises(params: &SubsplatParams, picture: &Picture<'_>, node: &Node, pixel: [u32; 2]) -> bool {
+fn surprises(
+    params: &SubsplatParams,
+    picture: &GbufferView<'_>,
+    node: &SubsplatNode,
+    pixel: [u32; 2],
+) -> bool {
     if !node.is(state::EVALUATED | state::COVERED) {
         return false;
     }
@@ -45,9 +50,9 @@ fn surprises(params: &SubsplatParams, picture: &Picture<'_>, node: &Node, pixel:
 #[must_use]
 pub fn divides(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
+    picture: &GbufferView<'_>,
     cells: &[CellRange],
-    nodes: &[Node],
+    nodes: &[SubsplatNode],
     k: u32,
     [x, y]: [u32; 2],
 ) -> bool {
@@ -80,7 +85,7 @@ pub fn divides(
 
 /// Entry point `start`: all cells of the coarsest level.
 #[must_use]
-pub fn start(levels: &Levels) -> Vec<u32> {
+pub fn start(levels: &SubsplatLevels) -> Vec<u32> {
     let [w, h] = levels.grid(levels.coarsest);
     (0..h)
         .flat_map(|y| (0..w).map(move |x| pack_cell(x, y)))
@@ -91,9 +96,9 @@ pub fn start(levels: &Levels) -> Vec<u32> {
 #[must_use]
 pub fn refine(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
+    picture: &GbufferView<'_>,
     cells: &[CellRange],
-    nodes: &[Node],
+    nodes: &[SubsplatNode],
     k: u32,
     list: &[u32],
 ) -> Vec<u32> {

@@ -202,7 +202,7 @@ impl SceneDimensions {
 
 /// Which levels each kernel of a solve runs on: what the CPU's and the GPU's frame have in common.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Steps {
+pub struct SolveSchedule {
     /// The levels that `pull` fills from the level below, in order (fine to coarse): all sender
     /// levels but the finest. None where nothing reads what it fills: bases of direct light are of
     /// senders with light of their own, and so is the octree.
@@ -226,7 +226,7 @@ pub struct Steps {
     pub octree: bool,
 }
 
-impl Steps {
+impl SolveSchedule {
     /// The steps of a solve.
     #[must_use]
     pub fn new(shape: &SceneDimensions, settings: &FrameSettings) -> Self {
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn solve_schedule_pulls_fine_to_coarse_and_flattens_coarse_to_fine() {
-        let steps = Steps::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
+        let steps = SolveSchedule::new(&shape(&[0, 3, 10, 40], 2), &FrameSettings::bounces(3));
         assert_eq!(steps.pull, std::slice::from_ref(&(0..3)));
         assert_eq!(steps.senders, [0..3, 3..10]);
         assert_eq!(steps.levels, [0..3, 3..10, 10..40]);
@@ -289,30 +289,30 @@ mod tests {
             columns: 5,
             ..shape(&[0, 3, 10, 40], 2)
         };
-        let steps = Steps::new(&components, &FrameSettings::bounces(3));
+        let steps = SolveSchedule::new(&components, &FrameSettings::bounces(3));
         assert!(steps.components && steps.pull.is_empty() && !steps.differences);
         let octree = SceneDimensions {
             octree: true,
             ..shape(&[0, 3, 10, 40], 2)
         };
-        let steps = Steps::new(&octree, &FrameSettings::bounces(3));
+        let steps = SolveSchedule::new(&octree, &FrameSettings::bounces(3));
         assert!(steps.octree && steps.pull.is_empty() && steps.sweeps == 2);
         let fourth = FrameSettings {
             tier: 4,
             ..FrameSettings::bounces(3)
         };
-        let steps = Steps::new(&octree, &fourth);
+        let steps = SolveSchedule::new(&octree, &fourth);
         assert!(!steps.octree && steps.pull.len() == 1);
         let endless = FrameSettings::bounces(u32::MAX);
         assert_eq!(
-            Steps::new(&shape(&[0, 3], 1), &endless).sweeps,
+            SolveSchedule::new(&shape(&[0, 3], 1), &endless).sweeps,
             FrameSettings::MAX_SWEEPS
         );
     }
 
     #[test]
     fn solve_schedule_without_levels_is_empty() {
-        let empty = Steps::new(&shape(&[0], 0), &FrameSettings::default());
+        let empty = SolveSchedule::new(&shape(&[0], 0), &FrameSettings::default());
         assert!(empty.pull.is_empty() && empty.levels.is_empty());
     }
 }

@@ -13,7 +13,7 @@
 
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
-use super::subsplat::{Node, state};
+use super::subsplat::{SubsplatNode, state};
 use crate::asset::{BakedScene, Display};
 use crate::basis::{NO_COVER, weight};
 use crate::samples::Point;
@@ -148,19 +148,19 @@ pub fn splat_node(
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
-    node: &mut Node,
+    node: &mut SubsplatNode,
 ) {
     if node.is(state::EVALUATED | state::COVERED) {
         return;
     }
     let foretold = node.foretold();
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
-        *node = Node::new(&VectorIrradiance::default(), foretold, state::EVALUATED);
+        *node = SubsplatNode::new(&VectorIrradiance::default(), foretold, state::EVALUATED);
         return;
     }
     let (x, n) = place(params, pixel, depth, texel);
     *node = match splat_covered(&scene.points, &scene.display, values, x, n) {
-        Some((e, cover)) => Node::new(
+        Some((e, cover)) => SubsplatNode::new(
             &to_world(params, &e),
             foretold,
             state::EVALUATED
@@ -168,7 +168,7 @@ pub fn splat_node(
                 | state::COVERED
                 | state::missing(share(cover, params.seam)),
         ),
-        None => Node::new(
+        None => SubsplatNode::new(
             &VectorIrradiance::default(),
             foretold,
             state::EVALUATED | state::KNOWN,

@@ -151,7 +151,7 @@ pub struct SubsplatParams {
     pub starts: [[u32; 4]; 2],
 }
 
-/// Bits of [`Node::state`].
+/// Bits of [`SubsplatNode::state`].
 pub mod state {
     /// Something is known: light, or that there is none.
     pub const KNOWN: u32 = 1;
@@ -173,14 +173,14 @@ pub mod state {
 /// Light at a node, as half floats. 24 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct Node {
+pub struct SubsplatNode {
     /// Halves, two a word, the first in the low bits: vector irradiance times the view's scale (x,
     /// y, z of red, green, blue each, so x.r x.g, x.b y.r, …), then the luminance that was
     /// foretold; the last word holds the state.
     pub words: [u32; 6],
 }
 
-impl Node {
+impl SubsplatNode {
     /// A node that knows nothing.
     pub const UNKNOWN: Self = Self { words: [0; 6] };
 
@@ -255,7 +255,7 @@ pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// The levels of a view: how many cells, and where they are in the arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Levels {
+pub struct SubsplatLevels {
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// Coarsest level.
@@ -264,7 +264,7 @@ pub struct Levels {
     pub starts: [u32; LEVELS],
 }
 
-impl Levels {
+impl SubsplatLevels {
     /// Levels 1 to `coarsest` of a picture, and the pixels evaluated by themselves.
     #[must_use]
     pub fn new(size: [u32; 2], coarsest: u32) -> Self {
@@ -332,7 +332,7 @@ impl SubsplatParams {
             NormalTest::Curvature(t) => (1, t),
         };
         let turn = |c: Vec4| c.truncate().normalize_or_zero().extend(0.0).to_array();
-        let levels = Levels::new(size, settings.coarsest);
+        let levels = SubsplatLevels::new(size, settings.coarsest);
         let s = levels.starts;
         Self {
             view_from_clip: view_from_clip.to_cols_array_2d(),
@@ -361,8 +361,8 @@ impl SubsplatParams {
 
     /// The levels.
     #[must_use]
-    pub fn levels(&self) -> Levels {
-        Levels::new(self.size, self.coarsest)
+    pub fn levels(&self) -> SubsplatLevels {
+        SubsplatLevels::new(self.size, self.coarsest)
     }
 
     /// Turns world-space normals into the view's space.
@@ -384,7 +384,7 @@ mod tests {
             y: [0.25, 1e9, -1e9, 0.0],
             z: [0.0, 7.0, 0.125, 0.0],
         };
-        let node = Node::new(&e, 0.75, state::KNOWN | state::COVERED);
+        let node = SubsplatNode::new(&e, 0.75, state::KNOWN | state::COVERED);
         let back = node.light();
         assert_eq!((back.x, back.z), (e.x, e.z));
         assert_eq!(back.y, [0.25, LARGEST_HALF, -LARGEST_HALF, 0.0]);
@@ -394,7 +394,7 @@ mod tests {
 
     #[test]
     fn subsplat_levels_are_stored_consecutively() {
-        let levels = Levels::new([67, 41], 4);
+        let levels = SubsplatLevels::new([67, 41], 4);
         assert_eq!(levels.grid(4), [5, 3]);
         assert_eq!(levels.index(1, 0, 0), 0);
         assert_eq!(levels.index(2, 0, 0), 34 * 21);

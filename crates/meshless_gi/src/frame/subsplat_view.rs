@@ -1,9 +1,9 @@
 //! What a view shows by subsplats, on the CPU: the kernels `pyramid`, `refine`, `splat` (nodes) and
 //! `upsample` in the order in which the device runs them.
 
-use super::pyramid::{Picture, pyramid};
+use super::pyramid::{GbufferView, pyramid};
 use super::refine::{refine, start, unpack_cell};
-use super::subsplat::{LEVELS, Node, SubsplatParams};
+use super::subsplat::{LEVELS, SubsplatNode, SubsplatParams};
 use super::upsample::{PixelResolve, fill, resolve, upsample};
 use rayon::prelude::*;
 
@@ -29,8 +29,8 @@ impl SubsplatCounts {
 pub struct Subsplats {
     /// For each pixel irradiance times the view's scale, and 1 where light is there; else zeros.
     pub texels: Vec<[f32; 4]>,
-    /// All levels' nodes, see [`Levels`](super::Levels).
-    pub nodes: Vec<Node>,
+    /// All levels' nodes, see [`SubsplatLevels`](super::SubsplatLevels).
+    pub nodes: Vec<SubsplatNode>,
     /// The cells that each level lists.
     pub lists: Vec<Vec<u32>>,
     /// How many evaluations.
@@ -42,13 +42,13 @@ pub struct Subsplats {
 #[must_use]
 pub fn subsplats(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
-    evaluate: &(dyn Fn([u32; 2], &mut Node) + Sync),
+    picture: &GbufferView<'_>,
+    evaluate: &(dyn Fn([u32; 2], &mut SubsplatNode) + Sync),
 ) -> Subsplats {
     let levels = params.levels();
     let [width, height] = params.size;
     let cells = pyramid(params, picture);
-    let mut nodes = vec![Node::UNKNOWN; levels.total() as usize];
+    let mut nodes = vec![SubsplatNode::UNKNOWN; levels.total() as usize];
     let mut counts = SubsplatCounts {
         pixels: width * height,
         ..SubsplatCounts::default()
@@ -65,7 +65,7 @@ pub fn subsplats(
             .map(|&cell| unpack_cell(cell))
             .filter(|[x, y]| k == params.coarsest || x % 2 == 1 || y % 2 == 1)
             .collect();
-        let found: Vec<(usize, Node)> = asked
+        let found: Vec<(usize, SubsplatNode)> = asked
             .par_iter()
             .map(|&[x, y]| {
                 let at = levels.index(k, x, y);
@@ -100,11 +100,11 @@ pub fn subsplats(
             PixelResolve::Texel(t) | PixelResolve::Hole(t) => t,
         })
         .collect();
-    let filled: Vec<(Node, [f32; 4])> = holes
+    let filled: Vec<(SubsplatNode, [f32; 4])> = holes
         .par_iter()
         .map(|&i| {
             let pixel = [i % width, i / width];
-            let mut node = Node::UNKNOWN;
+            let mut node = SubsplatNode::UNKNOWN;
             evaluate(pixel, &mut node);
             (node, fill(params, picture, &node, pixel))
         })

@@ -10,14 +10,14 @@
 
 use super::gbuffer;
 use super::layout::VectorIrradiance;
-use super::pyramid::{Picture, Seen, seen};
+use super::pyramid::{GbufferView, VisibleSurface, seen};
 use super::refine::{luminance, pack_cell};
 use super::splat::LARGEST_HALF;
-use super::subsplat::{Levels, Node, SubsplatParams, state};
+use super::subsplat::{SubsplatLevels, SubsplatNode, SubsplatParams, state};
 use glam::Vec3;
 
 /// Nodes whose distance from the other's plane is up to half of this part of the depth
-/// ([`Seen::reach`]) are on one surface, up to all of it partly.
+/// ([`VisibleSurface::reach`]) are on one surface, up to all of it partly.
 pub const PLANE: f32 = 0.01;
 /// Cosine between normals up to which nodes say nothing of one another.
 pub const TURNED: f32 = 0.5;
@@ -28,7 +28,7 @@ pub const SURE: f32 = 0.9;
 
 /// How much two places are of one surface: 1 wholly, 0 not at all.
 #[must_use]
-pub fn alike(a: &Seen, b: &Seen) -> f32 {
+pub fn alike(a: &VisibleSurface, b: &VisibleSurface) -> f32 {
     let off = (b.x - a.x).dot(a.n).abs().max((b.x - a.x).dot(b.n).abs());
     let plane = (2.0 - 2.0 * off / (PLANE * a.reach)).clamp(0.0, 1.0);
     let normal = ((a.n.dot(b.n) - TURNED) / (STRAIGHT - TURNED)).clamp(0.0, 1.0);
@@ -70,16 +70,16 @@ struct Between {
 /// the nodes of level `k` + 1.
 fn between(
     params: &SubsplatParams,
-    levels: &Levels,
-    picture: &Picture<'_>,
-    nodes: &[Node],
+    levels: &SubsplatLevels,
+    picture: &GbufferView<'_>,
+    nodes: &[SubsplatNode],
     k: u32,
     [x, y]: [u32; 2],
-    here: &Seen,
+    here: &VisibleSurface,
 ) -> Between {
     let [w, h] = levels.grid(k + 1);
     let (bx, by) = ((x / 2) as i32, (y / 2) as i32);
-    let place = |dx: i32, dy: i32| -> Option<([u32; 2], Node)> {
+    let place = |dx: i32, dy: i32| -> Option<([u32; 2], SubsplatNode)> {
         let (cx, cy) = (bx + dx, by + dy);
         if cx < 0 || cy < 0 || cx >= w as i32 || cy >= h as i32 {
             return None;
@@ -87,7 +87,7 @@ fn between(
         let node = nodes[levels.index(k + 1, cx as u32, cy as u32)];
         Some(([(cx as u32) << (k + 1), (cy as u32) << (k + 1)], node))
     };
-    let node = |dx: i32, dy: i32| -> Option<(Node, f32)> {
+    let node = |dx: i32, dy: i32| -> Option<(SubsplatNode, f32)> {
         let (pixel, node) = place(dx, dy)?;
         if !node.is(state::KNOWN) {
             return None;
@@ -176,7 +176,12 @@ impl Between {
 }
 
 /// Entry point `upsample`: level `k` from level `k` + 1.
-pub fn upsample(params: &SubsplatParams, picture: &Picture<'_>, k: u32, nodes: &mut [Node]) {
+pub fn upsample(
+    params: &SubsplatParams,
+    picture: &GbufferView<'_>,
+    k: u32,
+    nodes: &mut [SubsplatNode],
+) {
     let levels = params.levels();
     let [w, h] = levels.grid(k);
     for y in 0..h {
@@ -188,15 +193,15 @@ pub fn upsample(params: &SubsplatParams, picture: &Picture<'_>, k: u32, nodes: &
 
 fn node_of(
     params: &SubsplatParams,
-    levels: &Levels,
-    picture: &Picture<'_>,
-    nodes: &[Node],
+    levels: &SubsplatLevels,
+    picture: &GbufferView<'_>,
+    nodes: &[SubsplatNode],
     k: u32,
     [x, y]: [u32; 2],
-) -> Node {
+) -> SubsplatNode {
     let pixel = [x << k, y << k];
     let Some(here) = seen(params, picture, pixel) else {
-        return Node::UNKNOWN;
+        return SubsplatNode::UNKNOWN;
     };
     let normal = gbuffer::normal(picture.texel(params.size, pixel));
     let (light, bits) = if x % 2 == 0 && y % 2 == 0 {
@@ -207,12 +212,12 @@ fn node_of(
         let found = between(params, levels, picture, nodes, k, [x, y], &here);
         let bits = found.state(params);
         if bits == 0 {
-            return Node::UNKNOWN;
+            return SubsplatNode::UNKNOWN;
         }
         (found.light, bits)
     };
-    let foretold = luminance(&Node::new(&light, 0.0, bits), normal);
-    Node::new(&light, foretold, bits)
+    let foretold = luminance(&SubsplatNode::new(&light, 0.0, bits), normal);
+    SubsplatNode::new(&light, foretold, bits)
 }
 
 /// What [`resolve`] says of a pixel.
@@ -228,8 +233,8 @@ pub enum PixelResolve {
 #[must_use]
 pub fn resolve(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
-    nodes: &[Node],
+    picture: &GbufferView<'_>,
+    nodes: &[SubsplatNode],
     pixel: [u32; 2],
 ) -> PixelResolve {
     let Some(here) = seen(params, picture, pixel) else {
@@ -262,8 +267,8 @@ pub fn resolve(
 #[must_use]
 pub fn fill(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
-    node: &Node,
+    picture: &GbufferView<'_>,
+    node: &SubsplatNode,
     pixel: [u32; 2],
 ) -> [f32; 4] {
     match seen(params, picture, pixel) {
@@ -278,9 +283,9 @@ pub fn fill(
 /// where that is asked for.
 fn texel(
     params: &SubsplatParams,
-    picture: &Picture<'_>,
+    picture: &GbufferView<'_>,
     pixel: [u32; 2],
-    here: &Seen,
+    here: &VisibleSurface,
     light: &VectorIrradiance,
 ) -> [f32; 4] {
     let n = gbuffer::normal(picture.texel(params.size, pixel));

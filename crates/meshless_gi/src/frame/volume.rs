@@ -17,8 +17,8 @@
 
 use super::layout::VectorIrradiance;
 use super::splat::LARGEST_HALF;
-use super::volume_faces::{FACING, SAME};
-use super::volume_places::{VoxelGrid, VoxelWeights};
+use super::volume_walls::{FACING, SAME};
+use super::volume_weights::{VoxelGrid, VoxelWeights};
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -94,7 +94,7 @@ pub struct VolumeValues<'a> {
     pub probes: &'a [VectorIrradiance],
 }
 
-/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_read::read_volume)
+/// All texels, row by row and layer by layer, as [`read_volume`](super::volume_sample::read_volume)
 /// and [`fog`](super::fog::fog) take them.
 #[must_use]
 pub fn volume_texels(

@@ -18,7 +18,7 @@ use super::layout::VectorIrradiance;
 use super::project::lift;
 use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
-use super::subsplat::{Node, state};
+use super::subsplat::{SubsplatNode, state};
 use crate::samples::tangents;
 use crate::scene::{Bvh, Ray};
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -251,7 +251,7 @@ pub fn vpl_node(
     lights: &[Vpl],
     bvh: &Bvh,
     (pixel, depth, texel): ([u32; 2], f32, [u32; 4]),
-    node: &mut Node,
+    node: &mut SubsplatNode,
 ) {
     if depth <= 0.0 || gbuffer::is_unlit(texel) {
         return;
@@ -272,7 +272,7 @@ pub fn vpl_node(
         light.add_scaled(params.scale, &e);
         bits |= state::COVERED;
     }
-    *node = Node::new(&light, node.foretold(), bits);
+    *node = SubsplatNode::new(&light, node.foretold(), bits);
 }
 
 #[cfg(test)]

@@ -3,8 +3,10 @@
 
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
-use meshless_gi::internals::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use meshless_gi::internals::frame::{VectorIrradiance, shade, splat};
+use meshless_gi::internals::frame::soft_shadow::{
+    self, RayVisibility, SoftLight, SoftShadowParams, unshadowed,
+};
+use meshless_gi::internals::frame::{VectorIrradiance, splat, subtract_shadow};
 use meshless_gi::internals::samples::Random;
 use meshless_gi::internals::transport::pca::{
     HemisphereGrid, Visibility, VisibilitySettings, bake_visibility,
@@ -77,7 +79,7 @@ fn compare(
     places: &[PenumbraSample],
 ) -> [Errors; 3] {
     let extent = extent(scene);
-    let params = SoftParams::new(visibility, extent, 1);
+    let params = SoftShadowParams::new(visibility, extent, 1);
     let known = visibility.points.len();
     let mut parts = vec![VectorIrradiance::default(); scene.points.len()];
     parts[..known]
@@ -86,12 +88,12 @@ fn compare(
         .enumerate()
         .for_each(|(i, out)| {
             let (x, n) = (scene.points[i].x(), scene.points[i].n());
-            let eye = soft::Eye::new(&params, visibility, i, n);
-            let (f, _) = soft::fraction(light, x, n, &eye);
+            let eye = soft_shadow::DecodedVisibility::new(&params, visibility, i, n);
+            let (f, _) = soft_shadow::fraction(light, x, n, &eye);
             let e = unshadowed(light, x, n, extent);
             out.x = [e * f, e * (1.0 - f), 0.0, 0.0];
         });
-    soft::spread(scene, known, &mut parts);
+    soft_shadow::spread(scene, known, &mut parts);
     let values: Vec<[f32; 2]> = places
         .par_iter()
         .map(|p| {
@@ -115,7 +117,7 @@ fn memory(
     light: &SoftLight,
     places: &[PenumbraSample],
 ) -> Errors {
-    let deficits = soft::deficits_of(scene, visibility, &[*light]);
+    let deficits = soft_shadow::deficits_of(scene, visibility, &[*light]);
     shadow_errors(scene, &deficits, places)
 }
 
@@ -256,7 +258,7 @@ pub fn race(
     light: &Light,
 ) -> Result<Vec<Race>, Box<dyn Error>> {
     let extent = extent(scene);
-    let params = SoftParams::new(visibility, extent, 1);
+    let params = SoftShadowParams::new(visibility, extent, 1);
     let mut races = Vec::new();
     for samples in [1, SAMPLES] {
         let lamp = SoftLight::of(light, samples).ok_or("no rectangle")?;
@@ -272,14 +274,20 @@ pub fn race(
             (1e6 * seconds / places.len().max(1) as f64, found)
         };
         let (rays, truth) = time(&|&(_, x, n)| {
-            let sight = Rays {
+            let sight = RayVisibility {
                 geometry: mesh,
                 start: x + n * mesh.lift(x),
             };
-            soft::fraction(&lamp, x, n, &sight).0
+            soft_shadow::fraction(&lamp, x, n, &sight).0
         });
         let (memory, remembered) = time(&|&(i, x, n)| {
-            soft::fraction(&lamp, x, n, &soft::Eye::new(&params, visibility, i, n)).0
+            soft_shadow::fraction(
+                &lamp,
+                x,
+                n,
+                &soft_shadow::DecodedVisibility::new(&params, visibility, i, n),
+            )
+            .0
         });
         let pairs = truth.iter().zip(&remembered);
         let square: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
@@ -449,11 +457,11 @@ fn picture(
         },
     };
     let lamp = SoftLight::of(light, SAMPLES).ok_or("no rectangle")?;
-    let deficits = soft::deficits(scene, &[lamp]);
+    let deficits = soft_shadow::deficits(scene, &[lamp]);
     let extent = extent(scene);
     let memory = |_: &Ray, s: &Surface, _: &mut Random| {
         let e = unshadowed(&lamp, s.position, s.normal, extent);
-        let missing = shade::missing(scene, &deficits, s.position, s.normal);
+        let missing = subtract_shadow::missing(scene, &deficits, s.position, s.normal);
         e * (Vec3::ONE - missing.unwrap_or_default())
     };
     let truth = |_: &Ray, s: &Surface, random: &mut Random| {

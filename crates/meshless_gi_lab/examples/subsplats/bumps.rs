@@ -6,7 +6,7 @@ use super::experiments::SMALL;
 use super::subsplat_support::{Measured, Stage, View, from};
 use glam::Vec3;
 use meshless_gi::internals::frame::subsplat::state;
-use meshless_gi::internals::frame::{Node, VectorIrradiance, gbuffer, splat, subsplats};
+use meshless_gi::internals::frame::{SubsplatNode, VectorIrradiance, gbuffer, splat, subsplats};
 use meshless_gi::{Material, NormalTest, Quad, SubsplatSettings, TriangleMesh, mesh_of_quads};
 use std::f32::consts::PI;
 
@@ -97,7 +97,7 @@ fn scalars(view: &View<'_>, settings: &SubsplatSettings) -> (Vec<[f32; 4]>, Meas
                 let e = view.pixel(pixel);
                 let all = state::EVALUATED | state::KNOWN | state::COVERED;
                 let along = from(sign * Vec3::AXES[axis], Vec3::new(e[0], e[1], e[2]));
-                *node = Node::new(&along, node.foretold(), all);
+                *node = SubsplatNode::new(&along, node.foretold(), all);
             });
             for (i, texel) in shown.texels.iter().enumerate() {
                 let n = gbuffer::normal(view.drawn.gbuffer[i]);

@@ -3,11 +3,11 @@
 
 use super::gloss_support::{Scene, room, share, virtual_lights};
 use glam::Vec3;
-use meshless_gi::internals::frame::gloss::{GlossView, gloss_of, receiver, shown};
 use meshless_gi::internals::frame::refine::FLOOR;
 use meshless_gi::internals::frame::subsplat::LUMINANCE;
+use meshless_gi::internals::frame::vpl_specular::{SpecularView, gloss_of, receiver, shown};
 use meshless_gi::internals::frame::{SubsplatParams, VplParams, brdf, gbuffer, subsplats, vpl};
-use meshless_gi::{GlossSettings, SubsplatSettings};
+use meshless_gi::{SpecularSettings, SubsplatSettings};
 use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 use std::fmt::{Error, Write};
@@ -95,7 +95,7 @@ pub fn measure() -> Found {
 }
 
 /// Gloss of one light in a pixel, times the scale: what [N09] compares.
-fn of_light(view: &GlossView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
+fn of_light(view: &SpecularView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
     let size = view.screen.size;
     let (depth, texel) = (
         view.picture.depth(size, pixel),
@@ -113,7 +113,7 @@ fn of_light(view: &GlossView<'_>, i: u32, pixel: [u32; 2]) -> Vec3 {
 
 /// [N09] §3.3.1 to the letter: a list of cells for each light, those whose quadrants differ by more than `most` in a channel replaced by the quadrants. For each pass how many cells the list
 /// holds, and the seconds until then.
-fn list_of(view: &GlossView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64, f64)> {
+fn list_of(view: &SpecularView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64, f64)> {
     let [w, h] = view.screen.size.map(|edge| edge >> COARSEST);
     let mut list: Vec<[u32; 2]> = (0..w * h).map(|c| [c % w, c / w]).collect();
     let (mut done, mut out) = (0, vec![(list.len() as u64, 0.0)]);
@@ -141,10 +141,10 @@ fn list_of(view: &GlossView<'_>, i: u32, passes: u32, most: f32) -> Vec<(u64, f6
 }
 
 fn column(scene: &Scene, passes: u32) -> Column {
-    let settings = GlossSettings {
+    let settings = SpecularSettings {
         coarsest: COARSEST,
         finest: COARSEST - passes,
-        ..GlossSettings::default()
+        ..SpecularSettings::default()
     };
     let params = scene.params(&settings);
     let view = scene.view(&params);
@@ -186,9 +186,9 @@ fn column(scene: &Scene, passes: u32) -> Column {
 fn row(scene: &Scene) -> Row {
     let (full, seconds) = timed(|| scene.full());
     let way = |together| {
-        let settings = GlossSettings {
+        let settings = SpecularSettings {
             together,
-            ..GlossSettings::default()
+            ..SpecularSettings::default()
         };
         let (found, seconds) = timed(|| scene.run(&settings));
         let flip = scene.compare(&full, &found.texels).0;
@@ -229,7 +229,7 @@ fn diffuse(scene: &Scene) -> Diffuse {
                 scene.view.viewport,
                 QUARTER,
             );
-            let plain = scene.params(&GlossSettings::default());
+            let plain = scene.params(&SpecularSettings::default());
             let picture = scene.view(&plain).picture;
             let (found, seconds) = timed(|| {
                 subsplats(&params, &picture, &|pixel, node| {

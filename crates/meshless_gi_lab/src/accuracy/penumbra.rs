@@ -7,8 +7,10 @@ use super::{Errors, errors};
 use glam::Vec3;
 use meshless_gi::internals::eval::direct_irradiance;
 use meshless_gi::internals::frame::project::extent;
-use meshless_gi::internals::frame::soft::{self, Rays, SoftLight, SoftParams, unshadowed};
-use meshless_gi::internals::frame::{VectorIrradiance, shade};
+use meshless_gi::internals::frame::soft_shadow::{
+    self, RayVisibility, SoftLight, SoftShadowParams, unshadowed,
+};
+use meshless_gi::internals::frame::{VectorIrradiance, subtract_shadow};
 use meshless_gi::internals::samples::{Random, trace_particles};
 use meshless_gi::{BakedScene, Geometry, Light, TriangleMesh};
 use rayon::prelude::*;
@@ -115,9 +117,9 @@ pub fn deficits_by_rays(
     light: &SoftLight,
     known: usize,
 ) -> Vec<VectorIrradiance> {
-    let params = SoftParams {
+    let params = SoftShadowParams {
         extent: extent(scene),
-        ..SoftParams::default()
+        ..SoftShadowParams::default()
     };
     let mut out = vec![VectorIrradiance::default(); scene.points.len()];
     out[..known]
@@ -126,16 +128,16 @@ pub fn deficits_by_rays(
         .with_min_len(64)
         .for_each(|(out, point)| {
             let (x, n) = (point.x(), point.n());
-            let rays = Rays {
+            let rays = RayVisibility {
                 geometry: mesh,
                 start: x + n * mesh.lift(x),
             };
-            let d = soft::deficit(&params, light, x, n, &rays);
+            let d = soft_shadow::deficit(&params, light, x, n, &rays);
             let e = unshadowed(light, x, n, params.extent);
             let channels = |v: f32| [v, v, v, e];
             (out.x, out.y, out.z) = (channels(d.x), channels(d.y), channels(d.z));
         });
-    soft::spread(scene, known, &mut out);
+    soft_shadow::spread(scene, known, &mut out);
     out
 }
 
@@ -150,7 +152,7 @@ pub fn shadow_errors(
     let got: Vec<Vec3> = places
         .par_iter()
         .map(|p| {
-            let missing = shade::missing(scene, deficits, p.x, p.n).unwrap_or_default();
+            let missing = subtract_shadow::missing(scene, deficits, p.x, p.n).unwrap_or_default();
             p.unshadowed * (Vec3::ONE - missing)
         })
         .collect();

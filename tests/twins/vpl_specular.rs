@@ -7,22 +7,22 @@ use super::gloss_support::{Scene, room, virtual_lights};
 use super::picture::wide;
 use super::{harness, synthetic};
 use bevy_meshless_gi::gpu::{
-    Draw, GlossBuffers, GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers,
-    SubsplatTargets, ViewBuffers, VplShadows, draw_gloss,
+    Draw, GpuFrame, HeadlessDevice, KernelPipelines, NodeLights, Pass, RsmBuffers, SpecularBuffers,
+    SubsplatTargets, ViewBuffers, VplShadows, draw_specular,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::gloss::SpecularImage;
-use meshless_gi::internals::frame::{CompositeParams, GlossNode, VplParams, composite, project};
+use meshless_gi::internals::frame::vpl_specular::SpecularImage;
+use meshless_gi::internals::frame::{CompositeParams, SpecularNode, VplParams, composite, project};
 use meshless_gi::internals::transport::SenderForm;
-use meshless_gi::{BakedScene, GlossSettings};
+use meshless_gi::{BakedScene, SpecularSettings};
 use wgpu::{BufferUsages, TextureFormat, TextureUsages, TextureViewDescriptor};
 
 /// Not a multiple of anything.
 const SIZE: [u32; 2] = [163, 97];
 
 struct OnGpu {
-    nodes: Vec<GlossNode>,
+    nodes: Vec<SpecularNode>,
     surprises: Vec<[u32; 4]>,
     texels: Vec<[f32; 4]>,
     /// Added to a gray picture.
@@ -41,7 +41,7 @@ const GRAY: f32 = 0.25;
 fn on_gpu(
     harness: &HeadlessDevice,
     of: &Scene,
-    settings: &GlossSettings,
+    settings: &SpecularSettings,
     passes: &[u8],
     by: Option<&BakedScene>,
 ) -> OnGpu {
@@ -83,7 +83,7 @@ fn on_gpu(
     };
     let (screen, wanted) = of.params(settings);
     let levels = screen.levels();
-    let mut buffers = GlossBuffers::new(&harness.device, queue, levels).unwrap();
+    let mut buffers = SpecularBuffers::new(&harness.device, queue, levels).unwrap();
     let targets = SubsplatTargets {
         depth: &depth,
         gbuffer: &gbuffer,
@@ -97,8 +97,11 @@ fn on_gpu(
             .unwrap();
     }
     let counters = buffers.counters();
-    assert_eq!(counters.of(Pass::Gloss), 2 * u64::from(levels.coarsest));
-    assert_eq!(counters.of(Pass::GlossPixels), 2);
+    assert_eq!(
+        counters.of(Pass::VplSpecular),
+        2 * u64::from(levels.coarsest)
+    );
+    assert_eq!(counters.of(Pass::VplSpecularPixels), 2);
     assert!(buffers.bytes() < 8 * u64::from(SIZE[0] * SIZE[1]) + 8000);
     assert_eq!(kernels.created(), 2);
 
@@ -124,7 +127,7 @@ fn on_gpu(
                 })],
                 ..wgpu::RenderPassDescriptor::default()
             });
-            draw_gloss(
+            draw_specular(
                 &kernels,
                 &mut pass,
                 half4,
@@ -135,7 +138,7 @@ fn on_gpu(
         .unwrap();
     // The same pipeline again.
     let before = kernels.created();
-    kernels.drawing(half4, Draw::Gloss);
+    kernels.drawing(half4, Draw::Specular);
     assert_eq!(kernels.created(), before);
     OnGpu {
         nodes: harness
@@ -165,8 +168,8 @@ fn differing(gpu: &[Vec<f32>], cpu: &[Vec<f32>]) -> usize {
     gpu.iter().zip(cpu).filter(|pair| !near(*pair)).count()
 }
 
-fn nodes_of(nodes: &[GlossNode]) -> Vec<Vec<f32>> {
-    let numbers = |node: &GlossNode| match node.light() {
+fn nodes_of(nodes: &[SpecularNode]) -> Vec<Vec<f32>> {
+    let numbers = |node: &SpecularNode| match node.light() {
         Some(light) => [light.straight.to_array(), light.grazing.to_array()].concat(),
         None => vec![-1.0; 6],
     };
@@ -177,7 +180,7 @@ fn texels_of(texels: &[[f32; 4]]) -> Vec<Vec<f32>> {
     texels.iter().map(|t| t.to_vec()).collect()
 }
 
-fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
+fn compare(scene: &Scene, settings: &SpecularSettings, by: Option<&BakedScene>) {
     let Some(harness) = harness() else { return };
     let passes: Vec<u8> = (0..SIZE[0] * SIZE[1])
         .map(|i| u8::from(i % 11 != 0))
@@ -217,8 +220,12 @@ fn compare(scene: &Scene, settings: &GlossSettings, by: Option<&BakedScene>) {
     let drawn: Vec<Vec<f32>> = (0..count)
         .map(|i| {
             let texel = scene.drawn.gbuffer[i];
-            let add =
-                composite::composite_gloss_pixel(&params(), gpu.texels[i], texel, passes[i].into());
+            let add = composite::composite_specular_pixel(
+                &params(),
+                gpu.texels[i],
+                texel,
+                passes[i].into(),
+            );
             [add[0] + GRAY, add[1] + GRAY, add[2] + GRAY, GRAY].to_vec()
         })
         .collect();
@@ -251,7 +258,7 @@ const ROUGHNESS: f32 = 0.25;
 #[test]
 fn specular_of_each_light_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 40), ROUGHNESS);
-    compare(&scene, &GlossSettings::default(), None);
+    compare(&scene, &SpecularSettings::default(), None);
 }
 
 /// Among the shadows of a baked scene, which is moved into the room.
@@ -271,7 +278,7 @@ fn specular_in_moved_baked_scene_matches_twin() {
         .filter(|(a, b)| a[1] > 1.1 * b[1] + 1e-3);
     let hidden = hidden.count();
     assert!(hidden > 500, "{hidden}");
-    compare(&scene, &GlossSettings::default(), Some(&by));
+    compare(&scene, &SpecularSettings::default(), Some(&by));
 }
 
 /// More lights than bits.
@@ -280,7 +287,7 @@ fn specular_of_light_groups_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 200), ROUGHNESS);
     compare(
         &scene,
-        &GlossSettings {
+        &SpecularSettings {
             coarsest: 5,
             finest: 2,
             light: 0.05,
@@ -294,9 +301,9 @@ fn specular_of_light_groups_matches_twin() {
 #[test]
 fn specular_of_all_lights_matches_twin() {
     let scene = Scene::new(SIZE, virtual_lights(&room(), 32, 24), ROUGHNESS);
-    let settings = GlossSettings {
+    let settings = SpecularSettings {
         together: true,
-        ..GlossSettings::default()
+        ..SpecularSettings::default()
     };
     compare(&scene, &settings, None);
 }

@@ -16,7 +16,7 @@
 use super::gbuffer;
 use super::layout::{SplatParams, VectorIrradiance};
 use super::project::extent;
-use super::soft::{SoftLight, corners, lambert, unshadowed, window};
+use super::soft_shadow::{SoftLight, corners, lambert, unshadowed, window};
 use super::splat::{LARGEST_HALF, place};
 use crate::asset::BakedScene;
 use crate::basis::{NO_COVER, weight};
@@ -29,21 +29,21 @@ use std::f32::consts::FRAC_1_PI;
 /// below nothing.
 pub const TAKEN: f32 = 0.998;
 
-/// The lamps of a scene in a view. 16 bytes, the layout of `ShadeParams` in the shaders.
+/// The lamps of a scene in a view. 16 bytes, the layout of `SubtractShadowParams` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct ShadeParams {
+pub struct SubtractShadowParams {
     /// How many lamps the view was drawn with.
     pub lights: u32,
     /// Largest edge of the level's box, meters.
     pub extent: f32,
-    /// 1 where rectangles were drawn with gloss too, by [`Tables`]; 0 for diffuse light alone.
+    /// 1 where rectangles were drawn with gloss too, by [`LtcTables`]; 0 for diffuse light alone.
     pub gloss: u32,
     /// Not used.
     pub pad: u32,
 }
 
-impl ShadeParams {
+impl SubtractShadowParams {
     /// For so many lamps in `scene`.
     #[must_use]
     pub fn new(scene: &BakedScene, lights: usize) -> Self {
@@ -56,7 +56,7 @@ impl ShadeParams {
 }
 
 /// The share of the lamps' light that is missing at (x, n), per channel, 0 to 1. None where no
-/// function covers the place. `deficits` is what [`soft::deficits`](super::soft::deficits) gives.
+/// function covers the place. `deficits` is what [`soft_shadow::deficits`](super::soft_shadow::deficits) gives.
 #[must_use]
 pub fn missing(
     scene: &BakedScene,
@@ -99,7 +99,7 @@ pub fn burley(n: Vec3, v: Vec3, l: Vec3, roughness: f32) -> f32 {
 /// The tables of linearly transformed cosines (\[HDHN16\]): over perceptual roughness and √(1 − cos
 /// θ) of the eye's slant, both from 0 to 1 between the middles of the first and the last texel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tables {
+pub struct LtcTables {
     /// Texels along an edge.
     pub size: u32,
     /// First the inverse of the matrix (m₀₀, m₂₀, m₀₂, m₂₂, by rows and columns), then in two
@@ -107,7 +107,7 @@ pub struct Tables {
     pub layers: [Vec<[f32; 4]>; 2],
 }
 
-impl Tables {
+impl LtcTables {
     /// Layer `layer` at a place between its texels, both coordinates from 0 to 1.
     fn at(&self, layer: usize, u: f32, v: f32) -> Vec4 {
         let last = self.size - 1;
@@ -131,7 +131,7 @@ impl Tables {
 
 /// A pixel's surface, as lamps light it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shading {
+pub struct LitSurface {
     /// Unit normal.
     pub n: Vec3,
     /// Unit, toward the eye.
@@ -144,7 +144,7 @@ pub struct Shading {
     pub roughness: f32,
 }
 
-impl Shading {
+impl LitSurface {
     /// The surface of a G-buffer's texel, with a normal in the space that `v` is in.
     #[must_use]
     pub fn of(texel: [u32; 4], n: Vec3, v: Vec3) -> Self {
@@ -166,7 +166,7 @@ struct Lobe {
 }
 
 impl Lobe {
-    fn new(tables: &Tables, surface: &Shading) -> Self {
+    fn new(tables: &LtcTables, surface: &LitSurface) -> Self {
         let (n, v) = (surface.n, surface.v);
         let nv = n.dot(v).clamp(SLANTED, 1.0);
         let slant = (1.0 - nv).sqrt();
@@ -192,11 +192,11 @@ impl Lobe {
 /// light alone.
 #[must_use]
 pub fn drawn(
-    params: &ShadeParams,
-    tables: Option<&Tables>,
+    params: &SubtractShadowParams,
+    tables: Option<&LtcTables>,
     lights: &[SoftLight],
     x: Vec3,
-    surface: &Shading,
+    surface: &LitSurface,
 ) -> Vec3 {
     let lobe = tables.map(|tables| Lobe::new(tables, surface));
     let mut sum = Vec3::ZERO;
@@ -228,11 +228,11 @@ pub fn drawn(
 /// One pixel: what the shader writes for the texel (px, py) with this depth and G-buffer. RGB:
 /// radiance × the view's `scale`; alpha: 1 where covered, else all is 0.
 #[must_use]
-pub fn shade_pixel(
-    (params, view): (&ShadeParams, &SplatParams),
+pub fn subtract_shadow_pixel(
+    (params, view): (&SubtractShadowParams, &SplatParams),
     scene: &BakedScene,
     deficits: &[VectorIrradiance],
-    (lights, tables): (&[SoftLight], Option<&Tables>),
+    (lights, tables): (&[SoftLight], Option<&LtcTables>),
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
@@ -247,7 +247,7 @@ pub fn shade_pixel(
     if share == Vec3::ZERO {
         return [0.0, 0.0, 0.0, 1.0];
     }
-    let surface = Shading::of(texel, n, eye_from(view, pixel, x));
+    let surface = LitSurface::of(texel, n, eye_from(view, pixel, x));
     let drawn = drawn(params, tables, lights, x, &surface);
     let radiance = TAKEN * view.scale * share * drawn;
     radiance
@@ -275,11 +275,11 @@ mod tests {
     /// With a table that turns nothing, a white mirror is a white Lambert surface.
     #[test]
     fn cosine_lobe_matches_lambert_reflection() {
-        let tables = Tables {
+        let tables = LtcTables {
             size: 2,
             layers: [vec![[1.0, 0.0, 0.0, 1.0]; 4], vec![[1.0, 0.0, 0.0, 0.0]; 4]],
         };
-        let params = ShadeParams {
+        let params = SubtractShadowParams {
             lights: 1,
             extent: 4.0,
             gloss: 1,
@@ -294,14 +294,14 @@ mod tests {
         )
         .within(5.0);
         let n = Vec3::new(0.2, 0.9, 0.1).normalize();
-        let surface = Shading {
+        let surface = LitSurface {
             n,
             v: Vec3::new(0.5, 0.6, -0.3).normalize(),
             diffuse: Vec3::ONE,
             straight: Vec3::ZERO,
             roughness: 0.5,
         };
-        let mirror = Shading {
+        let mirror = LitSurface {
             diffuse: Vec3::ZERO,
             straight: Vec3::ONE,
             ..surface

@@ -9,7 +9,7 @@ use bevy_meshless_gi::gpu::HeadlessDevice;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec3, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::volume_read::read_volume;
+use meshless_gi::internals::frame::volume_sample::read_volume;
 use meshless_gi::internals::frame::{VolumeParams, VoxelGrid};
 use wgpu::util::DeviceExt;
 

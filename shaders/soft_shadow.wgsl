@@ -1,7 +1,7 @@
 // soft: what lamps with soft shadows do not reach, at the points that remember what they see. Twin:
-// crates/meshless_gi/src/frame/soft.rs. A thread a point.
+// crates/meshless_gi/src/frame/soft_shadow.rs. A thread a point.
 
-@group(0) @binding(0) var<uniform> params: SoftParams;
+@group(0) @binding(0) var<uniform> params: SoftShadowParams;
 @group(0) @binding(1) var<storage, read> lights: array<SoftLight>;
 @group(0) @binding(2) var<storage, read> points: array<Point>;
 @group(0) @binding(3) var<storage, read> clusters: array<VisibilityCluster>;
@@ -247,7 +247,7 @@ fn deficit(light: SoftLight, x: vec3f, n: vec3f, e: f32) -> vec3f {
 }
 
 @compute @workgroup_size(64)
-fn soft(
+fn soft_shadow(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) local: u32,

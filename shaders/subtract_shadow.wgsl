@@ -1,5 +1,5 @@
 // shade: the radiance that lamps with soft shadows were drawn with at each pixel, and that does not
-// get there. Twin: crates/meshless_gi/src/frame/shade.rs. `shade` starts a view; `shade_over` goes
+// get there. Twin: crates/meshless_gi/src/frame/subtract_shadow.rs. `shade` starts a view; `subtract_shadow_over` goes
 // on with another baked scene where an earlier one left pixels uncovered.
 
 @group(0) @binding(0) var<uniform> params: SplatParams;
@@ -12,7 +12,7 @@
 @group(0) @binding(7) var<storage, read> deficits: array<VectorIrradiance>;
 @group(0) @binding(8) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(9) var earlier: texture_2d<f32>;
-@group(0) @binding(10) var<uniform> wanted: ShadeParams;
+@group(0) @binding(10) var<uniform> wanted: SubtractShadowParams;
 @group(0) @binding(11) var<storage, read> lights: array<SoftLight>;
 @group(0) @binding(12) var tables: texture_2d_array<f32>;
 
@@ -150,14 +150,14 @@ fn drawn_at(x: vec3f, surface: Surface, straight: vec3f) -> vec3f {
     return sum;
 }
 
-fn shade_pixel(pixel: vec2u) -> vec4f {
+fn subtract_shadow_pixel(pixel: vec2u) -> vec4f {
     let depth = textureLoad(depths, pixel, 0);
     let texel = textureLoad(gbuffer, pixel, 0);
     // Reversed depth: 0 is infinitely far, where nothing was drawn.
     if depth <= 0.0 || gbuffer_is_unlit(texel) {
         return vec4f(0.0);
     }
-    let at = place(pixel, depth, texel);
+    let at = pixel_position(pixel, depth, texel);
     let missing = missing_at(at.x, at.n);
     if !missing.covered {
         return vec4f(0.0);
@@ -172,21 +172,21 @@ fn shade_pixel(pixel: vec2u) -> vec4f {
 }
 
 @compute @workgroup_size(8, 8)
-fn shade(@builtin(global_invocation_id) id: vec3u) {
+fn subtract_shadow(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= params.size) {
         return;
     }
-    textureStore(output, id.xy, shade_pixel(id.xy));
+    textureStore(output, id.xy, subtract_shadow_pixel(id.xy));
 }
 
 @compute @workgroup_size(8, 8)
-fn shade_over(@builtin(global_invocation_id) id: vec3u) {
+fn subtract_shadow_over(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= params.size) {
         return;
     }
     var texel = textureLoad(earlier, id.xy, 0);
     if texel.a == 0.0 {
-        texel = shade_pixel(id.xy);
+        texel = subtract_shadow_pixel(id.xy);
     }
     textureStore(output, id.xy, texel);
 }

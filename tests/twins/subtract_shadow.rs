@@ -5,16 +5,16 @@ use super::depth::depth_texture;
 use super::harness;
 use super::picture::{pixels_differing, wide};
 use super::screen::SIZE;
-use super::soft::{baked, lights};
+use super::soft_shadow::{baked, lights};
 use bevy_meshless_gi::gpu::{
-    HeadlessDevice, KernelPipelines, Pass, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
-    ViewBuffers, draw_shade,
+    HeadlessDevice, KernelPipelines, Pass, SceneBuffers, SoftShadowBuffers, SplatTargets,
+    SubtractShadowBuffers, ViewBuffers, draw_shadow,
 };
 use glam::{Mat4, Vec3};
 use half::f16;
-use meshless_gi::internals::frame::shade::{self, ShadeParams, Tables};
+use meshless_gi::internals::frame::subtract_shadow::{self, LtcTables, SubtractShadowParams};
 use meshless_gi::internals::frame::{
-    CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft,
+    CompositeParams, SoftLight, SplatParams, VectorIrradiance, composite, gbuffer, soft_shadow,
 };
 use meshless_gi::{BakedScene, TriangleMesh, cornell_box, mesh_of_quads};
 use meshless_gi_lab::accuracy::RaycastView;
@@ -31,11 +31,11 @@ struct Shaded {
     view: SplatParams,
     deficits: Vec<VectorIrradiance>,
     lights: Vec<SoftLight>,
-    tables: Tables,
+    tables: LtcTables,
 }
 
 /// Tables of five texels along an edge, smooth and made up: the lobes of no surface.
-fn made_up() -> Tables {
+fn made_up() -> LtcTables {
     let size = 5;
     let texel = |i: u32, k: f32| {
         let (x, y) = ((i % size) as f32 / 4.0, (i / size) as f32 / 4.0);
@@ -46,7 +46,7 @@ fn made_up() -> Tables {
             0.8 + 0.3 * k * x,
         ]
     };
-    Tables {
+    LtcTables {
         size,
         layers: [0.0, 1.0].map(|k| (0..size * size).map(|i| texel(i, k)).collect()),
     }
@@ -83,7 +83,7 @@ impl Shaded {
                 2.0,
                 (&scene.display.grid).into(),
             ),
-            deficits: soft::deficits(&scene, &lights),
+            deficits: soft_shadow::deficits(&scene, &lights),
             scene,
             drawn,
             lights,
@@ -91,12 +91,12 @@ impl Shaded {
         }
     }
 
-    /// By the twins: `shade`, and `shade_over` the earlier scene.
+    /// By the twins: `shade`, and `subtract_shadow_over` the earlier scene.
     fn run(&self, gloss: bool) -> [Vec<[f32; 4]>; 2] {
-        let params = ShadeParams::new(&self.scene, self.lights.len());
+        let params = SubtractShadowParams::new(&self.scene, self.lights.len());
         let tables = gloss.then_some(&self.tables);
         let pixel = |i: u32| {
-            shade::shade_pixel(
+            subtract_shadow::subtract_shadow_pixel(
                 (&params, &self.view),
                 &self.scene,
                 &self.deficits,
@@ -121,7 +121,7 @@ fn earlier(i: usize) -> [f32; 4] {
     }
 }
 
-/// What the device makes of it: `shade`, `shade_over`, and the picture after the draw of the first.
+/// What the device makes of it: `shade`, `subtract_shadow_over`, and the picture after the draw of the first.
 fn on_gpu(
     harness: &HeadlessDevice,
     shaded: &Shaded,
@@ -133,7 +133,8 @@ fn on_gpu(
     let kernels = KernelPipelines::new(device).unwrap();
     let scene_buffers = SceneBuffers::new(device, queue, scene, 1).unwrap();
     let visibility = scene.visibility.as_ref().unwrap();
-    let soft_buffers = SoftBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
+    let soft_buffers =
+        SoftShadowBuffers::new(device, queue, &scene_buffers, visibility, 1).unwrap();
     // From the twin's, so that nothing of `soft` reaches the comparison.
     queue.write_buffer(
         soft_buffers.deficits(),
@@ -143,7 +144,7 @@ fn on_gpu(
     let mut view = ViewBuffers::new(device);
     view.write(queue, &shaded.view, &CompositeParams::default());
     // Room for fewer: it grows.
-    let mut buffers = ShadeBuffers::new(device, 1).unwrap();
+    let mut buffers = SubtractShadowBuffers::new(device, 1).unwrap();
     buffers
         .write(&kernels, queue, &scene_buffers, &shaded.lights, gloss)
         .unwrap();
@@ -199,19 +200,19 @@ fn on_gpu(
                 ..wgpu::RenderPassDescriptor::default()
             });
             let textures = [&targets[0], &gbuffer, &passes];
-            draw_shade(&kernels, &mut pass, half4, &view, textures);
+            draw_shadow(&kernels, &mut pass, half4, &view, textures);
         })
         .unwrap();
     let counters = buffers.counters();
     assert_eq!(
-        [Pass::Shade, Pass::ShadeOver].map(|p| counters.of(p)),
+        [Pass::SubtractShadow, Pass::SubtractShadowOver].map(|p| counters.of(p)),
         [1, 1]
     );
     [&out[0], &out[1], &picture].map(|t| wide(&harness.read_texture::<[f16; 4]>(t).unwrap()))
 }
 
 /// Tables on the device.
-fn layers_of(harness: &HeadlessDevice, tables: &Tables) -> wgpu::TextureView {
+fn layers_of(harness: &HeadlessDevice, tables: &LtcTables) -> wgpu::TextureView {
     let size = wgpu::Extent3d {
         width: tables.size,
         height: tables.size,
@@ -280,7 +281,7 @@ fn compare(gloss: bool) {
         .iter()
         .zip(&passes)
         .map(|(texel, &pass)| {
-            let [r, g, b] = composite::composite_shade_pixel(*texel, pass.into());
+            let [r, g, b] = composite::composite_shadow_pixel(*texel, pass.into());
             [GRAY - r, GRAY - g, GRAY - b, GRAY]
         })
         .collect();

@@ -1,7 +1,7 @@
 //! Kernel `gloss`: what glossy surfaces send to the eye of virtual point lights, \[N09\] Eq. (2)
 //! with a BRDF at the receiver, refined by illumination for each light alone (\[N09\] §3.3.1, and
 //! what its §6 proposes). Entry points: `gloss` fills the nodes of a level, from the coarsest to
-//! the finest; `gloss_pixels` shows every pixel.
+//! the finest; `vpl_specular_pixels` shows every pixel.
 //!
 //! A highlight of one light bends where that of another is flat or dark, so one list of subsplats
 //! serves none of them well. \[N09\] refines a list for each light, and pays for it in Table 1.
@@ -22,13 +22,13 @@
 //! subsplats. Lights are as wide, and as shadowed, as in [`vpl`](super::vpl): its [`share`] says
 //! how much of a light arrives, and from where.
 
-use super::brdf::{self, Gloss, ShadingPoint};
+use super::brdf::{self, ShadingPoint, SpecularTerms};
 use super::gbuffer;
-use super::pyramid::{Picture, Seen, seen};
+use super::pyramid::{GbufferView, VisibleSurface, seen};
 use super::refine::FLOOR;
 use super::rsm_layout::{Vpl, VplParams, VplViewParams};
 use super::splat::LARGEST_HALF;
-use super::subsplat::{COARSEST, LUMINANCE, Levels, SubsplatParams, SubsplatSettings};
+use super::subsplat::{COARSEST, LUMINANCE, SubsplatLevels, SubsplatParams, SubsplatSettings};
 use super::upsample::PLANE;
 use super::vpl::{place, reaches, share, start};
 use crate::scene::Bvh;
@@ -54,7 +54,7 @@ pub const ROUGHER: f32 = 0.1;
 
 /// Which surfaces show the gloss of virtual lights, and where it is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GlossSettings {
+pub struct SpecularSettings {
     /// Level at which every node evaluates every light: cells of 2^coarsest pixels, 2 to
     /// [`COARSEST`]. Highlights much narrower may be missed (\[N09\] §3.3.1).
     pub coarsest: u32,
@@ -69,7 +69,7 @@ pub struct GlossSettings {
     pub together: bool,
 }
 
-impl Default for GlossSettings {
+impl Default for SpecularSettings {
     fn default() -> Self {
         Self {
             coarsest: 4,
@@ -81,7 +81,7 @@ impl Default for GlossSettings {
     }
 }
 
-impl GlossSettings {
+impl SpecularSettings {
     /// What the kernel is told: the view as for subsplats, and the rest.
     #[must_use]
     pub fn params(
@@ -90,7 +90,7 @@ impl GlossSettings {
         view_from_world: Mat4,
         viewport: [f32; 4],
         size: [u32; 2],
-    ) -> (SubsplatParams, GlossParams) {
+    ) -> (SubsplatParams, SpecularParams) {
         let positive = |v: f32| if v.is_nan() { 0.0 } else { v.max(0.0) };
         let screen = SubsplatSettings {
             coarsest: self.coarsest.clamp(2, COARSEST),
@@ -98,10 +98,10 @@ impl GlossSettings {
             light: positive(self.light),
             ..SubsplatSettings::default()
         };
-        let params = GlossParams {
+        let params = SpecularParams {
             roughest: positive(self.roughest).min(1.0 + FADES),
             together: u32::from(self.together),
-            ..GlossParams::default()
+            ..SpecularParams::default()
         };
         let screen = SubsplatParams::new(&screen, view_from_clip, view_from_world, viewport, size);
         (screen, params)
@@ -111,8 +111,8 @@ impl GlossSettings {
 /// What `gloss` is told beside the view. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct GlossParams {
-    /// See [`GlossSettings::roughest`].
+pub struct SpecularParams {
+    /// See [`SpecularSettings::roughest`].
     pub roughest: f32,
     /// 1 to refine by the sum of the lights.
     pub together: u32,
@@ -125,13 +125,13 @@ pub struct GlossParams {
 /// Gloss at a node, as half floats. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct GlossNode {
+pub struct SpecularNode {
     /// Halves, two a word, the first in the low bits: red, green, blue over f₀, then over f₉₀; the
     /// last word is 1 where something is known.
     pub words: [u32; 4],
 }
 
-impl GlossNode {
+impl SpecularNode {
     /// A node of this light.
     #[must_use]
     pub fn new(light: &SpecularRadiance) -> Self {
@@ -184,14 +184,14 @@ impl SpecularRadiance {
 /// How much of the gloss a texel shows, 0 to 1: all of a metal's; of others what their roughness
 /// leaves.
 #[must_use]
-pub fn shown(params: &GlossParams, texel: [u32; 4]) -> f32 {
+pub fn shown(params: &SpecularParams, texel: [u32; 4]) -> f32 {
     let smooth = (params.roughest - gbuffer::roughness(texel)) / FADES;
     gbuffer::metallic(texel).max(smooth.clamp(0.0, 1.0))
 }
 
 /// Lights, and what shadows them.
 #[derive(Clone, Copy)]
-pub struct Lights<'a> {
+pub struct VplSet<'a> {
     /// How many, and the bake's place.
     pub lit: &'a VplParams,
     /// The lights.
@@ -200,7 +200,7 @@ pub struct Lights<'a> {
     pub bvh: &'a Bvh,
 }
 
-impl Lights<'_> {
+impl VplSet<'_> {
     /// Lights that share a bit.
     #[must_use]
     pub fn a_group(&self) -> u32 {
@@ -223,7 +223,7 @@ pub struct Receiver {
 #[must_use]
 pub fn receiver(
     view: &VplViewParams,
-    lights: &Lights<'_>,
+    lights: &VplSet<'_>,
     pixel: [u32; 2],
     depth: f32,
     texel: [u32; 4],
@@ -259,30 +259,30 @@ pub const MIN: f32 = 1e-15;
 
 /// How much brighter than by a white matt surface a light may be seen in this gloss: what the
 /// threshold of shadow rays is compared with.
-fn brightest(gloss: &Gloss) -> f32 {
+fn brightest(gloss: &SpecularTerms) -> f32 {
     (PI * (gloss.straight + gloss.grazing)).max(1.0)
 }
 
 /// What one light gives to the eye, over its flux.
 #[must_use]
-pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
+pub fn gloss_of(lights: &VplSet<'_>, i: u32, at: &Receiver) -> SpecularTerms {
     let light = &lights.vpls[i as usize];
     let n = at.facet.n;
     let g = share(light, at.x, n);
     let arrives = n.dot(g);
     // Less than this is nothing, and has no direction in single precision.
     if arrives.is_nan() || arrives <= MIN {
-        return Gloss::default();
+        return SpecularTerms::default();
     }
     let toward = Vec3::from_array(light.position) - at.x;
     let spread = light.square / (toward.dot(toward) + light.square);
     let found = brdf::gloss(&at.facet, g / g.length(), spread);
     if found.straight + found.grazing <= 0.0 {
-        return Gloss::default();
+        return SpecularTerms::default();
     }
     let bright = arrives * brightest(&found);
     let arrives = arrives * reaches(lights.lit, lights.bvh, light, at.start, bright);
-    Gloss {
+    SpecularTerms {
         straight: arrives * found.straight,
         grazing: arrives * found.grazing,
     }
@@ -290,7 +290,7 @@ pub fn gloss_of(lights: &Lights<'_>, i: u32, at: &Receiver) -> Gloss {
 
 /// What all lights give to the eye, unscaled.
 #[must_use]
-pub fn gloss_at(lights: &Lights<'_>, at: &Receiver) -> SpecularRadiance {
+pub fn gloss_at(lights: &VplSet<'_>, at: &Receiver) -> SpecularRadiance {
     let mut sum = SpecularRadiance::default();
     for i in 0..lights.lit.vpls {
         let flux = Vec3::from_array(lights.vpls[i as usize].flux);
@@ -303,23 +303,23 @@ pub fn gloss_at(lights: &Lights<'_>, at: &Receiver) -> SpecularRadiance {
 
 /// Everything that a view's gloss is made of.
 #[derive(Clone, Copy)]
-pub struct GlossView<'a> {
+pub struct SpecularView<'a> {
     /// Levels and thresholds.
     pub screen: &'a SubsplatParams,
     /// The rest of the settings.
-    pub params: &'a GlossParams,
+    pub params: &'a SpecularParams,
     /// Where the lights' space is, and the scale.
     pub view: &'a VplViewParams,
     /// The lights.
-    pub lights: Lights<'a>,
+    pub lights: VplSet<'a>,
     /// Depth and G-buffer.
-    pub picture: Picture<'a>,
+    pub picture: GbufferView<'a>,
 }
 
 /// A glossy pixel.
 #[derive(Clone, Copy)]
 struct Glossy {
-    seen: Seen,
+    seen: VisibleSurface,
     depth: f32,
     texel: [u32; 4],
     shown: f32,
@@ -341,7 +341,7 @@ struct Foretold {
     known: bool,
 }
 
-impl GlossView<'_> {
+impl SpecularView<'_> {
     /// None where nothing glossy is to be seen.
     fn glossy(&self, pixel: [u32; 2]) -> Option<Glossy> {
         let seen = seen(self.screen, &self.picture, pixel)?;
@@ -363,8 +363,8 @@ impl GlossView<'_> {
     /// which one coordinate at least is odd.
     fn foretold(
         &self,
-        levels: &Levels,
-        nodes: &[GlossNode],
+        levels: &SubsplatLevels,
+        nodes: &[SpecularNode],
         k: u32,
         [x, y]: [u32; 2],
         here: &Glossy,
@@ -404,7 +404,13 @@ impl GlossView<'_> {
 
     /// The lights that surprised a node of level `k` + 1 around cell (x, y) of level `k`; all at
     /// the level below the coarsest.
-    fn asked(&self, levels: &Levels, surprises: &[[u32; 4]], k: u32, [x, y]: [u32; 2]) -> [u32; 4] {
+    fn asked(
+        &self,
+        levels: &SubsplatLevels,
+        surprises: &[[u32; 4]],
+        k: u32,
+        [x, y]: [u32; 2],
+    ) -> [u32; 4] {
         if k + 1 == self.screen.coarsest {
             return [u32::MAX; 4];
         }
@@ -426,14 +432,14 @@ impl GlossView<'_> {
     /// A node of level `k`, its surprises, and how many lights were evaluated how often.
     fn node(
         &self,
-        levels: &Levels,
-        nodes: &[GlossNode],
+        levels: &SubsplatLevels,
+        nodes: &[SpecularNode],
         surprises: &[[u32; 4]],
         k: u32,
         [x, y]: [u32; 2],
-    ) -> (GlossNode, [u32; 4], u64) {
+    ) -> (SpecularNode, [u32; 4], u64) {
         let none = ([0; 4], 0);
-        let nothing = (GlossNode::default(), none.0, none.1);
+        let nothing = (SpecularNode::default(), none.0, none.1);
         let pixel = [x << k, y << k];
         let Some(here) = self.glossy(pixel) else {
             return nothing;
@@ -450,7 +456,7 @@ impl GlossView<'_> {
         let asked = self.asked(levels, surprises, k, [x, y]);
         let finer = k >= self.screen.finest;
         if before.known && (asked == [0; 4] || !finer) {
-            return (GlossNode::new(&before.light), none.0, none.1);
+            return (SpecularNode::new(&before.light), none.0, none.1);
         }
         if !before.known && !finer {
             return nothing;
@@ -491,21 +497,26 @@ impl GlossView<'_> {
                 bits[(g / 32) as usize] |= 1 << (g % 32);
             }
         }
-        (GlossNode::new(&light), bits, count)
+        (SpecularNode::new(&light), bits, count)
     }
 
     /// All lights at a pixel.
-    fn whole(&self, pixel: [u32; 2], of: &Glossy) -> GlossNode {
+    fn whole(&self, pixel: [u32; 2], of: &Glossy) -> SpecularNode {
         let mut light = SpecularRadiance::default();
         let found = gloss_at(&self.lights, &self.receiver(pixel, of));
         light.add(self.view.scale, &found);
-        GlossNode::new(&light)
+        SpecularNode::new(&light)
     }
 
-    /// Entry point `gloss_pixels`, for one pixel: radiance times the scale, and 1 where there is
+    /// Entry point `vpl_specular_pixels`, for one pixel: radiance times the scale, and 1 where there is
     /// any; and how many lights were evaluated for it alone.
     #[must_use]
-    pub fn pixel(&self, levels: &Levels, nodes: &[GlossNode], [x, y]: [u32; 2]) -> ([f32; 4], u64) {
+    pub fn pixel(
+        &self,
+        levels: &SubsplatLevels,
+        nodes: &[SpecularNode],
+        [x, y]: [u32; 2],
+    ) -> ([f32; 4], u64) {
         let Some(here) = self.glossy([x, y]) else {
             return ([0.0; 4], 0);
         };
@@ -535,7 +546,7 @@ impl GlossView<'_> {
     #[must_use]
     pub fn levels(&self) -> SpecularImage {
         let levels = self.screen.levels();
-        let mut nodes = vec![GlossNode::default(); levels.starts[0] as usize];
+        let mut nodes = vec![SpecularNode::default(); levels.starts[0] as usize];
         let surprised = levels.starts[0] - levels.starts[2];
         let mut surprises = vec![[0; 4]; surprised as usize];
         let mut evaluated = vec![0; levels.coarsest as usize + 1];
@@ -587,7 +598,7 @@ pub struct SpecularImage {
     /// For each pixel radiance times the view's scale, and 1 where there is gloss; else zeros.
     pub texels: Vec<[f32; 4]>,
     /// Nodes of the levels from 1.
-    pub nodes: Vec<GlossNode>,
+    pub nodes: Vec<SpecularNode>,
     /// Lights that surprised, of the levels from 2.
     pub surprises: Vec<[u32; 4]>,
     /// How often a light was evaluated, level by level; 0 is for pixels by themselves.
@@ -599,7 +610,7 @@ const CORNERS: [(u32, u32); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 
 /// Where the surprises of a cell of level 2 or more are.
 #[must_use]
-pub fn surprise(levels: &Levels, k: u32, x: u32, y: u32) -> usize {
+pub fn surprise(levels: &SubsplatLevels, k: u32, x: u32, y: u32) -> usize {
     levels.index(k, x, y) - levels.starts[2] as usize
 }
 

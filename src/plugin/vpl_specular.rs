@@ -1,14 +1,14 @@
 //! What glossy surfaces of a view show of virtual lights: the component that asks for it, and what
-//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::internals::frame::gloss).
+//! a view holds for it on the device. The kernel is [`gloss`](meshless_gi::internals::frame::vpl_specular).
 
 use super::splatting::ViewLights;
 use crate::gpu::{
-    GlossBuffers, GpuCounters, GpuError, KernelPipelines, NodeLights, SubsplatTargets,
+    GpuCounters, GpuError, KernelPipelines, NodeLights, SpecularBuffers, SubsplatTargets,
 };
 use bevy::ecs::prelude::*;
 use bevy::math::Mat4;
 use bevy::reflect::prelude::*;
-use meshless_gi::GlossSettings;
+use meshless_gi::SpecularSettings;
 use meshless_gi::internals::frame::{VplParams, VplViewParams};
 
 /// This camera shows the gloss that what moves leaves on smooth and metallic surfaces: the
@@ -32,7 +32,7 @@ pub struct GiSpecular {
 
 impl Default for GiSpecular {
     fn default() -> Self {
-        let settings = GlossSettings::default();
+        let settings = SpecularSettings::default();
         Self {
             coarsest: settings.coarsest,
             finest: settings.finest,
@@ -42,7 +42,7 @@ impl Default for GiSpecular {
     }
 }
 
-impl From<GiSpecular> for GlossSettings {
+impl From<GiSpecular> for SpecularSettings {
     fn from(gloss: GiSpecular) -> Self {
         Self {
             coarsest: gloss.coarsest,
@@ -55,8 +55,8 @@ impl From<GiSpecular> for GlossSettings {
 }
 
 /// What a view holds for its gloss.
-pub(crate) struct ViewGloss {
-    buffers: GlossBuffers,
+pub(crate) struct ViewSpecular {
+    buffers: SpecularBuffers,
     view: wgpu::Buffer,
     lit: wgpu::Buffer,
     /// Radiance of every pixel.
@@ -65,8 +65,8 @@ pub(crate) struct ViewGloss {
 }
 
 /// A view, as its gloss needs it.
-pub(crate) struct GlossView<'a> {
-    pub settings: GlossSettings,
+pub(crate) struct SpecularView<'a> {
+    pub settings: SpecularSettings,
     pub view_from_clip: Mat4,
     pub view_from_world: Mat4,
     pub viewport: [f32; 4],
@@ -75,18 +75,18 @@ pub(crate) struct GlossView<'a> {
     pub gbuffer: &'a wgpu::TextureView,
 }
 
-impl ViewGloss {
+impl ViewSpecular {
     /// Records the radiance of every pixel, with room made where there is none. Answers with what
     /// was recorded.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`], see [`GlossBuffers::new`].
+    /// [`GpuError::TooLarge`], see [`SpecularBuffers::new`].
     pub fn record(
         held: &mut Option<Self>,
         kernels: &KernelPipelines,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
-        on: &GlossView<'_>,
+        on: &SpecularView<'_>,
         lights: &ViewLights<'_>,
     ) -> Result<GpuCounters, GpuError> {
         let (screen, wanted) =
@@ -98,19 +98,19 @@ impl ViewGloss {
             _ => {
                 let uniform = |bytes: usize| {
                     device.create_buffer(&wgpu::BufferDescriptor {
-                        label: Some("meshless_gi gloss of a view"),
+                        label: Some("meshless_gi vpl_specular of a view"),
                         size: bytes as u64,
                         usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                         mapped_at_creation: false,
                     })
                 };
                 held.insert(Self {
-                    buffers: GlossBuffers::new(device, queue, levels)?,
+                    buffers: SpecularBuffers::new(device, queue, levels)?,
                     view: uniform(size_of::<VplViewParams>()),
                     lit: uniform(size_of::<VplParams>()),
                     radiance: super::composite::screen_texture(
                         device,
-                        "meshless_gi gloss",
+                        "meshless_gi vpl_specular",
                         on.size,
                     ),
                     size: on.size,

@@ -5,13 +5,13 @@ use super::error::GpuError;
 use super::frame::{SplatTargets, compute};
 use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, ViewBuffers, binding_limit, uniform};
-use super::soft::SoftBuffers;
+use super::soft_shadow::SoftShadowBuffers;
 use super::{GpuCounters, Pass};
-use meshless_gi::internals::frame::{ShadeParams, SoftLight};
+use meshless_gi::internals::frame::{SoftLight, SubtractShadowParams};
 
 /// The lamps that one view shows of one scene.
 #[derive(Debug)]
-pub struct ShadeBuffers {
+pub struct SubtractShadowBuffers {
     params: wgpu::Buffer,
     lights: wgpu::Buffer,
     room: usize,
@@ -61,14 +61,18 @@ fn blank(device: &wgpu::Device) -> wgpu::TextureView {
     })
 }
 
-impl ShadeBuffers {
+impl SubtractShadowBuffers {
     /// Room for `lights` lamps.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
     pub fn new(device: &wgpu::Device, lights: usize) -> Result<Self, GpuError> {
         Ok(Self {
-            params: uniform(device, "shade", size_of::<ShadeParams>() as u64),
+            params: uniform(
+                device,
+                "subtract_shadow",
+                size_of::<SubtractShadowParams>() as u64,
+            ),
             lights: room_for(device, lights)?,
             room: lights.max(1),
             blank: blank(device),
@@ -77,8 +81,8 @@ impl ShadeBuffers {
     }
 
     /// Sets the lamps that the view was drawn with, in the scene's local space, for the frame that
-    /// is submitted next. What is missing of them comes from [`SoftBuffers::record`]. `gloss` where
-    /// rectangles were drawn with it: [`ShadeBuffers::record`] gets the tables then.
+    /// is submitted next. What is missing of them comes from [`SoftShadowBuffers::record`]. `gloss` where
+    /// rectangles were drawn with it: [`SubtractShadowBuffers::record`] gets the tables then.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] for more than the device binds.
@@ -97,18 +101,18 @@ impl ShadeBuffers {
         if !lights.is_empty() {
             queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(lights));
         }
-        let params = ShadeParams {
+        let params = SubtractShadowParams {
             lights: lights.len() as u32,
             extent: scene.shape().extent,
             gloss: u32::from(gloss),
-            ..ShadeParams::default()
+            ..SubtractShadowParams::default()
         };
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         Ok(())
     }
 
-    /// Writes the radiance that is missing at each pixel, for [`draw_shade`](super::draw_shade).
-    /// `tables` are two layers, see [`Tables`](meshless_gi::internals::frame::shade::Tables).
+    /// Writes the radiance that is missing at each pixel, for [`draw_shadow`](super::draw_shadow).
+    /// `tables` are two layers, see [`LtcTables`](meshless_gi::internals::frame::subtract_shadow::LtcTables).
     #[expect(
         clippy::too_many_arguments,
         reason = "a scene in a view, and what it is recorded with"
@@ -118,14 +122,14 @@ impl ShadeBuffers {
         kernels: &KernelPipelines,
         encoder: &mut wgpu::CommandEncoder,
         scene: &SceneBuffers,
-        soft: &SoftBuffers,
+        soft: &SoftShadowBuffers,
         view: &ViewBuffers,
         targets: &SplatTargets<'_>,
         tables: Option<&wgpu::TextureView>,
     ) {
         let which = match targets.earlier {
-            Some(_) => Pass::ShadeOver,
-            None => Pass::Shade,
+            Some(_) => Pass::SubtractShadowOver,
+            None => Pass::SubtractShadow,
         };
         let [width, height] = view.size;
         if width == 0 || height == 0 {
@@ -150,7 +154,7 @@ impl ShadeBuffers {
             resources.push((9, texture(earlier)));
         }
         let bind = kernels.bind(which, &resources);
-        let mut pass = compute(encoder, "meshless_gi shade");
+        let mut pass = compute(encoder, "meshless_gi subtract_shadow");
         pass.set_pipeline(&kernels.pass(which).pipeline);
         pass.set_bind_group(0, &bind, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);

@@ -1,6 +1,6 @@
 // gloss: what glossy surfaces send to the eye of virtual point lights, refined for each light
-// alone. Twin: crates/meshless_gi/src/frame/gloss.rs. `gloss` fills the nodes of a level from the
-// next coarser one, `gloss_pixels` shows every pixel.
+// alone. Twin: crates/meshless_gi/src/frame/vpl_specular.rs. `gloss` fills the nodes of a level from the
+// next coarser one, `vpl_specular_pixels` shows every pixel.
 
 @group(0) @binding(0) var<uniform> params: VplViewParams;
 @group(0) @binding(1) var depths: texture_depth_2d;
@@ -12,8 +12,8 @@
 @group(0) @binding(7) var output: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(8) var<uniform> screen: SubsplatParams;
 @group(0) @binding(9) var<uniform> span: Span;
-@group(0) @binding(10) var<uniform> wanted: GlossParams;
-@group(0) @binding(11) var<storage, read_write> shines: array<GlossNode>;
+@group(0) @binding(10) var<uniform> wanted: SpecularParams;
+@group(0) @binding(11) var<storage, read_write> shines: array<SpecularNode>;
 // Lights that surprised the nodes of the levels from 2, a bit a group.
 @group(0) @binding(12) var<storage, read_write> surprises: array<vec4u>;
 
@@ -70,15 +70,15 @@ fn bright(light: SpecularRadiance, straight: vec3f) -> f32 {
     return dot(vec3f(RED, GREEN, BLUE), shine_of(light, straight));
 }
 
-fn pack_shine(light: SpecularRadiance) -> GlossNode {
+fn pack_shine(light: SpecularRadiance) -> SpecularNode {
     let a = clamp(light.straight, vec3f(0.0), vec3f(LARGEST_HALF));
     let b = clamp(light.grazing, vec3f(0.0), vec3f(LARGEST_HALF));
-    return GlossNode(array<u32, 4>(
+    return SpecularNode(array<u32, 4>(
         pack2x16float(a.xy), pack2x16float(vec2f(a.z, b.x)), pack2x16float(b.yz), 1u,
     ));
 }
 
-fn unpack_shine(node: GlossNode) -> SpecularRadiance {
+fn unpack_shine(node: SpecularNode) -> SpecularRadiance {
     let a = unpack2x16float(node.words[0]);
     let b = unpack2x16float(node.words[1]);
     let c = unpack2x16float(node.words[2]);
@@ -234,7 +234,7 @@ fn asked(k: u32, cell: vec2u) -> vec4u {
     return out;
 }
 
-fn keep(k: u32, cell: vec2u, node: GlossNode, bits: vec4u) {
+fn keep(k: u32, cell: vec2u, node: SpecularNode, bits: vec4u) {
     shines[cell_index(k, cell)] = node;
     if k > 1u {
         surprises[surprise_index(k, cell)] = bits;
@@ -242,13 +242,13 @@ fn keep(k: u32, cell: vec2u, node: GlossNode, bits: vec4u) {
 }
 
 @compute @workgroup_size(8, 8)
-fn gloss(@builtin(global_invocation_id) id: vec3u) {
+fn vpl_specular(@builtin(global_invocation_id) id: vec3u) {
     let k = span.first;
     let cell = id.xy;
     if any(cell >= level_grid(k)) {
         return;
     }
-    let nothing = GlossNode(array<u32, 4>(0u, 0u, 0u, 0u));
+    let nothing = SpecularNode(array<u32, 4>(0u, 0u, 0u, 0u));
     let pixel = cell << vec2u(k);
     let here = glossy(pixel);
     if here.shown <= 0.0 {
@@ -315,7 +315,7 @@ fn gloss(@builtin(global_invocation_id) id: vec3u) {
 }
 
 @compute @workgroup_size(8, 8)
-fn gloss_pixels(@builtin(global_invocation_id) id: vec3u) {
+fn vpl_specular_pixels(@builtin(global_invocation_id) id: vec3u) {
     let pixel = id.xy;
     if any(pixel >= screen.size) {
         return;

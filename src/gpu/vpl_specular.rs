@@ -1,6 +1,6 @@
 //! Records what a view's glossy surfaces show of virtual point lights: the kernel `gloss`, level by
 //! level, and its pixels, in the order of
-//! [`GlossView::run`](meshless_gi::internals::frame::gloss::GlossView::run). Which lights are evaluated where
+//! [`SpecularView::run`](meshless_gi::internals::frame::vpl_specular::SpecularView::run). Which lights are evaluated where
 //! is decided on the device; nothing is read back.
 
 use super::Pass;
@@ -10,13 +10,15 @@ use super::scene_buffers::{binding_limit, uniform};
 use super::subsplats::{NodeLights, SubsplatTargets};
 use super::{GpuCounters, GpuError};
 use meshless_gi::internals::frame::subsplat::LEVELS;
-use meshless_gi::internals::frame::{GlossNode, GlossParams, Levels, Span, SubsplatParams};
+use meshless_gi::internals::frame::{
+    Span, SpecularNode, SpecularParams, SubsplatLevels, SubsplatParams,
+};
 
 /// A view's buffers, and what is recorded of it. 16 bytes a node of the levels from 1, and as many
 /// of those from 2: about 6.6 bytes a pixel.
 #[derive(Debug)]
-pub struct GlossBuffers {
-    levels: Levels,
+pub struct SpecularBuffers {
+    levels: SubsplatLevels,
     screen: wgpu::Buffer,
     wanted: wgpu::Buffer,
     /// A span a level: which.
@@ -27,16 +29,16 @@ pub struct GlossBuffers {
     counters: GpuCounters,
 }
 
-impl GlossBuffers {
+impl SpecularBuffers {
     /// Buffers for views of these levels ([`SubsplatParams::levels`] of what
-    /// [`GlossSettings::params`](meshless_gi::GlossSettings::params) gives).
+    /// [`SpecularSettings::params`](meshless_gi::SpecularSettings::params) gives).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] where the device binds no such buffer: the view shows no gloss then.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        levels: Levels,
+        levels: SubsplatLevels,
     ) -> Result<Self, GpuError> {
         let limit = binding_limit(device);
         let storage = |what: &'static str, count: u32| {
@@ -51,10 +53,14 @@ impl GlossBuffers {
                 mapped_at_creation: false,
             }))
         };
-        const _: () = assert!(size_of::<GlossNode>() == 16 && size_of::<[u32; 4]>() == 16);
+        const _: () = assert!(size_of::<SpecularNode>() == 16 && size_of::<[u32; 4]>() == 16);
         let align = device.limits().min_uniform_buffer_offset_alignment;
         let stride = (size_of::<Span>() as u32).next_multiple_of(align.max(1));
-        let spans = uniform(device, "gloss levels", u64::from(stride) * LEVELS as u64);
+        let spans = uniform(
+            device,
+            "vpl_specular levels",
+            u64::from(stride) * LEVELS as u64,
+        );
         for k in 0..=levels.coarsest {
             let span = Span {
                 first: k,
@@ -64,19 +70,30 @@ impl GlossBuffers {
         }
         Ok(Self {
             levels,
-            screen: uniform(device, "gloss view", size_of::<SubsplatParams>() as u64),
-            wanted: uniform(device, "gloss settings", size_of::<GlossParams>() as u64),
+            screen: uniform(
+                device,
+                "vpl_specular view",
+                size_of::<SubsplatParams>() as u64,
+            ),
+            wanted: uniform(
+                device,
+                "vpl_specular settings",
+                size_of::<SpecularParams>() as u64,
+            ),
             spans,
             stride,
-            shines: storage("gloss nodes", levels.starts[0])?,
-            surprises: storage("gloss surprises", levels.starts[0] - levels.starts[2])?,
+            shines: storage("vpl_specular nodes", levels.starts[0])?,
+            surprises: storage(
+                "vpl_specular surprises",
+                levels.starts[0] - levels.starts[2],
+            )?,
             counters: GpuCounters::default(),
         })
     }
 
     /// The levels that there is room for.
     #[must_use]
-    pub fn levels(&self) -> Levels {
+    pub fn levels(&self) -> SubsplatLevels {
         self.levels
     }
 
@@ -118,15 +135,15 @@ impl GlossBuffers {
     }
 
     /// Sets the parameters for the frame that is submitted next; their levels are
-    /// [`GlossBuffers::levels`].
-    pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &GlossParams) {
+    /// [`SpecularBuffers::levels`].
+    pub fn write(&mut self, queue: &wgpu::Queue, screen: &SubsplatParams, wanted: &SpecularParams) {
         debug_assert_eq!(screen.levels(), self.levels);
         queue.write_buffer(&self.screen, 0, bytemuck::bytes_of(screen));
         queue.write_buffer(&self.wanted, 0, bytemuck::bytes_of(wanted));
     }
 
     /// Records everything between the G-buffer and the radiance of every pixel, for
-    /// [`draw_gloss`](super::draw_gloss): `targets.output` is written whole. The lights are those
+    /// [`draw_specular`](super::draw_specular): `targets.output` is written whole. The lights are those
     /// that [`SubsplatBuffers::record`](super::SubsplatBuffers::record) takes.
     pub fn record(
         &mut self,
@@ -164,20 +181,20 @@ impl GlossBuffers {
         });
         let level = with(
             &[(9, span), (12, self.surprises.as_entire_binding())],
-            Pass::Gloss,
+            Pass::VplSpecular,
         );
-        let pixels = with(&[(7, texture(targets.output))], Pass::GlossPixels);
-        let mut pass = compute(encoder, "meshless_gi gloss");
-        pass.set_pipeline(&kernels.pass(Pass::Gloss).pipeline);
+        let pixels = with(&[(7, texture(targets.output))], Pass::VplSpecularPixels);
+        let mut pass = compute(encoder, "meshless_gi vpl_specular");
+        pass.set_pipeline(&kernels.pass(Pass::VplSpecular).pipeline);
         for k in (1..=self.levels.coarsest).rev() {
             let [w, h] = self.levels.grid(k);
             pass.set_bind_group(0, &level, &[k * self.stride]);
             pass.dispatch_workgroups(w.div_ceil(8), h.div_ceil(8), 1);
         }
-        pass.set_pipeline(&kernels.pass(Pass::GlossPixels).pipeline);
+        pass.set_pipeline(&kernels.pass(Pass::VplSpecularPixels).pipeline);
         pass.set_bind_group(0, &pixels, &[]);
         pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-        self.counters.dispatches[Pass::Gloss as usize] += u64::from(self.levels.coarsest);
-        self.counters.dispatches[Pass::GlossPixels as usize] += 1;
+        self.counters.dispatches[Pass::VplSpecular as usize] += u64::from(self.levels.coarsest);
+        self.counters.dispatches[Pass::VplSpecularPixels as usize] += 1;
     }
 }

@@ -15,8 +15,8 @@
 //!   distance to compare with is that to the rectangle's plane: no acne where a panel hangs a
 //!   hand's breadth below a ceiling.
 //! - **The threshold lies before the light** by as much as the point's depths are wrong in that
-//!   direction ([`SoftParams::before`]), and visibility goes from nothing to all over as much
-//!   ([`SoftParams::ramp`]): few components make an edge between near and far smooth, and its
+//!   direction ([`SoftShadowParams::before`]), and visibility goes from nothing to all over as much
+//!   ([`SoftShadowParams::ramp`]): few components make an edge between near and far smooth, and its
 //!   middle is where the edge is. Where depths are exact, what is a little nearer than the light
 //!   hides it.
 //!
@@ -331,10 +331,10 @@ fn weigh(light: &SoftLight, place: Vec3, x: Vec3, n: Vec3) -> Option<(f32, Vec3,
     (w > 0.0 && w < 1e38).then_some((w, direction, distance))
 }
 
-/// What all threads know. 48 bytes, the layout of `SoftParams` in the shaders.
+/// What all threads know. 48 bytes, the layout of `SoftShadowParams` in the shaders.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct SoftParams {
+pub struct SoftShadowParams {
     /// Points with visibility.
     pub points: u32,
     /// Lights.
@@ -356,17 +356,17 @@ pub struct SoftParams {
     pub pad: [u32; 4],
 }
 
-/// The usual [`SoftParams::bias`].
+/// The usual [`SoftShadowParams::bias`].
 pub const BIAS: f32 = 0.1;
-/// The usual [`SoftParams::before`].
+/// The usual [`SoftShadowParams::before`].
 pub const BEFORE: f32 = 3.0;
-/// The usual [`SoftParams::ramp`].
+/// The usual [`SoftShadowParams::ramp`].
 pub const RAMP: f32 = 3.0;
 /// Depths that differ by no more are not told apart: sixteen bits of a mean and of coefficients
 /// leave less than that, and what components are rounded by is in their error.
 pub const ROUNDING: f32 = 1e-3;
 
-impl SoftParams {
+impl SoftShadowParams {
     /// The parameters for a level as large as `extent` meters.
     #[must_use]
     pub fn new(visibility: &Visibility, extent: f32, lights: usize) -> Self {
@@ -386,14 +386,14 @@ impl SoftParams {
 
 /// How much is seen of a sample in a direction (unit), at a distance (meters), of a light on a
 /// plane with a normal (zero for none).
-pub trait Sight {
+pub trait VisibilityQuery {
     /// 0 to 1.
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32;
 }
 
 /// A point with its coefficients decoded, to look in directions.
-pub struct Eye<'a> {
-    params: SoftParams,
+pub struct DecodedVisibility<'a> {
+    params: SoftShadowParams,
     visibility: &'a Visibility,
     cluster: VisibilityCluster,
     axes: [Vec3; 3],
@@ -401,10 +401,10 @@ pub struct Eye<'a> {
     numbers: usize,
 }
 
-impl<'a> Eye<'a> {
+impl<'a> DecodedVisibility<'a> {
     /// Point `i`, which has the unit normal `n`.
     #[must_use]
-    pub fn new(params: &SoftParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
+    pub fn new(params: &SoftShadowParams, visibility: &'a Visibility, i: usize, n: Vec3) -> Self {
         let mut decoded = [0.0; Visibility::MAX_COMPONENTS as usize + 2];
         let numbers = visibility.decode(i, &mut decoded);
         let cluster = visibility.clusters[visibility.points[i].cluster as usize];
@@ -430,7 +430,7 @@ impl<'a> Eye<'a> {
     }
 }
 
-impl Sight for Eye<'_> {
+impl VisibilityQuery for DecodedVisibility<'_> {
     fn sees(&self, direction: Vec3, distance: f32, normal: Vec3) -> f32 {
         let grid = self.visibility.grid;
         let (local, plane) = (self.local(direction), self.local(normal));
@@ -455,14 +455,14 @@ impl Sight for Eye<'_> {
 }
 
 /// Sight by rays: what memory is compared with.
-pub struct Rays<'a> {
+pub struct RayVisibility<'a> {
     /// What they meet.
     pub geometry: &'a dyn Geometry,
     /// Where they start, a lift above the surface, meters.
     pub start: Vec3,
 }
 
-impl Sight for Rays<'_> {
+impl VisibilityQuery for RayVisibility<'_> {
     fn sees(&self, direction: Vec3, distance: f32, _: Vec3) -> f32 {
         let end = self.start + direction * distance;
         let end = end - direction * self.geometry.lift(end);
@@ -477,7 +477,7 @@ impl Sight for Rays<'_> {
 /// Visible fraction of `light` at (x, n), and the mean direction, times its weight, of what is
 /// hidden of it.
 #[must_use]
-pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl Sight) -> (f32, Vec3) {
+pub fn fraction(light: &SoftLight, x: Vec3, n: Vec3, sight: &impl VisibilityQuery) -> (f32, Vec3) {
     let normal = light.normal();
     let samples = light.columns * light.rows;
     let (mut sum, mut seen, mut hidden) = (0.0, 0.0, Vec3::ZERO);
@@ -503,11 +503,11 @@ pub const MIN_ALONG: f32 = 0.1;
 /// whose dot product with `n` is (1 − f) E, 1/m² or, of a rectangle, dimensionless.
 #[must_use]
 pub fn deficit(
-    params: &SoftParams,
+    params: &SoftShadowParams,
     light: &SoftLight,
     x: Vec3,
     n: Vec3,
-    sight: &impl Sight,
+    sight: &impl VisibilityQuery,
 ) -> Vec3 {
     let e = unshadowed(light, x, n, params.extent);
     if e <= 0.0 {
@@ -527,14 +527,14 @@ pub fn deficit(
 /// three axes red, green and blue of the irradiance that all of them would give without shadows.
 #[must_use]
 pub fn soft_at(
-    params: &SoftParams,
+    params: &SoftShadowParams,
     visibility: &Visibility,
     lights: &[SoftLight],
     i: usize,
     x: Vec3,
     n: Vec3,
 ) -> VectorIrradiance {
-    let eye = Eye::new(params, visibility, i, n);
+    let eye = DecodedVisibility::new(params, visibility, i, n);
     let mut sum = VectorIrradiance::default();
     for light in lights {
         let d = deficit(params, light, x, n, &eye);
@@ -554,7 +554,7 @@ pub fn soft_at(
 
 /// Fills the first `visibility.points` of `out`, one value a point.
 pub fn soft(
-    params: &SoftParams,
+    params: &SoftShadowParams,
     visibility: &Visibility,
     points: &[Point],
     lights: &[SoftLight],
@@ -588,7 +588,7 @@ pub fn deficits_of(
     lights: &[SoftLight],
 ) -> Vec<VectorIrradiance> {
     let mut out = vec![VectorIrradiance::default(); scene.points.len()];
-    let params = SoftParams::new(visibility, extent(scene), lights.len());
+    let params = SoftShadowParams::new(visibility, extent(scene), lights.len());
     soft(&params, visibility, &scene.points, lights, &mut out);
     spread(scene, visibility.points.len(), &mut out);
     out

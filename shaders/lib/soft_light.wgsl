@@ -1,5 +1,5 @@
 // The light of lamps with soft shadows, without shadows. Twin: `unshadowed` in
-// crates/meshless_gi/src/frame/soft.rs.
+// crates/meshless_gi/src/frame/soft_shadow.rs.
 
 // The smallest normal number: nothing is divided by less.
 const TINY: f32 = 1.17549435e-38;

@@ -7,8 +7,8 @@
 //! behind a surface also looks along that surface, from just before it: what stands on the ground
 //! there bounds the ways below it too.
 
-use super::volume_faces::FACING;
-use super::volume_places::VoxelGrid;
+use super::volume_walls::FACING;
+use super::volume_weights::VoxelGrid;
 use crate::scene::{Bvh, Ray};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;

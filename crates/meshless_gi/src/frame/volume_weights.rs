@@ -9,8 +9,8 @@
 
 use super::layout::VectorIrradiance;
 use super::probe::ProbeIrradiance;
-use super::volume_faces::{Faces, Walls};
-use super::volume_ways::WallDistances;
+use super::volume_distance::WallDistances;
+use super::volume_walls::{WallIndex, WallSamples};
 use crate::asset::{BakedScene, Probes};
 use crate::basis::{NO_COVER, PROBE_OVERLAP, weight_in_space};
 use crate::transport::PROBE_ROWS;
@@ -170,10 +170,10 @@ pub struct VoxelWeights {
     /// Where the shares of a place start, and at last where they end.
     starts: Vec<u32>,
     shares: Vec<u32>,
-    faces: Faces,
+    faces: WallSamples,
     ways: Vec<WallDistances>,
     /// What faces are made of, until all are found.
-    walls: Walls,
+    walls: WallIndex,
 }
 
 impl VoxelWeights {
@@ -184,9 +184,9 @@ impl VoxelWeights {
             shape,
             starts: vec![0],
             shares: Vec::new(),
-            faces: Faces::default(),
+            faces: WallSamples::default(),
             ways: Vec::new(),
-            walls: Walls::default(),
+            walls: WallIndex::default(),
         }
     }
 
@@ -230,7 +230,7 @@ impl VoxelWeights {
             }
         }
         if self.is_whole() {
-            self.walls = Walls::default();
+            self.walls = WallIndex::default();
         }
         self.is_whole()
     }
@@ -261,7 +261,7 @@ impl VoxelWeights {
 
     /// The faces.
     #[must_use]
-    pub fn faces(&self) -> &Faces {
+    pub fn faces(&self) -> &WallSamples {
         &self.faces
     }
 
@@ -294,7 +294,7 @@ struct Run {
     /// Where each place's shares end, from the run's first share.
     ends: Vec<u32>,
     shares: Vec<u32>,
-    faces: Faces,
+    faces: WallSamples,
     ways: Vec<WallDistances>,
     /// How many functions were looked at, and how many rays went.
     looks: u64,
@@ -304,13 +304,13 @@ impl Run {
     fn find(
         shape: &VoxelGrid,
         scene: &BakedScene,
-        walls: &Walls,
+        walls: &WallIndex,
         places: std::ops::Range<u32>,
     ) -> Self {
         let mut run = Self {
             ends: Vec::with_capacity(places.len()),
             shares: Vec::new(),
-            faces: Faces::default(),
+            faces: WallSamples::default(),
             ways: Vec::with_capacity(places.len()),
             looks: 0,
         };
@@ -408,7 +408,7 @@ mod tests {
         let mut run = Run {
             ends: Vec::new(),
             shares: Vec::new(),
-            faces: Faces::default(),
+            faces: WallSamples::default(),
             ways: Vec::new(),
             looks: 0,
         };

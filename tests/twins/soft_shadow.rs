@@ -3,10 +3,10 @@
 
 use super::compare::{Scale, differing};
 use super::harness;
-use bevy_meshless_gi::gpu::{KernelPipelines, Pass, SceneBuffers, SoftBuffers};
+use bevy_meshless_gi::gpu::{KernelPipelines, Pass, SceneBuffers, SoftShadowBuffers};
 use glam::Vec3;
 use meshless_gi::internals::frame::project::extent;
-use meshless_gi::internals::frame::{SoftLight, SoftParams, VectorIrradiance, soft};
+use meshless_gi::internals::frame::{SoftLight, SoftShadowParams, VectorIrradiance, soft_shadow};
 use meshless_gi::{
     BakedScene, Preset, Progress, Recipe, TriangleMesh, VisibilityRecipe, bake_scene, cornell_box,
     mesh_of_quads,
@@ -59,7 +59,7 @@ fn soft_shadows_match_twin() {
     let kernels = KernelPipelines::new(&harness.device).unwrap();
     let buffers = SceneBuffers::new(&harness.device, &harness.queue, &scene, 1).unwrap();
     let mut soft_buffers =
-        SoftBuffers::new(&harness.device, &harness.queue, &buffers, visibility, 1).unwrap();
+        SoftShadowBuffers::new(&harness.device, &harness.queue, &buffers, visibility, 1).unwrap();
     harness
         .run(|encoder| {
             soft_buffers
@@ -67,12 +67,12 @@ fn soft_shadows_match_twin() {
                 .unwrap();
         })
         .unwrap();
-    assert_eq!(soft_buffers.counters().of(Pass::Soft), 1);
+    assert_eq!(soft_buffers.counters().of(Pass::SoftShadow), 1);
     assert!(soft_buffers.count() == 10 && soft_buffers.bytes() > visibility.bytes() as u64 / 2);
     let gpu: Vec<VectorIrradiance> = harness
         .read(soft_buffers.deficits(), scene.points.len())
         .unwrap();
-    let cpu = soft::deficits(&scene, &lights);
+    let cpu = soft_shadow::deficits(&scene, &lights);
     // Thresholds magnify the last bits of a depth, which is a sum of twenty products.
     let tolerance = 2e-3;
     let found = differing(&gpu, &cpu, 12, tolerance, Scale::Rms);
@@ -92,35 +92,38 @@ fn soft_shadows_match_twin() {
     };
     let mut others = lights;
     others[0].center[0] += 0.02;
-    noticed("another place", &soft::deficits(&scene, &others));
+    noticed("another place", &soft_shadow::deficits(&scene, &others));
     let mut others = lights;
     others[1] = SoftLight::default();
-    noticed("a light less", &soft::deficits(&scene, &others));
+    noticed("a light less", &soft_shadow::deficits(&scene, &others));
     let mut spoiled = scene.clone();
     let memory = spoiled.visibility.as_mut().unwrap();
     for cluster in &memory.clusters {
         memory.scales[cluster.scales as usize] *= 0.8;
     }
-    noticed("other means", &soft::deficits(&spoiled, &lights));
+    noticed("other means", &soft_shadow::deficits(&spoiled, &lights));
     let mut spoiled = scene.clone();
     for point in &mut spoiled.visibility.as_mut().unwrap().points {
         point.mask[0] &= !1;
     }
-    noticed("coefficients of others", &soft::deficits(&spoiled, &lights));
+    noticed(
+        "coefficients of others",
+        &soft_shadow::deficits(&spoiled, &lights),
+    );
     let mut spoiled = scene.clone();
     for point in &mut spoiled.visibility.as_mut().unwrap().points {
         point.error *= 4;
     }
-    noticed("other errors", &soft::deficits(&spoiled, &lights));
+    noticed("other errors", &soft_shadow::deficits(&spoiled, &lights));
     let mut spoiled = scene.clone();
     for cluster in &mut spoiled.visibility.as_mut().unwrap().clusters {
         cluster.near *= 1.5;
     }
-    noticed("another unit", &soft::deficits(&spoiled, &lights));
+    noticed("another unit", &soft_shadow::deficits(&spoiled, &lights));
     let mut unspread = cpu.clone();
     assert!(visibility.points.len() < scene.points.len());
     unspread[visibility.points.len()..].fill(VectorIrradiance::default());
     noticed("no parents' mean", &unspread);
-    let params = SoftParams::new(visibility, extent(&scene), lights.len());
+    let params = SoftShadowParams::new(visibility, extent(&scene), lights.len());
     assert!(params.points > 0 && params.lights == 4);
 }

@@ -8,13 +8,15 @@ use super::pipelines::KernelPipelines;
 use super::scene_buffers::{SceneBuffers, uniform};
 use super::{GpuCounters, Pass};
 use bytemuck::Pod;
-use meshless_gi::internals::frame::{SoftLight, SoftParams, SolveParams, Span, VectorIrradiance};
+use meshless_gi::internals::frame::{
+    SoftLight, SoftShadowParams, SolveParams, Span, VectorIrradiance,
+};
 use meshless_gi::internals::transport::pca::Visibility;
 
 /// The visibility of a baked scene on the device, its soft lights, and what is missing of their
 /// light.
 #[derive(Debug)]
-pub struct SoftBuffers {
+pub struct SoftShadowBuffers {
     params: wgpu::Buffer,
     solve: wgpu::Buffer,
     spans: wgpu::Buffer,
@@ -28,7 +30,7 @@ pub struct SoftBuffers {
     scales: wgpu::Buffer,
     coefficients: wgpu::Buffer,
     deficits: wgpu::Buffer,
-    shape: SoftParams,
+    shape: SoftShadowParams,
     counters: GpuCounters,
 }
 
@@ -58,7 +60,7 @@ fn upload<T: Pod>(
     Ok(buffer)
 }
 
-impl SoftBuffers {
+impl SoftShadowBuffers {
     /// Uploads the visibility of the scene that `scene` holds, with room for `lights` soft lights.
     ///
     /// # Errors
@@ -89,13 +91,17 @@ impl SoftBuffers {
             bytes.resize(levels.len() * stride, 0);
         }
         bytes.resize(bytes.len().max(stride), 0);
-        let spans = uniform(device, "soft spans", bytes.len() as u64);
+        let spans = uniform(device, "soft_shadow spans", bytes.len() as u64);
         queue.write_buffer(&spans, 0, &bytes);
         // No row is of tier 0: every point takes the mean of its parents.
-        let solve = uniform(device, "soft solve", size_of::<SolveParams>() as u64);
+        let solve = uniform(device, "soft_shadow solve", size_of::<SolveParams>() as u64);
         queue.write_buffer(&solve, 0, bytemuck::bytes_of(&SolveParams::default()));
         Ok(Self {
-            params: uniform(device, "soft params", size_of::<SoftParams>() as u64),
+            params: uniform(
+                device,
+                "soft_shadow params",
+                size_of::<SoftShadowParams>() as u64,
+            ),
             solve,
             spans,
             levels,
@@ -137,7 +143,7 @@ impl SoftBuffers {
                 visibility.coefficients.len(),
             )?,
             deficits: upload::<VectorIrradiance>(device, queue, "deficits", &[], shape.points())?,
-            shape: SoftParams::new(visibility, shape.extent, 0),
+            shape: SoftShadowParams::new(visibility, shape.extent, 0),
             counters: GpuCounters::default(),
         })
     }
@@ -161,14 +167,14 @@ impl SoftBuffers {
         } else if !lights.is_empty() {
             queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(lights));
         }
-        let params = SoftParams {
+        let params = SoftShadowParams {
             lights: lights.len() as u32,
             ..self.shape
         };
         queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         let mut pass = compute(encoder, "soft shadows");
         let soft = kernels.bind(
-            Pass::Soft,
+            Pass::SoftShadow,
             &[
                 (0, self.params.as_entire_binding()),
                 (1, self.lights.as_entire_binding()),
@@ -181,7 +187,14 @@ impl SoftBuffers {
                 (8, self.deficits.as_entire_binding()),
             ],
         );
-        self.dispatch(kernels, &mut pass, Pass::Soft, &soft, &[], params.points);
+        self.dispatch(
+            kernels,
+            &mut pass,
+            Pass::SoftShadow,
+            &soft,
+            &[],
+            params.points,
+        );
         let span = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: &self.spans,
             offset: 0,

@@ -12,7 +12,7 @@
 //! level stands in the world.
 
 use super::splat::SEAM;
-use super::volume_places::{MAX_SHARES, VoxelGrid};
+use super::volume_weights::{MAX_SHARES, VoxelGrid};
 use crate::asset::Display;
 use crate::basis::weight;
 use crate::samples::Point;
@@ -40,7 +40,7 @@ const CORE: f32 = 0.5;
 /// A place on a wall beside a voxel. 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct Face {
+pub struct WallSample {
     /// The wall's normal there, a unit vector of the bake's local space.
     pub normal: [f32; 3],
     /// Where its shares start; they end where those of the next one start.
@@ -59,16 +59,16 @@ pub struct WallWeight {
 
 /// Faces of voxels that follow one another.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Faces {
+pub struct WallSamples {
     /// Where each voxel's faces end, from the first one.
     pub ends: Vec<u32>,
     /// Where the shares of each start, from the first one.
-    pub faces: Vec<Face>,
+    pub faces: Vec<WallSample>,
     /// The shares.
     pub shares: Vec<WallWeight>,
 }
 
-impl Faces {
+impl WallSamples {
     /// Puts `other` behind; what would be over the limit without its faces.
     pub(super) fn append(&mut self, other: Self) {
         let (faces, shares) = (self.faces.len() as u32, self.shares.len() as u32);
@@ -77,7 +77,7 @@ impl Faces {
             return;
         }
         self.ends.extend(other.ends.iter().map(|end| end + faces));
-        self.faces.extend(other.faces.iter().map(|f| Face {
+        self.faces.extend(other.faces.iter().map(|f| WallSample {
             start: f.start + shares,
             ..*f
         }));
@@ -150,7 +150,7 @@ impl Faces {
         for share in &mut shares {
             share.part /= all;
         }
-        self.faces.push(Face {
+        self.faces.push(WallSample {
             normal: n.to_array(),
             start: self.shares.len() as u32,
         });
@@ -190,14 +190,14 @@ impl Beside {
 /// For each voxel of a volume the functions that stand for the walls beside it: of those that face
 /// alike the nearest.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Walls {
+pub(super) struct WallIndex {
     /// The functions of each voxel; the last ones may be none.
     nearest: Vec<[u32; MAX_FACES]>,
     /// How many of the scene's functions were looked at.
     seen: usize,
 }
 
-impl Walls {
+impl WallIndex {
     /// Goes on with the functions of a scene until about `most` voxels were looked at, each as
     /// often as a function may stand beside it. Says how many it were; 0 when all functions are
     /// seen.

@@ -1,4 +1,4 @@
-//! Kernel `fog_voxels`: what fog at the middle of each voxel would send to the eye of a level's
+//! Kernel `fog_inscatter`: what fog at the middle of each voxel would send to the eye of a level's
 //! light in free space. From the volume that kernel [`volume`](super::volume) wrote to one texel a
 //! voxel, once a view, for kernel [`fog`](super::fog), whose rays read it many times.
 //!
@@ -20,7 +20,7 @@
 use super::fog::FogView;
 use super::splat::LARGEST_HALF;
 use super::volume::{AHEAD, VolumeParams};
-use super::volume_places::VoxelGrid;
+use super::volume_weights::VoxelGrid;
 use bytemuck::{Pod, Zeroable};
 use glam::{IVec3, Mat4, UVec3, Vec3, Vec4};
 
@@ -31,10 +31,10 @@ pub const NEAREST: f32 = 1e-12;
 /// ([`WallDistances::stored`](super::WallDistances::stored)).
 pub const FREE_WAY: f32 = -1.252;
 
-/// A level's volume as one view sees it through fog, for `fog_voxels`. 192 bytes.
+/// A level's volume as one view sees it through fog, for `fog_inscatter`. 192 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct FogVoxelsParams {
+pub struct FogInscatterParams {
     /// From voxels from the corner of the level's volume to the world.
     pub world_from_voxels: [[f32; 4]; 4],
     /// The eye in the world, a place where the fourth number is above zero; where it is zero,
@@ -49,7 +49,7 @@ pub struct FogVoxelsParams {
     pub asymmetry: f32,
 }
 
-impl FogVoxelsParams {
+impl FogInscatterParams {
     /// For a level whose volume is of `shape`.
     #[must_use]
     pub fn new(view: &FogView, asymmetry: f32, shape: &VoxelGrid, world_from_local: &Mat4) -> Self {
@@ -70,10 +70,10 @@ impl FogVoxelsParams {
 }
 
 /// One texel: RGB as [`Fog::color`](super::Fog::color) multiplies it, cd/m² where lamps are in
-/// lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_read::OPEN)
+/// lumens; the fourth is that of the voxel's own texels, below [`OPEN`](super::volume_sample::OPEN)
 /// where no wall is near. `texels` are those of [`volume`](super::volume::volume).
 #[must_use]
-pub fn fog_voxels(params: &FogVoxelsParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
+pub fn fog_inscatter(params: &FogInscatterParams, texels: &[[f32; 4]], voxel: UVec3) -> [f32; 4] {
     let size = UVec3::from(params.size);
     let world_from_voxels = Mat4::from_cols_array_2d(&params.world_from_voxels);
     let middle = world_from_voxels.transform_point3(voxel.as_vec3() + 0.5);
@@ -187,8 +187,8 @@ mod tests {
                 exposure: 1.0,
                 steps: 1,
             };
-            let params = FogVoxelsParams::new(&view, 0.4, &shape, &Mat4::IDENTITY);
-            fog_voxels(&params, &texels, UVec3::ZERO)
+            let params = FogInscatterParams::new(&view, 0.4, &shape, &Mat4::IDENTITY);
+            fog_inscatter(&params, &texels, UVec3::ZERO)
         };
         let right = |d: Vec3| sides(0.4, d.normalize())[0].max(0.0);
         let place = Vec3::splat(0.5);

@@ -2,15 +2,15 @@
 // `to_world` of crates/meshless_gi/src/frame/splat.rs. Needs `params`: SplatParams.
 
 // Place and normal of a pixel in the bake's local space.
-struct Place {
+struct PixelPosition {
     x: vec3f,
     n: vec3f,
 }
 
-fn place(pixel: vec2u, depth: f32, texel: vec4u) -> Place {
+fn pixel_position(pixel: vec2u, depth: f32, texel: vec4u) -> PixelPosition {
     let uv = (vec2f(pixel) + 0.5 - params.viewport.xy) / params.viewport.zw;
     let h = params.local_from_clip * vec4f(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, depth, 1.0);
-    return Place(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
+    return PixelPosition(h.xyz / h.w, params.local_from_world * gbuffer_normal(texel));
 }
 
 // One axis of the world, of vectors in the bake's local space.

@@ -1,6 +1,6 @@
 //! Soft shadows of Bevy's rectangle and point lights: the component that asks for them, the lamps
 //! as the render world needs them, and what scenes and views hold of them on the device. The
-//! kernels are [`soft`](meshless_gi::internals::frame::soft) and [`shade`](meshless_gi::internals::frame::shade).
+//! kernels are [`soft`](meshless_gi::internals::frame::soft_shadow) and [`shade`](meshless_gi::internals::frame::subtract_shadow).
 //!
 //! Bevy draws such a lamp without shadows. What of its light does not get there is taken from the
 //! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
@@ -12,8 +12,8 @@ use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
 use super::transform::SimilarityTransform;
 use super::validation::{GiWarning, GiWarnings, tell};
 use crate::gpu::{
-    GpuCounters, GpuError, KernelPipelines, SceneBuffers, ShadeBuffers, SoftBuffers, SplatTargets,
-    ViewBuffers,
+    GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers, SplatTargets,
+    SubtractShadowBuffers, ViewBuffers,
 };
 use crate::plan::{SceneId, SoftState, reaches_softly, softly_alike};
 use bevy::asset::Assets;
@@ -143,7 +143,7 @@ pub(crate) struct SceneSoft {
     /// Those that shine there, in its local space.
     wanted: Vec<(RenderLayers, SoftLight)>,
     /// What the device holds, and for which lamps.
-    held: Option<(SoftBuffers, Vec<SoftLight>)>,
+    held: Option<(SoftShadowBuffers, Vec<SoftLight>)>,
     /// Bytes of a buffer that did not fit the device.
     too_large: u64,
 }
@@ -167,7 +167,7 @@ impl SceneSoft {
             }
         }
         let tolerance = 1e-5 * bounds.size().length();
-        let alike = |(_, held): &(SoftBuffers, Vec<SoftLight>)| {
+        let alike = |(_, held): &(SoftShadowBuffers, Vec<SoftLight>)| {
             softly_alike(held, &self.lights(), tolerance)
         };
         SoftState {
@@ -186,7 +186,7 @@ impl SceneSoft {
     /// Records what is missing of the lamps at the scene's points.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`], see [`SoftBuffers::new`]: the plan knows of it from then on.
+    /// [`GpuError::TooLarge`], see [`SoftShadowBuffers::new`]: the plan knows of it from then on.
     pub fn record(
         &mut self,
         kernels: &KernelPipelines,
@@ -202,7 +202,8 @@ impl SceneSoft {
         let mut record = || -> Result<(), GpuError> {
             if self.held.is_none() {
                 let device = kernels.device();
-                let buffers = SoftBuffers::new(device, queue, scene, visibility, lights.len())?;
+                let buffers =
+                    SoftShadowBuffers::new(device, queue, scene, visibility, lights.len())?;
                 self.held = Some((buffers, Vec::new()));
             }
             if let Some((buffers, held)) = &mut self.held {
@@ -248,7 +249,7 @@ pub(crate) struct Shaded<'a> {
 pub(crate) struct ViewShade {
     size: [u32; 2],
     radiance: [Option<wgpu::TextureView>; 2],
-    scenes: BTreeMap<SceneId, ShadeBuffers>,
+    scenes: BTreeMap<SceneId, SubtractShadowBuffers>,
     last: usize,
 }
 
@@ -274,7 +275,7 @@ impl ViewShade {
         scenes: &[Shaded<'_>],
     ) -> Result<GpuCounters, GpuError> {
         let mut recorded = GpuCounters::default();
-        let ready: Vec<(&Shaded<'_>, &SoftBuffers)> = (scenes.iter())
+        let ready: Vec<(&Shaded<'_>, &SoftShadowBuffers)> = (scenes.iter())
             .filter_map(|s| s.soft.held.as_ref().map(|(buffers, _)| (s, buffers)))
             .collect();
         if ready.is_empty() {
@@ -295,7 +296,9 @@ impl ViewShade {
         for (turn, made) in view.radiance.iter_mut().enumerate() {
             match turn < ready.len() {
                 true => {
-                    made.get_or_insert_with(|| screen_texture(device, "meshless_gi shade", size));
+                    made.get_or_insert_with(|| {
+                        screen_texture(device, "meshless_gi subtract_shadow", size)
+                    });
                 }
                 false => *made = None,
             }
@@ -309,7 +312,7 @@ impl ViewShade {
             let buffers = match view.scenes.entry(shaded.id) {
                 std::collections::btree_map::Entry::Occupied(there) => there.into_mut(),
                 std::collections::btree_map::Entry::Vacant(free) => {
-                    free.insert(ShadeBuffers::new(device, lights.len())?)
+                    free.insert(SubtractShadowBuffers::new(device, lights.len())?)
                 }
             };
             let gloss = world.tables.is_some();

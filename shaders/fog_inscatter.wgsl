@@ -1,7 +1,7 @@
 // fog_voxels: what fog at the middle of each voxel would send to the eye of a level's light in free
-// space. Twin: crates/meshless_gi/src/frame/fog_voxels.rs, which says what is computed.
+// space. Twin: crates/meshless_gi/src/frame/fog_inscatter.rs, which says what is computed.
 
-struct FogVoxelsParams {
+struct FogInscatterParams {
     world_from_voxels: mat4x4f,
     eye: vec4f,
     // For each side the way to the voxel that its light is of.
@@ -15,7 +15,7 @@ const FREE_WAY: f32 = -1.252;
 // Where the eye is there is no direction.
 const NEAREST: f32 = 1e-12;
 
-@group(0) @binding(0) var<uniform> params: FogVoxelsParams;
+@group(0) @binding(0) var<uniform> params: FogInscatterParams;
 @group(0) @binding(1) var voxels: texture_3d<f32>;
 @group(0) @binding(2) var light: texture_storage_3d<rgba16float, write>;
 
@@ -45,7 +45,7 @@ fn own(voxel: vec3u, side: u32) -> vec3f {
 }
 
 @compute @workgroup_size(4, 4, 4)
-fn fog_voxels(@builtin(global_invocation_id) voxel: vec3u) {
+fn fog_inscatter(@builtin(global_invocation_id) voxel: vec3u) {
     if any(voxel >= params.size) {
         return;
     }
