@@ -183,8 +183,8 @@ fn switch_bounce(
     if keys.just_pressed(KeyCode::KeyD) {
         for mut display in &mut displays {
             *display = match *display {
-                GiSplatting::Full => GiSplatting::default(),
-                GiSplatting::Subsplats(_) => GiSplatting::Full,
+                GiSplatting::PerPixel => GiSplatting::default(),
+                GiSplatting::Multiresolution(_) => GiSplatting::PerPixel,
             };
         }
     }

@@ -132,7 +132,7 @@ fn set_up(
         Door,
         GiOccluder {
             name: "door".into(),
-            openness: 1.0,
+            transmittance: 1.0,
         },
         Mesh3d(meshes.add(Cuboid::from_size(DOOR.1))),
         MeshMaterial3d(paint(0.5, 0.45, 0.4)),
@@ -210,7 +210,7 @@ fn way(seconds: f32) -> (f32, f32) {
 }
 
 /// How far the door stands open: it shuts behind the visitor, and opens before it.
-fn openness(seconds: f32) -> f32 {
+fn transmittance(seconds: f32) -> f32 {
     let t = seconds.rem_euclid(ROUND);
     1.0 - between(4.2, 5.4, t) + between(8.5, 9.7, t)
 }
@@ -244,10 +244,10 @@ fn walk(
 }
 
 fn slide(mut door: Single<(&mut Transform, &mut GiOccluder), With<Door>>, clock: Res<Clock>) {
-    let open = openness(clock.now);
+    let open = transmittance(clock.now);
     let (place, occluder) = &mut *door;
-    if occluder.openness != open {
-        occluder.openness = open;
+    if occluder.transmittance != open {
+        occluder.transmittance = open;
     }
     // Open, it is inside of the wall.
     let slid = DOOR.0 - Vec3::Z * open * DOOR.1.z;

@@ -205,8 +205,8 @@ fn set_up(
         Transform::default(),
         Visibility::default(),
         // The night sky of a town.
-        GiLighting {
-            sky: LinearRgba::rgb(6.0, 7.0, 12.0),
+        GiEnvironment {
+            sky: GiSky::Uniform(LinearRgba::rgb(6.0, 7.0, 12.0)),
             ..default()
         },
     ));

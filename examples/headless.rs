@@ -125,7 +125,7 @@ fn walk(app: &mut App, ms: f32) {
     let mut roots = world.query_filtered::<Entity, With<GiScene>>();
     let roots: Vec<Entity> = roots.iter(world).collect();
     for &root in &roots {
-        let budget = GiQuality::FrameBudget(ms);
+        let budget = GiQuality::GpuBudget(std::time::Duration::from_secs_f32(1e-3 * ms));
         world.entity_mut(root).insert(budget);
     }
     let mut moving = world.query_filtered::<&mut Transform, Or<(With<PointLight>, With<Camera>)>>();

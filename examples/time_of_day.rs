@@ -142,7 +142,7 @@ fn set_up(
     let mut root = commands.spawn((
         Transform::default(),
         Visibility::default(),
-        GiSky::default(),
+        GiEnvironment::default(),
     ));
     common::spawn_quads(&quads, &mut root, &mut meshes, &mut materials);
     root.bake_gi(recipe);
@@ -168,7 +168,7 @@ fn mist(
     mut commands: Commands,
     keys: Res<ButtonInput<KeyCode>>,
     mut there: Local<Option<Entity>>,
-    root: Single<Entity, With<GiSky>>,
+    root: Single<Entity, With<GiEnvironment>>,
     sun: Single<Entity, With<DirectionalLight>>,
     cameras: Query<Entity, With<Camera3d>>,
 ) {
@@ -267,7 +267,7 @@ fn follow(
     mut commands: Commands,
     clock: Res<Clock>,
     mut light: Single<(&mut DirectionalLight, &mut Transform)>,
-    mut level: Single<&mut GiSky>,
+    mut environment: Single<&mut GiEnvironment>,
     cameras: Query<(Entity, &GlobalTransform), With<GiCamera>>,
     mut clear: ResMut<ClearColor>,
     mut last: Local<Option<f32>>,
@@ -286,7 +286,7 @@ fn follow(
         false => Color::BLACK,
     };
     **place = Transform::default().looking_to(-sun, Vec3::Y);
-    **level = nine(sun).without_ringing().into();
+    environment.sky = nine(sun).without_ringing().into();
     let exposure = exposure(sun);
     for (camera, place) in &cameras {
         commands.entity(camera).insert(exposure);

@@ -1,7 +1,7 @@
 //! How many reflections a level's surfaces call for, beside all of them at once: what the picked
 //! number leaves out, on the two rooms that have references, and what it costs.
 
-use bevy_meshless_gi::plan::{BounceSelector, LEFT, bounces_at};
+use bevy_meshless_gi::plan::{BounceSelector, GiBounceCount, LEFT, bounces_at};
 use glam::Vec3;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
@@ -40,7 +40,9 @@ fn automatic_bounce_count_truncation_is_small() {
         frame.set_lights(&scene, &lights);
         frame.converge(&scene, &FrameSettings::default(), 1e-4);
         let all = light(&frame, &scene);
-        let picked = BounceSelector::new().pick(None, &scene, &[]).unwrap();
+        let picked = BounceSelector::new()
+            .pick(GiBounceCount::Auto, &scene, &[])
+            .unwrap();
         println!("{name}: {picked}");
         let missing: Vec<f64> = (1..=picked.bounces)
             .map(|bounces| {
@@ -84,12 +86,12 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let bake = bake_scene(&mesh, &draft(), 0, &Progress::default()).unwrap();
     let scene = bake.scene;
     let pick = |asked| BounceSelector::new().pick(asked, &scene, &[]).unwrap();
-    let dark = pick(None);
+    let dark = pick(GiBounceCount::Auto);
     println!("{dark}");
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
     assert_eq!(dark.bounces, bounces_at(scene.info.energy.gain));
     for (asked, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
-        let picked = pick(Some(asked));
+        let picked = pick(GiBounceCount::Fixed(asked));
         assert_eq!((picked.bounces, picked.forced), (taken, true));
     }
 }

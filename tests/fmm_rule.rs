@@ -3,7 +3,7 @@
 //! file, and what a recipe may not say. Comparisons are also made with a wrong input and must fail
 //! there.
 
-use bevy_meshless_gi::plan::{Quality, TierCandidate, TierController};
+use bevy_meshless_gi::plan::{GiQuality, TierCandidate, TierController};
 use glam::{Vec2, Vec3};
 use meshless_gi::internals::eval::irradiance_at_all;
 use meshless_gi::internals::samples::{Random, scatter, uniform_sphere};
@@ -236,7 +236,10 @@ fn fmm_bake_has_links_as_lower_tiers() {
     // A budget that the octree does not keep goes down to the links.
     let choices = TierCandidate::of(&both, 3);
     assert_eq!(choices.len() as u32, tiers + 1);
-    let mut picker = TierController::new(Quality::FrameBudget(1.0), choices);
+    let mut picker = TierController::new(
+        GiQuality::GpuBudget(std::time::Duration::from_millis(1)),
+        choices,
+    );
     assert_eq!(picker.tier(), tiers + 1);
     for _ in 0..20 {
         let work = picker.tiers()[picker.tier() as usize - 1].work;

@@ -3,7 +3,7 @@
 //! | section | sets |
 //! |---|---|
 //! | view | `GiCamera::view` of all cameras |
-//! | reflections | `GiLighting::bounces` of all scenes |
+//! | reflections | `GiSolver::bounces` of all scenes |
 //! | quality | `GiQuality` of all scenes, with the tiers that their bakes have |
 //! | display | `GiSplatting` of all cameras |
 //! | preset, "bake again" | nothing by itself: the example handles [`BakeAgain`], and offers it by the resource [`PanelPreset`] |
@@ -23,7 +23,9 @@ use bevy::input_focus::InputFocus;
 use bevy::prelude::*;
 use bevy::ui::{Checked, FocusPolicy};
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{GiActiveTier, GiDebugView, GiFrameStats, GiLighting, GiSystems};
+use bevy_meshless_gi::plugin::{
+    GiActiveTier, GiBounceCount, GiDebugView, GiFrameStats, GiSolver, GiSystems,
+};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Preset;
 
@@ -48,7 +50,7 @@ pub enum Control {
     /// A view of all cameras.
     View(GiDebugView),
     /// A number of reflections of all scenes.
-    Bounces(Option<u32>),
+    Bounces(GiBounceCount),
     /// A quality of all scenes.
     Quality(GiQuality),
     /// Every pixel, or a fraction of them.
@@ -90,7 +92,7 @@ impl Plugin for TuningPanelPlugin {
                 Update,
                 (show, build, mark, write_plan, scroll)
                     .chain()
-                    .after(GiSystems::Collect),
+                    .after(GiSystems::CollectBakes),
             );
     }
 }
@@ -180,13 +182,13 @@ fn sections(tiers: u32, lights: &Lights, preset: bool) -> Vec<Section> {
         pairs.map(|(name, c)| ((*name).to_string(), *c)).collect()
     };
     let view = named(&[
-        ("lit", Control::View(GiDebugView::Lit)),
-        ("indirect", Control::View(GiDebugView::Indirect)),
+        ("lit", Control::View(GiDebugView::Final)),
+        ("indirect", Control::View(GiDebugView::IndirectOnly)),
         ("irradiance", Control::View(GiDebugView::Irradiance)),
     ]);
-    let mut bounces = named(&[("auto", Control::Bounces(None))]);
-    bounces.extend((1..=8).map(|n| (n.to_string(), Control::Bounces(Some(n)))));
-    let mut quality = named(&[("all", Control::Quality(GiQuality::All))]);
+    let mut bounces = named(&[("auto", Control::Bounces(GiBounceCount::Auto))]);
+    bounces.extend((1..=8).map(|n| (n.to_string(), Control::Bounces(GiBounceCount::Fixed(n)))));
+    let mut quality = named(&[("all", Control::Quality(GiQuality::Full))]);
     quality.extend((1..=tiers).map(|n| {
         let tier = Control::Quality(GiQuality::Tier(n));
         (format!("tier {n}"), tier)
@@ -294,7 +296,7 @@ fn change(
     mut commands: Commands,
     controls: Query<&Control>,
     mut cameras: Query<(&mut GiCamera, &mut GiSplatting)>,
-    mut scenes: Query<(&mut GiLighting, &mut GiQuality)>,
+    mut scenes: Query<(&mut GiSolver, &mut GiQuality)>,
     lights: Query<Option<&GiLight>>,
     mut preset: Option<ResMut<PanelPreset>>,
 ) {
@@ -311,10 +313,10 @@ fn change(
                 commands.entity(light).insert(light_settings);
             }
         }
-        Control::View(view) => (cameras.iter_mut()).for_each(|(mut c, _)| c.view = view),
+        Control::View(view) => (cameras.iter_mut()).for_each(|(mut c, _)| c.debug_view = view),
         Control::Full(full) => {
             let display = match full {
-                true => GiSplatting::Full,
+                true => GiSplatting::PerPixel,
                 false => GiSplatting::default(),
             };
             (cameras.iter_mut()).for_each(|(_, mut of)| *of = display);
@@ -335,7 +337,7 @@ fn mark(
     mut commands: Commands,
     controls: Query<(Entity, &Control, Has<Checked>)>,
     cameras: Query<(&GiCamera, &GiSplatting)>,
-    scenes: Query<(&GiLighting, &GiQuality)>,
+    scenes: Query<(&GiSolver, &GiQuality)>,
     lights: Query<&GiLight>,
     preset: Option<Res<PanelPreset>>,
 ) {
@@ -344,8 +346,10 @@ fn mark(
     let scene = scenes.iter().next();
     for (entity, control, checked) in &controls {
         let set = match *control {
-            Control::View(view) => camera.is_some_and(|(c, _)| c.view == view),
-            Control::Full(full) => camera.is_some_and(|(_, d)| (*d == GiSplatting::Full) == full),
+            Control::View(view) => camera.is_some_and(|(c, _)| c.debug_view == view),
+            Control::Full(full) => {
+                camera.is_some_and(|(_, d)| (*d == GiSplatting::PerPixel) == full)
+            }
             Control::Bounces(n) => scene.is_some_and(|(s, _)| s.bounces == n),
             Control::Quality(q) => scene.is_some_and(|(_, of)| *of == q),
             Control::Light(light) => lights.get(light).map_or(true, |l| l.enabled),

@@ -184,10 +184,10 @@ fn switch(
             camera.enabled = !camera.enabled;
         }
         if keys.just_pressed(KeyCode::KeyV) {
-            camera.view = match camera.view {
-                GiDebugView::Lit => GiDebugView::Indirect,
-                GiDebugView::Indirect => GiDebugView::Irradiance,
-                GiDebugView::Irradiance => GiDebugView::Lit,
+            camera.debug_view = match camera.debug_view {
+                GiDebugView::Final => GiDebugView::IndirectOnly,
+                GiDebugView::IndirectOnly => GiDebugView::Irradiance,
+                _ => GiDebugView::Final,
             };
         }
     }

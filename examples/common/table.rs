@@ -21,7 +21,7 @@ impl Plugin for PlanTable {
         // For the device's clock.
         app.add_plugins(RenderDiagnosticsPlugin)
             .add_systems(Startup, set_up)
-            .add_systems(Update, tell.after(GiSystems::Collect));
+            .add_systems(Update, tell.after(GiSystems::CollectBakes));
     }
 }
 

@@ -56,13 +56,13 @@ impl Eye {
 /// A camera that was moved by hand stays where it is.
 pub fn look_at_light(
     event: On<GiBakeFinished>,
-    mut scenes: Query<(&GiScene, &mut GiLighting)>,
+    mut scenes: Query<(&GiScene, &mut GiEnvironment)>,
     bakes: Res<Assets<GiBakedScene>>,
     level: Res<Level>,
     mut eye: Single<(&Eye, &mut Transform, &mut Exposure), Without<Lamp>>,
     mut lamp: Query<(&PointLight, &mut Transform), With<Lamp>>,
 ) {
-    let (Ok((gi, mut lighting)), Ok(_)) = (scenes.get_mut(event.entity), &event.result) else {
+    let (Ok((gi, mut environment)), Ok(_)) = (scenes.get_mut(event.entity), &event.result) else {
         return;
     };
     let Some(bake) = bakes.get(&gi.0) else {
@@ -86,7 +86,7 @@ pub fn look_at_light(
     if let Some(ev100) = exposure_of(&around(&seen, transform.forward().into())) {
         exposure.ev100 = ev100;
         // Bevy shows emissive surfaces alike at any exposure; so shall their light be.
-        lighting.emission = 1.2 * ev100.exp2();
+        environment.emissive_luminance = 1.2 * ev100.exp2();
     }
 }
 

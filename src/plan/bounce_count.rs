@@ -4,6 +4,7 @@
 //! more than gainⁿ of what all of them give is missing, about: dark levels need two or three, white
 //! rooms ten.
 
+use super::GiBounceCount;
 use meshless_gi::internals::frame::materials::live_surfaces;
 use meshless_gi::{BakedScene, FrameSettings, MaterialFactors};
 use std::fmt;
@@ -82,7 +83,7 @@ impl BounceSelector {
     /// that holds its bounces.
     pub fn pick(
         &mut self,
-        asked: Option<u32>,
+        asked: GiBounceCount,
         bake: &BakedScene,
         factors: &[MaterialFactors],
     ) -> Option<BounceSelection> {
@@ -99,11 +100,11 @@ impl BounceSelector {
         let most = FrameSettings::MAX_SWEEPS + 1;
         Some(BounceSelection {
             bounces: match (asked, gain) {
-                (Some(bounces), _) => bounces.clamp(1, most),
-                (None, Some(gain)) => bounces_at(gain),
-                (None, None) => UNKNOWN,
+                (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, most),
+                (GiBounceCount::Auto, Some(gain)) => bounces_at(gain),
+                (GiBounceCount::Auto, None) => UNKNOWN,
             },
-            forced: asked.is_some(),
+            forced: asked != GiBounceCount::Auto,
             gain,
         })
     }

@@ -3,25 +3,13 @@
 //! is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a
 //! lamp that blinks in another color.
 
-use super::Colors;
+use super::{Colors, GiColorMode};
 use glam::Vec3;
 use meshless_gi::Channels;
 use std::fmt;
 
 /// Frames of one color, one after another, before a scene that had several is one channel again.
 pub const STEADY: u32 = 60;
-
-/// What is asked of a scene's channels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ColorModeRequest {
-    /// As many as it takes.
-    #[default]
-    Auto,
-    /// All three.
-    Three,
-    /// One, whatever the colors: where they are several, green decides and light is white.
-    One,
-}
 
 /// What colors a scene's light has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,11 +67,7 @@ impl ColorModeSelector {
     /// What this frame's solve takes. Three channels come with the frame that needs them, one
     /// channel only after [`STEADY`] frames that do with it; what shines first is taken as it is,
     /// and darkness changes nothing.
-    pub fn pick(
-        &mut self,
-        asked: ColorModeRequest,
-        found: SceneChromaticity,
-    ) -> ColorModeSelection {
+    pub fn pick(&mut self, asked: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
         let waits = match found.colors {
             Colors::Dark => false,
             Colors::One => {
@@ -98,9 +82,9 @@ impl ColorModeSelector {
             }
         };
         let (channels, why) = match asked {
-            ColorModeRequest::Three => (Channels::Three, "they are asked for"),
-            ColorModeRequest::One => (Channels::One(found.hue), "it is asked for"),
-            ColorModeRequest::Auto => match (self.now, found.colors) {
+            GiColorMode::Rgb => (Channels::Three, "they are asked for"),
+            GiColorMode::Monochrome => (Channels::One(found.hue), "it is asked for"),
+            GiColorMode::Auto => match (self.now, found.colors) {
                 (Some(Some(hue)), _) => (
                     Channels::One(hue),
                     "surfaces are gray and all that shines has one color",
@@ -119,7 +103,7 @@ impl ColorModeSelector {
         };
         ColorModeSelection {
             channels,
-            forced: asked != ColorModeRequest::Auto,
+            forced: asked != GiColorMode::Auto,
             why,
         }
     }
@@ -136,7 +120,7 @@ mod tests {
     }
 
     fn auto(picker: &mut ColorModeSelector, colors: Colors) -> Channels {
-        let picked = picker.pick(ColorModeRequest::Auto, found(colors));
+        let picked = picker.pick(GiColorMode::Auto, found(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
     }
@@ -187,9 +171,9 @@ mod tests {
     fn color_mode_setting_overrides_and_is_removed_with_it() {
         let mut picker = ColorModeSelector::new();
         for colors in [Colors::Dark, Colors::One, Colors::Lights] {
-            let three = picker.pick(ColorModeRequest::Three, found(colors));
+            let three = picker.pick(GiColorMode::Rgb, found(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
-            let one = picker.pick(ColorModeRequest::One, found(colors));
+            let one = picker.pick(GiColorMode::Monochrome, found(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: it is asked for");
         }

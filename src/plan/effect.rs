@@ -146,7 +146,7 @@ fn residency(state: &FrameState, plan: &mut Plan) {
             Ok(()) => {}
             Err(why) => {
                 plan.skipped.push((scene.id, None, why));
-                if !scene.loaded || scene.idle_frames >= state.keep_frames {
+                if !scene.loaded || scene.idle_frames >= state.unload_after_frames {
                     plan.release.push(scene.id);
                 }
             }
@@ -520,7 +520,7 @@ mod tests {
         let mut state = at_rest();
         state.views.clear();
         assert!(Plan::new(&state).release.is_empty());
-        state.scenes[0].idle_frames = state.keep_frames;
+        state.scenes[0].idle_frames = state.unload_after_frames;
         assert_eq!(Plan::new(&state).release, [A]);
         state.scenes[0].idle_frames = 0;
         state.scenes[0].loaded = false;

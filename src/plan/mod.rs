@@ -51,6 +51,7 @@ mod pass;
 mod passes;
 mod picked;
 mod rsm_views;
+mod settings;
 mod soft_shadows;
 mod space;
 mod state;
@@ -58,9 +59,7 @@ mod tier_controller;
 mod transport;
 
 pub use bounce_count::{BounceSelection, BounceSelector, LEFT, MAX, bounces_at};
-pub use channels::{
-    ColorModeRequest, ColorModeSelection, ColorModeSelector, STEADY, SceneChromaticity,
-};
+pub use channels::{ColorModeSelection, ColorModeSelector, STEADY, SceneChromaticity};
 pub use cost::{Cost, CostModel, TimingScope, Work};
 pub use decision::{Decision, DecisionLog, NameOf, Subject};
 pub use effect::{EFFECTS, Effect};
@@ -74,8 +73,9 @@ pub use pass::{Pass, Reason, Skip, Stage};
 pub use passes::Plan;
 pub use picked::TierSelection;
 pub use rsm_views::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
+pub use settings::{GiBounceCount, GiColorMode, GiQuality};
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
     SlotChange, SoftState, ViewId, ViewState, VolumeState,
 };
-pub use tier_controller::{Quality, TierCandidate, TierController};
+pub use tier_controller::{TierCandidate, TierController};

@@ -275,7 +275,7 @@ pub struct FrameState {
     /// The largest buffer, in bytes, that the device binds.
     pub largest_binding: u64,
     /// A scene that no view has seen for this many frames gives its buffers back.
-    pub keep_frames: u32,
+    pub unload_after_frames: u32,
     /// Every baked scene of the world.
     pub scenes: Vec<SceneState>,
     /// Every camera with display settings.
@@ -312,7 +312,7 @@ impl Default for FrameState {
         Self {
             device_able: true,
             largest_binding: 128 << 20,
-            keep_frames: 120,
+            unload_after_frames: 120,
             scenes: Vec::new(),
             views: Vec::new(),
             bounces: Vec::new(),

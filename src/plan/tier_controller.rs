@@ -11,7 +11,8 @@
 //! Reflections and lit places are no part of the choice: what fewer of them cost in error no bake
 //! measures.
 
-use super::TierSelection;
+use super::settings::milliseconds;
+use super::{GiQuality, TierSelection};
 use meshless_gi::BakedScene;
 
 /// Solves in a row over the budget before the picker goes down.
@@ -26,21 +27,6 @@ const TRIAL: u32 = 300;
 const SETTLE: u32 = 4;
 /// Weight of a new measurement in the running mean.
 const SMOOTH: f32 = 0.2;
-
-/// What is asked of a scene's indirect light.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Quality {
-    /// All links.
-    #[default]
-    All,
-    /// This tier, from 1 (the fewest links) on; the nearest one that there is.
-    Tier(u32),
-    /// The lowest tier whose estimated NRMSE is at most this, at the upper end of its 95 %
-    /// confidence interval; all links where none is.
-    MaxError(f32),
-    /// The highest tier whose solves stay within so many milliseconds of the device's time.
-    FrameBudget(f32),
-}
 
 /// What is known of a tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,7 +81,7 @@ impl TierCandidate {
 /// Picks the tier of one scene, frame by frame.
 #[derive(Clone, Debug)]
 pub struct TierController {
-    asked: Quality,
+    asked: GiQuality,
     tiers: Vec<TierCandidate>,
     tier: u32,
     /// Running mean of what a solve of this tier costs, milliseconds.
@@ -119,15 +105,15 @@ pub struct TierController {
 impl TierController {
     /// A picker for a bake's tiers, tier 1 first. A budget starts from all links.
     #[must_use]
-    pub fn new(asked: Quality, tiers: Vec<TierCandidate>) -> Self {
+    pub fn new(asked: GiQuality, tiers: Vec<TierCandidate>) -> Self {
         let top = tiers.len().max(1) as u32;
         let tier = match asked {
-            Quality::Tier(n) => n.clamp(1, top),
-            Quality::MaxError(most) => {
+            GiQuality::Tier(n) => n.clamp(1, top),
+            GiQuality::MaxError(most) => {
                 let met = tiers.iter().position(|tier| tier.error <= most);
                 met.map_or(top, |at| at as u32 + 1)
             }
-            Quality::All | Quality::FrameBudget(_) => top,
+            GiQuality::Full | GiQuality::GpuBudget(_) => top,
         };
         Self {
             asked,
@@ -146,7 +132,7 @@ impl TierController {
 
     /// What was asked for.
     #[must_use]
-    pub fn asked(&self) -> Quality {
+    pub fn asked(&self) -> GiQuality {
         self.asked
     }
 
@@ -170,10 +156,11 @@ impl TierController {
 
     /// A solve took so many milliseconds. Matters to a budget alone; what is no time is left out.
     pub fn measured(&mut self, ms: f32) {
-        let Quality::FrameBudget(budget) = self.asked else {
+        let GiQuality::GpuBudget(budget) = self.asked else {
             return;
         };
-        if !(ms.is_finite() && ms >= 0.0 && budget.is_finite()) {
+        let budget = milliseconds(budget);
+        if !(ms.is_finite() && ms >= 0.0) {
             return;
         }
         if self.settle > 0 {
@@ -212,23 +199,25 @@ impl TierController {
         let here = self.tiers.get(self.tier as usize - 1);
         let error = here.map_or(f32::INFINITY, |t| t.error);
         let why = match (self.asked, self.cost) {
-            (Quality::All, _) => "nothing less was asked for".into(),
-            (Quality::Tier(n), _) if n == self.tier => "it was asked for".into(),
-            (Quality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
-            (Quality::MaxError(most), _) if error <= most => format!(
+            (GiQuality::Full, _) => "nothing less was asked for".into(),
+            (GiQuality::Tier(n), _) if n == self.tier => "it was asked for".into(),
+            (GiQuality::Tier(n), _) => format!("the nearest to tier {n}, which there is not"),
+            (GiQuality::MaxError(most), _) if error <= most => format!(
                 "the lowest with an error of at most {:.1} %: {:.1} %",
                 percent(most),
                 percent(error)
             ),
-            (Quality::MaxError(most), _) => format!(
+            (GiQuality::MaxError(most), _) => format!(
                 "none has an error of at most {:.1} %; this is the best, {:.1} %",
                 percent(most),
                 percent(error)
             ),
-            (Quality::FrameBudget(budget), None) => {
+            (GiQuality::GpuBudget(budget), None) => {
+                let budget = milliseconds(budget);
                 format!("within {budget} ms as far as is known; it is not measured yet")
             }
-            (Quality::FrameBudget(budget), Some(cost)) => {
+            (GiQuality::GpuBudget(budget), Some(cost)) => {
+                let budget = milliseconds(budget);
                 let held = if cost <= budget { "within" } else { "over" };
                 let change = match self.tiers.get(self.tier as usize) {
                     Some(above) => format!(
@@ -247,7 +236,7 @@ impl TierController {
             tiers: top,
             octree: here.is_some_and(|t| t.octree),
             work: here.map_or(0, |t| t.work),
-            forced: matches!(self.asked, Quality::Tier(_)),
+            forced: matches!(self.asked, GiQuality::Tier(_)),
             why,
         }
     }
@@ -296,6 +285,7 @@ impl TierController {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
 
     fn tiers() -> Vec<TierCandidate> {
         [(1, 0.08), (2, 0.05), (4, 0.045), (8, 0.04)]
@@ -327,15 +317,18 @@ mod tests {
     }
 
     fn budget(ms: f32) -> TierController {
-        TierController::new(Quality::FrameBudget(ms), tiers())
+        TierController::new(
+            GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * ms)),
+            tiers(),
+        )
     }
 
     #[test]
     fn tier_is_selected_by_number_or_error() {
         let of = |asked| TierController::new(asked, tiers()).picked();
-        assert_eq!(of(Quality::All).tier, 4);
+        assert_eq!(of(GiQuality::Full).tier, 4);
         for (n, tier) in [(0, 1), (1, 1), (3, 3), (9, 4)] {
-            let picked = of(Quality::Tier(n));
+            let picked = of(GiQuality::Tier(n));
             assert_eq!(picked.tier, tier);
             assert_eq!(picked.why == "it was asked for", n == tier, "{picked}");
         }
@@ -347,13 +340,13 @@ mod tests {
             (0.01, 4),
             (f32::NAN, 4),
         ] {
-            let picked = of(Quality::MaxError(error));
+            let picked = of(GiQuality::MaxError(error));
             assert_eq!(picked.tier, tier, "{error}: {picked}");
             let met = error >= 0.04;
             assert!(picked.why.starts_with("none") != met, "{picked}");
         }
         // What costs what matters to a budget alone.
-        let mut picker = TierController::new(Quality::Tier(4), tiers());
+        let mut picker = TierController::new(GiQuality::Tier(4), tiers());
         run(&mut picker, 500, |_, _| 1e6);
         assert_eq!((picker.tier(), picker.changes()), (4, 0));
     }
@@ -478,9 +471,9 @@ mod tests {
     fn tier_above_links_is_named_octree() {
         let mut all = tiers();
         all[3].octree = true;
-        let picked = TierController::new(Quality::All, all.clone()).picked();
+        let picked = TierController::new(GiQuality::Full, all.clone()).picked();
         assert!(picked.to_string().starts_with("tier 4 of 4, the octree: "));
-        let mut picker = TierController::new(Quality::FrameBudget(5.0), all);
+        let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(5)), all);
         run(&mut picker, 20, |_, work| 8.0 * work);
         let said = picker.picked().to_string();
         assert!(said.starts_with("tier 3 of 4: "), "{said}");
@@ -492,7 +485,8 @@ mod tests {
 
     #[test]
     fn bake_without_tiers_has_single_tier() {
-        let mut picker = TierController::new(Quality::FrameBudget(1.0), Vec::new());
+        let mut picker =
+            TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), Vec::new());
         picker.measured(f32::NAN);
         assert_eq!((picker.tier(), picker.picked().tiers), (1, 1));
         let one = vec![TierCandidate {
@@ -500,7 +494,7 @@ mod tests {
             error: 0.1,
             octree: false,
         }];
-        let mut picker = TierController::new(Quality::FrameBudget(1.0), one);
+        let mut picker = TierController::new(GiQuality::GpuBudget(Duration::from_millis(1)), one);
         (0..100).for_each(|_| picker.measured(5.0));
         assert_eq!((picker.tier(), picker.changes()), (1, 0));
     }

@@ -42,7 +42,7 @@ impl Plugin for BakedAssetPlugin {
         app.init_asset::<GiBakedScene>()
             .insert_resource(reports)
             .init_resource::<GiStaleBakes>()
-            .add_systems(Last, warn_stale.in_set(GiSystems::Check));
+            .add_systems(Last, warn_stale.in_set(GiSystems::Validate));
         #[cfg(feature = "gltf")]
         build_recipes(app, &checker);
         app.register_asset_loader(GiBakedSceneLoader { checker });
@@ -63,7 +63,7 @@ fn build_recipes(app: &mut App, checker: &LevelChecker) {
         .add_message::<GiRecipeProgress>()
         .add_systems(
             bevy::app::PreUpdate,
-            send_progress.in_set(GiSystems::Collect),
+            send_progress.in_set(GiSystems::CollectBakes),
         )
         .register_asset_loader(RecipeInputLoader {
             folders: folders.clone(),

@@ -6,7 +6,7 @@ use meshless_gi::{Progress, Stage};
 use std::fmt;
 
 /// Progress of the bake of its entity. Added when a bake starts, updated in
-/// [`GiSystems::Collect`](super::GiSystems::Collect), removed when the bake ends.
+/// [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes), removed when the bake ends.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiBakeProgress {

@@ -25,9 +25,9 @@ use super::bake_error::GiBakeError;
 use super::bake_finished::GiBakeFinished;
 use super::bake_progress::GiBakeProgress;
 use super::bake_summary::GiBakeSummary;
-use super::components::GiScene;
 use super::entity_bake::{GiBakeRequest, GiBakeWarning};
 use super::materials::GiDynamicMaterials;
+use super::scene::GiScene;
 use super::scene_log::entity_label;
 use bevy::asset::{Assets, Handle};
 use bevy::ecs::lifecycle::HookContext;
@@ -153,7 +153,7 @@ pub(crate) fn bake_threads() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1))
 }
 
-/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
+/// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
 pub(crate) fn collect_bakes(
     mut commands: Commands,
     mut bakes: Query<(Entity, &mut GiBakeTask, &mut GiBakeProgress)>,

@@ -2,8 +2,10 @@
 //! [`GiIrradianceVolume`].
 
 use super::asset::GiBakedScene;
-use super::components::{GiCamera, GiScene, GiSettings};
+use super::camera::GiCamera;
 use super::rsm::GiRsmCamera;
+use super::scene::GiScene;
+use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, tell};
 use super::volume::GiIrradianceVolume;
 use bevy::asset::Assets;
@@ -28,7 +30,7 @@ type Cameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 #[expect(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"

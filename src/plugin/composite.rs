@@ -1,7 +1,7 @@
 //! What each camera does: splats the scenes that it sees over its pixels, and adds the irradiance
 //! to its picture.
 
-use super::components::GiDebugView;
+use super::camera::GiDebugView;
 use super::compute::GiRender;
 use super::evaluate::{Evaluated, Surfaces, evaluate, is_planned};
 use super::extract::ExtractedGi;
@@ -114,7 +114,7 @@ type View = (
     Option<&'static TemporalJitter>,
 );
 
-/// Runs in [`GiSystems::Composite`](super::GiSystems::Composite).
+/// Runs in [`GiRenderSystems::Composite`](super::GiRenderSystems::Composite).
 pub(crate) fn composite(
     view: ViewQuery<View>,
     world: Res<ExtractedGi>,
@@ -223,7 +223,7 @@ pub(crate) fn composite(
         let [x, y, width, height] = view.viewport.to_array();
         pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(x, y, width, height);
-        let replace = settings.view != GiDebugView::Lit;
+        let replace = settings.debug_view != GiDebugView::Final;
         let textures = [&irradiance, &**gbuffer, &*passes.texture.default_view];
         draw_composite(
             kernels,

@@ -5,7 +5,7 @@
 //! first needs them, buffers when a scene comes into view. When the last scene's buffers go, the
 //! pipelines go too.
 
-use super::components::{GiColorMode, GiDebugView};
+use super::camera::GiDebugView;
 use super::composite::ViewRuntime;
 use super::diagnostics::{FrameStats, GiFrameStats};
 use super::extract::{ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey};
@@ -20,8 +20,8 @@ use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, KernelPipelines, Pass};
 use crate::plan::{
-    DisplayUse, FrameState, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots, Stage, ViewId,
-    ViewState, falls_back,
+    DisplayUse, FrameState, GiColorMode, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots,
+    Stage, ViewId, ViewState, falls_back,
 };
 use bevy::ecs::prelude::*;
 use bevy::log::{error, warn, warn_once};
@@ -81,11 +81,10 @@ pub(crate) fn device_able(device: &RenderDevice) -> Result<(), GpuError> {
 
 /// The settings of a solve.
 fn frame_settings(scene: &ExtractedScene) -> FrameSettings {
-    let lighting = &scene.lighting;
     FrameSettings {
         tier: (scene.tier.as_ref()).map_or(FrameSettings::ALL_TIERS, |picked| picked.tier),
         sky: scene.sky,
-        emission: lighting.emission.max(0.0),
+        emission: scene.emissive_luminance,
         channels: (scene.channels).map_or(Channels::Three, |picked| picked.channels),
         ..FrameSettings::bounces(scene.bounces.map_or(1, |picked| picked.bounces))
     }
@@ -115,7 +114,7 @@ impl GiRender {
         let mut state = FrameState {
             device_able: !self.unable,
             largest_binding,
-            keep_frames: world.keep_frames,
+            unload_after_frames: world.unload_after_frames,
             scenes: Vec::with_capacity(world.scenes.len()),
             views: Vec::with_capacity(world.views.len()),
             bounces: maps.describe(world),
@@ -135,16 +134,16 @@ impl GiRender {
                 id: view.id,
                 gloss: view.gloss.is_some(),
                 // Soft shadows are taken from the picture of a deferred camera.
-                lit: view.settings.view == GiDebugView::Lit && !view.forward,
+                lit: view.settings.debug_view == GiDebugView::Final && !view.forward,
                 enabled: view.settings.enabled,
                 has_gbuffer: view.has_gbuffer,
                 pixels: view.pixels,
                 display: match view.display {
-                    GiSplatting::Full => DisplayUse::Full,
+                    GiSplatting::PerPixel => DisplayUse::Full,
                     _ if self.views.get(&view.id).is_some_and(|v| v.too_large) => {
                         DisplayUse::NoRoom
                     }
-                    GiSplatting::Subsplats(_) => DisplayUse::Subsplats,
+                    GiSplatting::Multiresolution(_) => DisplayUse::Subsplats,
                 },
                 sees: view.sees.clone(),
             });
@@ -236,7 +235,7 @@ impl GiRender {
                 .iter()
                 .filter(|l| l.layers.intersects(&scene.layers))
                 .map(|l| {
-                    let parts = FrameLight::expand(&l.light, l.patches);
+                    let parts = FrameLight::expand(&l.light, l.area_samples);
                     (
                         l.key,
                         parts
@@ -276,7 +275,7 @@ impl GiRender {
                 ..solved
             },
         });
-        let asks_anew = runtime.asked != scene.lighting.channels;
+        let asks_anew = runtime.asked != scene.solver.color_mode;
         state.settings_changed = before != Some(now) || asks_anew;
         state.idle_frames = runtime.idle_frames;
         // Fewer lights need less.
@@ -403,7 +402,7 @@ impl GiRender {
     }
 }
 
-/// Runs in [`GiSystems::Compute`](super::GiSystems::Compute).
+/// Runs in [`GiRenderSystems::Solve`](super::GiRenderSystems::Solve).
 #[allow(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
@@ -610,7 +609,7 @@ impl SceneRuntime {
             solve.end(encoder);
             self.slots.mark_applied();
             self.solved = Some(*settings);
-            self.asked = scene.lighting.channels;
+            self.asked = scene.solver.color_mode;
         }
         if plan.find(Stage::SoftShadow, id).is_some() {
             let timed = recorder.time_span(encoder, span(Stage::SoftShadow, id));

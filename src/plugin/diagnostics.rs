@@ -128,7 +128,7 @@ impl Plugin for MeshlessGiDiagnosticsPlugin {
                 Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0),
             );
         }
-        app.add_systems(PreUpdate, publish.in_set(super::GiSystems::Collect));
+        app.add_systems(PreUpdate, publish.in_set(super::GiSystems::CollectBakes));
     }
 }
 

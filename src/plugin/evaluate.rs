@@ -3,7 +3,7 @@
 //!
 //! [`super::composite`] adds it to the picture of a deferred camera; [`super::forward_display`] hands it to the surfaces of a forward one.
 
-use super::components::GiDebugView;
+use super::camera::GiDebugView;
 use super::composite::ViewRuntime;
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, ExtractedGiView};
@@ -118,7 +118,7 @@ pub(super) fn evaluate(
     let recorder = recorder.as_deref();
     let composite = CompositeParams {
         scale: settings.intensity.max(0.0),
-        white: f32::from(u8::from(settings.view == GiDebugView::Irradiance)),
+        white: f32::from(u8::from(settings.debug_view == GiDebugView::Irradiance)),
         ..CompositeParams::default()
     };
 
@@ -185,7 +185,7 @@ pub(super) fn evaluate(
         (render.plan.passes.iter()).any(|p| p.stage == Stage::VplSpecular && p.view == Some(id))
     });
     // Irradiance is what a white, rough surface would get.
-    let glossy = glossy.filter(|_| settings.view != GiDebugView::Irradiance);
+    let glossy = glossy.filter(|_| settings.debug_view != GiDebugView::Irradiance);
     match (glossy, on_view.as_ref()) {
         (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
             let timed =
@@ -221,7 +221,7 @@ pub(super) fn evaluate(
     }
     let first = runtime.irradiance(0, device.wgpu_device());
     let subsplats = match &shown_by.display {
-        GiSplatting::Subsplats(settings) if !runtime.too_large => {
+        GiSplatting::Multiresolution(settings) if !runtime.too_large => {
             let params = SubsplatParams::new(
                 &(*settings).into(),
                 clip_from_view.inverse(),

@@ -7,14 +7,19 @@
 //! directional lights their lux, rectangles lumens / (π · area).
 
 use super::asset::GiBakedScene;
-use super::components::{GiCamera, GiLight, GiLighting, GiScene, GiSettings};
+use super::camera::GiCamera;
+use super::environment::GiEnvironment;
 use super::forward_camera::ForwardDisplays;
 use super::gizmos::{GiGizmos, wants_coefficients};
+use super::light::GiLight;
 use super::materials::{GiDynamicMaterials, ResolvedMaterials};
 use super::occluders::{GiOccluder, gains};
 use super::quality::GiActiveTier;
 use super::rsm::GiRsmCamera;
+use super::scene::GiScene;
+use super::settings::GiSettings;
 use super::sky::GiSky;
+use super::solver::GiSolver;
 use super::splatting::GiSplatting;
 use super::transform::SimilarityTransform;
 use super::volume::GiIrradianceVolume;
@@ -48,7 +53,9 @@ pub(crate) struct ExtractedScene {
     pub placement: Option<SimilarityTransform>,
     pub shown: bool,
     pub layers: RenderLayers,
-    pub lighting: GiLighting,
+    pub solver: GiSolver,
+    /// Luminance of a baked emissive value of 1, cd/m²; not negative.
+    pub emissive_luminance: f32,
     /// The sky's radiance in the bake's local space.
     pub sky: SkyRadiance,
     /// The factors of its materials, where they may change.
@@ -80,13 +87,13 @@ pub(crate) struct ExtractedGiView {
     pub sees: Vec<SceneId>,
 }
 
-/// A light of the main world, in world space, and how many patches it is worth.
+/// A light of the main world, in world space, and how many area_samples it is worth.
 pub(crate) struct ExtractedGiLight {
     /// The entity, and which of its lights: it may have one of each kind.
     pub key: LightKey,
     pub layers: RenderLayers,
     pub light: Light,
-    pub patches: u32,
+    pub area_samples: u32,
 }
 
 /// What a light is known by.
@@ -107,7 +114,7 @@ pub(crate) struct ExtractedGi {
     pub scenes: Vec<ExtractedScene>,
     pub views: Vec<ExtractedGiView>,
     pub lights: Vec<ExtractedGiLight>,
-    pub keep_frames: u32,
+    pub unload_after_frames: u32,
     pub read_back: bool,
     /// What there is of all that, and what changed.
     pub inventory: Inventory,
@@ -119,12 +126,12 @@ type Scenes<'w, 's> = Query<
     (
         Entity,
         &'static GiScene,
-        &'static GiLighting,
+        &'static GiEnvironment,
+        &'static GiSolver,
         &'static GiActiveTier,
         &'static GlobalTransform,
         &'static InheritedVisibility,
         Option<&'static RenderLayers>,
-        Option<&'static GiSky>,
         Option<&'static GiDynamicMaterials>,
     ),
 >;
@@ -266,25 +273,17 @@ pub(crate) fn in_view(scene: &ExtractedScene, frustum: &Frustum, layers: &Render
 }
 
 /// All that the sky sheds, in the local space of a bake.
-fn sky_of(
-    lighting: &GiLighting,
-    sky: Option<&GiSky>,
-    placement: Option<&SimilarityTransform>,
-) -> SkyRadiance {
-    let LinearRgba {
-        red, green, blue, ..
-    } = lighting.sky;
-    let uniform = SkyRadiance::from(Vec3::new(red, green, blue).max(Vec3::ZERO));
-    let (Some(sky), Some(placement)) = (sky, placement) else {
-        return uniform;
-    };
-    let varied = sky.radiance();
-    if !varied.is_finite() {
-        return uniform;
+fn sky_of(sky: &GiSky, placement: Option<&SimilarityTransform>) -> SkyRadiance {
+    let radiance = sky.radiance();
+    if !matches!(sky, GiSky::Harmonics(_)) {
+        return radiance;
     }
+    let Some(placement) = placement.filter(|_| radiance.is_finite()) else {
+        return SkyRadiance::from(Vec3::ZERO);
+    };
     // Its linear part is a rotation over the scale.
-    let turn = Mat3::from(placement.local_from_world().matrix3) * placement.scale;
-    uniform + varied.turned(turn)
+    let rotation = Mat3::from(placement.local_from_world().matrix3) * placement.scale;
+    radiance.turned(rotation)
 }
 
 /// What [`GiCamera`] brings to its camera, beside one sample a pixel.
@@ -337,7 +336,7 @@ pub(crate) fn extract(
     mut resolved: Local<HashMap<Entity, ResolvedMaterials>>,
     occluders: Extract<Query<(Entity, &GiOccluder)>>,
 ) {
-    out.keep_frames = settings.keep_frames;
+    out.unload_after_frames = settings.unload_after_frames;
     out.read_back = gizmos
         .as_ref()
         .and_then(|store| store.get_config::<GiGizmos>())
@@ -347,7 +346,8 @@ pub(crate) fn extract(
     out.scenes.clear();
     out.views.clear();
     out.lights.clear();
-    for (entity, gi, lighting, tier, transform, visibility, layers, sky, materials) in &scenes {
+    for (entity, gi, environment, solver, tier, transform, visibility, layers, materials) in &scenes
+    {
         let placement = SimilarityTransform::new(transform);
         if placement.is_some_and(|p| p.distorted) && told.distorted.insert(entity) {
             warn!(
@@ -356,7 +356,7 @@ pub(crate) fn extract(
             );
         }
         let bake = assets.get(&gi.0).map(|asset| asset.scene.clone());
-        let sky = sky_of(lighting, sky, placement.as_ref());
+        let sky = sky_of(&environment.sky, placement.as_ref());
         if !sky.is_uniform()
             && (bake.as_ref()).is_some_and(|b| b.sky.is_none())
             && told.flat.insert(entity)
@@ -390,7 +390,8 @@ pub(crate) fn extract(
             placement,
             shown: visibility.get(),
             layers: layers.cloned().unwrap_or_default(),
-            lighting: lighting.clone(),
+            solver: solver.clone(),
+            emissive_luminance: environment.emissive_luminance.max(0.0),
             tier: tier.picked(),
             channels: None,
             bounces: None,
@@ -447,10 +448,10 @@ pub(crate) fn extract(
             key: (parts.entity.to_bits(), kind),
             layers: parts.layers.cloned().unwrap_or_default(),
             light,
-            patches: parts
+            area_samples: parts
                 .gi
                 .map_or_else(GiLight::default, Clone::clone)
-                .patches
+                .area_samples
                 .clamp(1, 1024),
         });
     };

@@ -5,15 +5,15 @@
 //! Where Bevy draws no fog there is none: it needs a [`VolumetricLight`] somewhere, and
 //! [`VolumetricFog`] on the camera.
 
-use super::components::{GiDebugView, GiSettings};
+use super::camera::GiDebugView;
 use super::compute::GiRender;
 use super::extract::{ExtractedGi, in_view};
 use super::gpu_timings::view_span;
 use super::rsm::GiRsmCamera;
+use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, tell};
-use super::volume::{
-    DisplayParts, ExtractedVolumes, FoundParts, GiIrradianceVolume, Voxels, displays,
-};
+use super::volume::{DisplayParts, ExtractedVolumes, FoundParts, Voxels, displays};
+use super::volumetric_fog::GiVolumetricFog;
 use crate::gpu::{FogTextures, draw_fog};
 use crate::plan::{FogState, Pass, SceneId, Stage, ViewId};
 use bevy::asset::AssetId;
@@ -95,7 +95,9 @@ impl ExtractedFogs {
 fn shown(camera: &Camera, parts: FoundParts<'_>) -> Option<f32> {
     let intensity = match parts.0 {
         None => 1.0,
-        Some(ours) if ours.view == GiDebugView::Lit && displays(parts) => ours.intensity.max(0.0),
+        Some(ours) if ours.debug_view == GiDebugView::Final && displays(parts) => {
+            ours.intensity.max(0.0)
+        }
         Some(_) => return None,
     };
     camera.is_active.then_some(intensity)
@@ -161,13 +163,13 @@ type FogCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and before the
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and before the
 /// volumes.
 pub(crate) fn extract_fogs(
     mut out: ResMut<ExtractedFogs>,
     world: Res<ExtractedGi>,
     volumes: Extract<Query<&ChildOf, With<Voxels>>>,
-    roots: Extract<Query<&GiIrradianceVolume>>,
+    roots: Extract<Query<&GiVolumetricFog>>,
     fogs: Extract<Query<(&FogVolume, &GlobalTransform)>>,
     lamps: Extract<Query<(), With<VolumetricLight>>>,
     cameras: Extract<FogCameras>,
@@ -187,7 +189,7 @@ pub(crate) fn extract_fogs(
         else {
             continue;
         };
-        let strength = roots.get(parent.parent()).map_or(0.0, |root| root.fog);
+        let strength = roots.get(parent.parent()).map_or(0.0, |fog| fog.intensity);
         if strength > 0.0 && strength.is_finite() {
             let bounds = bake.info.bounds.map(Vec3::from_array);
             let [low, high] = bounds;
@@ -257,7 +259,7 @@ type View = (
     Option<&'static TemporalJitter>,
 );
 
-/// Runs in [`GiSystems::Fog`](super::GiSystems::Fog).
+/// Runs in [`GiRenderSystems::CompositeFog`](super::GiRenderSystems::CompositeFog).
 #[allow(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
@@ -404,10 +406,10 @@ pub(crate) fn draw(
 }
 
 /// Says once where ambient light is in fog that a level lights. Runs in
-/// [`GiSystems::Check`](super::GiSystems::Check).
+/// [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_fog(
     settings: Res<GiSettings>,
-    lit: Query<&GiIrradianceVolume>,
+    lit: Query<&GiVolumetricFog>,
     volumes: Query<(), With<Voxels>>,
     fogs: Query<(), With<FogVolume>>,
     lamps: Query<(), With<VolumetricLight>>,
@@ -421,7 +423,7 @@ pub(crate) fn check_fog(
     };
     if settings.warn_double_counting
         && there
-        && lit.iter().any(|volume| volume.fog > 0.0)
+        && lit.iter().any(|fog| fog.intensity > 0.0)
         && cameras.iter().any(shines)
     {
         tell(vec![GiWarning::FogAmbient], &mut findings);

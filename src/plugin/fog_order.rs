@@ -3,7 +3,7 @@
 //! anti-aliasing among it, which this crate cannot name either: it is a part of Bevy that an app
 //! may be without.
 
-use super::sets::GiSystems;
+use super::sets::GiRenderSystems;
 use bevy::core_pipeline::schedule::Core3dSystems;
 use bevy::ecs::schedule::graph::{DiGraph, Direction};
 use bevy::ecs::schedule::{
@@ -13,7 +13,7 @@ use bevy::ecs::schedule::{
 use bevy::ecs::world::World;
 use bevy::platform::collections::{HashMap, HashSet};
 
-/// Puts [`GiSystems::Fog`] before the other systems of `EarlyPostProcess`, but for those that are
+/// Puts [`GiRenderSystems::CompositeFog`] before the other systems of `EarlyPostProcess`, but for those that are
 /// ordered before it.
 #[derive(Debug, Default)]
 pub(crate) struct FogFirst {
@@ -51,7 +51,7 @@ impl ScheduleBuildPass for FogFirst {
             key.and_then(|key| members.get(&key).cloned())
                 .unwrap_or_default()
         };
-        let ours = of(GiSystems::Fog.intern());
+        let ours = of(GiRenderSystems::CompositeFog.intern());
         let all = of(Core3dSystems::EarlyPostProcess.intern());
         for &fog in &ours {
             let before = leads_to(&dependencies, fog);
@@ -99,9 +99,9 @@ mod tests {
         let anti_alias = noted("anti_alias").in_set(early.clone());
         schedule.add_systems((anti_alias, noted("upscale").in_set(early.clone())));
         schedule.add_systems(noted("tonemap").in_set(Core3dSystems::PostProcess));
-        let fog = noted("fog").in_set(GiSystems::Fog);
+        let fog = noted("fog").in_set(GiRenderSystems::CompositeFog);
         schedule.add_systems(fog.in_set(early.clone()));
-        let asked = noted("asked").before(GiSystems::Fog);
+        let asked = noted("asked").before(GiRenderSystems::CompositeFog);
         schedule.add_systems(asked.in_set(early.clone()));
         let bevys = noted("bevys_fog").after(Core3dSystems::MainPass);
         schedule.add_systems(bevys.before(early));

@@ -1,6 +1,6 @@
 //! [`GiForwardCamera`]: the display of a camera that is not deferred.
 
-use super::components::GiCamera;
+use super::camera::GiCamera;
 use super::extract::{ExtractedGiView, ExtractedScene, in_view};
 use super::rsm::GiRsmCamera;
 use super::splatting::GiSplatting;

@@ -5,8 +5,8 @@
 //! Figure 1, the non-zero coefficients, are those that the device computed for this frame's lights:
 //! while they are on, the vector irradiances are read back, some frames late.
 
-use super::components::GiScene;
 use super::readback::SharedCoefficients;
+use super::scene::GiScene;
 use super::transform::SimilarityTransform;
 use super::{asset::GiBakedScene, sets::GiSystems};
 use bevy::app::{App, Last, Plugin};
@@ -75,7 +75,7 @@ impl Plugin for MeshlessGiGizmosPlugin {
             ..GizmoConfig::default()
         };
         app.insert_gizmo_config(GiGizmos::default(), off)
-            .add_systems(Last, draw.in_set(GiSystems::Check));
+            .add_systems(Last, draw.in_set(GiSystems::Validate));
     }
 }
 

@@ -67,7 +67,7 @@ fn path(timed: &TimingScope) -> DiagnosticPath {
     DiagnosticPath::from_components(parts)
 }
 
-/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
+/// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
 pub(crate) fn learn(
     status: Res<GiFrameStats>,
     costs: Res<DeviceCosts>,

@@ -2,7 +2,7 @@
 //! want a normal map, looked at where one changes; in extraction, after scenes and lights were
 //! read, everything else.
 
-use super::components::GiCamera;
+use super::camera::GiCamera;
 use super::compute::bounds;
 use super::extract::{
     Brought, ExtractedGi, ExtractedGiLight, ExtractedScene, LightKey, draws_gbuffer,
@@ -77,7 +77,7 @@ pub(crate) struct Pickers {
     bake: usize,
 }
 
-/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), after scenes and lights were read.
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), after scenes and lights were read.
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,
@@ -123,7 +123,7 @@ pub(crate) fn take_inventory(
                 transform: (scene.placement.as_ref())
                     .map_or([0.0; 12], |p| p.world_from_local.to_cols_array()),
                 sky: scene.sky,
-                emission: scene.lighting.emission.max(0.0),
+                emission: scene.emissive_luminance,
                 materials: &scene.materials,
                 gains: &scene.gains,
                 unlit_by: (world.lights.iter().enumerate())
@@ -143,14 +143,14 @@ pub(crate) fn take_inventory(
     for scene in &mut world.scenes {
         let Some(bake) = &scene.bake else { continue };
         let pickers = pickers.entry(scene.id).or_default();
-        let asked = scene.lighting.channels.into();
+        let asked = scene.solver.color_mode;
         let colors = surveyor.colors_of(scene.id);
         scene.channels = Some(pickers.channels.pick(asked, colors));
         let which = Arc::as_ptr(bake) as usize;
         if pickers.bake != which {
             (pickers.bake, pickers.bounces) = (which, BounceSelector::new());
         }
-        let asked = scene.lighting.bounces;
+        let asked = scene.solver.bounces;
         scene.bounces = pickers.bounces.pick(asked, bake, &scene.materials);
     }
 }

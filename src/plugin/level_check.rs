@@ -5,7 +5,7 @@
 //! content hash compared: an edited animation makes no bake stale. The level is read through the
 //! load context, so that a change of it loads and compares the bake again where Bevy watches files.
 
-use super::components::GiScene;
+use super::scene::GiScene;
 use super::validation::{GiWarning, GiWarnings};
 use bevy::asset::{AssetPath, LoadContext};
 use bevy::ecs::prelude::*;
@@ -175,7 +175,7 @@ fn is_recipe(path: &AssetPath<'_>) -> bool {
     path.path().to_string_lossy().ends_with(".gi.ron")
 }
 
-/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn warn_stale(
     reports: Res<LevelReports>,
     scenes: Query<(Entity, Option<&Name>, &GiScene)>,

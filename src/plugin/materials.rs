@@ -90,7 +90,7 @@ impl ResolvedMaterials {
 type Textures = [Option<AssetId<Image>>; 2];
 
 /// Says so where a live material gets another texture: indirect light keeps that of the bake. Runs
-/// in [`GiSystems::Check`](super::GiSystems::Check).
+/// in [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_textures(
     mut events: MessageReader<AssetEvent<StandardMaterial>>,
     materials: Res<Assets<StandardMaterial>>,

@@ -57,7 +57,7 @@
 //!   changes.
 //! - Cameras are deferred, high-dynamic-range, one sample a pixel; [`GiCamera`] brings what that
 //!   takes, and the plugin makes deferred the default for opaque materials
-//!   ([`MeshlessGiPlugin::deferred`]). Cameras without a deferred prepass draw such materials
+//!   ([`MeshlessGiPlugin::deferred_by_default`]). Cameras without a deferred prepass draw such materials
 //!   forward, as without the plugin. What is drawn forward, transparent surfaces and whole cameras,
 //!   is lit by [`GiIrradianceVolume`], and so is volumetric fog.
 //! - Indirect light is added after Bevy's distance fog, and without screen-space ambient occlusion.
@@ -79,13 +79,14 @@ mod bake_summary;
 mod bake_task;
 #[cfg(feature = "gltf")]
 mod build_copy;
+mod camera;
 mod check_display;
-mod components;
 mod composite;
 mod compute;
 mod deferred;
 mod diagnostics;
 mod entity_bake;
+mod environment;
 mod evaluate;
 mod extract;
 mod fog;
@@ -99,6 +100,7 @@ mod inventory;
 mod level_check;
 #[cfg(feature = "gltf")]
 mod level_files;
+mod light;
 mod loader;
 mod materials;
 mod occluders;
@@ -115,18 +117,23 @@ mod recipe_loader;
 mod recipe_progress;
 mod rsm;
 mod rsm_render;
+mod scene;
 mod scene_log;
 mod sets;
+mod settings;
 mod sky;
 mod soft_shadow;
+mod solver;
 mod splatting;
 mod stages;
 mod transform;
 mod validation;
 mod volume;
 mod volume_shader;
+mod volumetric_fog;
 mod vpl_specular;
 
+pub use crate::plan::{GiBounceCount, GiColorMode, GiQuality};
 pub use asset::GiBakedScene;
 pub use bake_error::GiBakeError;
 pub use bake_finished::GiBakeFinished;
@@ -135,14 +142,14 @@ pub use bake_processor::GiBakeProcessor;
 pub use bake_progress::{GiBakeProgress, GiBakeStage};
 pub use bake_summary::GiBakeSummary;
 pub use bake_task::GiBakeTask;
-pub use components::{
-    GiCamera, GiColorMode, GiDebugView, GiLight, GiLighting, GiScene, GiSettings,
-};
+pub use camera::{GiCamera, GiDebugView};
 pub use diagnostics::{FrameStats, GiFrameStats, MeshlessGiDiagnosticsPlugin, dispatch_path};
 pub use entity_bake::{GiBakeCommands, GiBakeExclude, GiBakeRequest, GiBakeWarning};
+pub use environment::GiEnvironment;
 pub use forward_camera::GiForwardCamera;
 pub use gizmos::GiGizmos;
 pub use level_check::{GiSceneCheck, GiStaleBakes};
+pub use light::GiLight;
 pub use loader::{GiBakedSceneLoader, GiBakedSceneLoaderSettings, GiLoadError};
 pub use materials::GiDynamicMaterials;
 pub use occluders::GiOccluder;
@@ -155,7 +162,7 @@ pub use process_assets::{
     ProcessAssetsError, ProcessAssetsFailure, ProcessAssetsOptions, ProcessAssetsReport,
     process_assets,
 };
-pub use quality::{GiActiveTier, GiQuality, SolveCostFn, SolveCostSource};
+pub use quality::{GiActiveTier, SolveCostFn, SolveCostSource};
 pub use readback::SharedCoefficients;
 #[cfg(feature = "gltf")]
 pub use recipe_loader::{GiBakeSettings, GiRecipeLoader, RecipeLoadError};
@@ -165,13 +172,17 @@ pub use rsm::{
     GiReflectiveShadowMap, GiReflector, GiRsmCamera, RSM_CAMERA_ORDER, RSM_RENDER_LAYER,
 };
 pub use rsm_render::RsmSchedule;
-pub use sets::GiSystems;
+pub use scene::GiScene;
+pub use sets::{GiRenderSystems, GiSystems};
+pub use settings::GiSettings;
 pub use sky::{GiSky, GiSkyError};
 pub use soft_shadow::GiSoftShadow;
+pub use solver::GiSolver;
 pub use splatting::{GiDepthTest, GiNormalTest, GiSplatting, GiSubsplatSettings};
 pub use transform::SimilarityTransform;
 pub use validation::{GiWarning, GiWarnings};
 pub use volume::GiIrradianceVolume;
+pub use volumetric_fog::GiVolumetricFog;
 pub use vpl_specular::GiSpecular;
 
 use bevy::app::{App, Last, Plugin, PostUpdate, PreUpdate, Update};
@@ -198,12 +209,14 @@ pub struct MeshlessGiPlugin {
     /// cameras need nothing set here. Turn it off to choose material by material, or to keep a
     /// [`DefaultOpaqueRendererMethod`] that was inserted before the plugin; one that is inserted
     /// after it stays in any case.
-    pub deferred: bool,
+    pub deferred_by_default: bool,
 }
 
 impl Default for MeshlessGiPlugin {
     fn default() -> Self {
-        Self { deferred: true }
+        Self {
+            deferred_by_default: true,
+        }
     }
 }
 
@@ -224,7 +237,8 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<GiForwardCamera>()
             .register_type::<GiSpecular>()
             .register_type::<GiLight>()
-            .register_type::<GiLighting>()
+            .register_type::<GiEnvironment>()
+            .register_type::<GiSolver>()
             .register_type::<GiBakedSceneLoaderSettings>()
             .register_type::<GiDynamicMaterials>()
             .register_type::<GiOccluder>()
@@ -240,6 +254,7 @@ impl Plugin for MeshlessGiPlugin {
             .register_type::<GiActiveTier>()
             .register_type::<GiDebugView>()
             .register_type::<GiIrradianceVolume>()
+            .register_type::<GiVolumetricFog>()
             .init_resource::<GiSettings>()
             .init_resource::<GiWarnings>()
             .init_resource::<SolveCostSource>()
@@ -263,21 +278,21 @@ impl Plugin for MeshlessGiPlugin {
                     plan_log::log_decisions,
                     scene_log::log_scenes,
                 )
-                    .in_set(GiSystems::Collect),
+                    .in_set(GiSystems::CollectBakes),
             )
-            .add_systems(PostUpdate, quality::pick.in_set(GiSystems::Pick))
+            .add_systems(PostUpdate, quality::pick.in_set(GiSystems::SelectTiers))
             // After assets have come, and before transforms and bounds of new meshes are made.
             .add_systems(
                 Update,
                 (point_cloud::draw, point_cloud::follow)
                     .chain()
-                    .in_set(GiSystems::Points),
+                    .in_set(GiSystems::UpdatePointClouds),
             )
             .add_systems(
                 PostUpdate,
                 (rsm::mark, rsm::aim)
                     .chain()
-                    .in_set(GiSystems::Aim)
+                    .in_set(GiSystems::UpdateRsmCameras)
                     .after(TransformSystems::Propagate)
                     .after(VisibilitySystems::VisibilityPropagate)
                     .before(CameraUpdateSystems)
@@ -298,15 +313,15 @@ impl Plugin for MeshlessGiPlugin {
                 PostUpdate,
                 (
                     volume::shape
-                        .in_set(GiSystems::Shape)
+                        .in_set(GiSystems::UpdateVolumes)
                         .before(TransformSystems::Propagate)
                         .before(AssetEventSystems)
                         .run_if(resource_exists::<Assets<Image>>),
                     volume_shader::replace
-                        .in_set(GiSystems::Shape)
+                        .in_set(GiSystems::UpdateVolumes)
                         .before(AssetEventSystems),
                     volume::hide
-                        .in_set(GiSystems::Hide)
+                        .in_set(GiSystems::FilterVolumes)
                         .after(VisibilitySystems::CheckVisibility),
                 ),
             )
@@ -327,7 +342,7 @@ impl Plugin for MeshlessGiPlugin {
                     materials::check_textures.run_if(resource_exists::<Assets<StandardMaterial>>),
                 )
                     .chain()
-                    .in_set(GiSystems::Check),
+                    .in_set(GiSystems::Validate),
             )
             .add_systems(
                 Last,
@@ -336,16 +351,16 @@ impl Plugin for MeshlessGiPlugin {
                     entity_bake::stale::compare_bakes.run_if(entity_bake::stale::has_comparison),
                 )
                     .chain()
-                    .in_set(GiSystems::Request)
-                    .before(GiSystems::Check),
+                    .in_set(GiSystems::StartBakes)
+                    .before(GiSystems::Validate),
             )
             .add_systems(
                 Last,
-                entity_bake::wrong_file::check_files.in_set(GiSystems::Check),
+                entity_bake::wrong_file::check_files.in_set(GiSystems::Validate),
             );
         #[cfg(feature = "gltf")]
         app.register_type::<GiBakeSettings>();
-        if self.deferred {
+        if self.deferred_by_default {
             app.insert_resource(DefaultOpaqueRendererMethod::deferred());
         }
     }
@@ -394,12 +409,12 @@ impl Plugin for MeshlessGiPlugin {
                         .after(extract::extract),
                     inventory::take_inventory.after(extract::extract),
                 )
-                    .in_set(GiSystems::Extract),
+                    .in_set(GiRenderSystems::Extract),
             )
             .add_systems(
                 RenderGraph,
                 compute::compute
-                    .in_set(GiSystems::Compute)
+                    .in_set(GiRenderSystems::Solve)
                     .in_set(RenderGraphSystems::Render)
                     .before(camera_driver),
             )
@@ -417,7 +432,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 Core3d,
                 composite::composite
-                    .in_set(GiSystems::Composite)
+                    .in_set(GiRenderSystems::Composite)
                     .in_set(Core3dSystems::MainPass)
                     .after(main_opaque_pass_3d)
                     .before(main_transmissive_pass_3d)
@@ -429,7 +444,7 @@ impl Plugin for MeshlessGiPlugin {
             .add_systems(
                 Core3d,
                 fog::draw
-                    .in_set(GiSystems::Fog)
+                    .in_set(GiRenderSystems::CompositeFog)
                     .in_set(Core3dSystems::EarlyPostProcess),
             );
     }

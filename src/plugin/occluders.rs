@@ -19,14 +19,14 @@ pub struct GiOccluder {
     /// Its name in the recipe.
     pub name: String,
     /// From 0, shut, to 1, open. What is no number is shut.
-    pub openness: f32,
+    pub transmittance: f32,
 }
 
 impl Default for GiOccluder {
     fn default() -> Self {
         Self {
             name: String::new(),
-            openness: 1.0,
+            transmittance: 1.0,
         }
     }
 }
@@ -37,9 +37,9 @@ pub(crate) fn gains<'a>(known: &Occluders, said: impl Iterator<Item = &'a GiOccl
     for occluder in said {
         let called = known.names.iter().position(|name| *name == occluder.name);
         if let Some(gain) = called.and_then(|k| gains.get_mut(k)) {
-            let open = match occluder.openness.is_nan() {
+            let open = match occluder.transmittance.is_nan() {
                 true => 0.0,
-                false => occluder.openness.clamp(0.0, 1.0),
+                false => occluder.transmittance.clamp(0.0, 1.0),
             };
             *gain = gain.min(open);
         }
@@ -64,9 +64,9 @@ mod tests {
             ("window", 0.0),
             ("lift", 3.0),
         ]
-        .map(|(name, openness)| GiOccluder {
+        .map(|(name, transmittance)| GiOccluder {
             name: name.into(),
-            openness,
+            transmittance,
         });
         assert_eq!(gains(&known, said.iter()), [0.25, 1.0, 0.0]);
         assert_eq!(gains(&known, [].iter()), [1.0; 3]);

@@ -7,7 +7,7 @@ use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
 use bevy::log::debug;
 
-/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
+/// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
 pub(crate) fn log_decisions(
     status: Res<GiFrameStats>,
     names: Query<&Name>,

@@ -2,10 +2,11 @@
 
 pub use super::{
     GiActiveTier, GiBakeCommands, GiBakeError, GiBakeExclude, GiBakeFinished, GiBakeProgress,
-    GiBakeRequest, GiBakeStage, GiBakeSummary, GiBakeTask, GiBakeWarning, GiBakedScene, GiCamera,
-    GiColorMode, GiDebugView, GiDynamicMaterials, GiForwardCamera, GiFrameStats,
-    GiIrradianceVolume, GiLight, GiLighting, GiOccluder, GiPointCloud, GiPointCloudAsset,
-    GiQuality, GiReflectiveShadowMap, GiReflector, GiRsmCamera, GiScene, GiSettings, GiSky,
-    GiSoftShadow, GiSpecular, GiSplatting, GiSystems, GiWarning, GiWarnings, MeshlessGiPlugin,
+    GiBakeRequest, GiBakeStage, GiBakeSummary, GiBakeTask, GiBakeWarning, GiBakedScene,
+    GiBounceCount, GiCamera, GiColorMode, GiDebugView, GiDynamicMaterials, GiEnvironment,
+    GiForwardCamera, GiFrameStats, GiIrradianceVolume, GiLight, GiOccluder, GiPointCloud,
+    GiPointCloudAsset, GiQuality, GiReflectiveShadowMap, GiReflector, GiRenderSystems, GiRsmCamera,
+    GiScene, GiSettings, GiSky, GiSoftShadow, GiSolver, GiSpecular, GiSplatting, GiSystems,
+    GiVolumetricFog, GiWarning, GiWarnings, MeshlessGiPlugin,
 };
 pub use meshless_gi::{OccluderDesc, Preset, ProbeSettings, Recipe};

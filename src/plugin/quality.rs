@@ -10,11 +10,12 @@
 //! in Bevy) nothing is known of the cost, and the picker stays with all links and says so.
 
 use super::asset::GiBakedScene;
-use super::components::{GiLighting, GiScene};
 use super::compute::largest_binding;
 use super::diagnostics::GiFrameStats;
+use super::scene::GiScene;
+use super::solver::GiSolver;
 use crate::plan::{
-    BounceSelector, Quality, TierCandidate, TierController, TierSelection, falls_back,
+    BounceSelector, GiQuality, TierCandidate, TierController, TierSelection, falls_back,
 };
 use bevy::asset::Assets;
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
@@ -25,36 +26,6 @@ use bevy::render::renderer::RenderDevice;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// How much a scene's indirect light may cost, or how wrong it may be: which tier of the operator
-/// is used. Goes beside [`GiScene`] on the scene's root; may change in any frame. What was picked
-/// and why is in [`GiActiveTier`] and in the plan's words ([`GiFrameStats`]).
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub enum GiQuality {
-    /// All links of the bake.
-    #[default]
-    All,
-    /// The tier of this number, from 1 (the fewest links) on; the nearest one that the bake has.
-    Tier(u32),
-    /// The lowest tier whose NRMSE, as the bake estimated it, is at most this (0.05 for 5 %), at
-    /// the upper end of the confidence interval.
-    MaxError(f32),
-    /// The highest tier whose solves stay within so many milliseconds of the device's time. Needs
-    /// Bevy's `RenderDiagnosticsPlugin`.
-    FrameBudget(f32),
-}
-
-impl From<GiQuality> for Quality {
-    fn from(asked: GiQuality) -> Self {
-        match asked {
-            GiQuality::All => Self::All,
-            GiQuality::Tier(n) => Self::Tier(n),
-            GiQuality::MaxError(error) => Self::MaxError(error),
-            GiQuality::FrameBudget(ms) => Self::FrameBudget(ms),
-        }
-    }
-}
 
 /// The tier that [`GiQuality`] selects, with the reason. Output of the plugin; comes with
 /// [`GiScene`].
@@ -117,7 +88,7 @@ impl From<&TierController> for GiActiveTier {
 pub(crate) struct Picking {
     picker: TierController,
     /// Bake, quality, sweeps and transport that the picker was made for.
-    made_for: (usize, [u32; 2], u32, bool),
+    made_for: (usize, [u64; 2], u32, bool),
     /// Time of the last cost that was measured.
     seen: Option<Instant>,
 }
@@ -152,13 +123,13 @@ pub(crate) fn span_name(root: u64) -> String {
     format!("solve_{root:x}")
 }
 
-/// Runs in [`GiSystems::Pick`](super::GiSystems::Pick).
+/// Runs in [`GiSystems::SelectTiers`](super::GiSystems::SelectTiers).
 #[expect(
     clippy::too_many_arguments,
     reason = "a system's parameters are its inputs"
 )]
 pub(crate) fn pick(
-    mut roots: Query<(Entity, &GiScene, &GiQuality, &GiLighting, &mut GiActiveTier)>,
+    mut roots: Query<(Entity, &GiScene, &GiQuality, &GiSolver, &mut GiActiveTier)>,
     assets: Res<Assets<GiBakedScene>>,
     status: Res<GiFrameStats>,
     store: Option<Res<DiagnosticsStore>>,
@@ -169,13 +140,13 @@ pub(crate) fn pick(
 ) {
     pickings.retain(|root, _| roots.contains(*root));
     // Only a budget asks what was solved.
-    let asks = |q: &GiQuality| matches!(q, GiQuality::FrameBudget(_));
+    let asks = |q: &GiQuality| matches!(q, GiQuality::GpuBudget(_));
     let counters = roots
         .iter()
         .any(|(_, _, quality, ..)| asks(quality))
         .then(|| status.get())
         .filter(|c| c.frame != *last_frame);
-    for (root, gi, quality, lighting, mut tier) in &mut roots {
+    for (root, gi, quality, solver, mut tier) in &mut roots {
         let Some(asset) = assets.get(&gi.0) else {
             pickings.remove(&root);
             tier.set_if_neq(GiActiveTier::default());
@@ -186,7 +157,7 @@ pub(crate) fn pick(
             Some(_) => 0,
             // Live materials may ask for more: what a solve takes says so.
             None => {
-                let picked = BounceSelector::new().pick(lighting.bounces, bake, &[]);
+                let picked = BounceSelector::new().pick(solver.bounces, bake, &[]);
                 picked.map_or(0, |picked| picked.bounces - 1)
             }
         };
@@ -198,7 +169,7 @@ pub(crate) fn pick(
             let mut choices = TierCandidate::of(bake, sweeps);
             choices.retain(|choice| !(linked && choice.octree));
             let picking = Picking {
-                picker: TierController::new((*quality).into(), choices),
+                picker: TierController::new(*quality, choices),
                 made_for,
                 seen: None,
             };
@@ -243,11 +214,11 @@ pub(crate) fn pick(
 }
 
 /// A request as bits, so that one that is no number equals itself.
-fn bits(quality: GiQuality) -> [u32; 2] {
+fn bits(quality: GiQuality) -> [u64; 2] {
     match quality {
-        GiQuality::All => [0, 0],
-        GiQuality::Tier(n) => [1, n],
-        GiQuality::MaxError(error) => [2, error.to_bits()],
-        GiQuality::FrameBudget(ms) => [3, ms.to_bits()],
+        GiQuality::Full => [0, 0],
+        GiQuality::Tier(n) => [1, n.into()],
+        GiQuality::MaxError(error) => [2, error.to_bits().into()],
+        GiQuality::GpuBudget(budget) => [3, budget.as_nanos() as u64],
     }
 }

@@ -117,7 +117,7 @@ fn is_news(logged: Option<(Stage, f32)>, now: (Stage, f32)) -> bool {
     logged.is_none_or(|(stage, fraction)| stage != now.0 || now.1 >= fraction + LOGGED_SHARE)
 }
 
-/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
+/// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
 pub(crate) fn send_progress(
     bakes: Res<RecipeBakes>,
     server: Res<AssetServer>,

@@ -10,7 +10,7 @@
 //! The cameras tell what moves by a [`RenderLayers`] of their own, [`RSM_RENDER_LAYER`], which the
 //! meshes below a bouncer get beside theirs.
 
-use super::components::GiCamera;
+use super::camera::GiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
 use crate::plan::{Lens, MapView, Skip, map_views};
 use bevy::asset::{AssetEvent, Assets};
@@ -68,19 +68,19 @@ pub struct GiReflectiveShadowMap {
     /// light may take up to six maps, see [`map_views`].
     pub resolution: u32,
     /// Virtual point lights made of the maps together, 1 to 1024. A pixel pays for each of them.
-    pub lights: u32,
+    pub vpl_count: u32,
     /// Baked geometry shadows the lamp's light on what moves, and the reflected light: by rays
     /// through the first bake that a camera shows. All lights' reflected light goes its way
     /// together: it is shadowed where one of them asks for it.
-    pub visibility: bool,
+    pub trace_shadows: bool,
 }
 
 impl Default for GiReflectiveShadowMap {
     fn default() -> Self {
         Self {
             resolution: 64,
-            lights: 128,
-            visibility: true,
+            vpl_count: 128,
+            trace_shadows: true,
         }
     }
 }

@@ -209,7 +209,9 @@ impl Reflections {
             light.maps.as_ref().map_or(0, |m| m.len() as u32) * side * side
         };
         let texels = drawn().map(texels).max().unwrap_or(0);
-        let vpls = drawn().map(|l| l.settings.lights.clamp(1, MAX_VPLS)).sum();
+        let vpls = drawn()
+            .map(|l| l.settings.vpl_count.clamp(1, MAX_VPLS))
+            .sum();
         let before = match before {
             Some(mut held) if !plan.resting.is_empty() => {
                 held.maps.rest();
@@ -236,7 +238,7 @@ impl Reflections {
                 .first()
                 .map_or(Vec3::ZERO, |v| v.position.round()),
             light: None,
-            visibility: drawn().any(|l| l.settings.visibility),
+            visibility: drawn().any(|l| l.settings.trace_shadows),
             holds: Vec::new(),
             frames,
             shadowed_by: Vec::new(),
@@ -392,13 +394,13 @@ fn read(
     let encoder = ctx.command_encoder();
     reflections.maps.map(kernels, &queue, encoder, &map);
     if at + 1 == maps {
-        let scenes: Vec<_> = match light.settings.visibility {
+        let scenes: Vec<_> = match light.settings.trace_shadows {
             true => bakes(&world, &render.scenes)
                 .map(|(_, local, buffers)| (local_from_space(local, origin), buffers))
                 .collect(),
             false => Vec::new(),
         };
-        let vpls = light.settings.lights.clamp(1, MAX_VPLS);
+        let vpls = light.settings.vpl_count.clamp(1, MAX_VPLS);
         reflections
             .maps
             .choose(kernels, &queue, encoder, &in_space, &scenes, vpls);

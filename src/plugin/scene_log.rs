@@ -1,8 +1,8 @@
 //! Logs one line per baked scene: when its light starts, and again when its bake changes.
 
 use super::asset::GiBakedScene;
-use super::components::GiScene;
 use super::diagnostics::GiFrameStats;
+use super::scene::GiScene;
 use bevy::asset::Assets;
 use bevy::ecs::name::Name;
 use bevy::ecs::prelude::*;
@@ -23,7 +23,7 @@ pub(crate) fn entity_label(entity: Entity, name: Option<&Name>) -> String {
 /// The bake that was last logged for a scene, and its line.
 type Logged = (Weak<BakedScene>, String);
 
-/// Runs in [`GiSystems::Collect`](super::GiSystems::Collect).
+/// Runs in [`GiSystems::CollectBakes`](super::GiSystems::CollectBakes).
 pub(crate) fn log_scenes(
     status: Res<GiFrameStats>,
     scenes: Query<(Entity, &GiScene, Option<&Name>)>,

@@ -1,50 +1,54 @@
-//! The one public system set: what to order against.
+//! System sets of the plugin, to order systems of a game against.
 
 use bevy::ecs::schedule::SystemSet;
 
-/// Where the plugin's systems run.
+/// System sets in the schedules of the main world.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum GiSystems {
-    /// `PreUpdate` of the main world: counters of the last frame reach the diagnostics, finished
-    /// bakes become [`GiScene`](super::GiScene) components. Order *after* it to see them in the
+    /// `PreUpdate`: publishes the counters of the last frame as diagnostics, and adds
+    /// [`GiScene`](super::GiScene) to the roots of finished bakes. Run after it to read them in the
     /// same frame.
-    Collect,
-    /// `Update` of the main world: point clouds that have loaded get what they are drawn as
-    /// ([`GiPointCloud`](super::GiPointCloud)).
-    Points,
-    /// `PostUpdate` of the main world: the tier of each root is picked
-    /// ([`GiQuality`](super::GiQuality)). What was asked for before it counts in the same frame.
-    Pick,
-    /// `PostUpdate` of the main world, before transforms: volumes for forward cameras and
-    /// transparent surfaces are made and removed
-    /// ([`GiIrradianceVolume`](super::GiIrradianceVolume)).
-    Shape,
-    /// `PostUpdate` of the main world, after Bevy looked what its cameras see: our volumes are not
-    /// for cameras of lamps' maps, nor for those whose [`GiCamera`](super::GiCamera) is off.
-    Hide,
-    /// `PostUpdate` of the main world, after transforms and before Bevy looks at its cameras: what
-    /// moves is found, and the cameras of the lights that draw it
-    /// ([`GiReflectiveShadowMap`](super::GiReflectiveShadowMap)) are aimed.
-    Aim,
-    /// `Last` of the main world: requested bakes start once everything below their roots is there
-    /// ([`GiBakeRequest`](super::GiBakeRequest)). What was spawned before it counts.
-    Request,
-    /// `Last` of the main world: checks cameras and lights for what would be counted twice, and
-    /// warns.
-    Check,
-    /// `ExtractSchedule` of the render world: scenes, lights and cameras are read. Change lights
-    /// and transforms in the main world as always; everything written before the frame's end is
-    /// seen in this frame.
+    CollectBakes,
+    /// `Update`: spawns the meshes of loaded point clouds ([`GiPointCloud`](super::GiPointCloud)).
+    UpdatePointClouds,
+    /// `PostUpdate`: selects the tier of each root ([`GiQuality`](super::GiQuality)). Settings that
+    /// change before it apply to the same frame.
+    SelectTiers,
+    /// `PostUpdate`, before transform propagation: creates and removes the irradiance volumes of
+    /// roots ([`GiIrradianceVolume`](super::GiIrradianceVolume)).
+    UpdateVolumes,
+    /// `PostUpdate`, after Bevy's visibility checks: removes irradiance volumes from the visible
+    /// entities of cameras that must not use them. These are the cameras of reflective shadow maps
+    /// and cameras whose [`GiCamera`](super::GiCamera) is disabled.
+    FilterVolumes,
+    /// `PostUpdate`, after transform propagation and before Bevy's camera update: finds dynamic
+    /// objects and places the cameras of
+    /// [`GiReflectiveShadowMap`](super::GiReflectiveShadowMap) lights.
+    UpdateRsmCameras,
+    /// `Last`: starts requested bakes whose scene is complete
+    /// ([`GiBakeRequest`](super::GiBakeRequest)). Entities that are spawned before it are included.
+    StartBakes,
+    /// `Last`: checks cameras, lights and scenes, and warns about settings without effect or with
+    /// light that is counted twice.
+    Validate,
+}
+
+/// System sets in the schedules of the render world.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum GiRenderSystems {
+    /// `ExtractSchedule`: reads scenes, lights and cameras. Changes of the main world's frame apply
+    /// to the same frame.
     Extract,
-    /// `RenderGraph` of the render world, before the cameras: the plan is made, and the passes that
-    /// all cameras share are recorded. Order a pass of your own *after* it if it reads our buffers.
-    Compute,
-    /// `Core3d` of each camera, in its main pass, after the opaque pass and before transmissive and
-    /// transparent ones: indirect light is added to the picture. Order *after* it what must lie
-    /// over indirect light.
+    /// `RenderGraph`, before the cameras: computes the plan and records the passes that all cameras
+    /// share. Run a pass that reads the plugin's buffers after it.
+    Solve,
+    /// `Core3d` of each camera, in the main pass, after the opaque pass and before the transmissive
+    /// and transparent passes: adds indirect light to the picture. Run a pass that draws over
+    /// indirect light after it.
     Composite,
-    /// `Core3d` of each camera, first of its early post-processing (anti-aliasing over time among
-    /// it) and behind Bevy's volumetric fog: light that fog sends to the eye is added to the
-    /// picture. What of that set is ordered *before* it stays so.
-    Fog,
+    /// `Core3d` of each camera, first in early post-processing and after Bevy's volumetric fog: adds
+    /// indirect light that fog scatters. Systems that are ordered before it stay before it.
+    CompositeFog,
 }

@@ -15,15 +15,23 @@ use bevy::reflect::prelude::*;
 use bevy::render::render_resource::{TextureDataOrder, TextureDimension, TextureFormat};
 use meshless_gi::SkyRadiance;
 
-/// Light from a sky that varies, in the axes of the world: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q
-/// symmetric and without trace. Goes beside [`GiScene`](super::GiScene), may change in any frame,
-/// and is added to [`GiLighting::sky`](super::GiLighting::sky). A bake made without
-/// `sky: Harmonics` in its recipe is lit by its mean over all directions, with one warning.
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq)]
-#[reflect(Component, Default, Clone, Debug, PartialEq)]
-pub struct GiSky {
-    /// c; d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz: linear RGB each.
-    pub coefficients: [Vec3; 9],
+/// Radiance of the sky of a baked scene, in [`GiEnvironment`](super::GiEnvironment).
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Default, Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum GiSky {
+    /// No light from the sky.
+    #[default]
+    None,
+    /// The same radiance from every direction, cd/m². Negative values count as 0.
+    Uniform(LinearRgba),
+    /// Second-order spherical harmonics in world axes: L(ω) = c + d·ω + ω·Q ω in cd/m², with Q
+    /// symmetric and trace-free. Coefficients: c; d (x, y, z); Q_xx, Q_yy, Q_xy, Q_xz, Q_yz, each in
+    /// linear RGB. Values that are not finite disable the sky.
+    ///
+    /// Bake with `sky: Harmonics` in the recipe. Other bakes use the mean over all directions, with
+    /// one warning.
+    Harmonics([Vec3; 9]),
 }
 
 /// A cubemap that gives no sky.
@@ -121,11 +129,14 @@ impl GiSky {
         self.radiance().without_ringing().into()
     }
 
-    /// The same in the core's terms.
+    /// Returns the radiance as a type of the core.
     #[must_use]
     pub fn radiance(&self) -> SkyRadiance {
-        let [mean, terms @ ..] = self.coefficients;
-        SkyRadiance { mean, terms }
+        match *self {
+            Self::None => SkyRadiance::from(Vec3::ZERO),
+            Self::Uniform(color) => SkyRadiance::from(color.to_vec3().max(Vec3::ZERO)),
+            Self::Harmonics([mean, terms @ ..]) => SkyRadiance { mean, terms },
+        }
     }
 }
 
@@ -133,7 +144,7 @@ impl From<SkyRadiance> for GiSky {
     fn from(sky: SkyRadiance) -> Self {
         let mut coefficients = [sky.mean; 9];
         coefficients[1..].copy_from_slice(&sky.terms);
-        Self { coefficients }
+        Self::Harmonics(coefficients)
     }
 }
 
@@ -229,6 +240,13 @@ mod tests {
         )
     }
 
+    fn coefficients(sky: GiSky) -> [Vec3; 9] {
+        let GiSky::Harmonics(coefficients) = sky else {
+            panic!("{sky:?}");
+        };
+        coefficients
+    }
+
     #[test]
     fn cubemap_sky_round_trips() {
         let sky = GiSky::gradient(
@@ -240,8 +258,8 @@ mod tests {
         sky.terms[0] = Vec3::new(0.1, 0.0, 0.05);
         sky.terms[2] = Vec3::new(0.0, 0.2, 0.0);
         let found = GiSky::from_cubemap(&cubemap(32, |w| sky.toward(w)), 3.0);
-        let found = found.unwrap().coefficients;
-        let right = GiSky::from(sky * 3.0).coefficients;
+        let found = coefficients(found.unwrap());
+        let right = coefficients(GiSky::from(sky * 3.0));
         for (a, b) in found.iter().zip(right) {
             assert!((*a - b).length() < 0.01, "{a} {b}");
         }
@@ -257,7 +275,7 @@ mod tests {
         assert!(least(&sky) < -0.1, "{}", least(&sky));
         let without = sky.without_ringing();
         assert!(least(&without) > -1e-4, "{}", least(&without));
-        assert_eq!(without.coefficients[0], sky.coefficients[0]);
+        assert_eq!(without.radiance().mean, sky.radiance().mean);
     }
 
     /// A map of 256 texels a side with smaller levels behind each face, in the format of
@@ -315,14 +333,14 @@ mod tests {
             way += to.normalize() / at.len() as f32;
         }
         let sky = GiSky::from_environment_map(&light, &images).unwrap();
-        let [c, x, y, z, ..] = sky.coefficients;
+        let [c, x, y, z, ..] = coefficients(sky);
         assert!((c - mean).length() < 1e-3 * mean.length(), "{c} {mean}");
         // The second coefficients of a sun: three times its mean, along its direction.
         let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
         assert!((along - way).length() < 0.01, "{along} {way}");
         light.rotation = turn;
         let sky = GiSky::from_environment_map(&light, &images).unwrap();
-        let [_, x, y, z, ..] = sky.coefficients;
+        let [_, x, y, z, ..] = coefficients(sky);
         let along = Vec3::new(x.x, y.x, z.x) / (3.0 * mean.x);
         assert!((along - turn * way).length() < 0.01, "{along} {way}");
         light.specular_map = Default::default();

@@ -6,9 +6,10 @@
 //! picture, pixel by pixel: its own light is replaced, not doubled, and nothing but it is touched.
 
 use super::asset::GiBakedScene;
-use super::components::{GiScene, GiSettings};
 use super::composite::screen_texture;
 use super::extract::{LightKey, LightKind, LightParts, LightPartsItem};
+use super::scene::GiScene;
+use super::settings::GiSettings;
 use super::transform::SimilarityTransform;
 use super::validation::{GiWarning, GiWarnings, tell};
 use crate::gpu::{
@@ -79,7 +80,7 @@ fn tables_of(
     there.then(|| wgpu::TextureView::clone(&image.texture_view))
 }
 
-/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract).
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract).
 pub(crate) fn extract_soft(
     mut out: ResMut<ExtractedSoft>,
     points: Extract<Query<(LightParts, &PointLight, &GiSoftShadow)>>,
@@ -356,7 +357,7 @@ impl ViewShade {
 }
 
 /// Says once what lamps with [`GiSoftShadow`] lack. Runs in
-/// [`GiSystems::Check`](super::GiSystems::Check).
+/// [`GiSystems::Validate`](super::GiSystems::Validate).
 #[allow(
     clippy::type_complexity,
     reason = "a system's parameters are its inputs"

@@ -24,14 +24,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub enum GiSplatting {
     /// At a fraction of the pixels, and in between by interpolation that keeps to each surface.
-    Subsplats(GiSubsplatSettings),
+    Multiresolution(GiSubsplatSettings),
     /// At every pixel: the reference, and many times as dear.
-    Full,
+    PerPixel,
 }
 
 impl Default for GiSplatting {
     fn default() -> Self {
-        Self::Subsplats(GiSubsplatSettings::default())
+        Self::Multiresolution(GiSubsplatSettings::default())
     }
 }
 

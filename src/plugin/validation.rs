@@ -3,9 +3,11 @@
 //! Indirect light replaces Bevy's ambient light and diffuse light probes. Left on, they are added
 //! on top: pictures become too bright and flat. Each finding is told once, with what to set.
 
-use super::components::{GiCamera, GiScene, GiSettings};
+use super::camera::GiCamera;
 use super::extract::{Brought, draws_gbuffer};
 use super::rsm::{GiReflector, GiRsmCamera};
+use super::scene::GiScene;
+use super::settings::GiSettings;
 use super::volume::Voxels;
 use bevy::asset::Assets;
 use bevy::camera::Camera;
@@ -77,11 +79,11 @@ impl GiWarning {
         match self {
             Self::GlobalAmbient => {
                 "Bevy's ambient light is added to indirect light: insert `GlobalAmbientLight::NONE` \
-                 (for light from the sky set `GiLighting::sky`, which knows where the walls are)."
+                 (for light from the sky set `GiEnvironment::sky`, which knows where the walls are)."
             }
             Self::CameraAmbient => {
                 "A camera has both `AmbientLight` and `GiCamera`: set the former's `brightness` to 0 \
-                 (for light from the sky set `GiLighting::sky`)."
+                 (for light from the sky set `GiEnvironment::sky`)."
             }
             Self::EnvironmentMap => {
                 "A camera has both `EnvironmentMapLight` and `GiCamera`: its diffuse part is added to indirect light. \
@@ -163,7 +165,7 @@ impl GiWarning {
 #[reflect(Resource, Default, Clone, Debug)]
 pub struct GiWarnings(pub Vec<GiWarning>);
 
-/// Runs in [`GiSystems::Check`](super::GiSystems::Check).
+/// Runs in [`GiSystems::Validate`](super::GiSystems::Validate).
 #[allow(
     clippy::too_many_arguments,
     clippy::type_complexity,

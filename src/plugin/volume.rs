@@ -6,11 +6,13 @@
 //! with our own display have it taken out there ([`super::deferred`]), or do not see it.
 
 use super::asset::GiBakedScene;
-use super::components::{GiCamera, GiScene, GiSettings};
+use super::camera::GiCamera;
 use super::deferred::ReadyDisplays;
 use super::extract::{Brought, ExtractedGi, draws_gbuffer, in_view};
 use super::fog::ExtractedFogs;
 use super::rsm::GiRsmCamera;
+use super::scene::GiScene;
+use super::settings::GiSettings;
 use super::validation::{GiWarning, GiWarnings, tell};
 use crate::gpu::{GpuFrame, KernelPipelines, VolumeBuffers};
 use crate::plan::{SceneId, VolumeState};
@@ -52,40 +54,29 @@ use std::sync::Arc;
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Clone, Debug, PartialEq)]
 pub struct GiIrradianceVolume {
-    /// Edge of a voxel, meters of the bake's space; none for half of the distance between the
-    /// bake's probes.
-    pub voxel: Option<f32>,
-    /// Most voxels, and never more than 2²⁰; each takes 48 bytes of a texture, and four for each
-    /// probe that its middle takes light from, 32 of them at most; beside walls eight for each of
-    /// the wall's functions, and eight for the ways to walls. Voxels become larger where they would
-    /// be more.
-    pub most: u32,
-    /// Multiplies the level's light in Bevy's volumetric fog
-    /// ([`VolumetricFog`](bevy::light::VolumetricFog)), wherever a camera sees fog volumes in the
-    /// level; 1 is what physics says, and 0 draws none. Set the `ambient_intensity` of such
-    /// cameras' fog to 0: that would be added.
+    /// Edge length of a voxel in meters, in the space of the bake. `None` (default) uses half of the
+    /// distance between the bake's probes.
+    pub voxel_size: Option<f32>,
+    /// Maximum number of voxels, at most 2²⁰. Larger volumes get larger voxels. Default: 2¹⁶.
     ///
-    /// It is drawn at every pixel behind Bevy's own fog, without noise, with a step for each two
-    /// voxels that a ray is long and `step_count` of them at most. Each fog volume dims what it
-    /// sends itself and not what another sends. Where several levels lie in one place the first
-    /// lights the fog there, of five of them.
-    pub fog: f32,
+    /// Memory per voxel: 48 bytes of texture, 4 bytes per probe (at most 32 probes), and near walls 8
+    /// bytes per wall function and 8 bytes of wall distances.
+    pub max_voxels: u32,
 }
 
 impl Default for GiIrradianceVolume {
     fn default() -> Self {
         Self {
-            voxel: None,
-            most: 1 << 16,
-            fog: 1.0,
+            voxel_size: None,
+            max_voxels: 1 << 16,
         }
     }
 }
 
 impl GiIrradianceVolume {
-    /// The same for its voxels, no number like no number.
-    fn same(&self, other: &Self) -> bool {
-        let bits = |v: &Self| (v.voxel.map(f32::to_bits), v.most);
+    /// Returns `true` if both settings give the same voxels. NaN equals NaN.
+    fn same_voxels(&self, other: &Self) -> bool {
+        let bits = |v: &Self| (v.voxel_size.map(f32::to_bits), v.max_voxels);
         bits(self) == bits(other)
     }
 }
@@ -112,7 +103,7 @@ impl Voxels {
         id: AssetId<GiBakedScene>,
     ) -> Option<Self> {
         Some(Self {
-            shape: VoxelGrid::around(&asset.scene, asked.voxel, asked.most)?,
+            shape: VoxelGrid::around(&asset.scene, asked.voxel_size, asked.max_voxels)?,
             bake: which(id, asset),
             asked: *asked,
         })
@@ -139,7 +130,7 @@ impl Voxels {
 }
 
 /// Makes, replaces and removes the volumes of roots. Runs in
-/// [`GiSystems::Shape`](super::GiSystems::Shape).
+/// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
 pub(crate) fn shape(
     roots: Query<(Entity, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)>,
     made: Query<(Entity, &ChildOf, &Voxels, &RenderLayers)>,
@@ -153,7 +144,7 @@ pub(crate) fn shape(
         let still =
             |(_, gi, asked, own): &(_, &GiScene, &GiIrradianceVolume, Option<&RenderLayers>)| {
                 let now = assets.get(&gi.0).map(|asset| which(gi.0.id(), asset));
-                (now == Some(voxels.bake) && asked.same(&voxels.asked))
+                (now == Some(voxels.bake) && asked.same_voxels(&voxels.asked))
                     .then(|| own.cloned().unwrap_or_default())
             };
         match roots.get(root).ok().as_ref().and_then(still) {
@@ -208,7 +199,7 @@ pub(super) fn displays((display, msaa, brought): FoundParts<'_>) -> bool {
 
 /// Cameras with a display of their own see our volumes only where [`super::deferred`] takes them
 /// out of the G-buffer, as soon as it can: cameras of lamps' maps do not, nor those whose display
-/// is off or cannot be. Runs in [`GiSystems::Hide`](super::GiSystems::Hide).
+/// is off or cannot be. Runs in [`GiSystems::FilterVolumes`](super::GiSystems::FilterVolumes).
 pub(crate) fn hide(
     volumes: Query<(), With<Voxels>>,
     ready: Res<ReadyDisplays>,
@@ -281,7 +272,7 @@ type ForwardCameras<'w, 's> = Query<
     (With<Camera3d>, Without<GiCamera>, Without<GiRsmCamera>),
 >;
 
-/// Runs in [`GiSystems::Extract`](super::GiSystems::Extract), behind the scenes and the fog.
+/// Runs in [`GiRenderSystems::Extract`](super::GiRenderSystems::Extract), behind the scenes and the fog.
 pub(crate) fn extract_volumes(
     mut out: ResMut<ExtractedVolumes>,
     world: Res<ExtractedGi>,
@@ -462,7 +453,7 @@ impl SceneVolume {
 }
 
 /// Says once where a volume is asked for and the bake has nothing to fill it with. Runs in
-/// [`GiSystems::Check`](super::GiSystems::Check).
+/// [`GiSystems::Validate`](super::GiSystems::Validate).
 pub(crate) fn check_volumes(
     settings: Res<GiSettings>,
     roots: Query<&GiScene, With<GiIrradianceVolume>>,

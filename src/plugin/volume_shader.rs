@@ -42,7 +42,7 @@ pub(crate) enum Module {
 
 /// Replaces the module in the frame in which Bevy has loaded it and a level has a volume, and once
 /// more where the first display of a forward camera comes later. Runs in
-/// [`GiSystems::Shape`](super::GiSystems::Shape).
+/// [`GiSystems::UpdateVolumes`](super::GiSystems::UpdateVolumes).
 pub(crate) fn replace(
     volumes: Query<(), With<GiIrradianceVolume>>,
     displays: Query<(), With<GiForwardCamera>>,

@@ -145,7 +145,7 @@ fn spawn_second_camera(world: &mut World) -> Handle<Image> {
         },
         RenderTarget::Image(target.clone().into()),
         GiCamera {
-            view: GiDebugView::Indirect,
+            debug_view: GiDebugView::IndirectOnly,
             ..default()
         },
         Tonemapping::None,
@@ -254,14 +254,14 @@ fn cpu_picture(world: &mut World) -> (Vec<Vec3>, f32) {
     let camera = game_camera(world);
     let triangles = triangles(world);
     let lights = lights(world);
-    let mut roots = world.query::<(&GiScene, &GlobalTransform, &GiLighting)>();
-    let (gi, root, lighting) = roots.single(world).expect("the game has one bake");
+    let mut roots = world.query::<(&GiScene, &GlobalTransform, &GiEnvironment, &GiSolver)>();
+    let (gi, root, environment, solver) = roots.single(world).expect("the game has one bake");
     let local_from_world = root.to_matrix().inverse();
     let assets = world.resource::<Assets<GiBakedScene>>();
     let scene: &BakedScene = &assets.get(&gi.0).expect("the bake is loaded").scene;
-    let picked = BounceSelector::new().pick(lighting.bounces, scene, &[]);
+    let picked = BounceSelector::new().pick(solver.bounces, scene, &[]);
     let settings = FrameSettings {
-        emission: lighting.emission,
+        emission: environment.emissive_luminance,
         ..FrameSettings::bounces(picked.map_or(1, |picked| picked.bounces))
     };
     let lights: Vec<FrameLight> = lights.iter().map(|l| l.to_local(&local_from_world)).collect();

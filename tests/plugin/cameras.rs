@@ -440,7 +440,9 @@ fn renderer_method_of_game_is_kept() {
     let mut app = App::new();
     app.add_plugins(headless_plugins())
         .insert_resource(DefaultOpaqueRendererMethod::forward())
-        .add_plugins(MeshlessGiPlugin { deferred: false });
+        .add_plugins(MeshlessGiPlugin {
+            deferred_by_default: false,
+        });
     assert_eq!(method(&app), forward);
 }
 

@@ -39,7 +39,9 @@ fn both(app: &mut App, eye: Entity, image: &Handle<Image>) -> (Picture, Picture,
     let counts = counts.subsplats.values().next().expect("they are counted");
     assert_eq!(counts.pixels, SIZE.x * SIZE.y);
     let share = counts.total() as f32 / counts.pixels as f32;
-    app.world_mut().entity_mut(eye).insert(GiSplatting::Full);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(GiSplatting::PerPixel);
     run(app, 2);
     let full = picture(app, image);
     assert!(counters(app).subsplats.is_empty());
@@ -81,7 +83,7 @@ fn subsplats_match_per_pixel_display() {
     ] {
         app.world_mut()
             .entity_mut(eye)
-            .insert(GiSplatting::Subsplats(settings));
+            .insert(GiSplatting::Multiresolution(settings));
         run(&mut app, 2);
         let (by, full, share) = both(&mut app, eye, &image);
         println!("{name}: {:.1} % of the pixels", 100.0 * share);
@@ -99,7 +101,7 @@ fn subsplats_match_per_pixel_display() {
     };
     app.world_mut()
         .entity_mut(eye)
-        .insert(GiSplatting::Subsplats(wild));
+        .insert(GiSplatting::Multiresolution(wild));
     run(&mut app, 2);
     let (by, full, _) = both(&mut app, eye, &image);
     assert_alike("wild", &full, &by);
@@ -133,7 +135,7 @@ fn subsplats_along_camera_path_are_stable() {
             .collect()
     };
     let by = path(GiSplatting::default());
-    let full = path(GiSplatting::Full);
+    let full = path(GiSplatting::PerPixel);
     let mean = full[0].mean();
     let mut most = 0.0f32;
     for (frames, reference) in by.windows(2).zip(full.windows(2)) {
@@ -210,7 +212,7 @@ fn subsplats_of_two_bakes_share_picture() {
 #[test]
 fn subsplat_buffers_follow_display_setting() {
     let mut app = app();
-    let (eye, image) = shown(&mut app, view(), GiSplatting::Full);
+    let (eye, image) = shown(&mut app, view(), GiSplatting::PerPixel);
     let full = counters(&app);
     assert_eq!(full.dispatches_of(Stage::Splat), 1);
     app.world_mut()
@@ -220,7 +222,9 @@ fn subsplat_buffers_follow_display_setting() {
     let by = counters(&app);
     assert!(by.buffers > full.buffers && by.bytes > full.bytes);
     assert!(by.dispatches_of(Stage::Splat) > 10, "{by:?}");
-    app.world_mut().entity_mut(eye).insert(GiSplatting::Full);
+    app.world_mut()
+        .entity_mut(eye)
+        .insert(GiSplatting::PerPixel);
     run(&mut app, 2);
     let again = counters(&app);
     assert_eq!((again.buffers, again.bytes), (full.buffers, full.bytes));

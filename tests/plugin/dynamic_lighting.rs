@@ -58,10 +58,12 @@ fn directional_sky_follows_world_directions() {
         LinearRgba::rgb(600.0, 500.0, 400.0),
         LinearRgba::rgb(50.0, 40.0, 30.0),
     );
-    let mut sky = GiSky::gradient(zenith, horizon, ground);
+    let mut radiance = GiSky::gradient(zenith, horizon, ground).radiance();
     // Brighter from where the room is open.
-    sky.coefficients[3] = Vec3::new(400.0, 200.0, 100.0);
-    app.world_mut().entity_mut(root).insert(sky);
+    radiance.terms[2] = Vec3::new(400.0, 200.0, 100.0);
+    let sky = GiSky::from(radiance);
+    let environment = GiEnvironment { sky, ..default() };
+    app.world_mut().entity_mut(root).insert(environment);
     run(&mut app, 3);
     let plan = counters(&app).plan.to_string();
     assert!(plan.contains("eight terms of a sky that varies"), "{plan}");
@@ -184,8 +186,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
 
     // As many reflections as surfaces call for: more where a wall is painted white, and no fewer
     // when it is dark again.
-    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
-    let asked = std::mem::take(&mut lighting.bounces);
+    let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
+    let asked = std::mem::take(&mut solver.bounces);
     let reflections = |app: &mut App, gray: f32| {
         let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
         assets.get_mut(&left).unwrap().base_color = Color::linear_rgb(gray, gray, gray);
@@ -202,8 +204,8 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         "{gray} {white}"
     );
     assert_eq!(reflections(&mut app, 0.05), white);
-    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
-    lighting.bounces = asked;
+    let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
+    solver.bounces = asked;
     run(&mut app, 2);
 
     // A name that comes again, one that is unknown, a material that is gone: the rest follows.

@@ -209,7 +209,9 @@ fn hidden_or_removed_scene_frees_memory() {
     let mut app = app();
     let (root, eye, _) = room_and_camera(&mut app);
     let lamp = spawn_lamp(&mut app, Vec3::new(0.0, 1.6, 0.3));
-    app.world_mut().resource_mut::<GiSettings>().keep_frames = 3;
+    app.world_mut()
+        .resource_mut::<GiSettings>()
+        .unload_after_frames = 3;
     run(&mut app, 2);
     let shown = counters(&app);
     let holds = |app: &App| {
@@ -499,16 +501,22 @@ fn sky_emission_and_bounce_changes_skip_projection() {
     assert_alike("one_left", &cpu(&lights[..1]), &picture(&mut app, &image));
 
     let (room, bake) = cornell();
-    let change = |app: &mut App, set: fn(&mut GiLighting)| {
-        set(&mut app.world_mut().get_mut::<GiLighting>(root).unwrap());
+    let change = |app: &mut App, set: fn(&mut GiEnvironment, &mut GiSolver)| {
+        let mut both = app
+            .world_mut()
+            .query::<(&mut GiEnvironment, &mut GiSolver)>();
+        let (mut environment, mut solver) = both.get_mut(app.world_mut(), root).unwrap();
+        set(&mut environment, &mut solver);
         run(app, 1);
         let c = counters(app);
         assert_eq!(c.projected_slots, 0, "{}", c.plan);
         assert!(c.dispatches_of(Stage::Apply) > 0, "{}", c.plan);
     };
-    change(&mut app, |l| l.bounces = Some(1));
-    change(&mut app, |l| l.emission = 0.0);
-    change(&mut app, |l| l.sky = LinearRgba::rgb(30.0, 40.0, 60.0));
+    change(&mut app, |_, s| s.bounces = GiBounceCount::Fixed(1));
+    change(&mut app, |e, _| e.emissive_luminance = 0.0);
+    change(&mut app, |e, _| {
+        e.sky = GiSky::Uniform(LinearRgba::rgb(30.0, 40.0, 60.0));
+    });
     let changed = meshless_gi::FrameSettings {
         sky: Vec3::new(30.0, 40.0, 60.0).into(),
         emission: 0.0,

@@ -690,7 +690,7 @@ fn occluder_entities_are_found_by_name_or_component() {
     let by_component = spawn_mesh(&mut app, root, door, default(), lower);
     app.world_mut().entity_mut(by_component).insert(GiOccluder {
         name: "door".into(),
-        openness: 0.0,
+        transmittance: 0.0,
     });
     let recipe = Recipe {
         occluders: ["door", "gate"].map(OccluderDesc::node).into(),
@@ -705,7 +705,7 @@ fn occluder_entities_are_found_by_name_or_component() {
 
     // The bake takes the meshes where they stand: an open door is named.
     let mut door = app.world_mut().get_mut::<GiOccluder>(by_component).unwrap();
-    door.openness = 0.6;
+    door.transmittance = 0.6;
     let recipe = Recipe {
         occluders: vec!["door".into()],
         ..quick()

@@ -8,7 +8,7 @@ use bevy::diagnostic::DiagnosticsPlugin;
 use bevy::prelude::*;
 use bevy::ui::Checked;
 use bevy::ui_widgets::{Activate, ValueChange};
-use bevy_meshless_gi::plugin::{GiDebugView, GiLighting};
+use bevy_meshless_gi::plugin::{GiBounceCount, GiDebugView, GiSolver};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Preset;
 
@@ -65,7 +65,7 @@ fn panel_pressed_controls_change_components() {
     let tier = GiQuality::Tier(1);
     for control in [
         Control::View(GiDebugView::Irradiance),
-        Control::Bounces(Some(3)),
+        Control::Bounces(GiBounceCount::Fixed(3)),
         Control::Quality(tier),
         Control::Full(false),
         Control::Light(lamp),
@@ -76,9 +76,9 @@ fn panel_pressed_controls_change_components() {
     }
     let world = app.world();
     let camera = world.get::<GiCamera>(eye).unwrap();
-    assert_eq!(camera.view, GiDebugView::Irradiance);
-    let lighting = world.get::<GiLighting>(root).unwrap();
-    assert_eq!(lighting.bounces, Some(3));
+    assert_eq!(camera.debug_view, GiDebugView::Irradiance);
+    let solver = world.get::<GiSolver>(root).unwrap();
+    assert_eq!(solver.bounces, GiBounceCount::Fixed(3));
     assert_eq!(*world.get::<GiQuality>(root).unwrap(), tier);
     let display = *world.get::<GiSplatting>(eye).unwrap();
     assert_eq!(display, GiSplatting::default());
@@ -94,21 +94,21 @@ fn panel_marks_follow_component_changes() {
     let marked = |app: &mut App, control| find(app, control).expect("a control").1;
     // The tests' cameras show every pixel, and indirect light alone.
     assert!(marked(&mut app, Control::Full(true)));
-    assert!(marked(&mut app, Control::View(GiDebugView::Indirect)));
-    assert!(!marked(&mut app, Control::View(GiDebugView::Lit)));
+    assert!(marked(&mut app, Control::View(GiDebugView::IndirectOnly)));
+    assert!(!marked(&mut app, Control::View(GiDebugView::Final)));
     assert!(marked(&mut app, Control::Light(lamp)));
     let world = app.world_mut();
-    world.get_mut::<GiCamera>(eye).unwrap().view = GiDebugView::Lit;
-    world.get_mut::<GiLighting>(root).unwrap().bounces = None;
+    world.get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Final;
+    world.get_mut::<GiSolver>(root).unwrap().bounces = GiBounceCount::Auto;
     let off = GiLight {
         enabled: false,
         ..default()
     };
     world.entity_mut(lamp).insert(off);
     run(&mut app, 2);
-    assert!(marked(&mut app, Control::View(GiDebugView::Lit)));
-    assert!(!marked(&mut app, Control::View(GiDebugView::Indirect)));
-    assert!(marked(&mut app, Control::Bounces(None)));
+    assert!(marked(&mut app, Control::View(GiDebugView::Final)));
+    assert!(!marked(&mut app, Control::View(GiDebugView::IndirectOnly)));
+    assert!(marked(&mut app, Control::Bounces(GiBounceCount::Auto)));
     assert!(!marked(&mut app, Control::Light(lamp)));
 }
 

@@ -88,12 +88,12 @@ fn even() -> FogVolume {
     }
 }
 
-fn with_fog(fog: f32) -> GiIrradianceVolume {
-    GiIrradianceVolume {
-        voxel: Some(VOXEL),
-        fog,
+fn with_fog(intensity: f32) -> (GiIrradianceVolume, GiVolumetricFog) {
+    let volume = GiIrradianceVolume {
+        voxel_size: Some(VOXEL),
         ..default()
-    }
+    };
+    (volume, GiVolumetricFog { intensity })
 }
 
 /// The room with a lamp and fog in it, and a sun without light for whose sake Bevy draws fog at
@@ -152,8 +152,8 @@ impl Shown {
     }
 
     fn set_fog(&mut self, fog: f32) {
-        let mut volume = self.app.world_mut().entity_mut(self.root);
-        volume.get_mut::<GiIrradianceVolume>().unwrap().fog = fog;
+        let mut root = self.app.world_mut().entity_mut(self.root);
+        root.get_mut::<GiVolumetricFog>().unwrap().intensity = fog;
         run(&mut self.app, 2);
     }
 
@@ -252,7 +252,7 @@ impl Shown {
 fn shape() -> VoxelGrid {
     let [low, high] = bake().info.bounds.map(Vec3::from_array);
     let (low, high) = (low - VOXEL, high + VOXEL);
-    let most = GiIrradianceVolume::default().most;
+    let most = GiIrradianceVolume::default().max_voxels;
     VoxelGrid::new([low, high], voxels_of(high - low, VOXEL, most)).unwrap()
 }
 
@@ -388,9 +388,9 @@ fn fog_in_two_scenes_is_lit_once() {
     run(&mut s.app, 3);
     // Both are toggled: what the second adds is nothing.
     let with = s.picture();
-    let mut volumes = s.app.world_mut().query::<&mut GiIrradianceVolume>();
-    for mut volume in volumes.iter_mut(s.app.world_mut()) {
-        volume.fog = 0.0;
+    let mut volumes = s.app.world_mut().query::<&mut GiVolumetricFog>();
+    for mut fog in volumes.iter_mut(s.app.world_mut()) {
+        fog.intensity = 0.0;
     }
     run(&mut s.app, 2);
     let both = minus(&with, &s.picture());
@@ -456,9 +456,9 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
         }),
         ("the camera shows indirect light alone", |s, back| {
             let mut eye = s.app.world_mut().entity_mut(s.eye);
-            eye.get_mut::<GiCamera>().unwrap().view = match back {
-                true => GiDebugView::Lit,
-                false => GiDebugView::Indirect,
+            eye.get_mut::<GiCamera>().unwrap().debug_view = match back {
+                true => GiDebugView::Final,
+                false => GiDebugView::IndirectOnly,
             };
         }),
         ("fog is no number", |s, back| {

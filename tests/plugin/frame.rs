@@ -369,7 +369,7 @@ fn app_without_scenes_has_no_gpu_resources() {
     );
     app.world_mut()
         .resource_mut::<bevy_meshless_gi::plugin::GiSettings>()
-        .keep_frames = 3;
+        .unload_after_frames = 3;
     app.world_mut().entity_mut(root).insert(Visibility::Hidden);
     run(&mut app, 1);
     assert!(counters(&app).buffers > 0, "buffers stay for a while");
@@ -478,8 +478,8 @@ fn white_wall_under_sky_matches_bevy_light() {
         .world_mut()
         .resource_mut::<Assets<GiBakedScene>>()
         .add(GiBakedScene { scene: bake });
-    let sky = GiLighting {
-        sky: LinearRgba::rgb(radiance, radiance, radiance),
+    let sky = GiEnvironment {
+        sky: GiSky::Uniform(LinearRgba::rgb(radiance, radiance, radiance)),
         ..default()
     };
     let root = app
@@ -824,7 +824,7 @@ fn every_light_type_is_extracted_and_can_opt_out() {
     }
 
     // Irradiance as white surfaces would show it.
-    app.world_mut().get_mut::<GiCamera>(eye).unwrap().view = GiDebugView::Irradiance;
+    app.world_mut().get_mut::<GiCamera>(eye).unwrap().debug_view = GiDebugView::Irradiance;
     run(&mut app, 1);
     let white = cpu_indirect(
         &room.recolored(|_| Vec3::ONE),

@@ -84,18 +84,20 @@ fn invalid_values_leave_no_trace() {
         app.world_mut().despawn(other);
     }
 
-    let strange = GiLighting {
-        sky: LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0),
-        emission: f32::NAN,
-        bounces: Some(u32::MAX),
-        channels: GiColorMode::Auto,
+    let environment = GiEnvironment {
+        sky: GiSky::Uniform(LinearRgba::rgb(f32::NAN, f32::INFINITY, -5.0)),
+        emissive_luminance: f32::NAN,
     };
-    app.world_mut().entity_mut(root).insert(strange);
+    let solver = GiSolver {
+        bounces: GiBounceCount::Fixed(u32::MAX),
+        color_mode: GiColorMode::Auto,
+    };
+    (app.world_mut().entity_mut(root)).insert((environment, solver));
     run(&mut app, 1);
     finite(&picture(&mut app, &image), "strange lighting");
     app.world_mut()
         .entity_mut(root)
-        .insert(GiLighting::default());
+        .insert((GiEnvironment::default(), GiSolver::default()));
     run(&mut app, 1);
     assert_alike("after_lighting", &right, &picture(&mut app, &image));
 }
@@ -104,7 +106,9 @@ fn invalid_values_leave_no_trace() {
 fn root_with_invalid_transform_is_hidden_and_frees_memory() {
     let mut app = app();
     let (root, _, image, _) = stage(&mut app);
-    app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
+    app.world_mut()
+        .resource_mut::<GiSettings>()
+        .unload_after_frames = 2;
     run(&mut app, 2);
     assert!(counters(&app).buffers > 0);
     for scale in [0.0, f32::NAN] {

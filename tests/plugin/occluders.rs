@@ -99,9 +99,12 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     assert_alike("open", &open, &picture(&mut app, &image));
 
     // Somebody names it and leaves it open; somebody else names what is not there.
-    let say = |app: &mut App, name: &str, openness: f32| {
+    let say = |app: &mut App, name: &str, transmittance: f32| {
         let name = name.into();
-        let occluder = GiOccluder { name, openness };
+        let occluder = GiOccluder {
+            name,
+            transmittance,
+        };
         app.world_mut().spawn(occluder).id()
     };
     let door = say(&mut app, "screen", 1.0);
@@ -112,15 +115,15 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), none);
 
     let mut last = open.clone();
-    for openness in [0.0, 0.4, 1.0] {
+    for transmittance in [0.0, 0.4, 1.0] {
         let mut moved = app.world_mut().get_mut::<GiOccluder>(door).unwrap();
-        moved.openness = openness;
+        moved.transmittance = transmittance;
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(c.dispatches_of(Stage::Occlude), 1, "{}", c.plan);
         assert!(c.plan.to_string().contains("opened or shut"), "{}", c.plan);
         assert!(c.projected_slots == 1 && c.dispatches_of(Stage::Apply) > 0);
-        let now = right(&room, &bake, openness);
+        let now = right(&room, &bake, transmittance);
         let found = picture(&mut app, &image);
         assert_alike("door", &now, &found);
         assert!(flip(&last, &now) > MAX, "the change shows");
@@ -167,7 +170,7 @@ fn door_in_thick_occluder_is_lit_from_faced_side() {
     let name = "screen".into();
     app.world_mut().spawn(GiOccluder {
         name,
-        openness: 0.0,
+        transmittance: 0.0,
     });
     run(&mut app, 2);
     let shut = lit_from(place, &room, &bake, 0.0);
@@ -190,7 +193,7 @@ fn scene_without_occluders_has_no_occluder_buffers() {
     let before = counters(&app);
     app.world_mut().spawn(GiOccluder {
         name: "screen".into(),
-        openness: 0.0,
+        transmittance: 0.0,
     });
     run(&mut app, 2);
     let c = counters(&app);

@@ -12,6 +12,7 @@ use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, TransportMethod};
 use std::sync::Arc;
+use std::time::Duration;
 
 const FROM: Vec3 = Vec3::new(-0.3, 1.5, 0.3);
 const TO: Vec3 = Vec3::new(0.4, 1.4, 0.2);
@@ -135,7 +136,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     let ask = |stand: &mut Stand, quality: GiQuality| {
         stand.app.world_mut().entity_mut(root).insert(quality);
     };
-    ask(&mut stand, GiQuality::FrameBudget(4.0));
+    ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(4)));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
     let said = format!(
@@ -148,7 +149,7 @@ fn moving_light_uses_octree_if_it_fits_else_links() {
     assert!(found.nrmse(&by_octree) > 2.0 * own, "{own}");
 
     // With time enough the octree stays.
-    ask(&mut stand, GiQuality::FrameBudget(40.0));
+    ask(&mut stand, GiQuality::GpuBudget(Duration::from_millis(40)));
     stand.walk(20);
     let (plan, dispatched) = stand.solved();
     let said = "the octree: 20.00 ms a solve, within 40 ms; there is no higher one";
@@ -192,7 +193,7 @@ fn device_below_octree_limits_uses_links_with_reason() {
     (stand.app).insert_resource(SolveCostSource::Given(Arc::new(cost)));
     let root = stand.root;
     let ask = |stand: &mut Stand, ms: f32| {
-        let budget = GiQuality::FrameBudget(ms);
+        let budget = GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * ms));
         stand.app.world_mut().entity_mut(root).insert(budget);
         stand.walk(20);
         stand.solved().0

@@ -78,8 +78,8 @@ fn inventory_follows_world() {
         .insert(GiReflectiveShadowMap::default());
     app.world_mut().spawn(GiReflector);
     app.world_mut().spawn(Camera3d::default());
-    let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
-    lighting.sky = LinearRgba::WHITE;
+    let mut environment = app.world_mut().get_mut::<GiEnvironment>(root).unwrap();
+    environment.sky = GiSky::Uniform(LinearRgba::WHITE);
     run(&mut app, 1);
     let found = inventory(&app);
     assert_eq!(found.lights_of(LightSort::Rect).all, 1);
@@ -259,9 +259,9 @@ fn bounce_count_follows_surface_albedo() {
     let image = target(&mut app);
     (app.world_mut()).spawn((camera(&image, view()), indirect()));
     spawn_lamp(&mut app, PLACE);
-    let ask = |app: &mut App, bounces: Option<u32>| {
-        let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
-        lighting.bounces = bounces;
+    let ask = |app: &mut App, bounces: GiBounceCount| {
+        let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
+        solver.bounces = bounces;
         run(app, 1);
         let plan = plan(app);
         let [(_, picked)] = plan.reflections[..] else {
@@ -286,9 +286,9 @@ fn bounce_count_follows_surface_albedo() {
         assert_alike("reflections", &cpu, &picture(app, &image));
         (picked, cpu)
     };
-    let (few, short) = ask(&mut app, Some(2));
+    let (few, short) = ask(&mut app, GiBounceCount::Fixed(2));
     assert!(few.forced && few.bounces == 2, "{few}");
-    let (many, whole) = ask(&mut app, None);
+    let (many, whole) = ask(&mut app, GiBounceCount::Auto);
     let gain = bake.info.energy.gain;
     assert!(!many.forced && many.bounces == bounces_at(gain), "{many}");
     assert_eq!(many.gain, Some(gain));
@@ -391,8 +391,8 @@ fn gray_room_uses_monochrome_until_colored_light() {
 
     // A setting decides alone, whatever there is, and the light follows.
     let ask = |app: &mut App, channels| {
-        let mut lighting = app.world_mut().get_mut::<GiLighting>(root).unwrap();
-        lighting.channels = channels;
+        let mut solver = app.world_mut().get_mut::<GiSolver>(root).unwrap();
+        solver.color_mode = channels;
         run(app, 1);
     };
     ask(&mut app, GiColorMode::Rgb);

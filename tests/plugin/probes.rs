@@ -109,7 +109,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
     type Compare<'a> = &'a dyn Fn(&str, &Picture, &Picture);
     let full = &assert_alike as Compare<'_>;
     for (name, display, compare) in [
-        ("probes_full", GiSplatting::Full, full),
+        ("probes_full", GiSplatting::PerPixel, full),
         ("probes_subsplats", GiSplatting::default(), &by_eye),
     ] {
         let (mut app, image, lamp) = stage(&bake, display);
@@ -138,7 +138,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
 #[test]
 fn bake_without_probes_runs_no_probe_pass() {
     let [with, without] = [true, false].map(|probes| {
-        let (mut app, image, _) = stage(&bake(probes), GiSplatting::Full);
+        let (mut app, image, _) = stage(&bake(probes), GiSplatting::PerPixel);
         run(&mut app, 4);
         let shown = picture(&mut app, &image);
         (shown, counters(&app))
@@ -169,7 +169,7 @@ fn bake_without_probes_runs_no_probe_pass() {
 #[test]
 fn skinned_mesh_is_lit_at_joint_positions() {
     let bake = bake(true);
-    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, GiSplatting::Full);
+    let (mut app, image, _, root) = stage_of(&with_panel(), &bake, GiSplatting::PerPixel);
     let world = app.world_mut();
     let panel = *world.get::<Children>(root).unwrap().last().unwrap();
     let away = Vec3::new(0.0, 0.0, -7.0);
@@ -238,7 +238,7 @@ fn particles_are_lit_at_own_positions() {
             color: Vec3::splat(0.7),
         });
     }
-    let (mut app, image, ..) = stage_of(&room, &bake, GiSplatting::Full);
+    let (mut app, image, ..) = stage_of(&room, &bake, GiSplatting::PerPixel);
     run(&mut app, 4);
     let expected = on_cpu_of(&room, &bake, LAMP);
     let dark = on_cpu_of(&room, &self::bake(false), LAMP);

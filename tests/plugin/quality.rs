@@ -13,6 +13,7 @@ use bevy_meshless_gi::prelude::*;
 use meshless_gi::{FrameSettings, Light};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
 
 struct Stage {
     root: Entity,
@@ -132,7 +133,11 @@ fn gpu_budget_is_met_while_light_and_camera_move() {
         noise * given.load(Ordering::Relaxed) as f32 / 1000.0 * work as f32 / all
     })));
     const BUDGET: f32 = 3.0;
-    ask(&mut app, &stage, GiQuality::FrameBudget(BUDGET));
+    ask(
+        &mut app,
+        &stage,
+        GiQuality::GpuBudget(Duration::from_secs_f32(1e-3 * BUDGET)),
+    );
     let mut over = 0;
     let mut frame = 0u32;
     let mut go = |app: &mut App, frames: u32| -> Vec<u32> {
@@ -202,7 +207,11 @@ fn gpu_timings_reach_tier_controller() {
     ));
     ready(&mut app);
     let stage = stage(&mut app);
-    ask(&mut app, &stage, GiQuality::FrameBudget(1e-6));
+    ask(
+        &mut app,
+        &stage,
+        GiQuality::GpuBudget(Duration::from_nanos(1)),
+    );
     for k in 0..60 {
         let mut place = app.world_mut().get_mut::<Transform>(stage.lamp).unwrap();
         place.translation.x = PLACE.x + 0.005 * k as f32;

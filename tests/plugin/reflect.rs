@@ -178,9 +178,8 @@ fn full_world() -> App {
     };
     let world = app.world_mut();
     world.entity_mut(root).insert((
-        GiSky::default(),
         GiDynamicMaterials(vec![("wall".into(), Handle::default())]),
-        GiIrradianceVolume::default(),
+        GiVolumetricFog::default(),
     ));
     world.spawn((eye, GiSpecular::default()));
     world.entity_mut(lamp).insert((
@@ -248,7 +247,7 @@ fn reflected_components_expose_every_field() {
     // Values of all depths: settings, an element of a list, an output.
     for (path, value) in [
         ("GiCamera.intensity", "1.0"),
-        ("GiLighting.bounces", "Some"),
+        ("GiSolver.bounces", "Fixed"),
         ("GiActiveTier.why", "\"nothing less was asked for\""),
         ("GiDynamicMaterials.0.0.0", "\"wall\""),
     ] {
@@ -262,19 +261,19 @@ fn reflected_components_expose_every_field() {
 #[test]
 fn field_written_by_reflection_changes_component() {
     let mut app = app();
-    let root = app.world_mut().spawn(GiLighting::default()).id();
+    let root = app.world_mut().spawn(GiEnvironment::default()).id();
     let registry = app.world().resource::<AppTypeRegistry>().clone();
     let registry = registry.read();
-    let component = registration(&registry, "GiLighting").data::<ReflectComponent>();
+    let component = registration(&registry, "GiEnvironment").data::<ReflectComponent>();
     let component = component.expect("a component");
     let mut value = component
         .reflect_mut(app.world_mut().entity_mut(root))
         .expect("it is there");
     let ReflectMut::Struct(fields) = value.reflect_mut() else {
-        panic!("GiLighting is a struct");
+        panic!("GiEnvironment is a struct");
     };
-    let field = fields.field_mut("emission").expect("a field");
+    let field = fields.field_mut("emissive_luminance").expect("a field");
     field.apply(&0.25f32);
-    let lighting = app.world().get::<GiLighting>(root).unwrap();
-    assert_eq!(lighting.emission, 0.25);
+    let environment = app.world().get::<GiEnvironment>(root).unwrap();
+    assert_eq!(environment.emissive_luminance, 0.25);
 }

@@ -329,7 +329,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     let other = Vec3::new(-0.8, 0.9, 0.9);
     let second = spawn_lamp(&mut app, other);
     let few = GiReflectiveShadowMap {
-        lights: 32,
+        vpl_count: 32,
         ..asked.clone()
     };
     app.world_mut().entity_mut(second).insert(few.clone());
@@ -420,7 +420,7 @@ fn static_reflector_is_not_redrawn_and_keeps_light() {
             app.world_mut()
                 .get_mut::<GiReflectiveShadowMap>(lamp)
                 .unwrap()
-                .lights = 64;
+                .vpl_count = 64;
         }),
     ];
     for (name, change) in changes {
@@ -468,7 +468,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
         [material.perceptual_roughness, material.reflectance] = SMOOTH;
     }
     let asked = GiReflectiveShadowMap {
-        visibility: false,
+        trace_shadows: false,
         ..default()
     };
     let entity = spawn_lamp(&mut app, LAMP);
@@ -565,7 +565,7 @@ fn fully_dynamic_scene_has_one_bounce() {
     app.world_mut().entity_mut(root).insert(GiReflector);
     let lamp_at = Vec3::new(0.3, 1.5, 0.5);
     let asked = GiReflectiveShadowMap {
-        lights: 256,
+        vpl_count: 256,
         ..default()
     };
     let entity = spawn_lamp(&mut app, lamp_at);
@@ -662,7 +662,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
 
     // Without shadows, the block lets it through.
     let see_through = GiReflectiveShadowMap {
-        visibility: false,
+        trace_shadows: false,
         ..asked
     };
     app.world_mut()

@@ -337,15 +337,15 @@ fn panel_shadow_matches_rays_and_light_is_not_doubled() {
     let mut cameras = app.world_mut().query::<&mut GiCamera>();
     let mut only = |app: &mut App, view| {
         for mut camera in cameras.iter_mut(app.world_mut()) {
-            camera.view = view;
+            camera.debug_view = view;
         }
         run(app, 1);
         soft_work(&counters(app))
     };
-    assert_eq!(only(&mut app, GiDebugView::Indirect), [0, 0]);
+    assert_eq!(only(&mut app, GiDebugView::IndirectOnly), [0, 0]);
     let indirect = picture(&mut app, &image);
     assert!(indirect.pixels.iter().flatten().all(|v| *v == 0.0));
-    assert_eq!(only(&mut app, GiDebugView::Lit), [0, 1]);
+    assert_eq!(only(&mut app, GiDebugView::Final), [0, 1]);
 
     // Off, or without the component: Bevy's picture, to the bit, and nothing is held.
     for off in [true, false] {

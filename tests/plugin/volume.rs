@@ -292,8 +292,8 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
         world.get_mut::<Transform>(*ball).unwrap().translation = place;
         if volume {
             let fine = GiIrradianceVolume {
-                voxel: Some(VOXEL),
-                most: 1 << 18,
+                voxel_size: Some(VOXEL),
+                max_voxels: 1 << 18,
                 ..default()
             };
             world.entity_mut(*root).insert(fine);
@@ -444,8 +444,8 @@ fn volumes_follow_component_without_deferred_camera() {
         found.iter(app.world()).count()
     };
     let coarse = GiIrradianceVolume {
-        voxel: Some(0.5),
-        most: 64,
+        voxel_size: Some(0.5),
+        max_voxels: 64,
         ..default()
     };
     s.ask(coarse);
@@ -456,7 +456,10 @@ fn volumes_follow_component_without_deferred_camera() {
     assert!(d > 0.0 && d < 0.2, "{d}");
     // No more: the picture of before, and nothing on the device once nobody has seen the scene for
     // long.
-    s.app.world_mut().resource_mut::<GiSettings>().keep_frames = 2;
+    s.app
+        .world_mut()
+        .resource_mut::<GiSettings>()
+        .unload_after_frames = 2;
     s.app
         .world_mut()
         .entity_mut(s.root)

@@ -56,18 +56,18 @@ pub fn app() -> App {
 }
 
 /// Reflections that the tests' rooms ask for, as `settings` does: which pictures to expect then
-/// hangs on no bake. A test that wants as many as a scene calls for sets `None` later.
+/// hangs on no bake. A test that wants as many as a scene calls for sets `Auto` later.
 pub const BOUNCES: u32 = 4;
 
 /// Waits for the plugins (the renderer starts in the background) and finishes them.
 pub fn ready(app: &mut App) {
-    app.add_observer(
-        |set: On<Insert, GiLighting>, mut all: Query<&mut GiLighting>| {
-            if let Ok(mut lighting) = all.get_mut(set.entity) {
-                lighting.bounces.get_or_insert(BOUNCES);
-            }
-        },
-    );
+    app.add_observer(|set: On<Insert, GiSolver>, mut all: Query<&mut GiSolver>| {
+        if let Ok(mut solver) = all.get_mut(set.entity)
+            && solver.bounces == GiBounceCount::Auto
+        {
+            solver.bounces = GiBounceCount::Fixed(BOUNCES);
+        }
+    });
     while app.plugins_state() == PluginsState::Adding {
         bevy::tasks::tick_global_task_pools_on_main_thread();
     }
@@ -124,7 +124,7 @@ pub fn camera(target: &Handle<Image>, transform: Transform) -> impl Bundle {
         },
         RenderTarget::Image(target.clone().into()),
         Tonemapping::None,
-        GiSplatting::Full,
+        GiSplatting::PerPixel,
         bevy::core_pipeline::tonemapping::DebandDither::Disabled,
         transform,
     )

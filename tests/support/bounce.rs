@@ -143,7 +143,7 @@ pub fn cpu_vpls(
         texels.extend(rsm::texels(&params, &drawn.depth, &drawn.gbuffer));
     }
     let count = texels.len() as u32;
-    if let Some(bake) = bake.filter(|_| asked.visibility) {
+    if let Some(bake) = bake.filter(|_| asked.trace_shadows) {
         let nodes = bake.bvh.nodes.len() as u32;
         let params = RsmShadowParams::new(Mat4::IDENTITY, &light, count, nodes, extent(bake));
         rsm::shadow(&params, &bake.bvh, &mut texels);
@@ -151,7 +151,7 @@ pub fn cpu_vpls(
     let params = RsmChooseParams {
         texels: count,
         first: 0,
-        vpls: asked.lights.clamp(1, MAX_VPLS),
+        vpls: asked.vpl_count.clamp(1, MAX_VPLS),
         pad: 0,
     };
     rsm::choose(&params, &texels)

@@ -43,7 +43,7 @@ pub fn lamp(position: Vec3) -> Light {
 /// Shows indirect light alone.
 pub fn indirect() -> GiCamera {
     GiCamera {
-        view: GiDebugView::Indirect,
+        debug_view: GiDebugView::IndirectOnly,
         ..default()
     }
 }

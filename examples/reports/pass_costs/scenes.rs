@@ -293,9 +293,12 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     let mut root = world.spawn((GiScene(asset), Transform::IDENTITY));
     if scene.forward || scene.fog {
         root.insert(GiIrradianceVolume {
-            most: 4096,
+            max_voxels: 4096,
             ..default()
         });
+    }
+    if scene.fog {
+        root.insert(GiVolumetricFog::default());
     }
     let root = root.id();
     world
@@ -304,7 +307,7 @@ pub fn spawn(app: &mut App, scene: &Scene, bakes: &Bakes, size: UVec2) {
     if scene.screen {
         world.spawn(GiOccluder {
             name: "screen".into(),
-            openness: 1.0,
+            transmittance: 1.0,
         });
     }
     if let Some(moves) = scene.lamp {
@@ -421,15 +424,15 @@ pub fn step(app: &mut App, scene: &Scene, k: u32) {
     }
     let mut screens = world.query::<&mut GiOccluder>();
     for mut screen in screens.iter_mut(world) {
-        screen.openness = 0.5 + 0.5 * sine;
+        screen.transmittance = 0.5 + 0.5 * sine;
     }
-    let mut roots = world.query::<&mut GiLighting>();
-    for mut lighting in roots.iter_mut(world) {
+    let mut roots = world.query::<&mut GiEnvironment>();
+    for mut environment in roots.iter_mut(world) {
         if scene.sky {
-            lighting.sky = LinearRgba::rgb(300.0, 300.0, 400.0 + 50.0 * sine);
+            environment.sky = GiSky::Uniform(LinearRgba::rgb(300.0, 300.0, 400.0 + 50.0 * sine));
         }
         if scene.glow {
-            lighting.emission = 998.0 * (1.0 + 0.5 * sine);
+            environment.emissive_luminance = 998.0 * (1.0 + 0.5 * sine);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::asset::GiBakedScene;
 use super::super::background::Background;
-use super::super::components::GiScene;
+use super::super::scene::GiScene;
 use super::assemble::assemble;
 use super::collect::{Collected, collect};
 use super::request::GiBakeRequest;
@@ -56,7 +56,7 @@ fn wants_comparison(
         && server.get_path(gi.0.id()).is_some()
 }
 
-/// Runs in [`GiSystems::Request`](super::super::GiSystems::Request).
+/// Runs in [`GiSystems::StartBakes`](super::super::GiSystems::StartBakes).
 pub(crate) fn compare_bakes(world: &mut World, roots: &mut QueryState<Roots<'static>>) {
     let Some(bakes) = world.get_resource::<Assets<GiBakedScene>>() else {
         return;

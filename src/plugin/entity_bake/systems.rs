@@ -26,7 +26,7 @@ pub(crate) struct Wait {
 
 type Waiting = (With<GiBakeRequest>, Without<GiBakeTask>);
 
-/// Runs in [`GiSystems::Request`](super::super::GiSystems::Request).
+/// Runs in [`GiSystems::StartBakes`](super::super::GiSystems::StartBakes).
 pub(crate) fn start_bakes(
     world: &mut World,
     requested: &mut QueryState<Entity, Waiting>,
@@ -82,7 +82,7 @@ pub(crate) fn start_bakes(
 fn open_occluders(world: &mut World, recipe: &Recipe) -> Vec<GiBakeWarning> {
     let mut occluders = world.query::<(Entity, &GiOccluder)>();
     let open: Vec<(Entity, GiOccluder)> = (occluders.iter(world))
-        .filter(|(_, occluder)| occluder.openness > 0.0)
+        .filter(|(_, occluder)| occluder.transmittance > 0.0)
         .filter(|(_, occluder)| {
             let mut shapes = recipe.occluders.iter();
             shapes.any(|shape| shape.name == occluder.name && shape.boxes.is_empty())
@@ -93,7 +93,7 @@ fn open_occluders(world: &mut World, recipe: &Recipe) -> Vec<GiBakeWarning> {
         .map(|(entity, occluder)| GiBakeWarning::OpenOccluder {
             entity: label(world, entity),
             name: occluder.name,
-            percent: (100.0 * occluder.openness.min(1.0)) as u32,
+            percent: (100.0 * occluder.transmittance.min(1.0)) as u32,
         })
         .collect()
 }

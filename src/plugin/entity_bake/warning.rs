@@ -53,7 +53,7 @@ pub enum GiBakeWarning {
     /// An occluder is open when the meshes are collected.
     #[error(
         "{entity}: occluder `{name}` is {percent} % open, and the bake takes its meshes where they \
-         stand now; shut it before `bake_gi`, with `GiOccluder::openness` 0"
+         stand now; shut it before `bake_gi`, with `GiOccluder::transmittance` 0"
     )]
     OpenOccluder {
         /// Entity with the occluder.

@@ -1,6 +1,6 @@
 //! Warns of a scene file in the place of a bake.
 
-use super::super::components::GiScene;
+use super::super::scene::GiScene;
 use bevy::asset::AssetPath;
 use bevy::ecs::prelude::*;
 use bevy::log::error;
@@ -8,7 +8,7 @@ use bevy::log::error;
 /// Endings of files that hold scenes.
 const SCENES: [&str; 6] = ["glb", "gltf", "ply", "obj", "fbx", "scn"];
 
-/// Runs in [`GiSystems::Check`](super::super::GiSystems::Check).
+/// Runs in [`GiSystems::Validate`](super::super::GiSystems::Validate).
 pub(crate) fn check_files(changed: Query<(Entity, Option<&Name>, &GiScene), Changed<GiScene>>) {
     for (entity, name, gi) in &changed {
         if let Some(message) = gi.0.path().and_then(wrong_file) {
