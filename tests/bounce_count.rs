@@ -1,7 +1,9 @@
 //! How many reflections a level's surfaces call for, beside all of them at once: what the picked
 //! number leaves out, on the two rooms that have references, and what it costs.
 
-use bevy_meshless_gi::plan::{BounceSelector, GiBounceCount, LEFT, bounces_at};
+use bevy_meshless_gi::plan::{
+    BounceSelector, GiBounceCount, MAX_TRUNCATED_FRACTION, bounces_for_spectral_radius,
+};
 use glam::Vec3;
 use meshless_gi::internals::scene::SceneDescription;
 use meshless_gi::{
@@ -62,7 +64,10 @@ fn automatic_bounce_count_truncation_is_small() {
             .collect();
         assert!(missing.is_sorted_by(|a, b| a > b), "{missing:?}");
         let left = *missing.last().unwrap();
-        assert!((0.0..=f64::from(LEFT)).contains(&left), "{name}: {left}");
+        assert!(
+            (0.0..=f64::from(MAX_TRUNCATED_FRACTION)).contains(&left),
+            "{name}: {left}"
+        );
         // A number that fits one level is too few for another.
         assert!(missing[3] > fixed, "{name}: {}", missing[3]);
     }
@@ -89,7 +94,10 @@ fn bounce_count_of_dark_scene_is_small_and_setting_overrides() {
     let dark = pick(GiBounceCount::Auto);
     println!("{dark}");
     assert!(dark.bounces <= 2 && !dark.forced, "{dark}");
-    assert_eq!(dark.bounces, bounces_at(scene.info.energy.gain));
+    assert_eq!(
+        dark.bounces,
+        bounces_for_spectral_radius(scene.info.energy.gain)
+    );
     for (asked, taken) in [(0, 1), (1, 1), (40, 40), (u32::MAX, 256)] {
         let picked = pick(GiBounceCount::Fixed(asked));
         assert_eq!((picked.bounces, picked.forced), (taken, true));

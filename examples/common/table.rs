@@ -96,7 +96,7 @@ pub fn words(
     let mut out = named(&seen.plan.to_string(), names).replace('×', "x");
     for decision in seen.plan.decisions() {
         if let Some(setting) = decision.forced {
-            let subject = named(&decision.subject.to_string(), names);
+            let subject = named(&decision.kind.to_string(), names);
             let _ = writeln!(out, "{subject}: set by {setting}");
         }
     }

@@ -10,10 +10,10 @@ use meshless_gi::{BakedScene, FrameSettings, MaterialFactors};
 use std::fmt;
 
 /// What the reflections that are left out may be of all light, by the gain.
-pub const LEFT: f32 = 0.03;
+pub const MAX_TRUNCATED_FRACTION: f32 = 0.03;
 /// Most reflections, where no setting asks for more: each takes its time in every frame in which
 /// the light changes.
-pub const MAX: u32 = 16;
+pub const MAX_AUTO_BOUNCES: u32 = 16;
 /// Where a bake does not say what a reflection leaves.
 const UNKNOWN: u32 = 4;
 /// A choice and its reason.
@@ -49,15 +49,17 @@ impl fmt::Display for BounceSelection {
     }
 }
 
-/// How many reflections a frame takes at a gain: the fewest that leave [`LEFT`] at most, and
-/// [`MAX`] where that is more.
+/// How many reflections a frame takes at a gain: the fewest that leave [`MAX_TRUNCATED_FRACTION`] at most, and
+/// [`MAX_AUTO_BOUNCES`] where that is more.
 #[must_use]
-pub fn bounces_at(gain: f32) -> u32 {
+pub fn bounces_for_spectral_radius(gain: f32) -> u32 {
     match gain {
-        g if g <= LEFT => 1,
-        g if g < 1.0 => (LEFT.ln() / g.ln()).ceil().min(MAX as f32) as u32,
+        g if g <= MAX_TRUNCATED_FRACTION => 1,
+        g if g < 1.0 => (MAX_TRUNCATED_FRACTION.ln() / g.ln())
+            .ceil()
+            .min(MAX_AUTO_BOUNCES as f32) as u32,
         // Also what is no number.
-        _ => MAX,
+        _ => MAX_AUTO_BOUNCES,
     }
 }
 
@@ -101,7 +103,7 @@ impl BounceSelector {
         Some(BounceSelection {
             bounces: match (asked, gain) {
                 (GiBounceCount::Fixed(bounces), _) => bounces.clamp(1, most),
-                (GiBounceCount::Auto, Some(gain)) => bounces_at(gain),
+                (GiBounceCount::Auto, Some(gain)) => bounces_for_spectral_radius(gain),
                 (GiBounceCount::Auto, None) => UNKNOWN,
             },
             forced: asked != GiBounceCount::Auto,
@@ -140,12 +142,19 @@ mod tests {
 
     #[test]
     fn bounce_count_falls_with_albedo() {
-        let found = [0.0, 0.03, 0.031, 0.1, 0.3, 0.5, 0.58, 0.7, 0.8, 0.95, 1.0].map(bounces_at);
+        let found = [0.0, 0.03, 0.031, 0.1, 0.3, 0.5, 0.58, 0.7, 0.8, 0.95, 1.0]
+            .map(bounces_for_spectral_radius);
         assert_eq!(found, [1, 1, 2, 2, 3, 6, 7, 10, 16, 16, 16]);
-        assert_eq!([f32::NAN, f32::INFINITY, 1.5].map(bounces_at), [MAX; 3]);
+        assert_eq!(
+            [f32::NAN, f32::INFINITY, 1.5].map(bounces_for_spectral_radius),
+            [MAX_AUTO_BOUNCES; 3]
+        );
         for gain in [0.04f32, 0.2, 0.41, 0.6, 0.75] {
-            let n = bounces_at(gain) as i32;
-            assert!(gain.powi(n) <= LEFT && gain.powi(n - 1) > LEFT, "{gain}");
+            let n = bounces_for_spectral_radius(gain) as i32;
+            assert!(
+                gain.powi(n) <= MAX_TRUNCATED_FRACTION && gain.powi(n - 1) > MAX_TRUNCATED_FRACTION,
+                "{gain}"
+            );
         }
     }
 

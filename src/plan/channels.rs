@@ -3,19 +3,19 @@
 //! is; [`ColorModeSelector`] decides, scene by scene, so that nothing goes back and forth with a
 //! lamp that blinks in another color.
 
-use super::{Colors, GiColorMode};
+use super::{ColorUniformity, GiColorMode};
 use glam::Vec3;
 use meshless_gi::Channels;
 use std::fmt;
 
 /// Frames of one color, one after another, before a scene that had several is one channel again.
-pub const STEADY: u32 = 60;
+pub const MONOCHROME_HYSTERESIS_FRAMES: u32 = 60;
 
 /// What colors a scene's light has.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneChromaticity {
     /// Whether it is one.
-    pub colors: Colors,
+    pub colors: ColorUniformity,
     /// That one, largest part 1; white where there are none or several.
     pub hue: Vec3,
 }
@@ -65,18 +65,18 @@ impl ColorModeSelector {
     }
 
     /// What this frame's solve takes. Three channels come with the frame that needs them, one
-    /// channel only after [`STEADY`] frames that do with it; what shines first is taken as it is,
+    /// channel only after [`MONOCHROME_HYSTERESIS_FRAMES`] frames that do with it; what shines first is taken as it is,
     /// and darkness changes nothing.
     pub fn pick(&mut self, asked: GiColorMode, found: SceneChromaticity) -> ColorModeSelection {
         let waits = match found.colors {
-            Colors::Dark => false,
-            Colors::One => {
+            ColorUniformity::Dark => false,
+            ColorUniformity::One => {
                 self.steady = self.steady.saturating_add(1);
-                let wait = self.now == Some(None) && self.steady < STEADY;
+                let wait = self.now == Some(None) && self.steady < MONOCHROME_HYSTERESIS_FRAMES;
                 self.now = Some((!wait).then_some(found.hue));
                 wait
             }
-            Colors::Surfaces | Colors::Lights => {
+            ColorUniformity::Surfaces | ColorUniformity::Lights => {
                 (self.now, self.steady) = (Some(None), 0);
                 false
             }
@@ -89,8 +89,8 @@ impl ColorModeSelector {
                     Channels::One(hue),
                     "surfaces are gray and all that shines has one color",
                 ),
-                (_, Colors::Surfaces) => (Channels::Three, "surfaces are colored"),
-                (_, Colors::Lights) => (Channels::Three, "what shines differs in color"),
+                (_, ColorUniformity::Surfaces) => (Channels::Three, "surfaces are colored"),
+                (_, ColorUniformity::Lights) => (Channels::Three, "what shines differs in color"),
                 (None, _) => (Channels::Three, "nothing has shone yet"),
                 (Some(None), _) if waits => {
                     (Channels::Three, "there were several colors until just now")
@@ -115,11 +115,11 @@ mod tests {
 
     const WARM: Vec3 = Vec3::new(1.0, 0.8, 0.5);
 
-    fn found(colors: Colors) -> SceneChromaticity {
+    fn found(colors: ColorUniformity) -> SceneChromaticity {
         SceneChromaticity { colors, hue: WARM }
     }
 
-    fn auto(picker: &mut ColorModeSelector, colors: Colors) -> Channels {
+    fn auto(picker: &mut ColorModeSelector, colors: ColorUniformity) -> Channels {
         let picked = picker.pick(GiColorMode::Auto, found(colors));
         assert!(!picked.forced && !picked.why.is_empty());
         picked.channels
@@ -128,55 +128,72 @@ mod tests {
     #[test]
     fn color_mode_switches_to_rgb_at_once_and_back_after_hysteresis() {
         let mut picker = ColorModeSelector::new();
-        assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
-        assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
+        assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
+        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::One(WARM));
         // The lamp blinks.
-        assert_eq!(auto(&mut picker, Colors::Dark), Channels::One(WARM));
-        assert_eq!(auto(&mut picker, Colors::Lights), Channels::Three);
-        for _ in 1..STEADY {
-            assert_eq!(auto(&mut picker, Colors::One), Channels::Three);
+        assert_eq!(
+            auto(&mut picker, ColorUniformity::Dark),
+            Channels::One(WARM)
+        );
+        assert_eq!(auto(&mut picker, ColorUniformity::Lights), Channels::Three);
+        for _ in 1..MONOCHROME_HYSTERESIS_FRAMES {
+            assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::Three);
         }
-        assert_eq!(auto(&mut picker, Colors::One), Channels::One(WARM));
-        assert_eq!(auto(&mut picker, Colors::Surfaces), Channels::Three);
+        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::One(WARM));
+        assert_eq!(
+            auto(&mut picker, ColorUniformity::Surfaces),
+            Channels::Three
+        );
         // Darkness is no sign of anything.
-        for _ in 0..2 * STEADY {
-            assert_eq!(auto(&mut picker, Colors::Dark), Channels::Three);
+        for _ in 0..2 * MONOCHROME_HYSTERESIS_FRAMES {
+            assert_eq!(auto(&mut picker, ColorUniformity::Dark), Channels::Three);
         }
-        assert_eq!(auto(&mut picker, Colors::One), Channels::Three);
+        assert_eq!(auto(&mut picker, ColorUniformity::One), Channels::Three);
     }
 
     #[test]
     fn color_mode_of_periodically_colored_light_rarely_changes() {
-        for period in [2, STEADY - 1, STEADY + 5] {
+        for period in [
+            2,
+            MONOCHROME_HYSTERESIS_FRAMES - 1,
+            MONOCHROME_HYSTERESIS_FRAMES + 5,
+        ] {
             let mut picker = ColorModeSelector::new();
             let (mut before, mut changes) = (Channels::Three, 0);
             for k in 0..1000 {
                 let colors = if k % period == 0 {
-                    Colors::Lights
+                    ColorUniformity::Lights
                 } else {
-                    Colors::One
+                    ColorUniformity::One
                 };
                 let now = auto(&mut picker, colors);
                 // Never one channel where there are several colors.
-                assert!(colors == Colors::One || now == Channels::Three);
+                assert!(colors == ColorUniformity::One || now == Channels::Three);
                 changes += u32::from(now != before);
                 before = now;
             }
-            assert!(changes <= 2 * 1000 / STEADY, "{period}: {changes}");
-            assert_eq!(changes == 0, period < STEADY);
+            assert!(
+                changes <= 2 * 1000 / MONOCHROME_HYSTERESIS_FRAMES,
+                "{period}: {changes}"
+            );
+            assert_eq!(changes == 0, period < MONOCHROME_HYSTERESIS_FRAMES);
         }
     }
 
     #[test]
     fn color_mode_setting_overrides_and_is_removed_with_it() {
         let mut picker = ColorModeSelector::new();
-        for colors in [Colors::Dark, Colors::One, Colors::Lights] {
+        for colors in [
+            ColorUniformity::Dark,
+            ColorUniformity::One,
+            ColorUniformity::Lights,
+        ] {
             let three = picker.pick(GiColorMode::Rgb, found(colors));
             assert_eq!((three.channels, three.forced), (Channels::Three, true));
             let one = picker.pick(GiColorMode::Monochrome, found(colors));
             assert_eq!((one.channels, one.forced), (Channels::One(WARM), true));
             assert_eq!(one.to_string(), "one channel: it is asked for");
         }
-        assert_eq!(auto(&mut picker, Colors::Lights), Channels::Three);
+        assert_eq!(auto(&mut picker, ColorUniformity::Lights), Channels::Three);
     }
 }

@@ -7,7 +7,7 @@
 //! and the plan says so. Means run over milliseconds and work apart: a clock that answers some
 //! frames late still gives the right rate.
 
-use super::{FogState, FrameState, Pass, Plan, SceneId, SceneState, Stage, ViewId};
+use super::{FogState, FrameStage, FrameState, Pass, Plan, SceneId, SceneState, ViewId};
 use meshless_gi::Channels;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -23,10 +23,10 @@ const KEPT: u64 = 1000;
 /// Passes that the device's clock times as one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TimingScope {
-    /// The one of them that stands for all: [`Stage::Apply`] for what carries light on (pull, push,
-    /// apply, flatten, the probes' rows), [`Stage::Splat`] for all that lays light over a view's
+    /// The one of them that stands for all: [`FrameStage::APPLY`] for what carries light on (pull, push,
+    /// apply, flatten, the probes' rows), [`FrameStage::SPLAT`] for all that lays light over a view's
     /// pixels.
-    pub stage: Stage,
+    pub stage: FrameStage,
     /// For which scene; [`SceneId::WORLD`] for what a view takes of all scenes.
     pub scene: SceneId,
     /// For which view; `None` for work that all views share.
@@ -39,10 +39,13 @@ impl TimingScope {
     #[must_use]
     pub fn of(pass: &Pass) -> Option<Self> {
         let stage = match pass.stage {
-            Stage::Upload | Stage::Materials | Stage::ReadBack | Stage::Rsm => return None,
-            Stage::PullPush | Stage::Apply | Stage::Flatten => Stage::Apply,
-            Stage::Probe if pass.view.is_none() => Stage::Apply,
-            Stage::Probe | Stage::Splat | Stage::Vpl => Stage::Splat,
+            FrameStage::UPLOAD
+            | FrameStage::MATERIALS
+            | FrameStage::READ_BACK
+            | FrameStage::RSM => return None,
+            FrameStage::PULL_PUSH | FrameStage::APPLY | FrameStage::FLATTEN => FrameStage::APPLY,
+            FrameStage::PROBE if pass.view.is_none() => FrameStage::APPLY,
+            FrameStage::PROBE | FrameStage::SPLAT | FrameStage::VPL => FrameStage::SPLAT,
             other => other,
         };
         Some(Self {
@@ -205,25 +208,27 @@ pub(super) fn weigh(state: &FrameState, passes: &[Pass]) -> Vec<(TimingScope, Co
             Work::Pixels(view.map_or(0, |v| v.pixels))
         };
         let work = match (pass.stage, scene) {
-            (Stage::Project, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
-            (Stage::Apply, Some(scene)) => {
+            (FrameStage::PROJECT, Some(scene)) => Work::Rays(scene.rays * pass.slots.len() as u64),
+            (FrameStage::APPLY, Some(scene)) => {
                 carried(scene, scene.tier.as_ref().map_or(0, |picked| picked.work))
             }
-            (Stage::Probe, Some(scene)) if pass.view.is_none() => carried(scene, scene.probe_links),
-            (Stage::Occlude, Some(scene)) => Work::Passages(scene.passages),
-            (Stage::SoftShadow, Some(scene)) => {
+            (FrameStage::PROBE, Some(scene)) if pass.view.is_none() => {
+                carried(scene, scene.probe_links)
+            }
+            (FrameStage::OCCLUDE, Some(scene)) => Work::Passages(scene.passages),
+            (FrameStage::SOFT_SHADOW, Some(scene)) => {
                 Work::Sights(scene.soft.points * scene.soft.lights as u64)
             }
-            (Stage::Volume, Some(scene)) => Work::Voxels(scene.volume.voxels),
+            (FrameStage::VOLUME, Some(scene)) => Work::Voxels(scene.volume.voxels),
             (
-                Stage::Splat
-                | Stage::Vpl
-                | Stage::Composite
-                | Stage::VplSpecular
-                | Stage::SubtractShadow,
+                FrameStage::SPLAT
+                | FrameStage::VPL
+                | FrameStage::COMPOSITE
+                | FrameStage::VPL_SPECULAR
+                | FrameStage::SUBTRACT_SHADOW,
                 _,
             ) => pixels(),
-            (Stage::Fog, _) => {
+            (FrameStage::FOG, _) => {
                 let of = |f: &&FogState| Some(f.view) == pass.view && f.scene == pass.scene;
                 let fog = state.fogs.iter().find(of);
                 Work::Pixels(fog.map_or(0, |f| f.pixels * f.volumes as u64))
@@ -280,7 +285,7 @@ fn mix(mean: &mut Option<f64>, value: f64) {
 pub struct CostModel {
     groups: BTreeMap<TimingScope, (Means, u64)>,
     /// Milliseconds a unit of work, by stage and unit.
-    rates: BTreeMap<(Stage, Unit), f64>,
+    rates: BTreeMap<(FrameStage, Unit), f64>,
     plans: u64,
 }
 
@@ -396,7 +401,7 @@ mod tests {
         state
     }
 
-    fn cost(plan: &Plan, stage: Stage) -> Cost {
+    fn cost(plan: &Plan, stage: FrameStage) -> Cost {
         *plan
             .cost_of(
                 plan.passes
@@ -410,20 +415,33 @@ mod tests {
     #[test]
     fn stage_work_counts_read_items() {
         let plan = Plan::new(&moving(state(), 1, 3));
-        assert_eq!(cost(&plan, Stage::Project).work, Work::Rays(3000));
-        assert_eq!(cost(&plan, Stage::Apply).work, Work::Links(200_000));
-        assert_eq!(cost(&plan, Stage::PullPush), cost(&plan, Stage::Apply));
+        assert_eq!(cost(&plan, FrameStage::PROJECT).work, Work::Rays(3000));
+        assert_eq!(cost(&plan, FrameStage::APPLY).work, Work::Links(200_000));
+        assert_eq!(
+            cost(&plan, FrameStage::PULL_PUSH),
+            cost(&plan, FrameStage::APPLY)
+        );
         // Both scenes go over the pixels; the composite goes once.
-        assert_eq!(cost(&plan, Stage::Splat).work, Work::Pixels(20_000));
-        assert_eq!(cost(&plan, Stage::Composite).work, Work::Pixels(10_000));
-        let groups: Vec<Stage> = plan.costs.iter().map(|(t, _)| t.stage).collect();
-        use Stage::*;
-        assert_eq!(groups, [Project, Apply, Splat, Composite]);
+        assert_eq!(cost(&plan, FrameStage::SPLAT).work, Work::Pixels(20_000));
+        assert_eq!(
+            cost(&plan, FrameStage::COMPOSITE).work,
+            Work::Pixels(10_000)
+        );
+        let groups: Vec<FrameStage> = plan.costs.iter().map(|(t, _)| t.stage).collect();
+        assert_eq!(
+            groups,
+            [
+                FrameStage::PROJECT,
+                FrameStage::APPLY,
+                FrameStage::SPLAT,
+                FrameStage::COMPOSITE
+            ]
+        );
         // The probes' rows are applied with the others, and timed with them.
         let mut in_space = moving(state(), 1, 3);
         (in_space.scenes[1].probes, in_space.scenes[1].probe_links) = (true, 3000);
         let both = Plan::new(&in_space);
-        assert_eq!(cost(&both, Apply).work, Work::Links(203_000));
+        assert_eq!(cost(&both, FrameStage::APPLY).work, Work::Links(203_000));
         assert_eq!(both.costs.len(), plan.costs.len());
         let words = plan.to_string();
         assert!(
@@ -440,7 +458,7 @@ mod tests {
         let mut model = CostModel::new();
         let mut first = Plan::new(&moving(state(), 0, 1));
         model.price(&mut first);
-        assert_eq!(cost(&first, Stage::Apply).predicted, None);
+        assert_eq!(cost(&first, FrameStage::APPLY).predicted, None);
         for _ in 0..5 {
             model.ran(&first);
             for (timed, _) in &first.costs {
@@ -452,7 +470,7 @@ mod tests {
             predicted,
             measured,
             ..
-        } = cost(&first, Stage::Apply);
+        } = cost(&first, FrameStage::APPLY);
         assert_eq!((predicted, measured), (Some(2.0), Some(2.0)));
         // Four times the links, three times the rays: never run, so not measured.
         let mut second = Plan::new(&moving(state(), 1, 3));
@@ -461,11 +479,11 @@ mod tests {
             predicted,
             measured,
             ..
-        } = cost(&second, Stage::Apply);
+        } = cost(&second, FrameStage::APPLY);
         assert_eq!((predicted, measured), (Some(8.0), None));
-        assert_eq!(cost(&second, Stage::Project).predicted, Some(6.0));
+        assert_eq!(cost(&second, FrameStage::PROJECT).predicted, Some(6.0));
         // The same pixels as before.
-        assert_eq!(cost(&second, Stage::Splat).measured, Some(2.0));
+        assert_eq!(cost(&second, FrameStage::SPLAT).measured, Some(2.0));
         assert!(
             second.to_string().contains("8.00 ms expected\n"),
             "{second}"
@@ -488,7 +506,9 @@ mod tests {
         }
         let mut plan = Plan::new(&moving(state(), 0, 4));
         model.price(&mut plan);
-        let predicted = cost(&plan, Stage::Project).predicted.expect("measured");
+        let predicted = cost(&plan, FrameStage::PROJECT)
+            .predicted
+            .expect("measured");
         assert!((predicted / 4.0 - 1.0).abs() < 0.35, "{predicted}");
     }
 
@@ -527,16 +547,16 @@ mod tests {
         };
         let mut three = Plan::new(&moving(state(), 0, 1));
         let mut one = Plan::new(&moving(in_one(state()), 0, 1));
-        assert_eq!(cost(&one, Stage::Apply).work, Work::OneChannel(50_000));
+        assert_eq!(cost(&one, FrameStage::APPLY).work, Work::OneChannel(50_000));
         let run = |model: &mut CostModel, plan: &mut Plan, ms: f32| {
             for _ in 0..20 {
                 model.ran(plan);
                 let timed = plan.costs.iter().map(|(t, _)| *t);
-                let apply = timed.into_iter().find(|t| t.stage == Stage::Apply);
+                let apply = timed.into_iter().find(|t| t.stage == FrameStage::APPLY);
                 model.measured(apply.expect("it runs"), ms);
             }
             model.price(plan);
-            cost(plan, Stage::Apply)
+            cost(plan, FrameStage::APPLY)
         };
         let close =
             |found: Option<f32>, ms: f32| found.is_some_and(|f| (f / ms - 1.0).abs() < 1e-3);
@@ -552,16 +572,16 @@ mod tests {
                 .costs
                 .iter()
                 .map(|(t, _)| *t)
-                .find(|t| t.stage == Stage::Apply);
+                .find(|t| t.stage == FrameStage::APPLY);
             model.measured(timed.expect("it runs"), 4.0);
         }
         model.price(&mut one);
-        assert_eq!(cost(&one, Stage::Apply), late);
+        assert_eq!(cost(&one, FrameStage::APPLY), late);
         // An octree takes all three.
         let mut octree = in_one(state());
         octree.scenes[0].tier.as_mut().expect("a tier").octree = true;
         let octree = Plan::new(&moving(octree, 0, 1));
-        assert_eq!(cost(&octree, Stage::Apply).work, Work::Links(50_000));
+        assert_eq!(cost(&octree, FrameStage::APPLY).work, Work::Links(50_000));
         let first = run(&mut model, &mut one, 2.0);
         assert!(
             close(first.predicted, 2.0) && close(first.measured, 2.0),
@@ -570,7 +590,7 @@ mod tests {
         // Another scene in three channels is foretold by what three channels took.
         let mut other = Plan::new(&moving(state(), 1, 1));
         model.price(&mut other);
-        assert!(close(cost(&other, Stage::Apply).predicted, 16.0));
+        assert!(close(cost(&other, FrameStage::APPLY).predicted, 16.0));
     }
 
     #[test]
@@ -592,11 +612,11 @@ mod tests {
             ..SoftState::default()
         };
         let plan = Plan::new(&state);
-        assert_eq!(cost(&plan, Stage::Occlude).work, Work::Passages(5000));
-        assert_eq!(cost(&plan, Stage::Volume).work, Work::Voxels(4096));
-        assert_eq!(cost(&plan, Stage::SoftShadow).work, Work::Sights(600));
+        assert_eq!(cost(&plan, FrameStage::OCCLUDE).work, Work::Passages(5000));
+        assert_eq!(cost(&plan, FrameStage::VOLUME).work, Work::Voxels(4096));
+        assert_eq!(cost(&plan, FrameStage::SOFT_SHADOW).work, Work::Sights(600));
         assert_eq!(
-            cost(&plan, Stage::SubtractShadow).work,
+            cost(&plan, FrameStage::SUBTRACT_SHADOW).work,
             Work::Pixels(10_000)
         );
         let counted = |(_, cost): &(TimingScope, Cost)| cost.work != Work::Uncounted;

@@ -1,25 +1,25 @@
-//! Decisions of a plan, one per subject, and a log that reports each change once.
+//! Decisions of a plan, one per kind, and a log that reports each change once.
 //!
 //! Passes start and stop with every light that moves and stops. [`DecisionLog`] reports that an
-//! effect runs when it first runs, and that it stopped when it has not run for [`PATIENCE`] frames.
-//! After a report about a subject follows a silence, which doubles with each report and returns to
-//! [`PATIENCE`] frames when nothing changed for as long. The number of reports of a subject that
+//! effect runs when it first runs, and that it stopped when it has not run for [`LOG_DEBOUNCE_FRAMES`] frames.
+//! After a report about a kind follows a silence, which doubles with each report and returns to
+//! [`LOG_DEBOUNCE_FRAMES`] frames when nothing changed for as long. The number of reports of a kind that
 //! alternates grows with the logarithm of the time.
 
-use super::{Cost, DisplayUse, Pass, Plan, SceneId, Skip, Stage, TimingScope, ViewId};
+use super::{Cost, DisplayUse, FrameStage, Pass, Plan, SceneId, SkipReason, TimingScope, ViewId};
 use std::collections::BTreeMap;
 use std::fmt;
 
 /// Frames without a pass after which an effect counts as stopped, and length of the first silence
-/// about a subject.
-pub const PATIENCE: u64 = 120;
+/// about a kind.
+pub const LOG_DEBOUNCE_FRAMES: u64 = 120;
 
 /// Looks up the name of a scene or a view by its number; `None` prints the number.
 pub type NameOf<'a> = &'a dyn Fn(u64) -> Option<String>;
 
 /// Subject of a decision.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Subject {
+pub enum DecisionKind {
     /// Operator tier of a scene.
     Tier(SceneId),
     /// Number of color channels in which links are applied.
@@ -35,11 +35,11 @@ pub enum Subject {
     /// An effect ([`EFFECTS`](super::EFFECTS)) of a scene and a view.
     Effect(&'static str, SceneId, Option<ViewId>),
     /// A scene that is not lit, or not in a view, with the reason.
-    Left(SceneId, Option<ViewId>, Skip),
+    Skipped(SceneId, Option<ViewId>, SkipReason),
 }
 
-impl Subject {
-    /// The subject in words, with names of scenes and views.
+impl DecisionKind {
+    /// The kind in words, with names of scenes and views.
     #[must_use]
     pub fn words(&self, name: NameOf<'_>) -> String {
         let scene = |id: &SceneId| match *id {
@@ -59,12 +59,12 @@ impl Subject {
             Self::Sky(id) => format!("sky of {}", scene(id)),
             Self::Display(id) => format!("display of {}", view(id)),
             Self::Effect(effect, id, by) => format!("effect {effect} of {}", seen(id, by)),
-            Self::Left(id, by, _) => format!("light of {}", seen(id, by)),
+            Self::Skipped(id, by, _) => format!("light of {}", seen(id, by)),
         }
     }
 }
 
-impl fmt::Display for Subject {
+impl fmt::Display for DecisionKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.words(&|_| None))
     }
@@ -74,7 +74,7 @@ impl fmt::Display for Subject {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
     /// Subject of the choice.
-    pub subject: Subject,
+    pub kind: DecisionKind,
     /// The choice.
     pub choice: String,
     /// The reason. Figures in it may change from frame to frame.
@@ -91,12 +91,7 @@ impl Decision {
     /// nor measured are left out.
     #[must_use]
     pub fn words(&self, name: NameOf<'_>) -> String {
-        let mut out = format!(
-            "{}: {} ({})",
-            self.subject.words(name),
-            self.choice,
-            self.why
-        );
+        let mut out = format!("{}: {} ({})", self.kind.words(name), self.choice, self.why);
         for (timed, cost) in self.costs.iter().filter(|(_, cost)| cost.is_known()) {
             out += &format!("; {}: {cost}", timed.stage.name());
         }
@@ -113,7 +108,7 @@ impl fmt::Display for Decision {
     }
 }
 
-impl Skip {
+impl SkipReason {
     /// The setting that alone keeps this from running; `None` if the reason is in the world or the
     /// device.
     #[must_use]
@@ -127,15 +122,15 @@ impl Skip {
 }
 
 impl Plan {
-    /// Decisions of this frame's plan, one per subject.
+    /// Decisions of this frame's plan, one per kind.
     #[must_use]
     pub fn decisions(&self) -> Vec<Decision> {
         let mut out: Vec<Decision> = Vec::new();
-        let mut push = |subject: Subject, choice: String, why: String, forced| {
-            if !out.iter().any(|d: &Decision| d.subject == subject) {
-                let costs = self.costs_of(&subject);
+        let mut push = |kind: DecisionKind, choice: String, why: String, forced| {
+            if !out.iter().any(|d: &Decision| d.kind == kind) {
+                let costs = self.costs_of(&kind);
                 out.push(Decision {
-                    subject,
+                    kind,
                     choice,
                     why,
                     forced,
@@ -146,62 +141,62 @@ impl Plan {
         for (scene, picked) in &self.tiers {
             let choice = format!("{} of {}", picked.tier, picked.tiers);
             let forced = picked.forced.then_some("the quality setting");
-            push(Subject::Tier(*scene), choice, picked.why.clone(), forced);
-        }
-        for (scene, picked) in &self.channels {
-            let subject = Subject::Channels(*scene);
-            let forced = picked.forced.then_some("the channel setting");
-            push(subject, picked.choice().into(), picked.why.into(), forced);
-        }
-        for (scene, picked) in &self.reflections {
-            let subject = Subject::Bounces(*scene);
-            let forced = picked.forced.then_some("the bounce setting");
-            push(subject, picked.bounces.to_string(), picked.why(), forced);
-        }
-        for (scene, why) in &self.linked {
-            let subject = Subject::Octree(*scene);
-            push(subject, "links".into(), why.to_string(), None);
-        }
-        for (scene, sky) in &self.skies {
-            let why = "the scene's sky says so".into();
-            push(Subject::Sky(*scene), sky.to_string(), why, None);
-        }
-        for &(view, display) in &self.displays {
-            let forced = (display == DisplayUse::Full).then_some("the display setting");
-            let subject = Subject::Display(view);
             push(
-                subject,
-                display.choice().into(),
-                display.why().into(),
+                DecisionKind::Tier(*scene),
+                choice,
+                picked.why.clone(),
                 forced,
             );
         }
+        for (scene, picked) in &self.channels {
+            let kind = DecisionKind::Channels(*scene);
+            let forced = picked.forced.then_some("the channel setting");
+            push(kind, picked.choice().into(), picked.why.into(), forced);
+        }
+        for (scene, picked) in &self.reflections {
+            let kind = DecisionKind::Bounces(*scene);
+            let forced = picked.forced.then_some("the bounce setting");
+            push(kind, picked.bounces.to_string(), picked.why(), forced);
+        }
+        for (scene, why) in &self.linked {
+            let kind = DecisionKind::Octree(*scene);
+            push(kind, "links".into(), why.to_string(), None);
+        }
+        for (scene, sky) in &self.skies {
+            let why = "the scene's sky says so".into();
+            push(DecisionKind::Sky(*scene), sky.to_string(), why, None);
+        }
+        for &(view, display) in &self.displays {
+            let forced = (display == DisplayUse::Full).then_some("the display setting");
+            let kind = DecisionKind::Display(view);
+            push(kind, display.choice().into(), display.why().into(), forced);
+        }
         for pass in &self.passes {
-            let subject = Subject::Effect(pass.effect, pass.scene, pass.view);
-            push(subject, "runs".into(), pass.reason.to_string(), None);
+            let kind = DecisionKind::Effect(pass.effect, pass.scene, pass.view);
+            push(kind, "runs".into(), pass.reason.to_string(), None);
         }
         for &(scene, view, why) in &self.skipped {
-            if why != Skip::AtRest {
-                let subject = Subject::Left(scene, view, why);
-                push(subject, "off".into(), why.to_string(), why.forced());
+            if why != SkipReason::AtRest {
+                let kind = DecisionKind::Skipped(scene, view, why);
+                push(kind, "off".into(), why.to_string(), why.forced());
             }
         }
         out
     }
 
     /// Costs of the passes that follow from a decision, one entry per timing scope.
-    fn costs_of(&self, subject: &Subject) -> Vec<(TimingScope, Cost)> {
-        let carries = |p: &Pass, of: SceneId| p.stage == Stage::Apply && p.scene == of;
-        let lays = |p: &Pass, of: ViewId| p.stage == Stage::Splat && p.view == Some(of);
-        let follows = |p: &&Pass| match subject {
-            Subject::Tier(scene)
-            | Subject::Channels(scene)
-            | Subject::Bounces(scene)
-            | Subject::Octree(scene) => carries(p, *scene),
+    fn costs_of(&self, kind: &DecisionKind) -> Vec<(TimingScope, Cost)> {
+        let carries = |p: &Pass, of: SceneId| p.stage == FrameStage::APPLY && p.scene == of;
+        let lays = |p: &Pass, of: ViewId| p.stage == FrameStage::SPLAT && p.view == Some(of);
+        let follows = |p: &&Pass| match kind {
+            DecisionKind::Tier(scene)
+            | DecisionKind::Channels(scene)
+            | DecisionKind::Bounces(scene)
+            | DecisionKind::Octree(scene) => carries(p, *scene),
             // One more link a row at most.
-            Subject::Sky(_) | Subject::Left(..) => false,
-            Subject::Display(view) => lays(p, *view),
-            Subject::Effect(name, scene, view) => {
+            DecisionKind::Sky(_) | DecisionKind::Skipped(..) => false,
+            DecisionKind::Display(view) => lays(p, *view),
+            DecisionKind::Effect(name, scene, view) => {
                 (p.effect, p.scene, p.view) == (*name, *scene, *view)
             }
         };
@@ -220,7 +215,7 @@ impl Plan {
     }
 }
 
-/// State of the log for one subject.
+/// State of the log for one kind.
 #[derive(Clone, Debug)]
 struct Standing {
     /// The choice that was reported last; `None` after its end was reported.
@@ -237,7 +232,7 @@ struct Standing {
 /// Follows decisions frame by frame and reports their changes.
 #[derive(Clone, Debug, Default)]
 pub struct DecisionLog {
-    standing: BTreeMap<Subject, Standing>,
+    standing: BTreeMap<DecisionKind, Standing>,
     frame: u64,
 }
 
@@ -254,24 +249,24 @@ impl DecisionLog {
         self.frame += 1;
         let now = self.frame;
         for decision in decisions {
-            let standing = (self.standing.entry(decision.subject.clone())).or_insert(Standing {
+            let standing = (self.standing.entry(decision.kind.clone())).or_insert(Standing {
                 reported: None,
                 last: decision.clone(),
                 seen: now,
                 quiet_until: 0,
-                silence: PATIENCE,
+                silence: LOG_DEBOUNCE_FRAMES,
             });
             standing.last = decision;
             standing.seen = now;
         }
         let mut lines = Vec::new();
-        self.standing.retain(|subject, standing| {
-            let here = now - standing.seen < PATIENCE;
+        self.standing.retain(|kind, standing| {
+            let here = now - standing.seen < LOG_DEBOUNCE_FRAMES;
             let choice = here.then(|| standing.last.choice.clone());
             if choice != standing.reported && now >= standing.quiet_until {
                 lines.push(match here {
                     true => standing.last.words(name),
-                    false => format!("{}: ended", subject.words(name)),
+                    false => format!("{}: ended", kind.words(name)),
                 });
                 standing.reported = choice;
                 standing.quiet_until = now + standing.silence;
@@ -281,7 +276,7 @@ impl DecisionLog {
             let calm = standing.quiet_until.saturating_add(standing.silence);
             let settled = standing.reported.is_some() == here;
             if settled && now >= calm {
-                standing.silence = PATIENCE;
+                standing.silence = LOG_DEBOUNCE_FRAMES;
             }
             here || standing.reported.is_some() || now < calm
         });
@@ -343,7 +338,7 @@ mod tests {
     #[test]
     fn decision_forced_by_setting_states_it() {
         let found = of(&state());
-        let tier = found.iter().find(|d| d.subject == Subject::Tier(A));
+        let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));
         let tier = tier.expect("a tier").to_string();
         assert_eq!(
             tier,
@@ -352,7 +347,7 @@ mod tests {
         // Nothing of it runs at rest. Where a lamp moves, it costs what carries its light on.
         let tier_of = |plan: &Plan| {
             let found = plan.decisions();
-            let tier = found.iter().find(|d| d.subject == Subject::Tier(A));
+            let tier = found.iter().find(|d| d.kind == DecisionKind::Tier(A));
             tier.expect("a tier").to_string()
         };
         let mut plan = Plan::new(&moved(true));
@@ -360,7 +355,10 @@ mod tests {
             tier_of(&plan),
             "tier of scene 1: 2 of 4 (it was asked for); set by the quality setting"
         );
-        let apply = plan.costs.iter_mut().find(|(t, _)| t.stage == Stage::Apply);
+        let apply = plan
+            .costs
+            .iter_mut()
+            .find(|(t, _)| t.stage == FrameStage::APPLY);
         let (_, cost) = apply.expect("it is timed");
         (cost.predicted, cost.measured) = (Some(1.5), Some(1.25));
         assert_eq!(
@@ -370,13 +368,16 @@ mod tests {
         );
         // What goes over a view's pixels; the composite is an entry of its own.
         let shown = plan.decisions();
-        let shown = |of: &Subject| {
-            let shown = shown.iter().find(|d| d.subject == *of).expect("decided");
+        let shown = |of: &DecisionKind| {
+            let shown = shown.iter().find(|d| d.kind == *of).expect("decided");
             shown.costs.iter().map(|(t, _)| t.stage).collect::<Vec<_>>()
         };
-        assert_eq!(shown(&Subject::Display(ViewId(7))), [Stage::Splat]);
-        let lights = Subject::Effect("lights", A, None);
-        assert_eq!(shown(&lights), [Stage::Project]);
+        assert_eq!(
+            shown(&DecisionKind::Display(ViewId(7))),
+            [FrameStage::SPLAT]
+        );
+        let lights = DecisionKind::Effect("lights", A, None);
+        assert_eq!(shown(&lights), [FrameStage::PROJECT]);
         // The rest follows from the scene.
         let forced = found.iter().filter(|d| d.forced.is_some()).count();
         assert_eq!(forced, 1);
@@ -388,15 +389,15 @@ mod tests {
             ..off.views[0].clone()
         });
         let found = of(&off);
-        let left = Subject::Left(A, Some(ViewId(7)), Skip::ViewDisabled);
-        let left = found.iter().find(|d| d.subject == left).expect("left out");
+        let left = DecisionKind::Skipped(A, Some(ViewId(7)), SkipReason::ViewDisabled);
+        let left = found.iter().find(|d| d.kind == left).expect("left out");
         assert_eq!(left.forced, Some("the camera setting"));
-        let shown = |d: &&Decision| matches!(d.subject, Subject::Effect("display", A, _));
+        let shown = |d: &&Decision| matches!(d.kind, DecisionKind::Effect("display", A, _));
         let shown: Vec<&Decision> = found.iter().filter(shown).collect();
         assert_eq!(shown.len(), 1);
         assert_eq!(
-            shown[0].subject,
-            Subject::Effect("display", A, Some(ViewId(8)))
+            shown[0].kind,
+            DecisionKind::Effect("display", A, Some(ViewId(8)))
         );
     }
 
@@ -404,7 +405,7 @@ mod tests {
     fn decision_of_moving_light_changes_nothing_else() {
         let standing = |moves| {
             let mut found = of(&moved(moves));
-            found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+            found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
             // What a choice costs in a frame is no choice.
             found.iter_mut().for_each(|d| d.costs.clear());
             found
@@ -429,7 +430,7 @@ mod tests {
         for k in 0..50 {
             assert!(log.observe(of(&moved(k % 3 == 0)), &|_| None).is_empty());
         }
-        let ends: Vec<String> = (0..3 * PATIENCE)
+        let ends: Vec<String> = (0..3 * LOG_DEBOUNCE_FRAMES)
             .flat_map(|_| log.observe(of(&moved(false)), &|_| None))
             .collect();
         assert_eq!(
@@ -505,9 +506,9 @@ mod tests {
             why: "it is asked for",
         };
         now.scenes[0].channels = Some(picked);
-        let subject = Subject::Channels(A);
+        let kind = DecisionKind::Channels(A);
         let found = of(&now);
-        let decision = found.iter().find(|d| d.subject == subject);
+        let decision = found.iter().find(|d| d.kind == kind);
         assert_eq!(
             decision.expect("decided").to_string(),
             "channels of scene 1: one channel (it is asked for); set by the channel setting"
@@ -519,7 +520,7 @@ mod tests {
         );
         // An octree carries the light in all three.
         now.scenes[0].tier.as_mut().expect("a tier").octree = true;
-        assert!(of(&now).iter().all(|d| d.subject != subject));
+        assert!(of(&now).iter().all(|d| d.kind != kind));
     }
 
     #[test]
@@ -529,7 +530,7 @@ mod tests {
             let found = of(state);
             let mine = found
                 .iter()
-                .find(|d| d.subject == Subject::Display(ViewId(7)));
+                .find(|d| d.kind == DecisionKind::Display(ViewId(7)));
             mine.map(ToString::to_string)
         };
         let of_it = "display of view 7: ";

@@ -1,16 +1,21 @@
 //! The effects of what moves: the maps of the lights that ask for its bounce, and its gloss. Rows
 //! of the table in [`effect`](super::effect).
 
-use super::{FrameState, Pass, Plan, Reason, SceneId, Stage};
+use super::{FrameStage, FrameState, Pass, Plan, RunReason, SceneId};
 
 pub(super) fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
     for light in &state.bounces {
         match state.maps_of(light) {
             Ok(_) if state.bounces_held => plan.resting.push(light.id),
             Ok(maps) => {
-                let reason = Reason::Moving(maps);
-                plan.push("bounce_from_dynamic", Stage::Rsm, SceneId::WORLD, reason)
-                    .light = Some(light.id);
+                let reason = RunReason::Moving(maps);
+                plan.push(
+                    "bounce_from_dynamic",
+                    FrameStage::RSM,
+                    SceneId::WORLD,
+                    reason,
+                )
+                .light = Some(light.id);
             }
             Err(why) => plan.dark.push((light.id, why)),
         }
@@ -19,14 +24,14 @@ pub(super) fn bounce_from_dynamic(state: &FrameState, plan: &mut Plan) {
 
 pub(super) fn gloss_from_dynamic(state: &FrameState, plan: &mut Plan) {
     for view in state.views.iter().filter(|view| view.gloss) {
-        let lit = |p: &Pass| p.stage == Stage::Vpl && p.view == Some(view.id);
+        let lit = |p: &Pass| p.stage == FrameStage::VPL && p.view == Some(view.id);
         if plan.passes.iter().any(lit) {
             let world = SceneId::WORLD;
             plan.push(
                 "gloss_from_dynamic",
-                Stage::VplSpecular,
+                FrameStage::VPL_SPECULAR,
                 world,
-                Reason::InView,
+                RunReason::InView,
             )
             .view = Some(view.id);
         }

@@ -7,7 +7,8 @@
 //! `fn(&FrameState, &mut Plan)` and add a row.
 
 use super::{
-    BounceState, FrameState, Plan, Reason, SceneId, SceneState, Skip, SlotChange, Stage, ViewState,
+    BounceState, FrameStage, FrameState, Plan, RunReason, SceneId, SceneState, SkipReason,
+    SlotChange, ViewState,
 };
 use std::fmt;
 
@@ -104,22 +105,22 @@ pub const EFFECTS: &[Effect] = &[
 ];
 
 /// Whether a scene takes part in the frame at all. Every effect asks this first.
-fn active(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
+fn active(state: &FrameState, scene: &SceneState) -> Result<(), SkipReason> {
     if !state.device_able {
-        Err(Skip::DeviceUnable)
+        Err(SkipReason::DeviceUnable)
     } else if !scene.loaded {
-        Err(Skip::AssetMissing)
+        Err(SkipReason::AssetMissing)
     } else if scene.largest_buffer == u64::MAX {
-        Err(Skip::BeyondLimits)
+        Err(SkipReason::BeyondLimits)
     } else if scene.largest_buffer > state.largest_binding {
-        Err(Skip::TooLarge {
+        Err(SkipReason::TooLarge {
             needs: scene.largest_buffer,
             has: state.largest_binding,
         })
     } else if !scene.shown {
-        Err(Skip::Hidden)
+        Err(SkipReason::Hidden)
     } else if !displayed(state, scene) {
-        Err(Skip::NotInView)
+        Err(SkipReason::NotInView)
     } else {
         Ok(())
     }
@@ -141,7 +142,12 @@ fn residency(state: &FrameState, plan: &mut Plan) {
     for scene in &state.scenes {
         match active(state, scene) {
             Ok(()) if !scene.resident => {
-                plan.push("residency", Stage::Upload, scene.id, Reason::NewBake);
+                plan.push(
+                    "residency",
+                    FrameStage::UPLOAD,
+                    scene.id,
+                    RunReason::NewBake,
+                );
             }
             Ok(()) => {}
             Err(why) => {
@@ -162,10 +168,11 @@ fn lights(state: &FrameState, plan: &mut Plan) {
             .collect();
         if !slots.is_empty() {
             let reason = match scene.occluders_changed {
-                0 => Reason::LightsMoved(slots.len()),
-                moved => Reason::OccludersMoved(moved),
+                0 => RunReason::LightsMoved(slots.len()),
+                moved => RunReason::OccludersMoved(moved),
             };
-            plan.push("lights", Stage::Project, scene.id, reason).slots = slots;
+            plan.push("lights", FrameStage::PROJECT, scene.id, reason)
+                .slots = slots;
         }
     }
 }
@@ -176,15 +183,15 @@ fn display(state: &FrameState, plan: &mut Plan) {
         for scene in active_scenes(state).filter(|s| view.sees.contains(&s.id)) {
             if !view.enabled {
                 plan.skipped
-                    .push((scene.id, Some(view.id), Skip::ViewDisabled));
+                    .push((scene.id, Some(view.id), SkipReason::ViewDisabled));
             } else if !view.has_gbuffer {
                 plan.skipped
-                    .push((scene.id, Some(view.id), Skip::NoGbuffer));
+                    .push((scene.id, Some(view.id), SkipReason::NoGbuffer));
             } else {
-                plan.push("display", Stage::Splat, scene.id, Reason::InView)
+                plan.push("display", FrameStage::SPLAT, scene.id, RunReason::InView)
                     .view = Some(view.id);
                 if scene.probes {
-                    plan.push("free_space", Stage::Probe, scene.id, Reason::InView)
+                    plan.push("free_space", FrameStage::PROBE, scene.id, RunReason::InView)
                         .view = Some(view.id);
                 }
                 first = first.or(Some(scene.id));
@@ -195,14 +202,19 @@ fn display(state: &FrameState, plan: &mut Plan) {
             |light: &BounceState| light.views.contains(&view.id) && plan.bounces(light.id);
         if view.enabled && view.has_gbuffer && state.bounces.iter().any(bounced) {
             let world = SceneId::WORLD;
-            plan.push("bounce_from_dynamic", Stage::Vpl, world, Reason::InView)
-                .view = Some(view.id);
+            plan.push(
+                "bounce_from_dynamic",
+                FrameStage::VPL,
+                world,
+                RunReason::InView,
+            )
+            .view = Some(view.id);
             first = first.or(Some(world));
         }
         // All that lights a view goes into one picture, which is added once.
         if let Some(scene) = first {
             plan.displays.push((view.id, view.display));
-            plan.push("display", Stage::Composite, scene, Reason::InView)
+            plan.push("display", FrameStage::COMPOSITE, scene, RunReason::InView)
                 .view = Some(view.id);
         }
     }
@@ -210,7 +222,12 @@ fn display(state: &FrameState, plan: &mut Plan) {
 
 fn inspection(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.read_back) {
-        plan.push("inspection", Stage::ReadBack, scene.id, Reason::Asked);
+        plan.push(
+            "inspection",
+            FrameStage::READ_BACK,
+            scene.id,
+            RunReason::Asked,
+        );
     }
 }
 
@@ -248,15 +265,15 @@ mod tests {
         }
     }
 
-    fn stages(plan: &Plan) -> Vec<Stage> {
+    fn stages(plan: &Plan) -> Vec<FrameStage> {
         plan.passes.iter().map(|p| p.stage).collect()
     }
 
     #[test]
     fn static_lights_run_only_display_passes() {
         let plan = Plan::new(&at_rest());
-        assert_eq!(stages(&plan), [Stage::Splat, Stage::Composite]);
-        assert!(plan.skipped.contains(&(A, None, Skip::AtRest)));
+        assert_eq!(stages(&plan), [FrameStage::SPLAT, FrameStage::COMPOSITE]);
+        assert!(plan.skipped.contains(&(A, None, SkipReason::AtRest)));
     }
 
     #[test]
@@ -264,12 +281,18 @@ mod tests {
         let mut state = at_rest();
         state.scenes[0].slots[5] = SlotChange::Geometry;
         let plan = Plan::new(&state);
-        assert_eq!(plan.find(Stage::Project, A).unwrap().slots, [5]);
+        assert_eq!(plan.find(FrameStage::PROJECT, A).unwrap().slots, [5]);
         assert_eq!(plan.projected_slots(), 1);
-        use Stage::*;
         assert_eq!(
             stages(&plan),
-            [Project, PullPush, Apply, Flatten, Splat, Composite]
+            [
+                FrameStage::PROJECT,
+                FrameStage::PULL_PUSH,
+                FrameStage::APPLY,
+                FrameStage::FLATTEN,
+                FrameStage::SPLAT,
+                FrameStage::COMPOSITE
+            ]
         );
     }
 
@@ -278,10 +301,10 @@ mod tests {
         let mut state = at_rest();
         state.scenes[0].slots[2] = SlotChange::Color;
         let plan = Plan::new(&state);
-        assert_eq!(plan.count(Stage::Project), 0);
+        assert_eq!(plan.count(FrameStage::PROJECT), 0);
         assert_eq!(
-            plan.find(Stage::Apply, A).unwrap().reason,
-            Reason::LightsRecolored(1)
+            plan.find(FrameStage::APPLY, A).unwrap().reason,
+            RunReason::LightsRecolored(1)
         );
     }
 
@@ -290,9 +313,12 @@ mod tests {
         let mut state = at_rest();
         state.scenes[0].occluders_changed = 1;
         let plan = Plan::new(&state);
-        assert_eq!(stages(&plan)[..2], [Stage::Occlude, Stage::PullPush]);
-        let reason = &plan.find(Stage::Apply, A).unwrap().reason;
-        assert_eq!(*reason, Reason::OccludersMoved(1));
+        assert_eq!(
+            stages(&plan)[..2],
+            [FrameStage::OCCLUDE, FrameStage::PULL_PUSH]
+        );
+        let reason = &plan.find(FrameStage::APPLY, A).unwrap().reason;
+        assert_eq!(*reason, RunReason::OccludersMoved(1));
     }
 
     #[test]
@@ -300,34 +326,34 @@ mod tests {
         for (set, reason) in [
             (
                 (|s| s.settings_changed = true) as fn(&mut SceneState),
-                Reason::SettingsChanged,
+                RunReason::SettingsChanged,
             ),
-            (|s| s.stale = true, Reason::LightRemoved),
+            (|s| s.stale = true, RunReason::LightRemoved),
         ] {
             let mut state = at_rest();
             set(&mut state.scenes[0]);
             let plan = Plan::new(&state);
-            assert_eq!(plan.count(Stage::Project), 0);
-            assert_eq!(plan.find(Stage::PullPush, A).unwrap().reason, reason);
+            assert_eq!(plan.count(FrameStage::PROJECT), 0);
+            assert_eq!(plan.find(FrameStage::PULL_PUSH, A).unwrap().reason, reason);
         }
     }
 
     #[test]
     fn empty_plan_runs_no_pass() {
         type Change = fn(&mut FrameState);
-        let cases: [(Change, Skip); 7] = [
-            (|s| s.device_able = false, Skip::DeviceUnable),
-            (|s| s.scenes[0].loaded = false, Skip::AssetMissing),
-            (|s| s.scenes[0].shown = false, Skip::Hidden),
-            (|s| s.views.clear(), Skip::NotInView),
-            (|s| s.views[0].sees.clear(), Skip::NotInView),
+        let cases: [(Change, SkipReason); 7] = [
+            (|s| s.device_able = false, SkipReason::DeviceUnable),
+            (|s| s.scenes[0].loaded = false, SkipReason::AssetMissing),
+            (|s| s.scenes[0].shown = false, SkipReason::Hidden),
+            (|s| s.views.clear(), SkipReason::NotInView),
+            (|s| s.views[0].sees.clear(), SkipReason::NotInView),
             (
                 |s| s.scenes[0].largest_buffer = u64::MAX,
-                Skip::BeyondLimits,
+                SkipReason::BeyondLimits,
             ),
             (
                 |s| s.scenes[0].largest_buffer = 1 << 40,
-                Skip::TooLarge {
+                SkipReason::TooLarge {
                     needs: 1 << 40,
                     has: 128 << 20,
                 },
@@ -365,10 +391,10 @@ mod tests {
             ..view(8, &[A])
         });
         let plan = Plan::new(&state);
-        assert_eq!(plan.count(Stage::Composite), 1);
+        assert_eq!(plan.count(FrameStage::COMPOSITE), 1);
         assert!(
             plan.skipped
-                .contains(&(A, Some(ViewId(8)), Skip::ViewDisabled))
+                .contains(&(A, Some(ViewId(8)), SkipReason::ViewDisabled))
         );
     }
 
@@ -385,14 +411,17 @@ mod tests {
         });
         state.views = vec![view(7, &[A, B]), view(8, &[A])];
         let plan = Plan::new(&state);
-        assert_eq!(plan.find(Stage::Upload, A).unwrap().reason, Reason::NewBake);
         assert_eq!(
-            plan.find(Stage::Project, A).unwrap().slots,
+            plan.find(FrameStage::UPLOAD, A).unwrap().reason,
+            RunReason::NewBake
+        );
+        assert_eq!(
+            plan.find(FrameStage::PROJECT, A).unwrap().slots,
             [0, 1, 2, 4, 5, 6, 7]
         );
-        assert_eq!(plan.count(Stage::Apply), 1, "B is at rest");
-        assert_eq!(plan.count(Stage::Splat), 3);
-        assert_eq!(plan.count(Stage::Composite), 2, "one a view");
+        assert_eq!(plan.count(FrameStage::APPLY), 1, "B is at rest");
+        assert_eq!(plan.count(FrameStage::SPLAT), 3);
+        assert_eq!(plan.count(FrameStage::COMPOSITE), 2, "one a view");
         assert_eq!(plan.active_scenes(), [A, B]);
         assert!(
             plan.to_string()
@@ -416,11 +445,14 @@ mod tests {
     #[test]
     fn dynamic_objects_need_no_bake() {
         let plan = Plan::new(&something_moves());
-        assert_eq!(stages(&plan), [Stage::Rsm, Stage::Vpl, Stage::Composite]);
+        assert_eq!(
+            stages(&plan),
+            [FrameStage::RSM, FrameStage::VPL, FrameStage::COMPOSITE]
+        );
         assert!(plan.active_scenes().is_empty());
         assert_eq!(
             plan.find_light(LightId(5, 0)).unwrap().reason,
-            Reason::Moving(2)
+            RunReason::Moving(2)
         );
         let words = plan.to_string();
         assert!(words.contains("rsm of light 5.0 (bounce_from_dynamic): what moves is in reach"));
@@ -433,11 +465,18 @@ mod tests {
     #[test]
     fn specular_runs_where_requested_with_dynamic_objects() {
         let mut state = something_moves();
-        assert_eq!(Plan::new(&state).count(Stage::VplSpecular), 0);
+        assert_eq!(Plan::new(&state).count(FrameStage::VPL_SPECULAR), 0);
         state.views[0].gloss = true;
         let plan = Plan::new(&state);
-        use Stage::*;
-        assert_eq!(stages(&plan), [Rsm, Vpl, Composite, VplSpecular]);
+        assert_eq!(
+            stages(&plan),
+            [
+                FrameStage::RSM,
+                FrameStage::VPL,
+                FrameStage::COMPOSITE,
+                FrameStage::VPL_SPECULAR
+            ]
+        );
         assert_eq!(plan.passes[3].view, Some(ViewId(7)));
         state.bounces.clear();
         assert!(Plan::new(&state).is_empty());
@@ -448,14 +487,14 @@ mod tests {
         let mut state = something_moves();
         state.bounces_held = true;
         let plan = Plan::new(&state);
-        assert_eq!(stages(&plan), [Stage::Vpl, Stage::Composite]);
+        assert_eq!(stages(&plan), [FrameStage::VPL, FrameStage::COMPOSITE]);
         assert!(plan.bounces(LightId(5, 0)) && plan.find_light(LightId(5, 0)).is_none());
         let words = plan.to_string();
         assert!(
             words.contains("skip maps of light 5.0: nothing changed"),
             "{words}"
         );
-        state.bounces[0].maps = Err(Skip::NothingMoves);
+        state.bounces[0].maps = Err(SkipReason::NothingMoves);
         assert!(Plan::new(&state).is_empty());
     }
 
@@ -463,20 +502,39 @@ mod tests {
     fn moving_reflectors_are_drawn_once_and_composited_in_every_view() {
         let mut state = at_rest();
         state.bounces = something_moves().bounces;
-        use Stage::*;
-        assert_eq!(stages(&Plan::new(&state)), [Rsm, Splat, Vpl, Composite]);
+        assert_eq!(
+            stages(&Plan::new(&state)),
+            [
+                FrameStage::RSM,
+                FrameStage::SPLAT,
+                FrameStage::VPL,
+                FrameStage::COMPOSITE
+            ]
+        );
         state.views.push(view(8, &[A]));
         state.bounces[0].views.push(ViewId(8));
         let plan = Plan::new(&state);
         assert_eq!(
-            [Rsm, Splat, Vpl, Composite].map(|s| plan.count(s)),
+            [
+                FrameStage::RSM,
+                FrameStage::SPLAT,
+                FrameStage::VPL,
+                FrameStage::COMPOSITE
+            ]
+            .map(|s| plan.count(s)),
             [1, 2, 2, 2]
         );
         // The second view does not show that light's layer.
         state.bounces[0].views.pop();
         let plan = Plan::new(&state);
         assert_eq!(
-            [Rsm, Splat, Vpl, Composite].map(|s| plan.count(s)),
+            [
+                FrameStage::RSM,
+                FrameStage::SPLAT,
+                FrameStage::VPL,
+                FrameStage::COMPOSITE
+            ]
+            .map(|s| plan.count(s)),
             [1, 2, 1, 2]
         );
     }
@@ -484,23 +542,23 @@ mod tests {
     #[test]
     fn plan_without_reflectors_skips_rsm_with_reason() {
         type Change = fn(&mut FrameState);
-        let cases: [(Change, Skip); 7] = [
-            (|s| s.device_able = false, Skip::DeviceUnable),
+        let cases: [(Change, SkipReason); 7] = [
+            (|s| s.device_able = false, SkipReason::DeviceUnable),
             (
-                |s| s.bounces[0].maps = Err(Skip::NothingMoves),
-                Skip::NothingMoves,
+                |s| s.bounces[0].maps = Err(SkipReason::NothingMoves),
+                SkipReason::NothingMoves,
             ),
             (
-                |s| s.bounces[0].maps = Err(Skip::OutOfReach),
-                Skip::OutOfReach,
+                |s| s.bounces[0].maps = Err(SkipReason::OutOfReach),
+                SkipReason::OutOfReach,
             ),
             (
-                |s| s.bounces[0].maps = Err(Skip::LightDark),
-                Skip::LightDark,
+                |s| s.bounces[0].maps = Err(SkipReason::LightDark),
+                SkipReason::LightDark,
             ),
-            (|s| s.bounces[0].views.clear(), Skip::NotInView),
-            (|s| s.views[0].enabled = false, Skip::NotInView),
-            (|s| s.views[0].has_gbuffer = false, Skip::NotInView),
+            (|s| s.bounces[0].views.clear(), SkipReason::NotInView),
+            (|s| s.views[0].enabled = false, SkipReason::NotInView),
+            (|s| s.views[0].has_gbuffer = false, SkipReason::NotInView),
         ];
         for (change, why) in cases {
             let mut state = something_moves();
@@ -530,10 +588,13 @@ mod tests {
     #[test]
     fn coefficients_are_read_back_only_on_request() {
         let mut state = at_rest();
-        assert_eq!(Plan::new(&state).count(Stage::ReadBack), 0);
+        assert_eq!(Plan::new(&state).count(FrameStage::READ_BACK), 0);
         state.scenes[0].read_back = true;
         assert_eq!(
-            Plan::new(&state).find(Stage::ReadBack, A).unwrap().effect,
+            Plan::new(&state)
+                .find(FrameStage::READ_BACK, A)
+                .unwrap()
+                .effect,
             "inspection"
         );
     }

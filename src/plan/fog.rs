@@ -2,7 +2,7 @@
 //! fog lies in no scene with a volume, has no pass of it.
 
 use super::effect::active_scenes;
-use super::{FrameState, Plan, Reason, Stage};
+use super::{FrameStage, FrameState, Plan, RunReason};
 
 /// Adds the light of the fog in each view, scene by scene. A scene whose bake knows no light in
 /// free space has none: `volume` says so.
@@ -10,8 +10,8 @@ pub(super) fn fog(state: &FrameState, plan: &mut Plan) {
     for fog in state.fogs.iter().filter(|f| f.volumes > 0) {
         let scene = active_scenes(state).find(|s| s.id == fog.scene);
         if scene.is_some_and(|s| s.volume.asked && s.probes) {
-            let reason = Reason::FogInView(fog.volumes);
-            plan.push("fog", Stage::Fog, fog.scene, reason).view = Some(fog.view);
+            let reason = RunReason::FogInView(fog.volumes);
+            plan.push("fog", FrameStage::FOG, fog.scene, reason).view = Some(fog.view);
         }
     }
 }
@@ -20,7 +20,8 @@ pub(super) fn fog(state: &FrameState, plan: &mut Plan) {
 mod tests {
     use super::*;
     use crate::plan::{
-        FogState, SceneId, SceneState, Skip, SlotChange, TimingScope, ViewId, VolumeState, Work,
+        FogState, SceneId, SceneState, SkipReason, SlotChange, TimingScope, ViewId, VolumeState,
+        Work,
     };
 
     const A: SceneId = SceneId(1);
@@ -51,24 +52,23 @@ mod tests {
         }
     }
 
-    fn stages(state: &FrameState) -> Vec<Stage> {
+    fn stages(state: &FrameState) -> Vec<FrameStage> {
         Plan::new(state).passes.iter().map(|p| p.stage).collect()
     }
 
     #[test]
     fn fog_is_composited_every_frame_and_lit_on_change() {
-        use Stage::*;
         let mut state = at_rest();
-        assert_eq!(stages(&state), [Fog]);
+        assert_eq!(stages(&state), [FrameStage::FOG]);
         let plan = Plan::new(&state);
         assert_eq!(plan.passes[0].view, Some(ViewId(7)));
-        assert_eq!(plan.passes[0].reason, Reason::FogInView(2));
+        assert_eq!(plan.passes[0].reason, RunReason::FogInView(2));
         let words = plan.to_string();
         let line = "fog of scene 1 in view 7 (fog): 2 fog volume(s) of the view lie in the scene";
         assert!(words.contains(line), "{words}");
         // Once for each of them; a second scene is timed with it.
         let timed = TimingScope {
-            stage: Fog,
+            stage: FrameStage::FOG,
             scene: SceneId::WORLD,
             view: Some(ViewId(7)),
         };
@@ -85,13 +85,21 @@ mod tests {
             ..state.fogs[0]
         });
         let plan = Plan::new(&second);
-        assert_eq!((plan.count(Fog), plan.costs.len()), (2, 1));
+        assert_eq!((plan.count(FrameStage::FOG), plan.costs.len()), (2, 1));
         assert_eq!(plan.costs[0].1.work, Work::Pixels(3000));
         // A lamp moves: its light is in the fog of the same frame.
         state.scenes[0].slots[1] = SlotChange::Geometry;
         assert_eq!(
             stages(&state),
-            [Project, PullPush, Apply, Flatten, Stage::Probe, Volume, Fog]
+            [
+                FrameStage::PROJECT,
+                FrameStage::PULL_PUSH,
+                FrameStage::APPLY,
+                FrameStage::FLATTEN,
+                FrameStage::PROBE,
+                FrameStage::VOLUME,
+                FrameStage::FOG
+            ]
         );
     }
 
@@ -114,7 +122,7 @@ mod tests {
         // A bake without light in free space says so.
         let mut state = at_rest();
         state.scenes[0].probes = false;
-        let why = (A, None, Skip::NoFreeSpace);
+        let why = (A, None, SkipReason::NoFreeSpace);
         assert!(Plan::new(&state).skipped.contains(&why));
     }
 }

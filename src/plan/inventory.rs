@@ -22,7 +22,7 @@ pub struct ChangeCounts {
 
 /// A kind of light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum LightSort {
+pub enum LightKind {
     /// Point lights.
     Point,
     /// Spot lights.
@@ -33,7 +33,7 @@ pub enum LightSort {
     Rect,
 }
 
-impl LightSort {
+impl LightKind {
     /// All kinds.
     pub const ALL: [Self; 4] = [Self::Point, Self::Spot, Self::Directional, Self::Rect];
 
@@ -76,7 +76,7 @@ pub struct Cameras {
 
 /// Whether all light of the world has one color, so that one channel would tell all of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Colors {
+pub enum ColorUniformity {
     /// Nothing shines.
     #[default]
     Dark,
@@ -91,7 +91,7 @@ pub enum Colors {
 /// What a frame's world has.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Inventory {
-    /// Lights of each kind, as [`LightSort::ALL`] orders them.
+    /// Lights of each kind, as [`LightKind::ALL`] orders them.
     pub lights: [ChangeCounts; 4],
     /// Baked scenes.
     pub bakes: u32,
@@ -124,13 +124,13 @@ pub struct Inventory {
     /// Fog volumes.
     pub fogs: u32,
     /// Whether one channel would do.
-    pub colors: Colors,
+    pub colors: ColorUniformity,
 }
 
 impl Inventory {
     /// Lights of one kind.
     #[must_use]
-    pub fn lights_of(&self, sort: LightSort) -> ChangeCounts {
+    pub fn lights_of(&self, sort: LightKind) -> ChangeCounts {
         self.lights[sort as usize]
     }
 
@@ -166,7 +166,7 @@ impl fmt::Display for ChangeCounts {
     }
 }
 
-impl fmt::Display for Colors {
+impl fmt::Display for ColorUniformity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Dark => "nothing shines",
@@ -184,7 +184,7 @@ impl fmt::Display for Inventory {
             0 => String::new(),
             n => format!(" ({n} {what})"),
         };
-        let mut shine: Vec<String> = (LightSort::ALL.iter().zip(&self.lights))
+        let mut shine: Vec<String> = (LightKind::ALL.iter().zip(&self.lights))
             .filter(|(_, census)| census.all > 0 || census.moved > 0)
             .map(|(sort, census)| format!("{} × {}{census}", census.all, sort.name()))
             .collect();
@@ -261,10 +261,10 @@ mod tests {
             doors_moved: 1,
             normal_maps: 3,
             fogs: 2,
-            colors: Colors::Surfaces,
+            colors: ColorUniformity::Surfaces,
             ..empty
         };
-        full.lights[LightSort::Point as usize] = ChangeCounts {
+        full.lights[LightKind::Point as usize] = ChangeCounts {
             all: 3,
             on: 2,
             moved: 1,
@@ -276,7 +276,7 @@ mod tests {
             "have 3 × point light (1 off, 1 moved), a sky that varies (1 changed): surfaces are colored\n\
              have 1 × bake, 2 × door (1 moved), 3 × material with a normal map, 2 × fog volume, 1 × deferred camera\n"
         );
-        assert_eq!(full.lights_of(LightSort::Point).on, 2);
+        assert_eq!(full.lights_of(LightKind::Point).on, 2);
         assert!(!full.at_rest());
     }
 }

@@ -4,7 +4,7 @@
 //! The caller describes lights, scenes and cameras; what a bake's surfaces are like is looked up
 //! once a bake. A frame costs a comparison a light and a scene, and no walk over meshes.
 
-use super::{Cameras, Colors, Inventory, LightSort, SceneChromaticity, SceneId, SkyKind};
+use super::{Cameras, ColorUniformity, Inventory, LightKind, SceneChromaticity, SceneId, SkyKind};
 use glam::Vec3;
 use meshless_gi::internals::asset::DynamicMaterials;
 use meshless_gi::{BakedScene, Light, MaterialFactors, SkyRadiance};
@@ -28,14 +28,14 @@ pub struct SceneSnapshot<'a> {
     pub materials: &'a [MaterialFactors],
     /// What passes its occluders.
     pub gains: &'a [f32],
-    /// Which of [`Found::lights`] do not light it, as indices in ascending order: they are of other
+    /// Which of [`WorldSnapshot::lights`] do not light it, as indices in ascending order: they are of other
     /// layers, or end before it.
     pub unlit_by: Vec<usize>,
 }
 
 /// What is in the world.
 #[derive(Clone, Debug, Default)]
-pub struct Found<'a, K> {
+pub struct WorldSnapshot<'a, K> {
     /// Lights by the caller's key, each of which comes once. Black ones are off; the sky is no
     /// light here.
     pub lights: Vec<(K, &'a Light)>,
@@ -111,13 +111,13 @@ impl Hues {
     /// Of light of these chromaticities on surfaces that are all gray, or not.
     fn on(self, gray: bool) -> SceneChromaticity {
         let (colors, hue) = match (self, gray) {
-            (Self::None, _) => (Colors::Dark, Vec3::ONE),
-            (_, false) => (Colors::Surfaces, Vec3::ONE),
-            (Self::Several, true) => (Colors::Lights, Vec3::ONE),
+            (Self::None, _) => (ColorUniformity::Dark, Vec3::ONE),
+            (_, false) => (ColorUniformity::Surfaces, Vec3::ONE),
+            (Self::Several, true) => (ColorUniformity::Lights, Vec3::ONE),
             // The terms of a sky have either sign.
-            (Self::One(hue), true) if hue.min_element() >= 0.0 => (Colors::One, hue),
-            (Self::One(hue), true) if hue.max_element() <= 0.0 => (Colors::One, -hue),
-            (Self::One(_), true) => (Colors::Lights, Vec3::ONE),
+            (Self::One(hue), true) if hue.min_element() >= 0.0 => (ColorUniformity::One, hue),
+            (Self::One(hue), true) if hue.max_element() <= 0.0 => (ColorUniformity::One, -hue),
+            (Self::One(_), true) => (ColorUniformity::Lights, Vec3::ONE),
         };
         SceneChromaticity { colors, hue }
     }
@@ -217,7 +217,7 @@ impl<K> Default for InventoryTracker<K> {
 }
 
 /// Kind, color and the rest of a light; none for a sky.
-fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
+fn parts(light: &Light) -> Option<(LightKind, Vec3, [f32; 9])> {
     let mut place = [0.0; 9];
     let mut put = |at: usize, v: Vec3| place[at..at + 3].copy_from_slice(&v.to_array());
     let (sort, color) = match *light {
@@ -228,7 +228,7 @@ fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
         } => {
             put(0, position);
             place[8] = range;
-            (LightSort::Point, intensity)
+            (LightKind::Point, intensity)
         }
         Light::Spot {
             position,
@@ -241,14 +241,14 @@ fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
             put(0, position);
             put(3, direction);
             [place[6], place[7], place[8]] = [inner, outer, range];
-            (LightSort::Spot, intensity)
+            (LightKind::Spot, intensity)
         }
         Light::Directional {
             direction,
             irradiance,
         } => {
             put(3, direction);
-            (LightSort::Directional, irradiance)
+            (LightKind::Directional, irradiance)
         }
         Light::Rect {
             center,
@@ -259,7 +259,7 @@ fn parts(light: &Light) -> Option<(LightSort, Vec3, [f32; 9])> {
             put(0, center);
             put(3, u);
             put(6, v);
-            (LightSort::Rect, radiance)
+            (LightKind::Rect, radiance)
         }
         Light::Sky { .. } => return None,
     };
@@ -274,7 +274,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 
     /// The inventory of this frame, beside the one before.
-    pub fn survey(&mut self, found: &Found<'_, K>) -> Inventory {
+    pub fn survey(&mut self, found: &WorldSnapshot<'_, K>) -> Inventory {
         let mut out = Inventory {
             bakes: found.scenes.len() as u32,
             bouncers: found.bouncers,
@@ -317,7 +317,7 @@ impl<K: Copy + Ord> InventoryTracker<K> {
     }
 
     /// Counts the lights; answers what color each shines in.
-    fn count_lights(&mut self, found: &Found<'_, K>, out: &mut Inventory) -> Vec<Hues> {
+    fn count_lights(&mut self, found: &WorldSnapshot<'_, K>, out: &mut Inventory) -> Vec<Hues> {
         let mut hues = vec![Hues::None; found.lights.len()];
         let mut before = std::mem::take(&mut self.lights);
         for ((key, light), hue) in found.lights.iter().zip(&mut hues) {
@@ -428,9 +428,9 @@ mod tests {
     }
 
     fn look(surveyor: &mut InventoryTracker<u32>, lights: &[(u32, Light)]) -> Inventory {
-        surveyor.survey(&Found {
+        surveyor.survey(&WorldSnapshot {
             lights: lights.iter().map(|(k, l)| (*k, l)).collect(),
-            ..Found::default()
+            ..WorldSnapshot::default()
         })
     }
 
@@ -472,7 +472,7 @@ mod tests {
         let mut lights: Vec<(u32, Light)> = (0..8)
             .map(|k| (k, lamp(Vec3::X * k as f32, Vec3::ONE)))
             .collect();
-        let first = look(&mut surveyor, &lights).lights_of(LightSort::Point);
+        let first = look(&mut surveyor, &lights).lights_of(LightKind::Point);
         assert_eq!((first.all, first.on, first.moved), (8, 8, 8));
         assert!(look(&mut surveyor, &lights).at_rest());
         // One moves, one changes its color, one goes off, one goes; a sun comes.
@@ -487,7 +487,7 @@ mod tests {
         lights.push((9, sun));
         let found = look(&mut surveyor, &lights);
         assert_eq!(
-            found.lights_of(LightSort::Point),
+            found.lights_of(LightKind::Point),
             ChangeCounts {
                 all: 7,
                 on: 6,
@@ -495,16 +495,16 @@ mod tests {
                 recolored: 2
             }
         );
-        assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
-        assert_eq!(found.lights_of(LightSort::Spot), ChangeCounts::default());
-        assert_eq!(found.colors, Colors::Lights);
+        assert_eq!(found.lights_of(LightKind::Directional).moved, 1);
+        assert_eq!(found.lights_of(LightKind::Spot), ChangeCounts::default());
+        assert_eq!(found.colors, ColorUniformity::Lights);
         assert!(!found.at_rest());
         assert!(look(&mut surveyor, &lights).at_rest());
         // A light that becomes another kind is a new one of that kind.
         lights[0].1 = sun;
         let found = look(&mut surveyor, &lights);
-        assert_eq!(found.lights_of(LightSort::Directional).moved, 1);
-        assert_eq!(found.lights_of(LightSort::Point).all, 6);
+        assert_eq!(found.lights_of(LightKind::Directional).moved, 1);
+        assert_eq!(found.lights_of(LightKind::Point).all, 6);
     }
 
     #[test]
@@ -512,20 +512,20 @@ mod tests {
         let (gray, colored) = (bake(true), bake(false));
         let colors = |bake, lights: &[Vec3], sky: Vec3| {
             let lamps: Vec<Light> = lights.iter().map(|c| lamp(Vec3::ZERO, *c)).collect();
-            let found = Found {
+            let found = WorldSnapshot {
                 lights: (0u32..).zip(&lamps).collect(),
                 scenes: vec![SceneSnapshot {
                     sky: sky.into(),
                     ..scene(bake)
                 }],
-                ..Found::default()
+                ..WorldSnapshot::default()
             };
             let mut surveyor = InventoryTracker::new();
             let all = surveyor.survey(&found).colors;
             let own = surveyor.colors_of(SceneId(1));
             assert_eq!(own.colors, all);
             let expected = match all {
-                Colors::One => lights[0],
+                ColorUniformity::One => lights[0],
                 _ => Vec3::ONE,
             };
             assert!(own.hue.abs_diff_eq(expected / expected.max_element(), 1e-6));
@@ -539,16 +539,19 @@ mod tests {
             all
         };
         let warm = Vec3::new(2.0, 1.0, 0.5);
-        assert_eq!(colors(&gray, &[], Vec3::ZERO), Colors::Dark);
+        assert_eq!(colors(&gray, &[], Vec3::ZERO), ColorUniformity::Dark);
         // Any chromaticity, at any strength, as long as it is one.
         let one = [warm, 7.0 * warm, Vec3::ZERO];
-        assert_eq!(colors(&gray, &one, 0.1 * warm), Colors::One);
-        assert_eq!(colors(&gray, &one, Vec3::ONE), Colors::Lights);
+        assert_eq!(colors(&gray, &one, 0.1 * warm), ColorUniformity::One);
+        assert_eq!(colors(&gray, &one, Vec3::ONE), ColorUniformity::Lights);
         assert_eq!(
             colors(&gray, &[warm, Vec3::ONE], Vec3::ZERO),
-            Colors::Lights
+            ColorUniformity::Lights
         );
-        assert_eq!(colors(&colored, &one, Vec3::ZERO), Colors::Surfaces);
+        assert_eq!(
+            colors(&colored, &one, Vec3::ZERO),
+            ColorUniformity::Surfaces
+        );
     }
 
     /// A sign with a colored texture that was dark when it was baked, and a wall that was black:
@@ -588,23 +591,23 @@ mod tests {
                 emissive: emissive.to_array(),
             };
             let materials = [factors(wall, Vec3::ZERO), factors(0.7, sign)];
-            let found = Found {
+            let found = WorldSnapshot {
                 lights: (0u32..).zip(&white).collect(),
                 scenes: vec![SceneSnapshot {
                     emission: 1.0,
                     materials: &materials,
                     ..scene(&baked)
                 }],
-                ..Found::default()
+                ..WorldSnapshot::default()
             };
             InventoryTracker::new().survey(&found).colors
         };
-        assert_eq!(colors(0.0, Vec3::ZERO), Colors::One);
-        assert_eq!(colors(1.0, Vec3::ZERO), Colors::Surfaces);
-        assert_eq!(colors(0.0, Vec3::ONE), Colors::Lights);
+        assert_eq!(colors(0.0, Vec3::ZERO), ColorUniformity::One);
+        assert_eq!(colors(1.0, Vec3::ZERO), ColorUniformity::Surfaces);
+        assert_eq!(colors(0.0, Vec3::ONE), ColorUniformity::Lights);
         // A factor may undo the texture's color.
         let undone = 0.1 / Vec3::new(0.1, 0.2, 0.9);
-        assert_eq!(colors(0.0, undone), Colors::One);
+        assert_eq!(colors(0.0, undone), ColorUniformity::One);
     }
 
     #[test]
@@ -612,9 +615,9 @@ mod tests {
         let gray = bake(true);
         let mut surveyor = InventoryTracker::<u32>::new();
         let mut look = |scenes: Vec<SceneSnapshot<'_>>| {
-            surveyor.survey(&Found {
+            surveyor.survey(&WorldSnapshot {
                 scenes,
-                ..Found::default()
+                ..WorldSnapshot::default()
             })
         };
         assert_eq!(look(vec![scene(&gray)]).bakes_moved, 1);
@@ -638,7 +641,7 @@ mod tests {
         assert_eq!((found.glowing, found.glow_changed), (1, 1));
         assert_eq!((found.bakes, found.bakes_moved), (1, 1));
         // A material that is painted makes a gray bake colored.
-        assert_eq!(found.colors, Colors::Surfaces);
+        assert_eq!(found.colors, ColorUniformity::Surfaces);
         assert!(look(vec![changed.clone()]).at_rest());
         let shut = SceneSnapshot {
             gains: &[0.5, 0.0],
@@ -649,6 +652,6 @@ mod tests {
         // It goes.
         let found = look(Vec::new());
         assert_eq!((found.bakes, found.bakes_moved), (0, 1));
-        assert_eq!(found.colors, Colors::Dark);
+        assert_eq!(found.colors, ColorUniformity::Dark);
     }
 }

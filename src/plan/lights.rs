@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 /// True when a projection made for `a` serves `b`: lengths alike within `tolerance` meters,
 /// directions and the numbers of a cone within 1e-5 of their size. Colors do not matter.
 #[must_use]
-pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
+pub fn same_projection(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3], t: f32| {
         (Vec3::from_array(p) - Vec3::from_array(q))
             .abs()
@@ -37,16 +37,16 @@ pub fn projects_alike(a: &FrameLight, b: &FrameLight, tolerance: f32) -> bool {
 /// one, channel by channel. A scene root that turns together with its lights gives that much
 /// rounding.
 #[must_use]
-pub fn shines_alike(a: [f32; 3], b: [f32; 3]) -> bool {
+pub fn same_color(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter()
         .zip(b)
         .all(|(x, y)| (x - y).abs() <= 1e-5 * x.abs().max(y.abs()))
 }
 
 /// True when what lamps `a` do not reach is what lamps `b` do not reach: the same lamps in the same
-/// order, lengths alike within `tolerance` meters, colors as in [`shines_alike`].
+/// order, lengths alike within `tolerance` meters, colors as in [`same_color`].
 #[must_use]
-pub fn softly_alike(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
+pub fn same_soft_shadow(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
     let near = |p: [f32; 3], q: [f32; 3]| {
         let apart = (Vec3::from_array(p) - Vec3::from_array(q)).abs();
         apart.max_element() <= tolerance
@@ -59,14 +59,14 @@ pub fn softly_alike(a: &[SoftLight], b: &[SoftLight], tolerance: f32) -> bool {
             && near(a.v, b.v)
             && (a.radius - b.radius).abs() <= tolerance
             && range(a.inverse_square_range, b.inverse_square_range)
-            && shines_alike(a.color, b.color)
+            && same_color(a.color, b.color)
     };
     a.len() == b.len() && a.iter().zip(b).all(alike)
 }
 
 /// False when no light of `light` can arrive in the box: it is black, or ends before.
 #[must_use]
-pub fn reaches_softly(light: &SoftLight, bounds: Bounds) -> bool {
+pub fn soft_light_affects(light: &SoftLight, bounds: Bounds) -> bool {
     let center = Vec3::from_array(light.center);
     let nearest = center.max(bounds.min).min(bounds.max);
     light.kind != SoftLight::NONE
@@ -76,7 +76,7 @@ pub fn reaches_softly(light: &SoftLight, bounds: Bounds) -> bool {
 
 /// False when no light of `light` can arrive in the box: it ends before.
 #[must_use]
-pub fn reaches(light: &FrameLight, bounds: Bounds) -> bool {
+pub fn light_affects(light: &FrameLight, bounds: Bounds) -> bool {
     match light.kind {
         FrameLight::NONE => false,
         FrameLight::POINT | FrameLight::SPOT => {
@@ -182,7 +182,7 @@ impl<K: Copy + Ord> SlotTable<K> {
                     .as_mut()
                     .expect("an owned slot is in use");
                 slot.wanted = part;
-                if !reaches(&part, bounds) {
+                if !light_affects(&part, bounds) {
                     slot.wanted.color = [0.0; 3];
                 }
             }
@@ -203,7 +203,7 @@ impl<K: Copy + Ord> SlotTable<K> {
                     stale |= applied != [0.0; 3];
                     return SlotChange::None;
                 };
-                let valid = |p: FrameLight| projects_alike(&p, &slot.wanted, tolerance);
+                let valid = |p: FrameLight| same_projection(&p, &slot.wanted, tolerance);
                 let color = slot.wanted.color;
                 slot.change = if color == [0.0; 3] {
                     // Dark: whatever its projection says is multiplied by zero.
@@ -214,7 +214,7 @@ impl<K: Copy + Ord> SlotTable<K> {
                     }
                 } else if !slot.projected.is_some_and(valid) {
                     SlotChange::Geometry
-                } else if !shines_alike(color, applied) {
+                } else if !same_color(color, applied) {
                     SlotChange::Color
                 } else {
                     SlotChange::None
@@ -441,24 +441,24 @@ mod tests {
             FrameLight::spot(Vec3::ONE, direction, Vec3::ONE, inner, 0.5, range)
         };
         let base = spot(Vec3::X, 0.2, f32::INFINITY);
-        assert!(projects_alike(&base, &base, 1e-4));
+        assert!(same_projection(&base, &base, 1e-4));
         let mut brighter = base;
         brighter.color = [7.0; 3];
-        assert!(projects_alike(&base, &brighter, 1e-4));
+        assert!(same_projection(&base, &brighter, 1e-4));
         for other in [
             spot(Vec3::Y, 0.2, f32::INFINITY),
             spot(Vec3::X, 0.3, f32::INFINITY),
             spot(Vec3::X, 0.2, 5.0),
             FrameLight::directional(Vec3::X, Vec3::ONE),
         ] {
-            assert!(!projects_alike(&base, &other, 1e-4));
+            assert!(!same_projection(&base, &other, 1e-4));
         }
-        assert!(projects_alike(
+        assert!(same_projection(
             &spot(Vec3::X, 0.2, 5.0),
             &spot(Vec3::X, 0.2, 5.00005),
             1e-4
         ));
-        assert!(!projects_alike(
+        assert!(!same_projection(
             &spot(Vec3::X, 0.2, 5.0),
             &spot(Vec3::X, 0.2, 5.001),
             1e-4
@@ -470,8 +470,8 @@ mod tests {
         let panel = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ONE, 16).within(20.0);
         let bulb = SoftLight::sphere(Vec3::Y, 0.1, Vec3::X, 5.0, 16);
         let both = [panel, bulb];
-        assert!(softly_alike(&both, &both, 1e-4));
-        assert!(!softly_alike(&both, &both[..1], 1e-4), "one went");
+        assert!(same_soft_shadow(&both, &both, 1e-4));
+        assert!(!same_soft_shadow(&both, &both[..1], 1e-4), "one went");
         type Change = fn(&mut SoftLight);
         let changes: [(Change, bool); 7] = [
             (|l| l.center[1] += 5e-5, true),
@@ -486,14 +486,14 @@ mod tests {
             for at in 0..2 {
                 let mut other = both;
                 change(&mut other[at]);
-                assert_eq!(softly_alike(&both, &other, 1e-4), alike, "{k} {at}");
+                assert_eq!(same_soft_shadow(&both, &other, 1e-4), alike, "{k} {at}");
             }
         }
-        assert!(reaches_softly(&panel, BOX) && reaches_softly(&bulb, BOX));
+        assert!(soft_light_affects(&panel, BOX) && soft_light_affects(&bulb, BOX));
         let black = SoftLight::rectangle(Vec3::ONE, Vec3::X, Vec3::Z, Vec3::ZERO, 16);
         let far = SoftLight::sphere(Vec3::NEG_X * 9.0, 0.1, Vec3::ONE, 5.0, 16);
         for light in [black, far, SoftLight::default()] {
-            assert!(!reaches_softly(&light, BOX));
+            assert!(!soft_light_affects(&light, BOX));
         }
     }
 

@@ -54,26 +54,34 @@ mod rsm_views;
 mod settings;
 mod soft_shadows;
 mod space;
+mod stage;
 mod state;
 mod tier_controller;
 mod transport;
 
-pub use bounce_count::{BounceSelection, BounceSelector, LEFT, MAX, bounces_at};
-pub use channels::{ColorModeSelection, ColorModeSelector, STEADY, SceneChromaticity};
+pub use bounce_count::{
+    BounceSelection, BounceSelector, MAX_AUTO_BOUNCES, MAX_TRUNCATED_FRACTION,
+    bounces_for_spectral_radius,
+};
+pub use channels::{
+    ColorModeSelection, ColorModeSelector, MONOCHROME_HYSTERESIS_FRAMES, SceneChromaticity,
+};
 pub use cost::{Cost, CostModel, TimingScope, Work};
-pub use decision::{Decision, DecisionLog, NameOf, Subject};
+pub use decision::{Decision, DecisionKind, DecisionLog, NameOf};
 pub use effect::{EFFECTS, Effect};
-pub use inventory::{Cameras, ChangeCounts, Colors, Inventory, LightSort, SkyKind};
-pub use inventory_tracker::{Found, InventoryTracker, SceneSnapshot};
+pub use inventory::{Cameras, ChangeCounts, ColorUniformity, Inventory, LightKind, SkyKind};
+pub use inventory_tracker::{InventoryTracker, SceneSnapshot, WorldSnapshot};
 pub use lights::{
-    SlotTable, Slots, projects_alike, reaches, reaches_softly, shines_alike, softly_alike,
+    SlotTable, Slots, light_affects, same_color, same_projection, same_soft_shadow,
+    soft_light_affects,
 };
 pub use octree::{FmmLimit, falls_back, octree_fits};
-pub use pass::{Pass, Reason, Skip, Stage};
+pub use pass::{Pass, RunReason, SkipReason};
 pub use passes::Plan;
 pub use picked::TierSelection;
-pub use rsm_views::{Lens, MapView, NEAREST, STEP, WIDEST, map_views};
+pub use rsm_views::{Lens, MAX_RSM_HALF_ANGLE, MapView, RSM_NEAR_PLANE, RSM_SIZE_STEP, map_views};
 pub use settings::{GiBounceCount, GiColorMode, GiQuality};
+pub use stage::FrameStage;
 pub use state::{
     BounceState, DisplayUse, FogState, FrameState, LightId, SceneId, SceneState, SkyUse,
     SlotChange, SoftState, ViewId, ViewState, VolumeState,

@@ -1,103 +1,12 @@
 //! What a plan is made of: passes, and the reasons why they run or do not.
 
-use super::{LightId, SceneId, ViewId};
+use super::{FrameStage, LightId, SceneId, ViewId};
 use std::fmt;
-
-/// A stage of the frame, in the order of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Stage {
-    /// The bake goes to the device.
-    Upload,
-    /// The senders' surfaces, where materials changed.
-    Materials,
-    /// The links that doors and lifts are in the way of, where one of those moved.
-    Occlude,
-    /// Lights onto the points, slot by slot.
-    Project,
-    /// Radiosity of the lit points, pull-push to the senders, and the live bounces between them.
-    PullPush,
-    /// The operator times the senders' coefficients.
-    Apply,
-    /// Every point gets its value: inactive ones from their parents.
-    Flatten,
-    /// Light in free space: the operator's rows of the probes, and the probes over what a view
-    /// shows off the surfaces.
-    Probe,
-    /// Light in free space as a volume, for cameras without a G-buffer.
-    Volume,
-    /// What lamps with soft shadows do not reach, at the points that remember what they see.
-    SoftShadow,
-    /// Reflective shadow maps of a light, what moves drawn from there, become virtual point lights.
-    Rsm,
-    /// The flat basis over the pixels of a view: their irradiance.
-    Splat,
-    /// The virtual point lights over the pixels of a view.
-    Vpl,
-    /// Irradiance times base color, added to the picture.
-    Composite,
-    /// What glossy surfaces of a view show of the virtual point lights.
-    VplSpecular,
-    /// Light of lamps with soft shadows that does not get there, taken from the picture of a view.
-    SubtractShadow,
-    /// Light in free space that fog sends to the eye, added to the picture of a view.
-    Fog,
-    /// Coefficients back to the CPU.
-    ReadBack,
-}
-
-impl Stage {
-    /// All stages, in order.
-    pub const ALL: [Self; 18] = [
-        Self::Upload,
-        Self::Materials,
-        Self::Occlude,
-        Self::Project,
-        Self::PullPush,
-        Self::Apply,
-        Self::Flatten,
-        Self::Probe,
-        Self::Volume,
-        Self::SoftShadow,
-        Self::Rsm,
-        Self::Splat,
-        Self::Vpl,
-        Self::Composite,
-        Self::VplSpecular,
-        Self::SubtractShadow,
-        Self::Fog,
-        Self::ReadBack,
-    ];
-
-    /// The name that diagnostics and logs use.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Upload => "upload",
-            Self::Materials => "materials",
-            Self::Occlude => "occlude",
-            Self::Project => "project",
-            Self::PullPush => "pull_push",
-            Self::Apply => "apply",
-            Self::Flatten => "flatten",
-            Self::Probe => "probe",
-            Self::Volume => "volume",
-            Self::SoftShadow => "soft_shadow",
-            Self::Rsm => "rsm",
-            Self::Splat => "splat",
-            Self::Vpl => "vpl",
-            Self::Composite => "composite",
-            Self::VplSpecular => "vpl_specular",
-            Self::SubtractShadow => "subtract_shadow",
-            Self::Fog => "fog",
-            Self::ReadBack => "read_back",
-        }
-    }
-}
 
 /// Why a pass runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Reason {
+pub enum RunReason {
     /// The device does not hold this bake yet, or holds an older one.
     NewBake,
     /// These many light slots are new or have moved.
@@ -126,7 +35,7 @@ pub enum Reason {
     FogInView(usize),
 }
 
-impl fmt::Display for Reason {
+impl fmt::Display for RunReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NewBake => f.write_str("the device does not hold this bake"),
@@ -149,7 +58,7 @@ impl fmt::Display for Reason {
 /// Why something does not run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
-pub enum Skip {
+pub enum SkipReason {
     /// The device lacks compute shaders or large enough limits.
     DeviceUnable,
     /// The asset is not loaded (yet).
@@ -187,7 +96,7 @@ pub enum Skip {
     NoFreeSpace,
 }
 
-impl fmt::Display for Skip {
+impl fmt::Display for SkipReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::DeviceUnable => f.write_str("the device cannot run the kernels"),
@@ -226,17 +135,17 @@ pub struct Pass {
     /// The effect that asked for it (its name in [`EFFECTS`](super::EFFECTS)).
     pub effect: &'static str,
     /// What runs.
-    pub stage: Stage,
+    pub stage: FrameStage,
     /// For which scene; [`SceneId::WORLD`] for what belongs to no bake.
     pub scene: SceneId,
-    /// For which light ([`Stage::Rsm`] only).
+    /// For which light ([`FrameStage::RSM`] only).
     pub light: Option<LightId>,
     /// For which view; `None` for work that all views share.
     pub view: Option<ViewId>,
-    /// Which light slots ([`Stage::Project`] only).
+    /// Which light slots ([`FrameStage::PROJECT`] only).
     pub slots: Vec<u32>,
     /// Why.
-    pub reason: Reason,
+    pub reason: RunReason,
 }
 
 impl fmt::Display for Pass {

@@ -2,8 +2,8 @@
 
 use super::cost::{self, Cost, TimingScope};
 use super::{
-    BounceSelection, ColorModeSelection, DisplayUse, EFFECTS, FmmLimit, FrameState, Inventory,
-    LightId, Pass, Reason, SceneId, Skip, SkyUse, Stage, TierSelection, ViewId,
+    BounceSelection, ColorModeSelection, DisplayUse, EFFECTS, FmmLimit, FrameStage, FrameState,
+    Inventory, LightId, Pass, RunReason, SceneId, SkipReason, SkyUse, TierSelection, ViewId,
 };
 use std::fmt;
 
@@ -13,9 +13,9 @@ pub struct Plan {
     /// What runs, in order.
     pub passes: Vec<Pass>,
     /// What does not, and why. A view is named where the view is the cause.
-    pub skipped: Vec<(SceneId, Option<ViewId>, Skip)>,
+    pub skipped: Vec<(SceneId, Option<ViewId>, SkipReason)>,
     /// Lights that ask for the bounce of what moves and get none, and why.
-    pub dark: Vec<(LightId, Skip)>,
+    pub dark: Vec<(LightId, SkipReason)>,
     /// Lights whose virtual lights the device holds from an earlier frame: nothing of them moved.
     pub resting: Vec<LightId>,
     /// The tiers of the operators that run, and why.
@@ -63,7 +63,7 @@ impl Plan {
 
     /// The pass of this stage for this scene that all views share, if there is one.
     #[must_use]
-    pub fn find(&self, stage: Stage, scene: SceneId) -> Option<&Pass> {
+    pub fn find(&self, stage: FrameStage, scene: SceneId) -> Option<&Pass> {
         self.passes
             .iter()
             .find(|p| p.stage == stage && p.scene == scene)
@@ -81,7 +81,7 @@ impl Plan {
     pub fn find_light(&self, light: LightId) -> Option<&Pass> {
         self.passes
             .iter()
-            .find(|p| p.stage == Stage::Rsm && p.light == Some(light))
+            .find(|p| p.stage == FrameStage::RSM && p.light == Some(light))
     }
 
     /// Whether this light's bounce off what moves is to be seen: drawn now, or held.
@@ -92,7 +92,7 @@ impl Plan {
 
     /// How many passes of this stage.
     #[must_use]
-    pub fn count(&self, stage: Stage) -> usize {
+    pub fn count(&self, stage: FrameStage) -> usize {
         self.passes.iter().filter(|p| p.stage == stage).count()
     }
 
@@ -116,9 +116,9 @@ impl Plan {
     pub(super) fn push(
         &mut self,
         effect: &'static str,
-        stage: Stage,
+        stage: FrameStage,
         scene: SceneId,
-        reason: Reason,
+        reason: RunReason,
     ) -> &mut Pass {
         self.passes.push(Pass {
             effect,
@@ -160,7 +160,7 @@ impl fmt::Display for Plan {
             writeln!(f, "skip maps of light {light}: {why}")?;
         }
         for light in &self.resting {
-            writeln!(f, "skip maps of light {light}: {}", Skip::AtRest)?;
+            writeln!(f, "skip maps of light {light}: {}", SkipReason::AtRest)?;
         }
         for (scene, picked) in &self.tiers {
             writeln!(f, "use  {scene} with {picked}")?;

@@ -8,26 +8,26 @@
 //! | light | maps |
 //! |---|---|
 //! | directional | one, orthographic, around the boxes of all that moves; it moves by whole texels, so that nothing that stands still flickers |
-//! | point, spot | one, perspective, where all that moves fits a cone of [`WIDEST`]; else those faces of a cube that show some of it |
+//! | point, spot | one, perspective, where all that moves fits a cone of [`MAX_RSM_HALF_ANGLE`]; else those faces of a cube that show some of it |
 //!
-//! Sizes and angles change in steps of [`STEP`], so that a map keeps its scale while things move a
+//! Sizes and angles change in steps of [`RSM_SIZE_STEP`], so that a map keeps its scale while things move a
 //! little.
 
-use super::Skip;
-use super::lights::reaches;
+use super::SkipReason;
+use super::lights::light_affects;
 use glam::{Mat3, Quat, Vec3};
 use meshless_gi::{Bounds, FrameLight};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// The widest half angle, in radians, of a map that is aimed: 50°. Wider ones would spend most
 /// texels at their rims.
-pub const WIDEST: f32 = 50.0 * PI / 180.0;
+pub const MAX_RSM_HALF_ANGLE: f32 = 50.0 * PI / 180.0;
 
 /// Sizes and angles are powers of this.
-pub const STEP: f32 = 1.189_207_1; // the fourth root of two
+pub const RSM_SIZE_STEP: f32 = 1.189_207_1; // the fourth root of two
 
 /// Nothing nearer to a point or spot light than this is drawn, meters.
-pub const NEAREST: f32 = 1e-3;
+pub const RSM_NEAR_PLANE: f32 = 1e-3;
 
 /// A map's lens. Depth is reversed and the picture is square.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,36 +66,36 @@ pub struct MapView {
 /// not finite are left out.
 ///
 /// # Errors
-/// Why there is none: [`Skip::LightDark`], [`Skip::NothingMoves`], [`Skip::OutOfReach`],
-/// [`Skip::NoMaps`].
+/// Why there is none: [`SkipReason::LightDark`], [`SkipReason::NothingMoves`], [`SkipReason::OutOfReach`],
+/// [`SkipReason::NoMaps`].
 pub fn map_views(
     light: &FrameLight,
     bouncers: &[Bounds],
     resolution: u32,
-) -> Result<Vec<MapView>, Skip> {
+) -> Result<Vec<MapView>, SkipReason> {
     if light.kind == FrameLight::NONE || light.color.iter().all(|c| *c <= 0.0) {
-        return Err(Skip::LightDark);
+        return Err(SkipReason::LightDark);
     }
     let real = |b: &&Bounds| b.min.is_finite() && b.max.is_finite() && b.min.cmple(b.max).all();
     let moving: Vec<Bounds> = bouncers.iter().filter(real).copied().collect();
     if moving.is_empty() {
-        return Err(Skip::NothingMoves);
+        return Err(SkipReason::NothingMoves);
     }
     let views = match light.kind {
         FrameLight::DIRECTIONAL => directional(light, &moving, resolution),
         FrameLight::POINT | FrameLight::SPOT => local(light, &moving),
-        _ => return Err(Skip::NoMaps),
+        _ => return Err(SkipReason::NoMaps),
     };
     if views.is_empty() {
-        return Err(Skip::OutOfReach);
+        return Err(SkipReason::OutOfReach);
     }
     Ok(views)
 }
 
-/// The least power of [`STEP`] that is not below `value`.
+/// The least power of [`RSM_SIZE_STEP`] that is not below `value`.
 fn stepped(value: f32) -> f32 {
-    let exponent = (libm::logf(value.clamp(1e-12, 1e12)) / libm::logf(STEP)).ceil();
-    libm::powf(STEP, exponent).max(value)
+    let exponent = (libm::logf(value.clamp(1e-12, 1e12)) / libm::logf(RSM_SIZE_STEP)).ceil();
+    libm::powf(RSM_SIZE_STEP, exponent).max(value)
 }
 
 /// Axes of a view that looks along `forward`.
@@ -133,10 +133,10 @@ fn directional(light: &FrameLight, moving: &[Bounds], resolution: u32) -> Vec<Ma
     let extent = joint.max - joint.min;
     // A texel on each side, for the move by whole texels.
     let texels = resolution.max(4) as f32;
-    let size = stepped(extent.x.max(extent.y).max(NEAREST) * texels / (texels - 2.0));
+    let size = stepped(extent.x.max(extent.y).max(RSM_NEAR_PLANE) * texels / (texels - 2.0));
     let texel = size / texels;
     let snap = |v: f32| (v / texel).round() * texel;
-    let margin = 0.01 * extent.z + NEAREST;
+    let margin = 0.01 * extent.z + RSM_NEAR_PLANE;
     let place = Vec3::new(
         snap(0.5 * (joint.min.x + joint.max.x)),
         snap(0.5 * (joint.min.y + joint.max.y)),
@@ -201,14 +201,14 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
     let lit = |s: &Seen| cone >= PI || s.half == PI || angle_between(along, s.to) <= cone + s.half;
     let seen: Vec<Seen> = moving
         .iter()
-        .filter(|b| reaches(light, **b))
+        .filter(|b| light_affects(light, **b))
         .map(|b| Seen::new(position, b))
         .filter(lit)
         .collect();
     if seen.is_empty() {
         return Vec::new();
     }
-    let far = 1.01 * (seen.iter().map(|s| s.to.length() + s.radius)).fold(NEAREST, f32::max);
+    let far = 1.01 * (seen.iter().map(|s| s.to.length() + s.radius)).fold(RSM_NEAR_PLANE, f32::max);
     let nearest = (seen.iter())
         .map(|s| (s.to.length() - s.radius).max(0.0))
         .fold(f32::INFINITY, f32::min);
@@ -218,8 +218,8 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         lens: Lens::Perspective {
             fov: 2.0 * half,
             // What is nearest may be at a corner of the picture.
-            near: (0.9 * nearest * libm::cosf(half) / 2f32.sqrt()).max(NEAREST),
-            far: far.max(2.0 * NEAREST),
+            near: (0.9 * nearest * libm::cosf(half) / 2f32.sqrt()).max(RSM_NEAR_PLANE),
+            far: far.max(2.0 * RSM_NEAR_PLANE),
         },
     };
     let axis = (seen.iter().map(|s| s.to.normalize_or_zero()))
@@ -227,14 +227,14 @@ fn local(light: &FrameLight, moving: &[Bounds]) -> Vec<MapView> {
         .normalize_or_zero();
     let half = seen.iter().map(|s| s.angle(axis)).fold(0.0, f32::max);
     let aimed = stepped(half);
-    if axis != Vec3::ZERO && aimed <= cone.min(WIDEST) {
+    if axis != Vec3::ZERO && aimed <= cone.min(MAX_RSM_HALF_ANGLE) {
         return vec![view(looking(axis), aimed)];
     }
-    if cone <= WIDEST {
+    if cone <= MAX_RSM_HALF_ANGLE {
         return vec![view(looking(along), cone.max(1e-3))];
     }
-    if axis != Vec3::ZERO && half <= WIDEST {
-        return vec![view(looking(axis), WIDEST)];
+    if axis != Vec3::ZERO && half <= MAX_RSM_HALF_ANGLE {
+        return vec![view(looking(axis), MAX_RSM_HALF_ANGLE)];
     }
     let faces = [
         Vec3::X,
@@ -391,7 +391,7 @@ mod tests {
             cube(Vec3::Z * -30.0, 0.2),
         ] {
             let none = map_views(&spot(Vec3::ZERO, Vec3::NEG_Z, 0.4), &[b], 64);
-            assert_eq!(none, Err(Skip::OutOfReach));
+            assert_eq!(none, Err(SkipReason::OutOfReach));
         }
         // A cone of nearly 180° over things on both sides.
         let both = [
@@ -406,18 +406,18 @@ mod tests {
     fn rsm_views_without_reflectors_state_reason() {
         let b = [cube(Vec3::X, 0.1)];
         let reason = |light: &FrameLight, b: &[Bounds]| map_views(light, b, 64).unwrap_err();
-        assert_eq!(reason(&point(Vec3::ZERO), &[]), Skip::NothingMoves);
+        assert_eq!(reason(&point(Vec3::ZERO), &[]), SkipReason::NothingMoves);
         assert_eq!(
             reason(&point(Vec3::ZERO), &[Bounds::EMPTY, cube(Vec3::NAN, 1.0)]),
-            Skip::NothingMoves
+            SkipReason::NothingMoves
         );
-        assert_eq!(reason(&FrameLight::default(), &b), Skip::LightDark);
+        assert_eq!(reason(&FrameLight::default(), &b), SkipReason::LightDark);
         let black = FrameLight::point(Vec3::ZERO, Vec3::ZERO, 1.0);
-        assert_eq!(reason(&black, &b), Skip::LightDark);
-        assert_eq!(reason(&point(Vec3::X * 100.0), &b), Skip::OutOfReach);
-        assert_eq!(reason(&sun(Vec3::ZERO), &b), Skip::OutOfReach);
+        assert_eq!(reason(&black, &b), SkipReason::LightDark);
+        assert_eq!(reason(&point(Vec3::X * 100.0), &b), SkipReason::OutOfReach);
+        assert_eq!(reason(&sun(Vec3::ZERO), &b), SkipReason::OutOfReach);
         let patch = FrameLight::patch(Vec3::ZERO, Vec3::X, Vec3::ONE);
-        assert_eq!(reason(&patch, &b), Skip::NoMaps);
+        assert_eq!(reason(&patch, &b), SkipReason::NoMaps);
     }
 
     #[test]
@@ -449,7 +449,7 @@ mod tests {
         for i in 1..2000 {
             let v = 0.001 * i as f32;
             let s = stepped(v);
-            assert!(s >= v && s <= v * STEP * 1.0001, "{v}: {s}");
+            assert!(s >= v && s <= v * RSM_SIZE_STEP * 1.0001, "{v}: {s}");
         }
         assert!(stepped(f32::INFINITY).is_infinite() && stepped(0.0) > 0.0);
     }

@@ -2,14 +2,14 @@
 //! remember what they see. Without such a lamp, or such a bake, neither does anything.
 
 use super::effect::active_scenes;
-use super::{FrameState, Plan, Reason, SceneState, Skip, Stage, ViewState};
+use super::{FrameStage, FrameState, Plan, RunReason, SceneState, SkipReason, ViewState};
 
 /// Whether soft shadows can fall in a scene that has such lamps; or why not.
-fn falls(state: &FrameState, scene: &SceneState) -> Result<(), Skip> {
+fn falls(state: &FrameState, scene: &SceneState) -> Result<(), SkipReason> {
     if !scene.soft.remembers {
-        Err(Skip::NoVisibility)
+        Err(SkipReason::NoVisibility)
     } else if scene.soft.largest_buffer > state.largest_binding {
-        Err(Skip::TooLarge {
+        Err(SkipReason::TooLarge {
             needs: scene.soft.largest_buffer,
             has: state.largest_binding,
         })
@@ -27,11 +27,16 @@ pub(super) fn soft_shadows(state: &FrameState, plan: &mut Plan) {
             Err(why) => plan.skipped.push((scene.id, None, why)),
             Ok(()) if !state.views.iter().any(shown) => {}
             Ok(()) if !scene.resident => {
-                plan.push("soft_shadows", Stage::SoftShadow, scene.id, Reason::NewBake);
+                plan.push(
+                    "soft_shadows",
+                    FrameStage::SOFT_SHADOW,
+                    scene.id,
+                    RunReason::NewBake,
+                );
             }
             Ok(()) if !scene.soft.held => {
-                let reason = Reason::SoftLightsChanged(scene.soft.lights);
-                plan.push("soft_shadows", Stage::SoftShadow, scene.id, reason);
+                let reason = RunReason::SoftLightsChanged(scene.soft.lights);
+                plan.push("soft_shadows", FrameStage::SOFT_SHADOW, scene.id, reason);
             }
             Ok(()) => {}
         }
@@ -42,13 +47,17 @@ pub(super) fn soft_shadows(state: &FrameState, plan: &mut Plan) {
 pub(super) fn penumbrae(state: &FrameState, plan: &mut Plan) {
     for view in state.views.iter().filter(|view| view.lit) {
         for scene in active_scenes(state).filter(|s| s.soft.lights > 0) {
-            let splatted = plan
-                .passes
-                .iter()
-                .any(|p| p.stage == Stage::Splat && p.scene == scene.id && p.view == Some(view.id));
+            let splatted = plan.passes.iter().any(|p| {
+                p.stage == FrameStage::SPLAT && p.scene == scene.id && p.view == Some(view.id)
+            });
             if splatted && falls(state, scene).is_ok() {
-                plan.push("penumbrae", Stage::SubtractShadow, scene.id, Reason::InView)
-                    .view = Some(view.id);
+                plan.push(
+                    "penumbrae",
+                    FrameStage::SUBTRACT_SHADOW,
+                    scene.id,
+                    RunReason::InView,
+                )
+                .view = Some(view.id);
             }
         }
     }
@@ -86,10 +95,14 @@ mod tests {
         }
     }
 
-    fn stages(state: &FrameState) -> Vec<Stage> {
+    fn stages(state: &FrameState) -> Vec<FrameStage> {
         let plan = Plan::new(state);
         let all = plan.passes.iter().map(|p| p.stage);
-        let transport = [Stage::PullPush, Stage::Apply, Stage::Flatten];
+        let transport = [
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+        ];
         all.filter(|s| !transport.contains(s)).collect()
     }
 
@@ -100,36 +113,51 @@ mod tests {
         state.scenes[0].soft.remembers = true;
         let none = Plan::new(&state);
         assert_eq!(
-            none.count(Stage::SoftShadow) + none.count(Stage::SubtractShadow),
+            none.count(FrameStage::SOFT_SHADOW) + none.count(FrameStage::SUBTRACT_SHADOW),
             0
         );
         // A lamp that asks, and has moved.
         state.scenes[0].soft.lights = 2;
         let plan = Plan::new(&state);
-        use Stage::*;
         assert_eq!(
             stages(&state),
-            [SoftShadow, Splat, Composite, SubtractShadow]
+            [
+                FrameStage::SOFT_SHADOW,
+                FrameStage::SPLAT,
+                FrameStage::COMPOSITE,
+                FrameStage::SUBTRACT_SHADOW
+            ]
         );
         assert_eq!(
-            plan.find(SoftShadow, A).unwrap().reason,
-            Reason::SoftLightsChanged(2)
+            plan.find(FrameStage::SOFT_SHADOW, A).unwrap().reason,
+            RunReason::SoftLightsChanged(2)
         );
-        assert_eq!(plan.find(SubtractShadow, A).unwrap().view, Some(ViewId(7)));
+        assert_eq!(
+            plan.find(FrameStage::SUBTRACT_SHADOW, A).unwrap().view,
+            Some(ViewId(7))
+        );
         // At rest: what is missing is held, and taken from every view that shows the picture.
         state.scenes[0].soft.held = true;
         state.views.push(view(8, true));
         state.views.push(view(9, false));
         let plan = Plan::new(&state);
         assert_eq!(
-            [SoftShadow, Splat, SubtractShadow].map(|s| plan.count(s)),
+            [
+                FrameStage::SOFT_SHADOW,
+                FrameStage::SPLAT,
+                FrameStage::SUBTRACT_SHADOW
+            ]
+            .map(|s| plan.count(s)),
             [0, 3, 2]
         );
         // A bake that comes back has nothing of it.
         state.scenes[0].resident = false;
         assert_eq!(
-            Plan::new(&state).find(SoftShadow, A).unwrap().reason,
-            Reason::NewBake
+            Plan::new(&state)
+                .find(FrameStage::SOFT_SHADOW, A)
+                .unwrap()
+                .reason,
+            RunReason::NewBake
         );
     }
 
@@ -141,14 +169,14 @@ mod tests {
             remembers: true,
             ..SoftState::default()
         };
-        let cases: [(Change, Option<Skip>); 3] = [
+        let cases: [(Change, Option<SkipReason>); 3] = [
             (
                 |s| s.scenes[0].soft.remembers = false,
-                Some(Skip::NoVisibility),
+                Some(SkipReason::NoVisibility),
             ),
             (
                 |s| s.scenes[0].soft.largest_buffer = 1 << 40,
-                Some(Skip::TooLarge {
+                Some(SkipReason::TooLarge {
                     needs: 1 << 40,
                     has: 128 << 20,
                 }),
@@ -160,7 +188,11 @@ mod tests {
             state.scenes[0].soft = asked;
             change(&mut state);
             let plan = Plan::new(&state);
-            assert_eq!(stages(&state), [Stage::Splat, Stage::Composite], "{plan}");
+            assert_eq!(
+                stages(&state),
+                [FrameStage::SPLAT, FrameStage::COMPOSITE],
+                "{plan}"
+            );
             let said = why.is_none_or(|why| plan.skipped.contains(&(A, None, why)));
             assert!(said, "{plan}");
         }

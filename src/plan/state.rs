@@ -1,6 +1,6 @@
 //! The frame as the plan sees it: a plain description, without an engine and without a device.
 
-use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, Skip, TierSelection};
+use super::{BounceSelection, ColorModeSelection, FmmLimit, Inventory, SkipReason, TierSelection};
 use std::fmt;
 
 /// Names a baked scene's instance. The caller chooses the number (the plugin takes the entity's
@@ -249,7 +249,7 @@ pub struct BounceState {
     pub id: LightId,
     /// How many reflective shadow maps show what moves in its light; or why none does
     /// ([`map_views`](super::map_views)).
-    pub maps: Result<u32, Skip>,
+    pub maps: Result<u32, SkipReason>,
     /// The views that may show its light.
     pub views: Vec<ViewId>,
 }
@@ -295,12 +295,12 @@ impl FrameState {
     ///
     /// # Errors
     /// The reason.
-    pub fn maps_of(&self, light: &BounceState) -> Result<u32, Skip> {
+    pub fn maps_of(&self, light: &BounceState) -> Result<u32, SkipReason> {
         let shown =
             |id: &ViewId| (self.views.iter()).any(|v| v.id == *id && v.enabled && v.has_gbuffer);
         match light.maps {
-            _ if !self.device_able => Err(Skip::DeviceUnable),
-            Ok(_) if !light.views.iter().any(shown) => Err(Skip::NotInView),
+            _ if !self.device_able => Err(SkipReason::DeviceUnable),
+            Ok(_) if !light.views.iter().any(shown) => Err(SkipReason::NotInView),
             maps => maps,
         }
     }

@@ -2,19 +2,19 @@
 //! after materials changed, links that occluders are in the way of, and the operator.
 
 use super::effect::active_scenes;
-use super::{FrameState, Plan, Reason, Skip, SkyUse, SlotChange, Stage};
+use super::{FrameStage, FrameState, Plan, RunReason, SkipReason, SkyUse, SlotChange};
 
 pub(super) fn materials(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.materials_changed) {
-        let reason = Reason::MaterialsChanged;
-        plan.push("materials", Stage::Materials, scene.id, reason);
+        let reason = RunReason::MaterialsChanged;
+        plan.push("materials", FrameStage::MATERIALS, scene.id, reason);
     }
 }
 
 pub(super) fn occluders(state: &FrameState, plan: &mut Plan) {
     for scene in active_scenes(state).filter(|s| s.occluders_changed > 0) {
-        let reason = Reason::OccludersMoved(scene.occluders_changed);
-        plan.push("occluders", Stage::Occlude, scene.id, reason);
+        let reason = RunReason::OccludersMoved(scene.occluders_changed);
+        plan.push("occluders", FrameStage::OCCLUDE, scene.id, reason);
     }
 }
 
@@ -39,24 +39,28 @@ pub(super) fn transport(state: &FrameState, plan: &mut Plan) {
         }
         let of = |change| scene.slots.iter().filter(|s| **s == change).count();
         let reason = if !scene.resident {
-            Reason::NewBake
+            RunReason::NewBake
         } else if scene.occluders_changed > 0 {
-            Reason::OccludersMoved(scene.occluders_changed)
+            RunReason::OccludersMoved(scene.occluders_changed)
         } else if of(SlotChange::Geometry) > 0 {
-            Reason::LightsMoved(of(SlotChange::Geometry))
+            RunReason::LightsMoved(of(SlotChange::Geometry))
         } else if of(SlotChange::Color) > 0 {
-            Reason::LightsRecolored(of(SlotChange::Color))
+            RunReason::LightsRecolored(of(SlotChange::Color))
         } else if scene.settings_changed {
-            Reason::SettingsChanged
+            RunReason::SettingsChanged
         } else if scene.materials_changed {
-            Reason::MaterialsChanged
+            RunReason::MaterialsChanged
         } else if scene.stale {
-            Reason::LightRemoved
+            RunReason::LightRemoved
         } else {
-            plan.skipped.push((scene.id, None, Skip::AtRest));
+            plan.skipped.push((scene.id, None, SkipReason::AtRest));
             continue;
         };
-        for stage in [Stage::PullPush, Stage::Apply, Stage::Flatten] {
+        for stage in [
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+        ] {
             plan.push("transport", stage, scene.id, reason.clone());
         }
     }

@@ -10,7 +10,7 @@ use super::soft_shadow::{ExtractedSoft, Shaded, ViewShade};
 use super::splatting::ViewSubsplats;
 use super::vpl_specular::ViewSpecular;
 use crate::gpu::{ViewBuffers, draw_composite, draw_shadow, draw_specular};
-use crate::plan::{Pass, SceneId, Stage, ViewId};
+use crate::plan::{FrameStage, Pass, SceneId, ViewId};
 use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::ecs::prelude::*;
 use bevy::log::warn_once;
@@ -172,7 +172,7 @@ pub(crate) fn composite(
     let shaded: Vec<Shaded> = (shown.iter())
         .filter(|scene| {
             let takes = |p: &Pass| {
-                p.stage == Stage::SubtractShadow && p.view == Some(id) && p.scene == **scene
+                p.stage == FrameStage::SUBTRACT_SHADOW && p.view == Some(id) && p.scene == **scene
             };
             render.plan.passes.iter().any(takes)
         })
@@ -186,7 +186,10 @@ pub(crate) fn composite(
             })
         })
         .collect();
-    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::SubtractShadow, id));
+    let timed = recorder.time_span(
+        ctx.command_encoder(),
+        view_span(FrameStage::SUBTRACT_SHADOW, id),
+    );
     let recorded = ViewShade::record(
         &mut runtime.shade,
         kernels,
@@ -209,7 +212,7 @@ pub(crate) fn composite(
     if let Some(irradiance) = irradiance
         && let Some(buffers) = runtime.buffers.get(&lead)
     {
-        let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Composite, id));
+        let timed = recorder.time_span(ctx.command_encoder(), view_span(FrameStage::COMPOSITE, id));
         let mut pass = ctx
             .command_encoder()
             .begin_render_pass(&RenderPassDescriptor {

@@ -20,8 +20,8 @@ use super::stages::stage_of;
 use super::volume::{ExtractedVolumes, SceneVolume};
 use crate::gpu::{FogBuffers, GpuCounters, GpuError, GpuFrame, KernelPipelines, Pass};
 use crate::plan::{
-    DisplayUse, FrameState, GiColorMode, Plan, SceneId, SceneState, SkyUse, SlotTable, Slots,
-    Stage, ViewId, ViewState, falls_back,
+    DisplayUse, FrameStage, FrameState, GiColorMode, Plan, SceneId, SceneState, SkyUse, SlotTable,
+    Slots, ViewId, ViewState, falls_back,
 };
 use bevy::ecs::prelude::*;
 use bevy::log::{error, warn, warn_once};
@@ -320,7 +320,11 @@ impl GiRender {
 
     /// The scenes that the frame solved, and with which tier.
     fn solved(&self) -> BTreeMap<u64, u32> {
-        let solved = self.plan.passes.iter().filter(|p| p.stage == Stage::Apply);
+        let solved = self
+            .plan
+            .passes
+            .iter()
+            .filter(|p| p.stage == FrameStage::APPLY);
         solved
             .filter_map(|p| {
                 let runtime = self.scenes.get(&p.scene)?;
@@ -391,11 +395,23 @@ impl GiRender {
         for pass in Pass::ALL {
             dispatched(stage_of(pass), total.of(pass) - self.counted.of(pass));
         }
-        dispatched(Stage::Composite, total.composites - self.counted.composites);
-        dispatched(Stage::Fog, total.fogs - self.counted.fogs);
-        dispatched(Stage::Upload, self.plan.count(Stage::Upload) as u64);
-        dispatched(Stage::Materials, self.plan.count(Stage::Materials) as u64);
-        dispatched(Stage::ReadBack, self.plan.count(Stage::ReadBack) as u64);
+        dispatched(
+            FrameStage::COMPOSITE,
+            total.composites - self.counted.composites,
+        );
+        dispatched(FrameStage::FOG, total.fogs - self.counted.fogs);
+        dispatched(
+            FrameStage::UPLOAD,
+            self.plan.count(FrameStage::UPLOAD) as u64,
+        );
+        dispatched(
+            FrameStage::MATERIALS,
+            self.plan.count(FrameStage::MATERIALS) as u64,
+        );
+        dispatched(
+            FrameStage::READ_BACK,
+            self.plan.count(FrameStage::READ_BACK) as u64,
+        );
         counters.projected_slots = (total.projected - self.counted.projected) as u32;
         self.counted = total;
         counters
@@ -449,11 +465,12 @@ pub(crate) fn compute(
     let shows = |id: &ViewId| {
         plan.passes
             .iter()
-            .any(|p| p.stage == Stage::Composite && p.view == Some(*id))
+            .any(|p| p.stage == FrameStage::COMPOSITE && p.view == Some(*id))
     };
     render.views.retain(|id, _| shows(id));
-    let fogged =
-        |id: &ViewId| (plan.passes.iter()).any(|p| p.stage == Stage::Fog && p.view == Some(*id));
+    let fogged = |id: &ViewId| {
+        (plan.passes.iter()).any(|p| p.stage == FrameStage::FOG && p.view == Some(*id))
+    };
     render.fogs.retain(|id, _| fogged(id));
     render.begin_reflections(&maps, &plan, &device);
     if plan.is_empty() {
@@ -487,7 +504,9 @@ pub(crate) fn compute(
             continue;
         };
         let settings = frame_settings(scene);
-        if plan.find(Stage::ReadBack, scene.id).is_none() && runtime.read_back.take().is_some() {
+        if plan.find(FrameStage::READ_BACK, scene.id).is_none()
+            && runtime.read_back.take().is_some()
+        {
             coefficients.forget(scene.id.0);
         }
         if let Err(why) = runtime.record(
@@ -509,11 +528,12 @@ pub(crate) fn compute(
             runtime.too_large = Some((bytes, runtime.slots.len()));
             failed.push(scene.id);
         } else if let (Some(_), Some(placement), Some(frame)) = (
-            plan.find(Stage::Volume, scene.id),
+            plan.find(FrameStage::VOLUME, scene.id),
             &scene.placement,
             &mut runtime.frame,
         ) {
-            let timed = recorder.time_span(ctx.command_encoder(), span(Stage::Volume, scene.id));
+            let timed =
+                recorder.time_span(ctx.command_encoder(), span(FrameStage::VOLUME, scene.id));
             runtime.volume.record(
                 &volumes,
                 scene.id,
@@ -525,7 +545,7 @@ pub(crate) fn compute(
                 ctx.command_encoder(),
             );
             timed.end(ctx.command_encoder());
-        } else if plan.find(Stage::Apply, scene.id).is_some() {
+        } else if plan.find(FrameStage::APPLY, scene.id).is_some() {
             // Nobody saw the volume while the light changed.
             runtime.volume.forget();
         }
@@ -573,7 +593,7 @@ impl SceneRuntime {
         recorder: &impl RecordDiagnostics,
         encoder: &mut bevy::render::render_resource::CommandEncoder,
     ) -> Result<(), GpuError> {
-        if plan.find(Stage::Upload, id).is_some() {
+        if plan.find(FrameStage::UPLOAD, id).is_some() {
             self.frame = Some(GpuFrame::new(
                 kernels,
                 queue,
@@ -584,26 +604,26 @@ impl SceneRuntime {
         let Some(frame) = &mut self.frame else {
             return Ok(());
         };
-        if plan.find(Stage::Materials, id).is_some() {
+        if plan.find(FrameStage::MATERIALS, id).is_some() {
             frame.set_materials(queue, &self.bake, &scene.materials);
             self.painted.clone_from(&scene.materials);
         }
-        if plan.find(Stage::Occlude, id).is_some() {
-            let timed = recorder.time_span(encoder, span(Stage::Occlude, id));
+        if plan.find(FrameStage::OCCLUDE, id).is_some() {
+            let timed = recorder.time_span(encoder, span(FrameStage::OCCLUDE, id));
             frame.set_occluders(kernels, queue, encoder, &self.bake, &scene.gains);
             timed.end(encoder);
             self.gains.clone_from(&scene.gains);
         }
-        if plan.find(Stage::Apply, id).is_some() {
+        if plan.find(FrameStage::APPLY, id).is_some() {
             frame.set_lights(kernels, queue, &self.slots.lights())?;
             let solve = recorder.time_span(encoder, span_name(id.0));
-            if let Some(pass) = plan.find(Stage::Project, id) {
-                let timed = recorder.time_span(encoder, span(Stage::Project, id));
+            if let Some(pass) = plan.find(FrameStage::PROJECT, id) {
+                let timed = recorder.time_span(encoder, span(FrameStage::PROJECT, id));
                 frame.project(kernels, queue, encoder, &pass.slots);
                 timed.end(encoder);
                 self.slots.mark_projected(&pass.slots);
             }
-            let timed = recorder.time_span(encoder, span(Stage::Apply, id));
+            let timed = recorder.time_span(encoder, span(FrameStage::APPLY, id));
             frame.solve(kernels, queue, encoder, settings);
             timed.end(encoder);
             solve.end(encoder);
@@ -611,8 +631,8 @@ impl SceneRuntime {
             self.solved = Some(*settings);
             self.asked = scene.solver.color_mode;
         }
-        if plan.find(Stage::SoftShadow, id).is_some() {
-            let timed = recorder.time_span(encoder, span(Stage::SoftShadow, id));
+        if plan.find(FrameStage::SOFT_SHADOW, id).is_some() {
+            let timed = recorder.time_span(encoder, span(FrameStage::SOFT_SHADOW, id));
             let recorded = (self.soft).record(kernels, queue, encoder, frame.buffers(), &self.bake);
             timed.end(encoder);
             if let Err(why) = recorded {
@@ -620,7 +640,7 @@ impl SceneRuntime {
                 warn!("baked scene {root}: lights cast no soft shadows: {why}");
             }
         }
-        if plan.find(Stage::ReadBack, id).is_some()
+        if plan.find(FrameStage::READ_BACK, id).is_some()
             && let Some(values) = frame.buffers().output(Pass::Apply)
         {
             self.read_back

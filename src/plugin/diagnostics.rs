@@ -14,7 +14,7 @@
 //! Pipelines, buffers and bytes are what exists now; the others count the last rendered frame. With
 //! pipelined rendering that frame is one behind the main world's.
 
-use crate::plan::{Plan, Stage};
+use crate::plan::{FrameStage, Plan};
 use bevy::app::{App, Plugin, PreUpdate};
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic};
 use bevy::ecs::prelude::*;
@@ -43,7 +43,7 @@ pub struct FrameStats {
     /// Light slots projected.
     pub projected_slots: u32,
     /// Dispatches (draws, for the composite) of each stage; a stage that did not run is missing.
-    pub dispatches: BTreeMap<Stage, u32>,
+    pub dispatches: BTreeMap<FrameStage, u32>,
     /// The scenes that were solved, by the bits of their roots, and with which tier of the
     /// operator.
     pub solved: BTreeMap<u64, u32>,
@@ -59,7 +59,7 @@ pub struct FrameStats {
 impl FrameStats {
     /// Dispatches of a stage.
     #[must_use]
-    pub fn dispatches_of(&self, stage: Stage) -> u32 {
+    pub fn dispatches_of(&self, stage: FrameStage) -> u32 {
         self.dispatches.get(&stage).copied().unwrap_or(0)
     }
 }
@@ -100,7 +100,7 @@ fn path(name: &str) -> DiagnosticPath {
 
 /// The diagnostic path of a stage's dispatches.
 #[must_use]
-pub fn dispatch_path(stage: Stage) -> DiagnosticPath {
+pub fn dispatch_path(stage: FrameStage) -> DiagnosticPath {
     path(&format!("dispatches/{}", stage.name()))
 }
 
@@ -123,7 +123,7 @@ impl Plugin for MeshlessGiDiagnosticsPlugin {
         ] {
             app.register_diagnostic(Diagnostic::new(path(name)).with_smoothing_factor(0.0));
         }
-        for stage in Stage::ALL {
+        for stage in FrameStage::ALL {
             app.register_diagnostic(
                 Diagnostic::new(dispatch_path(stage)).with_smoothing_factor(0.0),
             );
@@ -151,7 +151,7 @@ fn publish(status: Res<GiFrameStats>, mut diagnostics: Diagnostics, mut last: Lo
         path("subsplats/saved"),
         f64::from(pixels) - f64::from(evaluated),
     );
-    for stage in Stage::ALL {
+    for stage in FrameStage::ALL {
         add(
             dispatch_path(stage),
             f64::from(counters.dispatches_of(stage)),

@@ -12,7 +12,7 @@ use super::rsm_render::{bakes, lights_view};
 use super::splatting::{GiSplatting, ViewLights, ViewSubsplats};
 use super::vpl_specular::{SpecularView, ViewSpecular};
 use crate::gpu::{GpuFrame, SceneBuffers, SplatTargets, SubsplatTargets, ViewBuffers};
-use crate::plan::{SceneId, Stage, ViewId};
+use crate::plan::{FrameStage, SceneId, ViewId};
 use bevy::log::warn_once;
 use bevy::math::Mat4;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
@@ -72,7 +72,7 @@ pub(super) struct Evaluated {
 /// Scenes of the plan whose splats a view shows.
 fn planned(render: &GiRender, id: ViewId) -> Vec<SceneId> {
     let splats =
-        (render.plan.passes.iter()).filter(|p| p.stage == Stage::Splat && p.view == Some(id));
+        (render.plan.passes.iter()).filter(|p| p.stage == FrameStage::SPLAT && p.view == Some(id));
     splats.map(|p| p.scene).collect()
 }
 
@@ -182,14 +182,17 @@ pub(super) fn evaluate(
             .write(queue, &params, &composite);
     }
     let glossy = shown_by.gloss.filter(|_| {
-        (render.plan.passes.iter()).any(|p| p.stage == Stage::VplSpecular && p.view == Some(id))
+        (render.plan.passes.iter())
+            .any(|p| p.stage == FrameStage::VPL_SPECULAR && p.view == Some(id))
     });
     // Irradiance is what a white, rough surface would get.
     let glossy = glossy.filter(|_| settings.debug_view != GiDebugView::Irradiance);
     match (glossy, on_view.as_ref()) {
         (Some(gloss), Some((reflections, (view, shadows)))) if !runtime.too_large => {
-            let timed =
-                recorder.time_span(ctx.command_encoder(), view_span(Stage::VplSpecular, id));
+            let timed = recorder.time_span(
+                ctx.command_encoder(),
+                view_span(FrameStage::VPL_SPECULAR, id),
+            );
             let recorded = ViewSpecular::record(
                 &mut runtime.gloss,
                 kernels,
@@ -244,7 +247,7 @@ pub(super) fn evaluate(
             None
         }
     };
-    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Splat, id));
+    let timed = recorder.time_span(ctx.command_encoder(), view_span(FrameStage::SPLAT, id));
     let irradiance = match subsplats {
         Some((subsplats, params)) => {
             let on: Vec<(&SceneBuffers, &ViewBuffers)> = shown

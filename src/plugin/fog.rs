@@ -15,7 +15,7 @@ use super::validation::{GiWarning, GiWarnings, tell};
 use super::volume::{DisplayParts, ExtractedVolumes, FoundParts, Voxels, displays};
 use super::volumetric_fog::GiVolumetricFog;
 use crate::gpu::{FogTextures, draw_fog};
-use crate::plan::{FogState, Pass, SceneId, Stage, ViewId};
+use crate::plan::{FogState, FrameStage, Pass, SceneId, ViewId};
 use bevy::asset::AssetId;
 use bevy::camera::primitives::{Aabb, Frustum};
 use bevy::camera::visibility::RenderLayers;
@@ -293,7 +293,7 @@ pub(crate) fn draw(
     // Levels whose light is there.
     let lights_of = |scene: SceneId| {
         let passes = &render.plan.passes;
-        let here = |p: &Pass| p.stage == Stage::Fog && p.view == Some(id) && p.scene == scene;
+        let here = |p: &Pass| p.stage == FrameStage::FOG && p.view == Some(id) && p.scene == scene;
         let volume = volumes.find(scene).filter(|_| passes.iter().any(here))?;
         let written = render.scenes.get(&scene)?.volume.texture(volume)?;
         Some((volume, written))
@@ -361,7 +361,7 @@ pub(crate) fn draw(
     let recorder = ctx.diagnostic_recorder();
     let recorder = recorder.as_deref();
     let whole = recorder.time_span(ctx.command_encoder(), "meshless_gi_fog");
-    let timed = recorder.time_span(ctx.command_encoder(), view_span(Stage::Fog, id));
+    let timed = recorder.time_span(ctx.command_encoder(), view_span(FrameStage::FOG, id));
     let recorded = buffers.record(kernels, ctx.command_encoder(), &volumes_of);
     let mut pass = ctx
         .command_encoder()

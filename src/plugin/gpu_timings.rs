@@ -6,7 +6,7 @@
 
 use super::diagnostics::GiFrameStats;
 use super::quality::{SolveCostSource, span_name};
-use crate::plan::{CostModel, Plan, SceneId, Stage, TimingScope, ViewId, Work};
+use crate::plan::{CostModel, FrameStage, Plan, SceneId, TimingScope, ViewId, Work};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::ecs::prelude::*;
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ impl DeviceCosts {
 }
 
 /// Name of the span of what all views share.
-pub(crate) fn span(stage: Stage, scene: SceneId) -> String {
+pub(crate) fn span(stage: FrameStage, scene: SceneId) -> String {
     TimingScope {
         stage,
         scene,
@@ -44,7 +44,7 @@ pub(crate) fn span(stage: Stage, scene: SceneId) -> String {
 }
 
 /// Name of the span of what a view takes.
-pub(crate) fn view_span(stage: Stage, view: ViewId) -> String {
+pub(crate) fn view_span(stage: FrameStage, view: ViewId) -> String {
     TimingScope {
         stage,
         scene: SceneId::WORLD,
@@ -58,9 +58,11 @@ fn path(timed: &TimingScope) -> DiagnosticPath {
     let (name, solve) = (timed.span(), span_name(timed.scene.0));
     let mut parts = vec!["render"];
     match (timed.view, timed.stage) {
-        (Some(_), Stage::Fog) => parts.push("meshless_gi_fog"),
+        (Some(_), FrameStage::FOG) => parts.push("meshless_gi_fog"),
         (Some(_), _) => parts.push("meshless_gi_composite"),
-        (None, Stage::Project | Stage::Apply) => parts.extend(["meshless_gi_compute", &solve]),
+        (None, FrameStage::PROJECT | FrameStage::APPLY) => {
+            parts.extend(["meshless_gi_compute", &solve])
+        }
         (None, _) => parts.push("meshless_gi_compute"),
     }
     parts.extend([name.as_str(), "elapsed_gpu"]);
@@ -86,7 +88,7 @@ pub(crate) fn learn(
     for (timed, cost) in &counters.plan.costs {
         if let (
             SolveCostSource::Given(of),
-            Stage::Apply,
+            FrameStage::APPLY,
             Work::Links(links) | Work::OneChannel(links),
         ) = (&*given, timed.stage, cost.work)
         {

@@ -9,8 +9,8 @@ use super::extract::{
 };
 use super::rsm::{AskingLights, GiReflector, GiRsmCamera};
 use crate::plan::{
-    BounceSelector, Cameras, ColorModeSelector, Found, InventoryTracker, SceneId, SceneSnapshot,
-    reaches,
+    BounceSelector, Cameras, ColorModeSelector, InventoryTracker, SceneId, SceneSnapshot,
+    WorldSnapshot, light_affects,
 };
 use bevy::asset::{AssetEvent, AssetId, Assets};
 use bevy::camera::{Camera, Camera3d};
@@ -63,7 +63,7 @@ fn lights(light: &ExtractedGiLight, scene: &ExtractedScene) -> bool {
         return true;
     };
     let local = placement.matrix();
-    let arrives = |part: &FrameLight| reaches(&part.to_local(&local), bounds(bake));
+    let arrives = |part: &FrameLight| light_affects(&part.to_local(&local), bounds(bake));
     light.layers.intersects(&scene.layers)
         && FrameLight::expand(&light.light, 1).iter().any(arrives)
 }
@@ -114,7 +114,7 @@ pub(crate) fn take_inventory(
         *kind += 1;
     }
     let world = &mut *world;
-    let found = Found {
+    let found = WorldSnapshot {
         lights: world.lights.iter().map(|l| (l.key, &l.light)).collect(),
         scenes: (world.scenes.iter())
             .map(|scene| SceneSnapshot {

@@ -12,7 +12,7 @@
 
 use super::camera::GiCamera;
 use super::extract::{LightKey, LightKind, LightParts};
-use crate::plan::{Lens, MapView, Skip, map_views};
+use crate::plan::{Lens, MapView, SkipReason, map_views};
 use bevy::asset::{AssetEvent, Assets};
 use bevy::camera::primitives::{Aabb, MeshAabb};
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers, VisibilityRange};
@@ -183,7 +183,7 @@ pub(crate) struct AskingLight {
     pub settings: GiReflectiveShadowMap,
     /// Where its maps stand.
     pub views: Vec<MapView>,
-    pub maps: Result<Vec<Entity>, Skip>,
+    pub maps: Result<Vec<Entity>, SkipReason>,
 }
 
 impl AskingLight {
@@ -307,7 +307,7 @@ pub(crate) fn aim(
             layers: parts.layers.cloned().unwrap_or_default(),
             settings: settings.clone(),
             views: Vec::new(),
-            maps: Err(Skip::NotInView),
+            maps: Err(SkipReason::NotInView),
         });
     };
     for (parts, light, settings) in &points {

@@ -415,5 +415,5 @@ fn read(
 
 /// Whether the plan lights a view by what moves.
 pub(crate) fn lights_view(plan: &Plan, view: ViewId) -> bool {
-    (plan.passes.iter()).any(|p| p.stage == crate::plan::Stage::Vpl && p.view == Some(view))
+    (plan.passes.iter()).any(|p| p.stage == crate::plan::FrameStage::VPL && p.view == Some(view))
 }

@@ -16,7 +16,7 @@ use crate::gpu::{
     GpuCounters, GpuError, KernelPipelines, SceneBuffers, SoftShadowBuffers, SplatTargets,
     SubtractShadowBuffers, ViewBuffers,
 };
-use crate::plan::{SceneId, SoftState, reaches_softly, softly_alike};
+use crate::plan::{SceneId, SoftState, same_soft_shadow, soft_light_affects};
 use bevy::asset::Assets;
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::ecs::prelude::*;
@@ -163,13 +163,13 @@ impl SceneSoft {
         self.wanted.clear();
         for light in world.lights.iter().filter(|l| l.layers.intersects(layers)) {
             let local = light.light.to_local(&local_from_world);
-            if reaches_softly(&local, bounds) {
+            if soft_light_affects(&local, bounds) {
                 self.wanted.push((light.layers.clone(), local));
             }
         }
         let tolerance = 1e-5 * bounds.size().length();
         let alike = |(_, held): &(SoftShadowBuffers, Vec<SoftLight>)| {
-            softly_alike(held, &self.lights(), tolerance)
+            same_soft_shadow(held, &self.lights(), tolerance)
         };
         SoftState {
             lights: self.wanted.len(),

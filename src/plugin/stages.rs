@@ -1,13 +1,13 @@
 //! Which stage of the plan each kernel belongs to: what counters are summed by.
 
 use crate::gpu::Pass;
-use crate::plan::Stage;
+use crate::plan::FrameStage;
 
 /// The stage of the plan that a dispatch belongs to.
-pub(super) fn stage_of(pass: Pass) -> Stage {
+pub(super) fn stage_of(pass: Pass) -> FrameStage {
     match pass {
-        Pass::Occlude => Stage::Occlude,
-        Pass::Project => Stage::Project,
+        Pass::Occlude => FrameStage::OCCLUDE,
+        Pass::Project => FrameStage::PROJECT,
         Pass::Radiosity
         | Pass::Pull
         | Pass::Push
@@ -15,10 +15,10 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         | Pass::Sweep
         | Pass::Gather
         | Pass::Spread
-        | Pass::Add => Stage::PullPush,
-        Pass::Apply | Pass::ApplyOne => Stage::Apply,
-        Pass::Averages | Pass::Differences => Stage::Flatten,
-        Pass::SoftShadow => Stage::SoftShadow,
+        | Pass::Add => FrameStage::PULL_PUSH,
+        Pass::Apply | Pass::ApplyOne => FrameStage::APPLY,
+        Pass::Averages | Pass::Differences => FrameStage::FLATTEN,
+        Pass::SoftShadow => FrameStage::SOFT_SHADOW,
         Pass::Splat
         | Pass::SplatOver
         | Pass::SplatNodes
@@ -28,15 +28,15 @@ pub(super) fn stage_of(pass: Pass) -> Stage {
         | Pass::Refine
         | Pass::Upsample
         | Pass::Resolve
-        | Pass::Fill => Stage::Splat,
-        Pass::ProbeNodes | Pass::ProbeOver => Stage::Probe,
-        Pass::Volume => Stage::Volume,
-        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => Stage::Rsm,
+        | Pass::Fill => FrameStage::SPLAT,
+        Pass::ProbeNodes | Pass::ProbeOver => FrameStage::PROBE,
+        Pass::Volume => FrameStage::VOLUME,
+        Pass::RsmTexels | Pass::RsmShadow | Pass::RsmChoose => FrameStage::RSM,
         // Light between points stands in for the operator.
-        Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => Stage::Apply,
-        Pass::Vpl | Pass::VplOver | Pass::VplNodes => Stage::Vpl,
-        Pass::VplSpecular | Pass::VplSpecularPixels => Stage::VplSpecular,
-        Pass::SubtractShadow | Pass::SubtractShadowOver => Stage::SubtractShadow,
-        Pass::FogInscatter => Stage::Fog,
+        Pass::FmmUp | Pass::FmmReceive | Pass::FmmEvaluate => FrameStage::APPLY,
+        Pass::Vpl | Pass::VplOver | Pass::VplNodes => FrameStage::VPL,
+        Pass::VplSpecular | Pass::VplSpecularPixels => FrameStage::VPL_SPECULAR,
+        Pass::SubtractShadow | Pass::SubtractShadowOver => FrameStage::SUBTRACT_SHADOW,
+        Pass::FogInscatter => FrameStage::FOG,
     }
 }

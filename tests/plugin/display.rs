@@ -5,7 +5,7 @@ use crate::support::app::{app, camera, drawable, picture, run};
 use crate::support::flip::{Picture, flip};
 use crate::support::stage::{assert_alike, counters, indirect, keep, spawn_lamp, spawn_room, view};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiDepthTest, GiNormalTest, GiSubsplatSettings};
 use bevy_meshless_gi::prelude::*;
 
@@ -214,14 +214,14 @@ fn subsplat_buffers_follow_display_setting() {
     let mut app = app();
     let (eye, image) = shown(&mut app, view(), GiSplatting::PerPixel);
     let full = counters(&app);
-    assert_eq!(full.dispatches_of(Stage::Splat), 1);
+    assert_eq!(full.dispatches_of(FrameStage::SPLAT), 1);
     app.world_mut()
         .entity_mut(eye)
         .insert(GiSplatting::default());
     run(&mut app, 2);
     let by = counters(&app);
     assert!(by.buffers > full.buffers && by.bytes > full.bytes);
-    assert!(by.dispatches_of(Stage::Splat) > 10, "{by:?}");
+    assert!(by.dispatches_of(FrameStage::SPLAT) > 10, "{by:?}");
     app.world_mut()
         .entity_mut(eye)
         .insert(GiSplatting::PerPixel);
@@ -238,6 +238,6 @@ fn subsplat_buffers_follow_display_setting() {
     run(&mut app, 2);
     let off = counters(&app);
     assert!(off.buffers < full.buffers && off.subsplats.is_empty());
-    assert_eq!(off.dispatches_of(Stage::Splat), 0);
+    assert_eq!(off.dispatches_of(FrameStage::SPLAT), 0);
     keep("off", &picture(&mut app, &image));
 }

@@ -8,7 +8,7 @@ use crate::support::stage::{
     MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, spawn_baked, view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{Stage, bounces_at};
+use bevy_meshless_gi::plan::{FrameStage, bounces_for_spectral_radius};
 use bevy_meshless_gi::plugin::{GiDynamicMaterials, GiSky, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use glam::Mat3;
@@ -132,7 +132,10 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     assert_alike("as_baked", &before, &picture(&mut app, &image));
     run(&mut app, 1);
     let c = counters(&app);
-    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), ([0; 4], 0));
+    assert_eq!(
+        (work(&c), c.dispatches_of(FrameStage::MATERIALS)),
+        ([0; 4], 0)
+    );
 
     // The sign on the block pulses, and the wall is painted.
     let mut last = before;
@@ -151,13 +154,13 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         }
         run(&mut app, 1);
         let c = counters(&app);
-        assert_eq!(c.dispatches_of(Stage::Materials), 1, "{}", c.plan);
+        assert_eq!(c.dispatches_of(FrameStage::MATERIALS), 1, "{}", c.plan);
         assert!(
             c.plan.to_string().contains("materials changed"),
             "{}",
             c.plan
         );
-        assert!(c.projected_slots == 0 && c.dispatches_of(Stage::Apply) > 0);
+        assert!(c.projected_slots == 0 && c.dispatches_of(FrameStage::APPLY) > 0);
         let mut factors = bake.materials.as_ref().unwrap().factors.clone();
         factors[LEFT].base_color = paint.to_array();
         factors[TOP].emissive = [glow, 0.5 * glow, 0.1 * glow];
@@ -181,7 +184,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
         run(&mut app, 1);
         let c = counters(&app);
         let none = ([0; 4], 0);
-        assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+        assert_eq!((work(&c), c.dispatches_of(FrameStage::MATERIALS)), none);
     }
 
     // As many reflections as surfaces call for: more where a wall is painted white, and no fewer
@@ -200,7 +203,7 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     };
     let (gray, white) = (reflections(&mut app, 0.7), reflections(&mut app, 0.95));
     assert!(
-        bounces_at(bake.info.energy.gain) < white && gray <= white,
+        bounces_for_spectral_radius(bake.info.energy.gain) < white && gray <= white,
         "{gray} {white}"
     );
     assert_eq!(reflections(&mut app, 0.05), white);
@@ -221,12 +224,12 @@ fn dynamic_materials_change_light_in_same_frame_and_idle_without_change() {
     run(&mut app, 2);
     let c = counters(&app);
     let none = ([0; 4], 0);
-    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+    assert_eq!((work(&c), c.dispatches_of(FrameStage::MATERIALS)), none);
     assert_eq!(findings(&app), before);
     let mut assets = app.world_mut().resource_mut::<Assets<StandardMaterial>>();
     assets.get_mut(&left).unwrap().base_color_texture = Some(Handle::default());
     run(&mut app, 2);
     let c = counters(&app);
-    assert_eq!((work(&c), c.dispatches_of(Stage::Materials)), none);
+    assert_eq!((work(&c), c.dispatches_of(FrameStage::MATERIALS)), none);
     assert_eq!(findings(&app)[before.len()..], [GiWarning::LiveTexture]);
 }

@@ -15,7 +15,7 @@ use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass}
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
@@ -102,7 +102,10 @@ fn eighty_lights_plus_forty_grow_slots() {
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
-        (first.projected_slots, first.dispatches_of(Stage::Project)),
+        (
+            first.projected_slots,
+            first.dispatches_of(FrameStage::PROJECT)
+        ),
         (80, 1),
         "{}",
         first.plan
@@ -510,7 +513,7 @@ fn sky_emission_and_bounce_changes_skip_projection() {
         run(app, 1);
         let c = counters(app);
         assert_eq!(c.projected_slots, 0, "{}", c.plan);
-        assert!(c.dispatches_of(Stage::Apply) > 0, "{}", c.plan);
+        assert!(c.dispatches_of(FrameStage::APPLY) > 0, "{}", c.plan);
     };
     change(&mut app, |_, s| s.bounces = GiBounceCount::Fixed(1));
     change(&mut app, |e, _| e.emissive_luminance = 0.0);

@@ -8,7 +8,7 @@ mod scenes;
 use crate::support::app::{app, run};
 use crate::support::stage::counters;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{ColorModeSelection, Stage};
+use bevy_meshless_gi::plan::{ColorModeSelection, FrameStage};
 use bevy_meshless_gi::plugin::FrameStats;
 use meshless_gi::{Channels, ProbeSettings, Recipe, VisibilityRecipe};
 use scenes::{SCENES, bakes, spawn, step};
@@ -46,7 +46,7 @@ fn scene_runs_only_required_effects() {
         let found = counters(&app);
         let mut wanted = scene.runs.to_vec();
         wanted.sort_unstable();
-        let ran: Vec<Stage> = found.dispatches.keys().copied().collect();
+        let ran: Vec<FrameStage> = found.dispatches.keys().copied().collect();
         println!(
             "{}: {ran:?}, {} buffers, {} bytes",
             scene.name, found.buffers, found.bytes

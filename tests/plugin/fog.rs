@@ -11,7 +11,7 @@ use bevy::light::{FogVolume, VolumetricFog, VolumetricLight};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::frame::fog_inscatter::fog_inscatter;
@@ -137,7 +137,7 @@ fn stage(placed: Transform, kind: Kind, volume: FogVolume) -> Shown {
     };
     // What its voxels take from which probes is found meanwhile.
     let mut frames = 0;
-    while counters(&shown.app).dispatches_of(Stage::Volume) == 0 {
+    while counters(&shown.app).dispatches_of(FrameStage::VOLUME) == 0 {
         run(&mut shown.app, 1);
         frames += 1;
         assert!(frames < 1000, "the volume is never written");
@@ -168,7 +168,7 @@ impl Shown {
 
     /// Dispatches and draws for fog in the last frame: one of each for a fog volume.
     fn draws(&self) -> u32 {
-        counters(&self.app).dispatches_of(Stage::Fog)
+        counters(&self.app).dispatches_of(FrameStage::FOG)
     }
 
     /// What the twin says that is added, with a lamp at `place` in the room's space and, where
@@ -304,7 +304,7 @@ fn fog_of_every_camera_matches_twin() {
         lamp.get_mut::<Transform>().unwrap().translation = s.placed * place;
         run(&mut s.app, 1);
         let now = counters(&s.app);
-        let ran = [Stage::Volume, Stage::Fog].map(|stage| now.dispatches_of(stage));
+        let ran = [FrameStage::VOLUME, FrameStage::FOG].map(|stage| now.dispatches_of(stage));
         assert_eq!(ran, [1, 2], "{name}: {}", now.plan);
         let off = s.added().nrmse(&s.twin(place, &even(), None));
         println!("{name}, lamp moved: NRMSE {off:.4}");
@@ -380,7 +380,7 @@ fn fog_in_two_scenes_is_lit_once() {
     let asset = world.get::<GiScene>(s.root).unwrap().clone();
     world.spawn((asset, Transform::IDENTITY, with_fog(1.0)));
     let mut frames = 0;
-    while s.draws() < 4 || counters(&s.app).dispatches_of(Stage::Volume) > 0 {
+    while s.draws() < 4 || counters(&s.app).dispatches_of(FrameStage::VOLUME) > 0 {
         run(&mut s.app, 1);
         frames += 1;
         assert!(frames < 1000, "the second level never lights fog");
@@ -410,18 +410,18 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
     // Off: parameters go, and what its voxels send to the eye; they stay as they are.
     s.set_fog(0.0);
     let off = counters(&s.app);
-    assert_eq!((off.plan.count(Stage::Fog), s.draws()), (0, 0));
+    assert_eq!((off.plan.count(FrameStage::FOG), s.draws()), (0, 0));
     let params = (size_of::<FogParams>() + size_of::<FogInscatterParams>()) as u64;
     let sent = 8 * u64::from(shape().voxels());
     assert_eq!(
         (off.buffers, off.bytes),
         (lit.buffers - 2, lit.bytes - params - sent)
     );
-    assert_eq!(off.dispatches_of(Stage::Volume), 0);
+    assert_eq!(off.dispatches_of(FrameStage::VOLUME), 0);
     let dark = s.picture();
     s.set_fog(1.0);
     assert_eq!(s.draws(), 2);
-    assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 0);
+    assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 0);
     // Each of these ends it, and going back brings it again.
     type Change = fn(&mut Shown, bool);
     let changes: [(&str, Change); 6] = [
@@ -470,7 +470,11 @@ fn plugin_without_lit_fog_runs_no_fog_pass() {
         change(&mut s, false);
         run(&mut s.app, 2);
         let now = counters(&s.app);
-        assert_eq!((now.plan.count(Stage::Fog), s.draws()), (0, 0), "{name}");
+        assert_eq!(
+            (now.plan.count(FrameStage::FOG), s.draws()),
+            (0, 0),
+            "{name}"
+        );
         change(&mut s, true);
         run(&mut s.app, 3);
         assert_eq!(s.draws(), 2, "{name}, undone");

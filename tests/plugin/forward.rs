@@ -8,7 +8,7 @@ use crate::support::stage::{counters, keep, spawn_baked, spawn_lamp, view};
 use bevy::camera::{Hdr, Viewport};
 use bevy::pbr::ViewTransmissionTexture;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::GiWarnings;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
@@ -156,7 +156,7 @@ fn forward_camera_matches_deferred() {
     let d = again.nrmse(&display);
     println!("by subsplats: NRMSE {d:.5}");
     assert!(d < MAX_ERROR, "{d}");
-    assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 10);
+    assert!(counters(&shown.app).dispatches_of(FrameStage::SPLAT) > 10);
     shown.insert(GiForwardCamera {
         intensity: 0.0,
         ..default()
@@ -167,7 +167,7 @@ fn forward_camera_matches_deferred() {
     world.entity_mut(shown.eye).remove::<GiForwardCamera>();
     let plain = shown.picture();
     assert!(plain.nrmse(&volume) < 1e-3, "{}", plain.nrmse(&volume));
-    assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
+    assert_eq!(counters(&shown.app).dispatches_of(FrameStage::SPLAT), 0);
     let render = shown.app.sub_app_mut(bevy::render::RenderApp).world_mut();
     let mut bound = render.query::<&ViewTransmissionTexture>();
     assert_eq!(bound.iter(render).count(), 0, "the binding is Bevy's again");
@@ -263,10 +263,10 @@ fn deferred_or(is_forward: bool) -> Scene {
 #[test]
 fn forward_camera_without_volume_evaluates_nothing() {
     let mut shown = Scene::new(forward());
-    assert!(counters(&shown.app).dispatches_of(Stage::Splat) > 0);
+    assert!(counters(&shown.app).dispatches_of(FrameStage::SPLAT) > 0);
     let root = shown.root;
     let world = shown.app.world_mut();
     world.entity_mut(root).remove::<GiIrradianceVolume>();
     shown.picture();
-    assert_eq!(counters(&shown.app).dispatches_of(Stage::Splat), 0);
+    assert_eq!(counters(&shown.app).dispatches_of(FrameStage::SPLAT), 0);
 }

@@ -9,7 +9,7 @@ use crate::support::stage::{
     view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiDebugView, GiGizmos, GiWarning, GiWarnings, SharedCoefficients};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{CpuFrame, FrameLight, Light};
@@ -48,7 +48,7 @@ fn frame_matches_cpu_for_moved_light_and_moved_root() {
     assert_eq!(
         (
             after_one.projected_slots,
-            after_one.dispatches_of(Stage::Apply) > 0
+            after_one.dispatches_of(FrameStage::APPLY) > 0
         ),
         (1, true),
         "{}",
@@ -117,7 +117,7 @@ fn two_cameras_share_solve_and_show_equal_light() {
         first.plan
     );
     run(&mut app, 2);
-    assert_eq!(counters(&app).dispatches_of(Stage::Composite), 2);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::COMPOSITE), 2);
     let expected = views.map(|at| {
         let root = Transform::IDENTITY;
         cpu_indirect(&room, &bake, root, at, &[lamp(place)], &settings())
@@ -197,7 +197,10 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
-        (first.projected_slots, first.dispatches_of(Stage::Upload)),
+        (
+            first.projected_slots,
+            first.dispatches_of(FrameStage::UPLOAD)
+        ),
         (8, 1),
         "{}",
         first.plan
@@ -211,7 +214,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
             (
                 work(&rest),
                 rest.projected_slots,
-                rest.dispatches_of(Stage::Upload)
+                rest.dispatches_of(FrameStage::UPLOAD)
             ),
             ([0; 4], 0, 0),
             "{}",
@@ -219,8 +222,8 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
         );
         assert_eq!(
             (
-                rest.dispatches_of(Stage::Splat),
-                rest.dispatches_of(Stage::Composite)
+                rest.dispatches_of(FrameStage::SPLAT),
+                rest.dispatches_of(FrameStage::COMPOSITE)
             ),
             (1, 1),
             "{}",
@@ -237,12 +240,15 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     run(&mut app, 1);
     let moved = counters(&app);
     assert_eq!(
-        (moved.projected_slots, moved.dispatches_of(Stage::Project)),
+        (
+            moved.projected_slots,
+            moved.dispatches_of(FrameStage::PROJECT)
+        ),
         (1, 1),
         "{}",
         moved.plan
     );
-    assert!(moved.dispatches_of(Stage::Apply) > 0);
+    assert!(moved.dispatches_of(FrameStage::APPLY) > 0);
 
     // A color projects nothing; a light that is hidden goes dark, and comes back without being
     // projected.
@@ -255,7 +261,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     assert_eq!(
         (
             colored.projected_slots,
-            colored.dispatches_of(Stage::Apply) > 0
+            colored.dispatches_of(FrameStage::APPLY) > 0
         ),
         (0, true),
         "{}",
@@ -266,7 +272,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(
-            (c.projected_slots, c.dispatches_of(Stage::Apply) > 0),
+            (c.projected_slots, c.dispatches_of(FrameStage::APPLY) > 0),
             (0, true),
             "{visibility:?}: {}",
             c.plan
@@ -305,7 +311,7 @@ fn static_lights_cost_nothing_and_one_moved_costs_one() {
     // A light goes: the transport runs once more.
     app.world_mut().despawn(lamps[7]);
     run(&mut app, 1);
-    assert!(counters(&app).dispatches_of(Stage::Apply) > 0);
+    assert!(counters(&app).dispatches_of(FrameStage::APPLY) > 0);
     run(&mut app, 1);
     assert_eq!(work(&counters(&app)), [0; 4]);
 }
@@ -411,13 +417,16 @@ fn new_bake_replaces_old_in_next_frame() {
     run(&mut app, 1);
     let first = counters(&app);
     assert_eq!(
-        (first.dispatches_of(Stage::Upload), first.projected_slots),
+        (
+            first.dispatches_of(FrameStage::UPLOAD),
+            first.projected_slots
+        ),
         (1, 1),
         "{}",
         first.plan
     );
     run(&mut app, 1);
-    assert_eq!(counters(&app).dispatches_of(Stage::Upload), 0);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::UPLOAD), 0);
     let new = picture(&mut app, &image);
     assert!(
         new.mean() < 0.6 * old.mean(),
@@ -668,8 +677,8 @@ fn two_baked_scenes_add_up_in_one_camera() {
     let rest = counters(&app);
     assert_eq!(
         (
-            rest.dispatches_of(Stage::Splat),
-            rest.dispatches_of(Stage::Composite)
+            rest.dispatches_of(FrameStage::SPLAT),
+            rest.dispatches_of(FrameStage::COMPOSITE)
         ),
         (2, 1),
         "{}",
@@ -853,7 +862,7 @@ fn coefficients_are_read_back_only_for_gizmos() {
     let plain = picture(&mut app, &image);
     let back = |app: &App| app.world().resource::<SharedCoefficients>().of(root);
     assert!(back(&app).is_none());
-    assert_eq!(counters(&app).dispatches_of(Stage::ReadBack), 0);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::READ_BACK), 0);
 
     let show = |app: &mut App, on: bool| {
         let mut store = app.world_mut().resource_mut::<GizmoConfigStore>();
@@ -903,5 +912,5 @@ fn coefficients_are_read_back_only_for_gizmos() {
 
     show(&mut app, false);
     run(&mut app, 2);
-    assert_eq!(counters(&app).dispatches_of(Stage::ReadBack), 0);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::READ_BACK), 0);
 }

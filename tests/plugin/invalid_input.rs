@@ -15,7 +15,7 @@ use bevy::light::{EnvironmentMapLight, IrradianceVolume, LightProbe};
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiGizmos, GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
@@ -136,7 +136,11 @@ fn respawned_roots_and_cameras_render_again() {
         run(&mut app, 1);
         let c = counters(&app);
         assert_eq!(
-            (c.dispatches_of(Stage::Upload), c.projected_slots, c.bytes),
+            (
+                c.dispatches_of(FrameStage::UPLOAD),
+                c.projected_slots,
+                c.bytes
+            ),
             (1, 1, bytes),
             "{i}: {}",
             c.plan
@@ -198,7 +202,7 @@ fn thousand_lights_then_none_frees_slots() {
     run(&mut app, 1);
     let c = counters(&app);
     assert_eq!(
-        (c.projected_slots, c.dispatches_of(Stage::Project)),
+        (c.projected_slots, c.dispatches_of(FrameStage::PROJECT)),
         (1000, 1),
         "{}",
         c.plan
@@ -215,7 +219,7 @@ fn thousand_lights_then_none_frees_slots() {
         app.world_mut().despawn(lamp);
     }
     run(&mut app, 1);
-    assert!(counters(&app).dispatches_of(Stage::Apply) > 0);
+    assert!(counters(&app).dispatches_of(FrameStage::APPLY) > 0);
     assert_eq!(picture(&mut app, &image).mean(), 0.0, "all lamps are gone");
 }
 

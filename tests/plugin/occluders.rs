@@ -8,7 +8,7 @@ use crate::support::stage::{
     MAX, assert_alike, bevy_lamp, counters, indirect, lamp, settings, view, work,
 };
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, CpuFrame, OccluderBox, OccluderDesc, ProbeSettings, Recipe};
 use std::sync::Arc;
@@ -112,7 +112,7 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
     run(&mut app, 1);
     let none = ([0; 4], 0);
     let c = counters(&app);
-    assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), none);
+    assert_eq!((work(&c), c.dispatches_of(FrameStage::OCCLUDE)), none);
 
     let mut last = open.clone();
     for transmittance in [0.0, 0.4, 1.0] {
@@ -120,9 +120,9 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
         moved.transmittance = transmittance;
         run(&mut app, 1);
         let c = counters(&app);
-        assert_eq!(c.dispatches_of(Stage::Occlude), 1, "{}", c.plan);
+        assert_eq!(c.dispatches_of(FrameStage::OCCLUDE), 1, "{}", c.plan);
         assert!(c.plan.to_string().contains("opened or shut"), "{}", c.plan);
-        assert!(c.projected_slots == 1 && c.dispatches_of(Stage::Apply) > 0);
+        assert!(c.projected_slots == 1 && c.dispatches_of(FrameStage::APPLY) > 0);
         let now = right(&room, &bake, transmittance);
         let found = picture(&mut app, &image);
         assert_alike("door", &now, &found);
@@ -130,20 +130,20 @@ fn light_follows_door_in_same_frame_and_idles_without_change() {
         last = now;
         run(&mut app, 1);
         let c = counters(&app);
-        assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), none);
+        assert_eq!((work(&c), c.dispatches_of(FrameStage::OCCLUDE)), none);
     }
     assert!(flip(&last, &open) < 1e-6, "open again");
 
     // Of two that say something of it the least open counts; who goes away leaves it open.
     let other = say(&mut app, "screen", 0.0);
     run(&mut app, 1);
-    assert_eq!(counters(&app).dispatches_of(Stage::Occlude), 1);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
     let shut = right(&room, &bake, 0.0);
     assert_alike("two of them", &shut, &picture(&mut app, &image));
     app.world_mut().despawn(other);
     app.world_mut().despawn(door);
     run(&mut app, 1);
-    assert_eq!(counters(&app).dispatches_of(Stage::Occlude), 1);
+    assert_eq!(counters(&app).dispatches_of(FrameStage::OCCLUDE), 1);
     assert_alike("gone", &open, &picture(&mut app, &image));
 }
 
@@ -197,7 +197,10 @@ fn scene_without_occluders_has_no_occluder_buffers() {
     });
     run(&mut app, 2);
     let c = counters(&app);
-    assert_eq!((work(&c), c.dispatches_of(Stage::Occlude)), ([0; 4], 0));
+    assert_eq!(
+        (work(&c), c.dispatches_of(FrameStage::OCCLUDE)),
+        ([0; 4], 0)
+    );
     assert_eq!(
         (c.pipelines, c.buffers, c.bytes),
         (before.pipelines, before.buffers, before.bytes)

@@ -7,7 +7,7 @@ use crate::support::app::{app, camera, picture, run, target};
 use crate::support::scenes::{Room, cpu_indirect};
 use crate::support::stage::{assert_alike, counters, indirect, lamp, settings, spawn_lamp, view};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::{Stage, TierCandidate};
+use bevy_meshless_gi::plan::{FrameStage, TierCandidate};
 use bevy_meshless_gi::plugin::SolveCostSource;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, FrameSettings, Recipe, TransportMethod};
@@ -79,7 +79,7 @@ impl Stand {
     fn solved(&self) -> (String, u32) {
         let c = counters(&self.app);
         assert_eq!(c.solved.len(), 1, "the lamp moved: {}", c.plan);
-        (c.plan.to_string(), c.dispatches_of(Stage::Apply))
+        (c.plan.to_string(), c.dispatches_of(FrameStage::APPLY))
     }
 }
 

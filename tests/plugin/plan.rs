@@ -13,8 +13,9 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderDevice;
 use bevy_meshless_gi::plan::{
-    ChangeCounts, Colors, Cost, Inventory, LEFT, LightSort, Plan, STEADY, Skip, SkyKind, Stage,
-    Subject, Work, bounces_at,
+    ChangeCounts, ColorUniformity, Cost, DecisionKind, FrameStage, Inventory, LightKind,
+    MAX_TRUNCATED_FRACTION, MONOCHROME_HYSTERESIS_FRAMES, Plan, SkipReason, SkyKind, Work,
+    bounces_for_spectral_radius,
 };
 use bevy_meshless_gi::plugin::{GiReflectiveShadowMap, GiReflector, SolveCostSource};
 use bevy_meshless_gi::prelude::*;
@@ -31,7 +32,7 @@ fn inventory(app: &App) -> Inventory {
     plan(app).inventory
 }
 
-fn cost(plan: &Plan, stage: Stage) -> Cost {
+fn cost(plan: &Plan, stage: FrameStage) -> Cost {
     let pass = plan.passes.iter().find(|p| p.stage == stage);
     let pass = pass.unwrap_or_else(|| panic!("no {stage:?}:\n{plan}"));
     *plan.cost_of(pass).expect("it is timed")
@@ -49,7 +50,7 @@ fn inventory_follows_world() {
     let second = spawn_lamp(&mut app, -PLACE + 2.0 * Vec3::Y);
     run(&mut app, 2);
     let found = inventory(&app);
-    let points = found.lights_of(LightSort::Point);
+    let points = found.lights_of(LightKind::Point);
     let at_rest = ChangeCounts {
         all: 2,
         on: 2,
@@ -59,14 +60,14 @@ fn inventory_follows_world() {
     assert!(found.at_rest(), "{found}");
     assert_eq!((found.bakes, found.cameras.deferred), (1, 1));
     assert_eq!((found.skies, found.normal_maps), (SkyKind::None, 0));
-    assert_eq!(found.colors, Colors::Surfaces);
+    assert_eq!(found.colors, ColorUniformity::Surfaces);
 
     // One moves, one changes its color; each for one frame.
     move_to(&mut app, lamp, PLACE + 0.1 * Vec3::X);
     let mut light = app.world_mut().get_mut::<PointLight>(second).unwrap();
     light.color = Color::linear_rgb(1.0, 0.5, 0.5);
     run(&mut app, 1);
-    let points = inventory(&app).lights_of(LightSort::Point);
+    let points = inventory(&app).lights_of(LightKind::Point);
     assert_eq!((points.moved, points.recolored), (1, 1));
     run(&mut app, 1);
     assert!(inventory(&app).at_rest());
@@ -82,7 +83,7 @@ fn inventory_follows_world() {
     environment.sky = GiSky::Uniform(LinearRgba::WHITE);
     run(&mut app, 1);
     let found = inventory(&app);
-    assert_eq!(found.lights_of(LightSort::Rect).all, 1);
+    assert_eq!(found.lights_of(LightKind::Rect).all, 1);
     assert_eq!((found.bouncers, found.bouncing_lights), (1, 1));
     assert_eq!((found.skies, found.skies_changed), (SkyKind::Uniform, 1));
     assert_eq!((found.cameras.sampled, found.cameras.forward), (1, 0));
@@ -117,15 +118,20 @@ fn costs_are_measured_and_predict_other_tier() {
     let (root, _, _, lamp) = lit_room(&mut app, PLACE);
     run(&mut app, 1);
     let first = plan(&app);
-    for stage in [Stage::Project, Stage::Apply, Stage::Splat, Stage::Composite] {
+    for stage in [
+        FrameStage::PROJECT,
+        FrameStage::APPLY,
+        FrameStage::SPLAT,
+        FrameStage::COMPOSITE,
+    ] {
         let cost = cost(&first, stage);
         assert_eq!((cost.predicted, cost.measured), (None, None), "{stage:?}");
     }
     assert!(!first.to_string().contains(" ms "), "{first}");
-    let Work::Links(all) = cost(&first, Stage::Apply).work else {
+    let Work::Links(all) = cost(&first, FrameStage::APPLY).work else {
         panic!("{first}");
     };
-    let Work::Rays(rays) = cost(&first, Stage::Project).work else {
+    let Work::Rays(rays) = cost(&first, FrameStage::PROJECT).work else {
         panic!("{first}");
     };
     assert!(all > 1000 && rays > 100, "{all} links, {rays} rays");
@@ -137,7 +143,7 @@ fn costs_are_measured_and_predict_other_tier() {
         move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
         run(&mut app, 1);
     }
-    let seen = cost(&plan(&app), Stage::Apply);
+    let seen = cost(&plan(&app), FrameStage::APPLY);
     let close = |found: Option<f32>, links: u64| {
         let wanted = 1e-4 * links as f32;
         found.is_some_and(|ms| (ms / wanted - 1.0).abs() < 1e-3)
@@ -152,7 +158,7 @@ fn costs_are_measured_and_predict_other_tier() {
     world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 1);
     let forced = plan(&app);
-    let found = cost(&forced, Stage::Apply);
+    let found = cost(&forced, FrameStage::APPLY);
     let Work::Links(few) = found.work else {
         panic!("{forced}");
     };
@@ -169,30 +175,33 @@ fn forced_tier_changes_only_tier_decision() {
     run(&mut app, 2);
     let standing = |app: &App| {
         let mut found = plan(app).decisions();
-        found.retain(|d| !matches!(d.subject, Subject::Effect("lights" | "transport", ..)));
+        found.retain(|d| !matches!(d.kind, DecisionKind::Effect("lights" | "transport", ..)));
         // What a choice costs in a frame is no choice.
         found.iter_mut().for_each(|d| d.costs.clear());
         found
     };
     let before = standing(&app);
     // The test's cameras ask for every pixel, and its rooms for so many reflections.
-    let forced: Vec<&Subject> = (before.iter())
+    let forced: Vec<&DecisionKind> = (before.iter())
         .filter(|d| d.forced.is_some())
-        .map(|d| &d.subject)
+        .map(|d| &d.kind)
         .collect();
     assert!(
-        matches!(forced[..], [Subject::Bounces(_), Subject::Display(_)]),
+        matches!(
+            forced[..],
+            [DecisionKind::Bounces(_), DecisionKind::Display(_)]
+        ),
         "{before:?}"
     );
     let world = app.world_mut();
     world.entity_mut(root).insert(GiQuality::Tier(1));
     run(&mut app, 2);
     let forced = standing(&app);
-    let differ: Vec<&Subject> = (forced.iter())
+    let differ: Vec<&DecisionKind> = (forced.iter())
         .filter(|d| !before.contains(d))
-        .map(|d| &d.subject)
+        .map(|d| &d.kind)
         .collect();
-    assert!(matches!(differ[..], [Subject::Tier(_)]), "{differ:?}");
+    assert!(matches!(differ[..], [DecisionKind::Tier(_)]), "{differ:?}");
     for k in 0..20 {
         if k % 3 != 0 {
             move_to(&mut app, lamp, PLACE + 0.01 * k as f32 * Vec3::X);
@@ -207,7 +216,7 @@ fn forced_tier_changes_only_tier_decision() {
     let found = plan(&app);
     assert!(found.is_empty(), "{found}");
     assert!(
-        (found.skipped.iter()).any(|(_, _, why)| *why == Skip::NotInView),
+        (found.skipped.iter()).any(|(_, _, why)| *why == SkipReason::NotInView),
         "{found}"
     );
 }
@@ -233,7 +242,12 @@ fn gpu_timings_reach_plan() {
     }
     let found = plan(&app);
     println!("{found}");
-    for stage in [Stage::Project, Stage::Apply, Stage::Splat, Stage::Composite] {
+    for stage in [
+        FrameStage::PROJECT,
+        FrameStage::APPLY,
+        FrameStage::SPLAT,
+        FrameStage::COMPOSITE,
+    ] {
         let cost = cost(&found, stage);
         if features.contains(clocked) {
             let known = |ms: Option<f32>| ms.is_some_and(|ms| ms.is_finite() && ms >= 0.0);
@@ -246,7 +260,7 @@ fn gpu_timings_reach_plan() {
             assert_eq!((cost.predicted, cost.measured), (None, None));
         }
     }
-    assert!(cost(&found, Stage::Splat).work == Work::Pixels(128 * 96));
+    assert!(cost(&found, FrameStage::SPLAT).work == Work::Pixels(128 * 96));
 }
 
 /// A room is solved with as many reflections as its surfaces call for, and with another number
@@ -268,7 +282,7 @@ fn bounce_count_follows_surface_albedo() {
             panic!("{plan}");
         };
         println!("{picked}");
-        let dispatched = counters(app).dispatches_of(Stage::Apply);
+        let dispatched = counters(app).dispatches_of(FrameStage::APPLY);
         assert_eq!(dispatched, picked.bounces, "{plan}");
         let settings = FrameSettings {
             sweeps: picked.bounces - 1,
@@ -290,7 +304,10 @@ fn bounce_count_follows_surface_albedo() {
     assert!(few.forced && few.bounces == 2, "{few}");
     let (many, whole) = ask(&mut app, GiBounceCount::Auto);
     let gain = bake.info.energy.gain;
-    assert!(!many.forced && many.bounces == bounces_at(gain), "{many}");
+    assert!(
+        !many.forced && many.bounces == bounces_for_spectral_radius(gain),
+        "{many}"
+    );
     assert_eq!(many.gain, Some(gain));
     // What is left out is hardly seen; two reflections are not enough.
     let settings = FrameSettings {
@@ -308,7 +325,10 @@ fn bounce_count_follows_surface_albedo() {
     );
     let (left, lost) = (whole.nrmse(&all), short.nrmse(&all));
     println!("beside four times as many: NRMSE {left:.4}, with two {lost:.4}");
-    assert!(left < LEFT && lost > 5.0 * LEFT, "{left} {lost}");
+    assert!(
+        left < MAX_TRUNCATED_FRACTION && lost > 5.0 * MAX_TRUNCATED_FRACTION,
+        "{left} {lost}"
+    );
 }
 
 /// The room in gray under a lamp of one color, and what the CPU makes of it in three channels.
@@ -352,7 +372,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
         matches!(channels(&app).channels, Channels::One(_)),
         "{first}"
     );
-    assert!(matches!(cost(&first, Stage::Apply).work, Work::OneChannel(n) if n > 1000));
+    assert!(matches!(cost(&first, FrameStage::APPLY).work, Work::OneChannel(n) if n > 1000));
     let warm = right(&[(PLACE, WARM)]);
     assert_alike("one_channel", &warm, &picture(&mut app, &image));
     // Another color for all: still one, in its own frame.
@@ -368,7 +388,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     let second = spawn_lamp(&mut app, place);
     run(&mut app, 1);
     assert_eq!(channels(&app).channels, Channels::Three);
-    let work = |app: &App| counters(app).dispatches_of(Stage::Apply);
+    let work = |app: &App| counters(app).dispatches_of(FrameStage::APPLY);
     assert!(work(&app) > 0);
     let both = right(&[(PLACE, BLUE), (place, [1.0; 3])]);
     assert!(flip(&blue, &both) > MAX);
@@ -379,7 +399,7 @@ fn gray_room_uses_monochrome_until_colored_light() {
     run(&mut app, 1);
     assert!(work(&app) > 0);
     let mut changed = 0;
-    for _ in 0..STEADY + 5 {
+    for _ in 0..MONOCHROME_HYSTERESIS_FRAMES + 5 {
         let before = channels(&app).channels;
         run(&mut app, 1);
         assert_eq!(work(&app), 0);

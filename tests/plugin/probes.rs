@@ -12,7 +12,7 @@ use bevy::camera::visibility::NoFrustumCulling;
 use bevy::mesh::VertexAttributeValues;
 use bevy::mesh::skinning::{SkinnedMesh, SkinnedMeshInverseBindposes};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, ProbeSettings, Recipe};
 use std::sync::Arc;
@@ -118,7 +118,7 @@ fn dynamic_objects_are_lit_per_pixel_and_by_subsplats() {
         // At rest nothing is carried on, and the display goes on.
         run(&mut app, 2);
         assert_eq!(work(&counters(&app)), [0; 4]);
-        assert!(counters(&app).dispatches_of(Stage::Probe) > 0);
+        assert!(counters(&app).dispatches_of(FrameStage::PROBE) > 0);
         // The lamp moves: the next picture has its light on the panel.
         let moved = Vec3::new(-0.6, 1.2, 0.9);
         app.world_mut()
@@ -143,7 +143,7 @@ fn bake_without_probes_runs_no_probe_pass() {
         let shown = picture(&mut app, &image);
         (shown, counters(&app))
     });
-    assert_eq!(without.1.dispatches_of(Stage::Probe), 0);
+    assert_eq!(without.1.dispatches_of(FrameStage::PROBE), 0);
     assert!(
         !without.1.plan.to_string().contains("free_space"),
         "{}",

@@ -10,7 +10,7 @@ use crate::support::stage::{
 };
 use bevy::camera::visibility::RenderLayers;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{FrameStats, GiRsmCamera, GiWarning, GiWarnings, RSM_RENDER_LAYER};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::Light;
@@ -312,7 +312,12 @@ fn every_light_type_reflects_off_ball_without_bake() {
         run(&mut app, 3);
         let c = counters(&app);
         assert_eq!(captures(&mut app)[1], 1, "{name}");
-        let ran = [Stage::Rsm, Stage::Splat, Stage::Vpl, Stage::Composite];
+        let ran = [
+            FrameStage::RSM,
+            FrameStage::SPLAT,
+            FrameStage::VPL,
+            FrameStage::COMPOSITE,
+        ];
         let ran = ran.map(|s| c.dispatches_of(s));
         assert_eq!(ran, [2, 0, 1, 1], "{name}: texels and choice; {}", c.plan);
         let vpls = cpu_vpls(&balls, &light, &asked, None);
@@ -336,7 +341,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
     run(&mut app, 3);
     assert_eq!(captures(&mut app)[1], 2);
     let c = counters(&app);
-    let ran = [Stage::Rsm, Stage::Vpl].map(|s| c.dispatches_of(s));
+    let ran = [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s));
     assert_eq!(ran, [4, 1], "{}", c.plan);
     let mut vpls = cpu_vpls(&balls, &lamp(LAMP), &asked, None);
     vpls.extend(cpu_vpls(&balls, &lamp(other), &few, None));
@@ -365,7 +370,7 @@ fn every_light_type_reflects_off_ball_without_bake() {
 /// How often maps were read and pixels lit in the last frame.
 fn ran(app: &App) -> [u32; 2] {
     let c = counters(app);
-    [Stage::Rsm, Stage::Vpl].map(|s| c.dispatches_of(s))
+    [FrameStage::RSM, FrameStage::VPL].map(|s| c.dispatches_of(s))
 }
 
 #[test]
@@ -478,7 +483,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     run(&mut app, 3);
     let without = picture(&mut app, &image);
     let before = counters(&app);
-    assert_eq!(before.dispatches_of(Stage::VplSpecular), 0);
+    assert_eq!(before.dispatches_of(FrameStage::VPL_SPECULAR), 0);
     let mut cameras = app.world_mut().query_filtered::<Entity, With<GiCamera>>();
     let eye = cameras.single(app.world()).unwrap();
     app.world_mut()
@@ -492,7 +497,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(
-        c.dispatches_of(Stage::VplSpecular),
+        c.dispatches_of(FrameStage::VPL_SPECULAR),
         3,
         "levels, pixels: {}",
         c.plan
@@ -549,7 +554,7 @@ fn specular_shows_reflectors_to_cameras_with_setting() {
     app.world_mut().despawn(entity);
     run(&mut app, 2);
     let c = counters(&app);
-    assert_eq!(c.dispatches_of(Stage::VplSpecular), 0);
+    assert_eq!(c.dispatches_of(FrameStage::VPL_SPECULAR), 0);
     assert!(
         c.buffers < before.buffers,
         "{} {}",
@@ -619,7 +624,7 @@ fn reflectors_add_to_bake_and_are_shadowed_by_walls() {
     run(&mut app, 2);
     let c = counters(&app);
     assert_eq!(
-        c.dispatches_of(Stage::Rsm),
+        c.dispatches_of(FrameStage::RSM),
         3,
         "texels, shadows, choice: {}",
         c.plan

@@ -7,7 +7,7 @@ use crate::support::flip::Picture;
 use crate::support::scenes::{Room, cornell, exposure};
 use crate::support::stage::{counters, keep, view};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::internals::frame::project::extent;
@@ -221,7 +221,7 @@ fn within(seen: &[f32], wanted: impl Fn(f32) -> bool) -> Vec<bool> {
 }
 
 fn soft_work(c: &FrameStats) -> [u32; 2] {
-    [Stage::SoftShadow, Stage::SubtractShadow].map(|s| c.dispatches_of(s))
+    [FrameStage::SOFT_SHADOW, FrameStage::SUBTRACT_SHADOW].map(|s| c.dispatches_of(s))
 }
 
 /// What a picture with soft shadows must be: nothing below black, Bevy's own where the lamp is seen

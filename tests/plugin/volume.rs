@@ -13,7 +13,7 @@ use bevy::material::OpaqueRendererMethod;
 use bevy::mesh::PrimitiveTopology;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{GiSettings, GiWarning, GiWarnings};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
@@ -168,12 +168,12 @@ fn volume_light_matches_deferred_light() {
         assert!(forward.app.world().resource::<GiWarnings>().0.is_empty());
         // At rest nothing is written.
         run(&mut forward.app, 2);
-        assert_eq!(counters(&forward.app).dispatches_of(Stage::Volume), 0);
+        assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 0);
         // A lamp moves: both follow in that frame.
         let moved = placed * Vec3::new(-0.6, 1.2, 0.9);
         deferred.move_lamp(moved);
         forward.move_lamp(moved);
-        assert_eq!(counters(&forward.app).dispatches_of(Stage::Volume), 1);
+        assert_eq!(counters(&forward.app).dispatches_of(FrameStage::VOLUME), 1);
         let expected = deferred.picture();
         let single = forward.picture();
         let d = flip(&expected, &single);
@@ -298,7 +298,7 @@ fn ball_between_rooms_matches_in_forward_and_deferred() {
             };
             world.entity_mut(*root).insert(fine);
             // What its voxels take from which probes is found meanwhile.
-            let written = |app: &App| counters(app).dispatches_of(Stage::Volume) > 0;
+            let written = |app: &App| counters(app).dispatches_of(FrameStage::VOLUME) > 0;
             let mut frames = 0;
             while !written(app) {
                 run(app, 1);
@@ -342,7 +342,7 @@ fn volume_does_not_light_gbuffer() {
     // ways.
     assert_eq!(counters(&s.app).buffers, buffers + 7);
     s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
-    assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
+    assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
 }
 
 /// What is made of a material.
@@ -417,7 +417,7 @@ fn forward_materials_in_deferred_view_are_lit_by_volume() {
         );
         // In the frame in which a lamp moves.
         s.move_lamp(Vec3::new(-0.6, 1.2, 0.9));
-        assert_eq!(counters(&s.app).dispatches_of(Stage::Volume), 1);
+        assert_eq!(counters(&s.app).dispatches_of(FrameStage::VOLUME), 1);
     }
 }
 

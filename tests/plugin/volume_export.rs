@@ -11,7 +11,7 @@ use bevy::light::IrradianceVolume;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Bounces, ExportedVolume, ProbeSettings, Recipe, VolumeExport, VolumePlacement,
@@ -53,7 +53,7 @@ fn plugin_picture(bake: &Arc<BakedScene>) -> Picture {
     let eye = (camera(&image, view()), bevy::camera::Hdr, Msaa::Off);
     app.world_mut().spawn(eye);
     spawn_lamp(&mut app, LIGHT);
-    let written = |app: &App| counters(app).dispatches_of(Stage::Volume) > 0;
+    let written = |app: &App| counters(app).dispatches_of(FrameStage::VOLUME) > 0;
     for _ in 0..10_000 {
         run(&mut app, 1);
         if written(&app) {

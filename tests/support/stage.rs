@@ -5,7 +5,7 @@ use super::app::{BOUNCES, camera, target};
 use super::flip::{Picture, flip};
 use super::scenes::{Room, cornell};
 use bevy::prelude::*;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::plugin::{FrameStats, GiDebugView, GiFrameStats};
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{BakedScene, FrameSettings, Light};
@@ -146,10 +146,10 @@ pub fn assert_alike(name: &str, reference: &Picture, test: &Picture) {
 /// What a frame's counters say of the stages that lights at rest must not run.
 pub fn work(c: &FrameStats) -> [u32; 4] {
     [
-        Stage::Project,
-        Stage::PullPush,
-        Stage::Apply,
-        Stage::Flatten,
+        FrameStage::PROJECT,
+        FrameStage::PULL_PUSH,
+        FrameStage::APPLY,
+        FrameStage::FLATTEN,
     ]
     .map(|s| c.dispatches_of(s))
 }

@@ -7,7 +7,7 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::{TextureFormat, TextureUsages};
 use bevy::render::view::Msaa;
-use bevy_meshless_gi::plan::Stage;
+use bevy_meshless_gi::plan::FrameStage;
 use bevy_meshless_gi::prelude::*;
 use meshless_gi::{
     BakedScene, Material, OccluderBox, OccluderDesc, Progress, Quad, Recipe, bake_scene,
@@ -48,59 +48,86 @@ pub struct Scene {
     /// All surfaces are gray, and so is what glows.
     pub gray: bool,
     /// The stages that run in every frame; no other does.
-    pub runs: &'static [Stage],
+    pub runs: &'static [FrameStage],
 }
-
-use Stage::{
-    Apply, Composite, Flatten, Fog, Occlude, Probe, Project, PullPush, Rsm, SoftShadow, Splat,
-    SubtractShadow, Volume, Vpl,
-};
 
 /// All of them.
 pub const SCENES: [Scene; 13] = [
     Scene {
         name: "one lamp at rest",
         lamp: Some(false),
-        runs: &[Splat, Composite],
+        runs: &[FrameStage::SPLAT, FrameStage::COMPOSITE],
         ..NONE
     },
     Scene {
         name: "the same, in a bake that could do more",
         lamp: Some(false),
         rich: true,
-        runs: &[Probe, Splat, Composite],
+        runs: &[FrameStage::PROBE, FrameStage::SPLAT, FrameStage::COMPOSITE],
         ..NONE
     },
     Scene {
         name: "one lamp that changes its color",
         lamp: Some(false),
         color: true,
-        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
         name: "one lamp that moves",
         lamp: Some(true),
-        runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
         name: "the same in a gray room",
         lamp: Some(true),
         gray: true,
-        runs: &[Project, PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
         name: "no lamp, a sky that changes",
         sky: true,
-        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
         name: "no lamp, signs that change",
         glow: true,
-        runs: &[PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
@@ -108,7 +135,15 @@ pub const SCENES: [Scene; 13] = [
         lamp: Some(true),
         ball: true,
         rich: true,
-        runs: &[Project, PullPush, Apply, Flatten, Probe, Splat, Composite],
+        runs: &[
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::PROBE,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
@@ -118,7 +153,13 @@ pub const SCENES: [Scene; 13] = [
         rich: true,
         forward: true,
         no_deferred: true,
-        runs: &[Project, PullPush, Apply, Flatten, Volume],
+        runs: &[
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::VOLUME,
+        ],
         ..NONE
     },
     Scene {
@@ -127,7 +168,15 @@ pub const SCENES: [Scene; 13] = [
         rich: true,
         fog: true,
         runs: &[
-            Project, PullPush, Apply, Flatten, Probe, Volume, Splat, Composite, Fog,
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::PROBE,
+            FrameStage::VOLUME,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+            FrameStage::FOG,
         ],
         ..NONE
     },
@@ -135,7 +184,15 @@ pub const SCENES: [Scene; 13] = [
         name: "a lamp at rest, a screen that comes and goes",
         lamp: Some(false),
         screen: true,
-        runs: &[Occlude, Project, PullPush, Apply, Flatten, Splat, Composite],
+        runs: &[
+            FrameStage::OCCLUDE,
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+        ],
         ..NONE
     },
     Scene {
@@ -143,15 +200,15 @@ pub const SCENES: [Scene; 13] = [
         panel: true,
         rich: true,
         runs: &[
-            Project,
-            PullPush,
-            Apply,
-            Flatten,
-            Probe,
-            SoftShadow,
-            Splat,
-            Composite,
-            SubtractShadow,
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::PROBE,
+            FrameStage::SOFT_SHADOW,
+            FrameStage::SPLAT,
+            FrameStage::COMPOSITE,
+            FrameStage::SUBTRACT_SHADOW,
         ],
         ..NONE
     },
@@ -169,20 +226,20 @@ pub const SCENES: [Scene; 13] = [
         rich: true,
         fog: true,
         runs: &[
-            Occlude,
-            Project,
-            PullPush,
-            Apply,
-            Flatten,
-            Probe,
-            Volume,
-            SoftShadow,
-            Rsm,
-            Splat,
-            Vpl,
-            Composite,
-            SubtractShadow,
-            Fog,
+            FrameStage::OCCLUDE,
+            FrameStage::PROJECT,
+            FrameStage::PULL_PUSH,
+            FrameStage::APPLY,
+            FrameStage::FLATTEN,
+            FrameStage::PROBE,
+            FrameStage::VOLUME,
+            FrameStage::SOFT_SHADOW,
+            FrameStage::RSM,
+            FrameStage::SPLAT,
+            FrameStage::VPL,
+            FrameStage::COMPOSITE,
+            FrameStage::SUBTRACT_SHADOW,
+            FrameStage::FOG,
         ],
         ..NONE
     },
